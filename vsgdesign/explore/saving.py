@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ from vsgdesign.explore.events import study_of
 from vsgdesign.explore.scene import Scene, scene_of
 from vsgdesign.explore.state import OWN, State
 from vsgdesign.parameters.loading import study_from_document
-from vsgdesign.parameters.study import Event, Study, StudyOrigin
+from vsgdesign.parameters.study import Study, StudyOrigin
 from vsgdesign.parameters.toml_text import toml_text
 from vsgdesign.parameters.units import format_quantity
 from vsgdesign.simulation.steps import references_at
@@ -79,7 +78,7 @@ def saved_study(study: Study, ready: Ready, state: State, files: Mapping[str, Pa
         for k in range(len(scene.shown))
         if k == first or _fits(scene, k, run, notes)
     ]
-    document["events"] = [_event(study, event) for event in run.events]
+    document["events"] = [event.document(study.converter) for event in run.events]
     text = toml_text(document, (*_head(study, scene, first), *notes))
     study_from_document(
         document, StudyOrigin(document, place, name, name), lambda _: (study.inner_gains, study.omega_t)
@@ -174,20 +173,3 @@ def _table(study: Study, name: str, table: Any, files: Mapping[str, Path], notes
         notes.append(f"A run designs the gain table of {name} again.")
         return {}
     return {"table": str(files[name])}
-
-
-def _event(study: Study, event: Event) -> dict[str, Any]:
-    """An event as a study file says it."""
-    found: dict[str, Any] = {"time": event.t_s, "name": event.name}
-    if event.grid is not None:
-        found["grid"] = {"R_g": event.grid.R_g, "L_g": event.grid.L_g}
-    if event.V_g_rms is not None:
-        found["V_g_pu"] = event.V_g_rms / study.converter.V_rated_rms
-    if event.omega_g is not None:
-        found["f_g"] = event.omega_g / (2.0 * math.pi)
-    if event.over:
-        found["over"] = event.over
-    if event.phase_jump:
-        found["phase_jump"] = event.phase_jump
-    found |= {key: value for key, value in (("P_ref", event.P_ref), ("Q_ref", event.Q_ref)) if value is not None}
-    return found

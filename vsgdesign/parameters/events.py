@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.event import EVENT_KINDS, Event
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
     CLOSED,
     NONE,
+    NOTHING_SAID,
     Base,
     Said,
     check_said,
@@ -25,10 +28,10 @@ from vsgdesign.parameters.network_fields import (
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.scenario import read_components, read_grid
 from vsgdesign.parameters.source import GridSource, Sag, SourceComponent, sagged
-from vsgdesign.parameters.study import Event, SimulationSpec
+from vsgdesign.parameters.study import SimulationSpec
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
-_SAME_INSTANT = 1e-9
+SAME_INSTANT = 1e-9
 """Events that are less than this apart, s, are at the same instant."""
 
 
@@ -43,6 +46,13 @@ class _Present:
     sag: Sag | None = None
     ramp_end_s: float = -math.inf
     """When the last ramp of V_g_rms is over."""
+
+    def settle(self, event: Event, converter: Converter) -> Event:
+        """The event with everything that is connected from then on, and with what a sag makes of the source."""
+        if event.switched != NOTHING_SAID:
+            self.network = event.switched.on(self.network)
+            event = replace(event, network=self.network, switched=NOTHING_SAID)
+        return _with_sag(replace(event, sag=None), event.sag, self, converter)
 
 
 def read_events(
@@ -61,72 +71,87 @@ def read_events(
     present = _Present(grid, network, source)
     before, before_s = replace(present), -math.inf  # at the end of the instant before
     waiting: TableReader | None = None  # of the event whose breaker waits to close
-    base = Base.of(converter)
-    limit = spec.reference_limit_pu * converter.S_rated
-    f_n = converter.omega_n / (2.0 * math.pi)
     for table in sorted(tables, key=_time_or_last):
         t_s = table.quantity("time", "s", 0.0, spec.duration, hint="Events must lie within simulation.duration.")
-        if not abs(t_s - before_s) <= _SAME_INSTANT:
+        if not abs(t_s - before_s) <= SAME_INSTANT:
             before, before_s = replace(present), t_s
-        new_grid = None
-        grid_table = table.child("grid")
-        if grid_table is not None:
-            new_grid = read_grid(grid_table, converter, basis, present.grid)
-            grid_table.finish()
-            present.grid = new_grid
-        V_g_pu = table.quantity("V_g_pu", "1", 0.0, 2.0, default=None)
-        f_g = table.quantity("f_g", "Hz", 0.8 * f_n, 1.2 * f_n, default=None)
-        over = table.quantity("over", "s", 0.0, spec.duration, default=0.0)
-        jump = table.quantity("phase_jump", "rad", -math.pi, math.pi, default=0.0)
-        P_ref = table.quantity("P_ref", "W", -limit, limit, default=None)
-        Q_ref = table.quantity("Q_ref", "var", -limit, limit, default=None)
-        components = read_components(table.children("components")) if table.has("components") else None
-        table.skip("components")
-        of_network = read_said(table, base)
-        check_said(table, of_network if waiting is None else of_network._replace(breaker=None), before.network)
-        check_table = table.child("synchro_check")
-        check = None if check_table is None else read_synchro_check(check_table)
-        synchronise = table.flag("synchronise", default=False)
-        _check_waiting(table, of_network, check, synchronise, waiting, present.network)
-        sag_table = table.child_or_word("sag", NONE)
-        sag = read_sag(sag_table) if isinstance(sag_table, TableReader) else sag_table
-        if over > 0.0 and V_g_pu is None and f_g is None:
-            table.fault("over", f"{over:.6g} s", "there is nothing to ramp", "Use it with V_g_pu or f_g.")
-        event = Event(
-            t_s=t_s,
-            name="",
-            grid=new_grid,
-            V_g_rms=None if V_g_pu is None else V_g_pu * converter.V_rated_rms,
-            omega_g=None if f_g is None else 2.0 * math.pi * f_g,
-            over=over,
-            phase_jump=jump,
-            P_ref=P_ref,
-            Q_ref=Q_ref,
-            components=components,
-        )
-        if check is not None or synchronise:  # until then the breaker is open
+        event = _read_source(table, Event(t_s), present, basis, converter, spec)
+        event = _read_network(table, event, before, present, waiting, converter)
+        if event.synchro_check is not None or event.synchronised_until is not None:
             waiting = table
-            of_network = of_network._replace(breaker=None)
-            event = replace(event, synchro_check=check, synchronised_until=math.inf if synchronise else None)
-        described = _describe(event, of_network, sag, converter, basis)
-        if any(value is not None for value in of_network):
-            present.network = of_network.on(present.network)
-            event = replace(event, network=present.network)
-        if sag is not None:
-            _check_sag(table, event, sag, before)
-        given = _given(table, event, converter, basis) | _given_objects(table, of_network, sag)
+        if event.sag is not None:
+            _check_sag(table, event, event.sag, before)
+        given = _given(table, event, converter, basis) | _given_objects(table, event)
         for earlier_t, earlier, values in said:
-            if abs(t_s - earlier_t) <= _SAME_INSTANT:
+            if abs(t_s - earlier_t) <= SAME_INSTANT:
                 _check_agreement(table, given, earlier, values, t_s)
         said.append((t_s, table, given))
+        described = describe(event, converter, basis)
         if not described:
-            what = "grid, V_g_pu, f_g, phase_jump, components, sag, load, fault, breaker, P_ref or Q_ref"
-            table.fault("", None, "changes nothing", f"Give {what}.")
-        event = _with_sag(event, sag, present, converter)
+            names = ", ".join(["grid", *EVENT_KINDS, "components", "sag", "load", "fault"])
+            table.fault("", None, "changes nothing", f"Give {names} or breaker.")
         name = table.text("name", default=described)
-        events.append(replace(event, name=name))
+        events.append(present.settle(replace(event, name=name), converter))
         table.finish()
     return tuple(events)
+
+
+def settled(
+    events: Iterable[Event], converter: Converter, basis: str, source: GridSource, network: Network
+) -> tuple[Event, ...]:
+    """Events in SI, in the order of time, as a study has them: named after what they change, with what a sag makes of
+    the source, and with everything that is connected from then on. ``source`` and ``network``: at the start."""
+    present = _Present(Grid(0.0, 0.0), network, source)
+    named = (event if event.name else replace(event, name=describe(event, converter, basis)) for event in events)
+    return tuple(present.settle(event, converter) for event in named)
+
+
+def _read_source(
+    table: TableReader, event: Event, present: _Present, basis: str, converter: Converter, spec: SimulationSpec
+) -> Event:
+    """Grid, source and set points of an event."""
+    values: dict[str, Any] = {}
+    grid_table = table.child("grid")
+    if grid_table is not None:
+        present.grid = values["grid"] = read_grid(grid_table, converter, basis, present.grid)
+        grid_table.finish()
+    for kind in EVENT_KINDS.values():
+        low, high = kind.limits(converter, spec.reference_limit_pu)
+        value = table.quantity(kind.name, kind.unit, low, high, default=kind.nothing)
+        if value is not None:
+            values[kind.quantity] = kind.one(converter) * value
+    over = table.quantity("over", "s", 0.0, spec.duration, default=0.0)
+    components = read_components(table.children("components")) if table.has("components") else None
+    table.skip("components")
+    event = replace(event, **values, over=over, components=components)
+    ramped = [kind.name for kind in EVENT_KINDS.values() if kind.ramps]
+    if over > 0.0 and not any(kind.ramps for kind in event.changed):
+        advice = f"Use it with {' or '.join(ramped)}."
+        table.fault("over", f"{over:.6g} s", "there is nothing to ramp", advice)
+    return event
+
+
+def _read_network(
+    table: TableReader,
+    event: Event,
+    before: _Present,
+    present: _Present,
+    waiting: TableReader | None,
+    converter: Converter,
+) -> Event:
+    """Sag, load, fault and breaker of an event."""
+    said = read_said(table, Base.of(converter))
+    check_said(table, said if waiting is None else said._replace(breaker=None), before.network)
+    check_table = table.child("synchro_check")
+    check = None if check_table is None else read_synchro_check(check_table)
+    synchronise = table.flag("synchronise", default=False)
+    _check_waiting(table, said, check, synchronise, waiting, present.network)
+    sag_table = table.child_or_word("sag", NONE)
+    sag = read_sag(sag_table) if isinstance(sag_table, TableReader) else sag_table
+    if check is not None or synchronise:  # until then the breaker is open
+        said = said._replace(breaker=None)
+    until = math.inf if synchronise else None
+    return replace(event, switched=said, synchro_check=check, synchronised_until=until, sag=sag)
 
 
 def _check_waiting(
@@ -161,7 +186,7 @@ def _check_sag(table: TableReader, event: Event, sag: Sag | str, before: _Presen
         table.fault("sag", shown, "V_g_pu is given as well", "Give one of them: a sag is a share of V_g_pu before it.")
     if event.over > 0.0:
         table.fault("over", f"{event.over:.6g} s", "a sag begins and ends at once", "Ramp f_g in an event of its own.")
-    if event.t_s < before.ramp_end_s - _SAME_INSTANT:
+    if event.t_s < before.ramp_end_s - SAME_INSTANT:
         problem = f"the ramp of V_g_pu goes on to {before.ramp_end_s:g} s"
         table.fault("sag", shown, problem, "Begin it after the ramp, or give V_g_pu without over.")
 
@@ -198,21 +223,19 @@ def _with_sag(event: Event, sag: Sag | str | None, present: _Present, converter:
     )
 
 
-def _given_objects(table: TableReader, of_network: Said, sag: Sag | str | None) -> dict[str, Any]:
+def _given_objects(table: TableReader, event: Event) -> dict[str, Any]:
     """What an event sets besides quantities. Components are compared as they are written."""
-    values = of_network._asdict() | {"sag": sag, "components": table.table.get("components")}
+    values = event.switched._asdict() | {"sag": event.sag, "components": table.table.get("components")}
     return {name: value for name, value in values.items() if value is not None}
 
 
 def _given(table: TableReader, event: Event, converter: Converter, basis: str) -> dict[str, Any]:
     """The quantities that an event sets, SI."""
-    values: dict[str, float | None] = {
-        "P_ref": event.P_ref,
-        "Q_ref": event.Q_ref,
-        "phase_jump": event.phase_jump or None,
-    }
-    for name, value in (("V_g_pu", event.V_g_rms), ("f_g", event.omega_g)):
-        values |= {name: value, f"over of {name}": None if value is None else event.over}
+    values: dict[str, float | None] = {}
+    for kind in event.changed:
+        values[kind.name] = kind.value(event)
+        if kind.ramps:
+            values[f"over of {kind.name}"] = event.over
     if event.grid is not None:
         scr, ratio = event.grid.scr(converter, basis), event.grid.x_over_r(converter.omega_n)
         known = {"R_g": event.grid.R_g, "L_g": event.grid.L_g, "scr": scr, "x_over_r": ratio}
@@ -270,26 +293,19 @@ def _describe_components(components: tuple[SourceComponent, ...]) -> str:
     return "source " + " ".join(f"{c.order:+g}: {100.0 * c.amplitude_pu:.3g} %" for c in components)
 
 
-def _describe(event: Event, of_network: Said, sag: Sag | str | None, converter: Converter, basis: str) -> str:
-    """What an event says, in words; without what a sag makes of the source."""
+def describe(event: Event, converter: Converter, basis: str) -> str:
+    """What an event in SI changes, in words; without what a sag makes of the source."""
     parts = []
     if event.grid is not None:
         parts.append(f"SCR {event.grid.scr(converter, basis):.3g}, X/R {event.grid.x_over_r(converter.omega_n):.3g}")
-    if event.V_g_rms is not None:
-        parts.append(f"V_g {event.V_g_rms / converter.V_rated_rms:.3g} pu")
-    if event.omega_g is not None:
-        parts.append(f"f_g {event.omega_g / (2.0 * math.pi):.4g} Hz")
-    if event.phase_jump != 0.0:
-        parts.append(f"phase {math.degrees(event.phase_jump):+.3g}°")
+    values = {kind: kind.value(event) for kind in event.changed}
+    words = {kind: kind.words(value, converter) for kind, value in values.items() if value is not None}
+    parts += [text for kind, text in words.items() if not kind.of_controller]
     if event.components is not None:
         parts.append(_describe_components(event.components))
-    if sag is not None:
-        parts.append(sag_words(sag))
+    if event.sag is not None:
+        parts.append(sag_words(event.sag))
     parts += [] if event.synchro_check is None else [synchro_check_words(event.synchro_check)]
     parts += [] if event.synchronised_until is None else ["converter synchronises"]
-    parts += network_words(of_network, Base.of(converter))
-    if event.P_ref is not None:
-        parts.append(f"P_ref {event.P_ref / 1e3:.4g} kW")
-    if event.Q_ref is not None:
-        parts.append(f"Q_ref {event.Q_ref / 1e3:.4g} kvar")
-    return ", ".join(parts)
+    parts += network_words(event.switched, Base.of(converter))
+    return ", ".join([*parts, *(text for kind, text in words.items() if kind.of_controller)])

@@ -70,7 +70,7 @@ class Load:
             return None if value is None else value * unit
 
         def capacitance(X_pu: float | None) -> float | None:
-            return None if X_pu is None else 1.0 / (omega_n * X_pu * Z_base)
+            return None if X_pu is None else 1.0 / (omega_n * Z_base) / X_pu
 
         return Load(
             R_parallel=times(self.R_parallel, Z_base),

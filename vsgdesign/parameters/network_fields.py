@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from vsgdesign.equations.sags import SAG_TYPES
@@ -189,6 +190,9 @@ class Said(NamedTuple):
         )
 
 
+NOTHING_SAID = Said(None, None, None)
+
+
 def read_said(table: TableReader, base: Base | None) -> Said:
     """``load``, ``fault`` and ``breaker`` of a table."""
     load, fault = table.child_or_word("load", NONE), table.child_or_word("fault", CLEARED)
@@ -292,6 +296,17 @@ def sag_document(sag: Sag) -> dict[str, Any]:
     """The table of a sag, as :func:`read_sag` reads it."""
     found: dict[str, Any] = {"type": sag.kind, "V_pu": sag.V_pu}
     return found if sag.angle == 0.0 else found | {"angle": sag.angle}
+
+
+def synchro_check_document(check: SynchroCheck) -> dict[str, Any]:
+    """The table of a synchro-check, as :func:`read_synchro_check` reads it."""
+    df = check.omega / (2.0 * math.pi)
+    return {"angle": check.angle, "V_pu": check.V_pu, "df": df, "around": check.around}
+
+
+def fault_in_si(fault: Fault, Z_base: float) -> Fault:
+    """A fault whose resistance is in pu with that in Ω."""
+    return replace(fault, R=fault.R * Z_base)
 
 
 def network_document(network: Network) -> dict[str, Any]:

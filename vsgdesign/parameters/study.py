@@ -14,12 +14,13 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants, notch_delay
-from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.parameters.converter import Converter, Filter, limiter_ratings
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
-from vsgdesign.parameters.source import GridSource, SourceComponent
+from vsgdesign.parameters.network import PLAIN, Network
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.survival import SurvivalSpec
 
 if TYPE_CHECKING:
@@ -115,46 +116,6 @@ class ControllerSpec:
     """Limit of its converter-current reference in pu of the rated peak. None means that of the converter."""
     limiter_given: tuple[tuple[str, float], ...] | None = None
     """Parameters of its limiter that are set, by name, in SI. None means as the study says."""
-
-
-@dataclass(frozen=True)
-class Event:
-    """The changes at one instant. None means that a quantity does not change."""
-
-    t_s: float
-    name: str
-    grid: Grid | None = None
-    V_g_rms: float | None = None
-    omega_g: float | None = None
-    over: float = 0.0
-    """Duration of a linear ramp of V_g_rms and omega_g, s. Zero means a step."""
-    phase_jump: float = 0.0
-    P_ref: float | None = None
-    Q_ref: float | None = None
-    omega_0: float | None = None
-    V_n: float | None = None
-    """With P_ref and Q_ref the set points of the power loops (:class:`vsgdesign.equations.power_loops.References`)."""
-    components: tuple[SourceComponent, ...] | None = None
-    """The source's components from now on, in place of all earlier ones."""
-    network: Network | None = None
-    """Load, fault and breaker from now on, in place of all earlier ones."""
-    synchro_check: SynchroCheck | None = None
-    """From now on, the breaker waits to close (:func:`vsgdesign.simulation.reclosing.reclosed`)."""
-    synchronised_until: float | None = None
-    """From now on until this time, s, the converter sets itself to the grid behind its open breaker. Infinite: it is
-    not known yet when the breaker closes. None: it does not."""
-
-    @property
-    def set_points(self) -> dict[str, float]:
-        """The references that change, by their names in :class:`vsgdesign.equations.power_loops.References`."""
-        given = {name: getattr(self, name) for name in References._fields}
-        return {name: value for name, value in given.items() if value is not None}
-
-    @property
-    def of_grid(self) -> bool:
-        """Whether the grid or its source changes, and not only a reference."""
-        changed = (self.grid, self.V_g_rms, self.omega_g, self.components, self.network)
-        return self.phase_jump != 0.0 or any(value is not None for value in changed)
 
 
 @dataclass(frozen=True, kw_only=True)

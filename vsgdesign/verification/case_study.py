@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,10 @@ import numpy as np
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.loading import FILES, study_from_document
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study, StudyOrigin
 from vsgdesign.parameters.toml_text import toml_text
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
@@ -165,26 +168,7 @@ def controller_document(
 
 
 def _events(study: Study, drawn: LaneCases, k: int) -> list[dict[str, Any]]:
-    V_rated, events, source = study.converter.V_rated_rms, drawn.events, study.grid_source
-    found: list[dict[str, Any]] = []
-    begun = float(drawn.V_g_rms[k]), float(drawn.omega_g[k])
-    if begun != (source.V_g_rms, source.omega_g):
-        found.append({"time": 0.0, "V_g_pu": begun[0] / V_rated, "f_g": begun[1] / (2.0 * math.pi)})
-    for j in range(events.count):
-        if not np.isfinite(events.t_s[k, j]):
-            continue
-        event: dict[str, Any] = {"time": float(events.t_s[k, j])}
-        if np.isfinite(events.R_g[k, j]):
-            event["grid"] = {"R_g": float(events.R_g[k, j]), "L_g": float(events.L_g[k, j])}
-        scales = {"V_g_pu": ("V_g_rms", V_rated), "f_g": ("omega_g", 2.0 * math.pi)}
-        scales |= {"P_ref": ("P_ref", 1.0), "Q_ref": ("Q_ref", 1.0)}
-        for field, (row, unit) in scales.items():
-            value = float(getattr(events, row)[k, j])
-            if math.isfinite(value):
-                event[field] = value / unit
-        if events.over[k, j] > 0.0:
-            event["over"] = float(events.over[k, j])
-        if events.phase_jump[k, j] != 0.0:
-            event["phase_jump"] = float(events.phase_jump[k, j])
-        found.append(event)
-    return found
+    begun = GridSource(float(drawn.V_g_rms[k]), float(drawn.omega_g[k]))
+    first = Event(0.0, V_g_rms=begun.V_g_rms, omega_g=begun.omega_g)
+    begins = () if begun == replace(study.grid_source, components=()) else (first,)
+    return [event.document(study.converter) for event in (*begins, *drawn.events.events(k))]

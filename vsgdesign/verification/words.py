@@ -67,38 +67,32 @@ def _basis(study: Study) -> str:
 
 def what_of(study: Study, cases: LaneCases, k: int) -> str:
     """What happens in case ``k``, in words."""
-    c, events = study.converter, cases.events
-    parts = []
-    P_ref, Q_ref = float(cases.P_ref[k]), float(cases.Q_ref[k])
-    R_g, L_g = float(cases.R_g[k]), float(cases.L_g[k])
-    for j in np.flatnonzero(np.isfinite(events.t_s[k])).tolist():
-        changes = []
-        if np.isfinite(events.P_ref[k, j]):
-            changes.append(f"P_ref changes by {(events.P_ref[k, j] - P_ref) / c.S_rated:+.3g} pu")
-            P_ref = float(events.P_ref[k, j])
-        if np.isfinite(events.Q_ref[k, j]):
-            changes.append(f"Q_ref changes by {(events.Q_ref[k, j] - Q_ref) / c.S_rated:+.3g} pu")
-            Q_ref = float(events.Q_ref[k, j])
-        if np.isfinite(events.R_g[k, j]):
-            old, new = (Grid(R, L).place(c, _basis(study)) for R, L in ((R_g, L_g), _grid(cases, k, j)))
-            changes.append(f"SCR changes from {old.scr:.3g} to {new.scr:.3g} (X/R {new.x_over_r:.3g})")
-            R_g, L_g = _grid(cases, k, j)
-        if np.isfinite(events.V_g_rms[k, j]):
-            changes.append(f"the voltage goes to {events.V_g_rms[k, j] / c.V_rated_rms:.3g} pu")
-        if np.isfinite(events.omega_g[k, j]):
-            over = f" in {events.over[k, j]:.3g} s" if events.over[k, j] > 0.0 else ""
-            changes.append(f"the frequency goes to {events.omega_g[k, j] / (2.0 * math.pi):.5g} Hz{over}")
-        if events.phase_jump[k, j] != 0.0:
-            changes.append(f"the phase jumps by {math.degrees(events.phase_jump[k, j]):+.3g}°")
-        parts.append(f"at {events.t_s[k, j]:.4g} s {_listed(changes)}")
+    c, parts = study.converter, []
+    place = Grid(float(cases.R_g[k]), float(cases.L_g[k])).place(c, _basis(study))
+    references = {"P_ref": float(cases.P_ref[k]), "Q_ref": float(cases.Q_ref[k])}
+    for event in cases.events.events(k):
+        changes, values = [], {kind: kind.value(event) for kind in event.changed}
+        for kind, value in values.items():
+            if kind.quantity in references and value is not None:
+                changes.append(f"{kind.name} changes by {(value - references[kind.quantity]) / c.S_rated:+.3g} pu")
+                references[kind.quantity] = value
+        if event.grid is not None:
+            old, place = place, event.grid.place(c, _basis(study))
+            changes.append(f"SCR changes from {old.scr:.3g} to {place.scr:.3g} (X/R {place.x_over_r:.3g})")
+        if event.V_g_rms is not None:
+            changes.append(f"the voltage goes to {event.V_g_rms / c.V_rated_rms:.3g} pu")
+        if event.omega_g is not None:
+            over = f" in {event.over:.3g} s" if event.over > 0.0 else ""
+            changes.append(f"the frequency goes to {event.omega_g / (2.0 * math.pi):.5g} Hz{over}")
+        if event.phase_jump != 0.0:
+            changes.append(f"the phase jumps by {math.degrees(event.phase_jump):+.3g}°")
+        others = (kind for kind in values if kind.of_controller and kind.quantity not in references)
+        changes += [f"{kind.words(value, c)} is set" for kind in others if (value := values[kind]) is not None]
+        parts.append(f"at {event.t_s:.4g} s {_listed(changes)}")
     said = "; ".join(parts)
     if cases.silent_s[k] > 0.0:
         said += f"; the schedule is told {cases.silent_s[k]:.3g} s later"
     return said[:1].upper() + said[1:]
-
-
-def _grid(cases: LaneCases, k: int, j: int) -> tuple[float, float]:
-    return float(cases.events.R_g[k, j]), float(cases.events.L_g[k, j])
 
 
 def _listed(parts: list[str]) -> str:

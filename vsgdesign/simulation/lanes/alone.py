@@ -20,7 +20,7 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
@@ -69,32 +69,12 @@ def run_alone(
 
 def study_of_case(study: Study, cases: LaneCases, k: int, samples: int) -> Study:
     """The study of one case: its start, its events, and a log of each of so many samples."""
-    e, T_s = cases.events, study.converter.T_s
-
-    def given(value: float) -> float | None:
-        return float(value) if math.isfinite(value) else None
-
-    events = []
-    for j in np.flatnonzero(np.isfinite(e.t_s[k])):
-        R_g, L_g = given(e.R_g[k, j]), given(e.L_g[k, j])
-        events.append(
-            Event(
-                t_s=float(e.t_s[k, j]),
-                name=f"event {j + 1}",
-                grid=None if R_g is None or L_g is None else Grid(R_g, L_g),
-                V_g_rms=given(e.V_g_rms[k, j]),
-                omega_g=given(e.omega_g[k, j]),
-                over=float(e.over[k, j]),
-                phase_jump=float(e.phase_jump[k, j]),
-                P_ref=given(e.P_ref[k, j]),
-                Q_ref=given(e.Q_ref[k, j]),
-            )
-        )
+    T_s = study.converter.T_s
     return replace(
         study,
         grid=Grid(float(cases.R_g[k]), float(cases.L_g[k])),
         grid_source=GridSource(float(cases.V_g_rms[k]), float(cases.omega_g[k])),
-        events=tuple(events),
+        events=cases.events.events(k),
         simulation=replace(
             study.simulation,
             duration=samples * T_s,

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import References
 from vsgdesign.operating_point.many import Lanes
+from vsgdesign.parameters.event import Event
+from vsgdesign.parameters.grid import Grid
 
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
@@ -20,9 +25,15 @@ ACTIVE, REACTIVE = 0, 1
 """The signal of a step: P or Q."""
 
 
+_QUANTITIES = ("V_g_rms", "omega_g", *References._fields)
+_NOTHING = ("over", "phase_jump")
+"""Quantities of an event that are NaN, and those that are zero, where it does not change them."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class LaneEvents:
-    """What happens in N runs: arrays (N, E) in ascending order of time; E is the most that any run has.
+    """The events of N runs (:class:`vsgdesign.parameters.event.Event`, in SI) as arrays (N, E), in ascending order of
+    time; E is the most that any run has.
 
     NaN in a quantity means that it does not change. Rows that are not used are at t = inf.
     """
@@ -54,6 +65,30 @@ class LaneEvents:
     def count(self) -> int:
         """E."""
         return self.t_s.shape[1]
+
+    @classmethod
+    def of(cls, runs: Sequence[Sequence[Event]]) -> LaneEvents:
+        """The events of runs, in SI and in ascending order of time. Their grids, sources and set points are taken."""
+        found = no_events(len(runs), max((len(events) for events in runs), default=0))
+        for k, events in enumerate(runs):
+            for j, event in enumerate(events):
+                values = {name: getattr(event, name) for name in (*_QUANTITIES, *_NOTHING)} | {"t_s": event.t_s}
+                if event.grid is not None:
+                    values |= {"R_g": event.grid.R_g, "L_g": event.grid.L_g}
+                for name, value in values.items():
+                    if value is not None:
+                        getattr(found, name)[k, j] = value
+        return found
+
+    def events(self, k: int) -> tuple[Event, ...]:
+        """The events of a run."""
+        found = []
+        for j in np.flatnonzero(np.isfinite(self.t_s[k])):
+            of_event = {f.name: float(getattr(self, f.name)[k, j]) for f in fields(self)}
+            R_g, L_g = of_event.pop("R_g"), of_event.pop("L_g")
+            given: dict[str, Any] = {name: value for name, value in of_event.items() if not math.isnan(value)}
+            found.append(Event(grid=None if math.isnan(R_g) else Grid(R_g, L_g), **given))
+        return tuple(found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,8 +156,6 @@ class LaneCases:
 
 def no_events(count: int, each: int = 1) -> LaneEvents:
     """Events of ``count`` runs, ``each`` of a run, none of which ever comes: to be filled in."""
-    unchanged = {
-        name: np.full((count, each), np.nan) for name in ("R_g", "L_g", "V_g_rms", "omega_g", *References._fields)
-    }
-    none = {name: np.zeros((count, each)) for name in ("over", "phase_jump")}
+    unchanged = {name: np.full((count, each), np.nan) for name in ("R_g", "L_g", *_QUANTITIES)}
+    none = {name: np.zeros((count, each)) for name in _NOTHING}
     return LaneEvents(t_s=np.full((count, each), np.inf), **unchanged, **none)

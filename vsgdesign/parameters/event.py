@@ -1,0 +1,368 @@
+"""What changes at one instant of a study, and the kinds of quantities that may change.
+
+An :class:`Event` says what changes: set points of the controller, the source, the grid, or what is connected to it. An
+:class:`EventKind` says how documents write one of its quantities. Studies, suites of grid-code tests, verifications,
+survival cases and the explorer have the same events.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from vsgdesign.equations.power_loops import References
+from vsgdesign.errors import Fault, UnknownNameError
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.parameters.network import Network, SynchroCheck
+from vsgdesign.parameters.network_fields import (
+    NOTHING_SAID,
+    Said,
+    fault_document,
+    fault_in_si,
+    load_document,
+    sag_document,
+    synchro_check_document,
+)
+from vsgdesign.parameters.source import Sag, SourceComponent
+from vsgdesign.parameters.units import format_quantity
+
+MOST_DF_HZ = 12.0
+"""Largest distance from the nominal frequency in a suite, Hz."""
+MOST_POWER_PU = 2.0
+"""Largest set point of a power in a suite, pu."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """The changes at one instant. None means that a quantity does not change.
+
+    The quantities are in SI. With ``per_unit`` they serve every converter: they are those of a suite, as
+    :meth:`EventKind.of_suite` says, and :meth:`on` makes an event in SI of them.
+    """
+
+    t_s: float
+    name: str = ""
+    grid: Grid | None = None
+    V_g_rms: float | None = None
+    omega_g: float | None = None
+    over: float = 0.0
+    """Duration of a linear ramp of V_g_rms and omega_g, s. Zero means a step."""
+    phase_jump: float = 0.0
+    P_ref: float | None = None
+    Q_ref: float | None = None
+    omega_0: float | None = None
+    V_n: float | None = None
+    """With P_ref and Q_ref the set points of the power loops (:class:`vsgdesign.equations.power_loops.References`)."""
+    components: tuple[SourceComponent, ...] | None = None
+    """The source's components from now on, in place of all earlier ones."""
+    network: Network | None = None
+    """Load, fault and breaker from now on, in place of all earlier ones."""
+    synchro_check: SynchroCheck | None = None
+    """From now on, the breaker waits to close (:func:`vsgdesign.simulation.reclosing.reclosed`)."""
+    synchronised_until: float | None = None
+    """From now on until this time, s, the converter sets itself to the grid behind its open breaker. Infinite: it is
+    not known yet when the breaker closes. None: it does not."""
+    place: Place | None = None
+    """The grid by its short-circuit ratio, of an event per unit: ``grid`` on any converter."""
+    sag: Sag | str | None = None
+    """A voltage sag from now on, or the word for its end. In a study it has become V_g_rms, phase_jump and components
+    (:func:`vsgdesign.parameters.events.settled`)."""
+    switched: Said = NOTHING_SAID
+    """What is connected or taken away of load, fault and breaker. In a study it has become ``network``."""
+    per_unit: bool = False
+
+    @property
+    def set_points(self) -> dict[str, float]:
+        """The references that change, by their names in :class:`vsgdesign.equations.power_loops.References`."""
+        given = {name: getattr(self, name) for name in References._fields}
+        return {name: value for name, value in given.items() if value is not None}
+
+    @property
+    def of_grid(self) -> bool:
+        """Whether the grid or its source changes, and not only a reference."""
+        changed = (self.grid, self.place, self.V_g_rms, self.omega_g, self.components, self.network, self.sag)
+        return self.phase_jump != 0.0 or self.switched != NOTHING_SAID or any(value is not None for value in changed)
+
+    @property
+    def changed(self) -> tuple[EventKind, ...]:
+        """The kinds of the quantities that change."""
+        return tuple(kind for kind in EVENT_KINDS.values() if kind.value(self) is not None)
+
+    @property
+    def end_s(self) -> float:
+        """When the changes are over, with their ramp, s."""
+        return self.t_s + self.over
+
+    def on(self, converter: Converter, later_s: float = 0.0) -> Event:
+        """An event per unit in SI on a converter, ``later_s`` later."""
+        values = {kind.quantity: kind.on(kind.value(self), converter) for kind in self.changed}
+        load, fault, breaker = self.switched
+        if load is not None and not isinstance(load, str):
+            load = load.in_si(converter.Z_base, converter.omega_n)
+        if fault is not None and not isinstance(fault, str):
+            fault = fault_in_si(fault, converter.Z_base)
+        grid = self.grid if self.place is None else self.place.grid(converter)
+        later: dict[str, Any] = {"t_s": later_s + self.t_s, "grid": grid, "place": None}
+        return replace(self, **values, **later, switched=Said(load, fault, breaker), per_unit=False)
+
+    def document(self, converter: Converter, later_s: float = 0.0) -> dict[str, Any]:
+        """The event as a table of a study's [[events]], ``later_s`` later. Numbers are written so that reading gives
+        the same bits. ``network`` and ``synchronised_until`` are not written."""
+        found: dict[str, Any] = {"time": later_s + self.t_s} | ({"name": self.name} if self.name else {})
+        grid = self.grid if self.place is None else self.place.grid(converter)
+        if grid is not None:
+            found["grid"] = {"R_g": grid.R_g, "L_g": grid.L_g}
+        of_source, others = [], []
+        for kind in self.changed:
+            (others if kind.of_controller else of_source).append(kind)
+        found |= {kind.name: kind.written(self, converter) for kind in of_source if kind.ramps}
+        if self.over > 0.0:
+            found["over"] = self.over
+        found |= {kind.name: kind.written(self, converter) for kind in (*of_source, *others) if not kind.ramps}
+        return found | self._connected_document()
+
+    def _connected_document(self) -> dict[str, Any]:
+        """Sag, fault, load, breaker and synchro-check."""
+        found: dict[str, Any] = {}
+        load, fault, breaker = self.switched
+        if self.sag is not None:
+            found["sag"] = self.sag if isinstance(self.sag, str) else sag_document(self.sag)
+        if fault is not None:
+            found["fault"] = fault if isinstance(fault, str) else fault_document(fault, per_unit=self.per_unit)
+        if load is not None:
+            found["load"] = load if isinstance(load, str) else load_document(load, per_unit=self.per_unit)
+        if breaker is not None:
+            found["breaker"] = breaker
+        if self.synchro_check is not None:
+            found["synchro_check"] = synchro_check_document(self.synchro_check)
+        return found
+
+    def faults(self, converter: Converter, reference_limit_pu: float) -> list[Fault]:
+        """What of an event in SI is beyond the limits that a study has for it."""
+        found = []
+        for kind in self.changed:
+            value, (low, high) = kind.written(self, converter), kind.limits(converter, reference_limit_pu)
+            if not low <= value <= high:
+                ends = f"must be between {format_quantity(low, kind.unit)} and {format_quantity(high, kind.unit)}"
+                found.append(Fault(kind.name, format_quantity(value, kind.unit), ends, "Ask for less."))
+        return found
+
+
+Limits = Callable[[Converter, float], tuple[float, float]]
+"""Function of a converter and of the largest reference, pu, that returns the least and the largest value."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfSuite:
+    """How a suite of grid-code tests writes a quantity, so that it serves every converter."""
+
+    name: str
+    """Its field in an event of a suite."""
+    unit: str
+    limits: tuple[float, float]
+    of_study: Callable[[float, Converter], float]
+    """The value in a study's [[events]] for a suite's value and a converter."""
+    words: str
+    """What a test is called by it in a list of values, such as ``V_g {} pu``; ``{:+}`` stands for a value with a
+    sign."""
+    sentence: str
+    """The same in the description of a suite, such as ``voltage {} pu``."""
+    signed: bool = False
+    """Whether the sentence shows the sign."""
+    short: Callable[[float], str]
+    """A suite's value in words, such as ``V_g 0.5 pu``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnChange:
+    """How a verification draws an event of a kind: a step by a size out of a range, up or down."""
+
+    family: str
+    """The table of [verification]."""
+    title: str
+    """Heading of its cases, such as ``Step of V_ref``."""
+    size: tuple[float, float]
+    """The range that is drawn from, as a share of ``one``, unless the study gives another."""
+    most: float
+    """Largest size that a study may ask for."""
+    start: Callable[[Converter], float]
+    """The value before the event, SI."""
+    one: Callable[[Converter], float]
+    """What a size of 1 is in SI."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EventKind:
+    """A quantity that an event may change. :meth:`EventKinds.register` makes it known to every reader and writer."""
+
+    name: str
+    """Its field in a study's [[events]]."""
+    quantity: str
+    """The field of :class:`Event` that it sets: a set point (P_ref, Q_ref, omega_0, V_n), or of the source V_g_rms,
+    omega_g or phase_jump."""
+    unit: str
+    limits: Limits
+    """Least and largest value in a study, in ``unit``."""
+    one: Callable[[Converter], float] = lambda _: 1.0
+    """What 1 ``unit`` of a study's field is in SI."""
+    words: Callable[[float, Converter], str]
+    """A value in SI in words, such as ``V_g 0.5 pu``."""
+    of_suite: OfSuite
+    ramps: bool = False
+    """Whether ``over`` makes a ramp of it."""
+    nothing: float | None = None
+    """The value that changes nothing, which is that of a field that is left out."""
+    drawn: DrawnChange | None = None
+    """How a verification draws it, if it has no family of its own there: never, unless a study gives it a weight."""
+    answers: str = ""
+    """The gain without which a controller does not answer, a name of
+    :class:`vsgdesign.equations.power_loops.PowerLoopGains`; empty: every controller answers."""
+    needs: str = ""
+    """What such a controller lacks, in words, such as ``Q–V droop``."""
+
+    @property
+    def of_controller(self) -> bool:
+        """Whether it is a set point of the controller."""
+        return self.quantity in References._fields
+
+    def value(self, event: Event) -> float | None:
+        """The new value in an event; None: it does not change."""
+        value = getattr(event, self.quantity)
+        return None if value == self.nothing else value
+
+    def on(self, value: Any, converter: Converter) -> float:
+        """A value per unit in SI."""
+        return self.one(converter) * self.of_suite.of_study(value, converter)
+
+    def written(self, event: Event, converter: Converter) -> float:
+        """The value of an event as a study's field."""
+        value: Any = self.value(event)
+        return self.of_suite.of_study(value, converter) if event.per_unit else value / self.one(converter)
+
+
+class EventKinds(Mapping[str, EventKind]):
+    """Kinds of events by the names of their fields in a study. Only :meth:`register` adds one."""
+
+    def __init__(self, kinds: Iterable[EventKind]) -> None:
+        self._by_name = {kind.name: kind for kind in kinds}
+
+    def __getitem__(self, name: str) -> EventKind:
+        if name not in self._by_name:
+            raise UnknownNameError("kind of event", name, self._by_name)
+        return self._by_name[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self._by_name)
+
+    @property
+    def drawn(self) -> dict[str, EventKind]:
+        """The kinds that a verification draws as a step, by the name of their family."""
+        return {kind.drawn.family: kind for kind in self.values() if kind.drawn is not None}
+
+    def register(self, kind: EventKind) -> Callable[[], None]:
+        """Makes a kind known to studies, suites, verifications and survival cases. Returns a function that removes it
+        again. Raises ValueError if another kind has its name."""
+        if self._by_name.get(kind.name, kind) != kind:
+            raise ValueError(f"kind of event: {kind.name!r} is already the name of another kind. Choose another name.")
+        self._by_name[kind.name] = kind
+
+        def forget() -> None:
+            self._by_name.pop(kind.name, None)
+
+        return forget
+
+
+def _f_n(converter: Converter) -> float:
+    return converter.omega_n / (2.0 * math.pi)
+
+
+def _degrees(value: float) -> float:
+    """To twelve digits: 30° is 30 again."""
+    return float(f"{math.degrees(value):.12g}")
+
+
+_VOLTAGE = EventKind(
+    name="V_g_pu",
+    quantity="V_g_rms",
+    unit="1",
+    limits=lambda *_: (0.0, 2.0),
+    one=lambda c: c.V_rated_rms,
+    words=lambda V, c: f"V_g {V / c.V_rated_rms:.3g} pu",
+    of_suite=OfSuite(
+        name="V_g_pu",
+        unit="1",
+        limits=(0.0, 2.0),
+        of_study=lambda V_pu, _: V_pu,
+        words="V_g {} pu",
+        sentence="voltage {} pu",
+        short=lambda V_pu: f"V_g {V_pu:.3g} pu",
+    ),
+    ramps=True,
+)
+_FREQUENCY = EventKind(
+    name="f_g",
+    quantity="omega_g",
+    unit="Hz",
+    limits=lambda c, _: (0.8 * _f_n(c), 1.2 * _f_n(c)),
+    one=lambda _: 2.0 * math.pi,
+    words=lambda omega, _: f"f_g {omega / (2.0 * math.pi):.4g} Hz",
+    of_suite=OfSuite(
+        name="df",
+        unit="Hz",
+        limits=(-MOST_DF_HZ, MOST_DF_HZ),
+        of_study=lambda df, c: _f_n(c) + df,
+        words="{:+}",
+        sentence="frequency to {} off nominal",
+        signed=True,
+        short=lambda df: f"{df:+.3g} Hz",
+    ),
+    ramps=True,
+)
+_PHASE = EventKind(
+    name="phase_jump",
+    quantity="phase_jump",
+    unit="rad",
+    limits=lambda *_: (-math.pi, math.pi),
+    nothing=0.0,
+    words=lambda jump, _: f"phase {math.degrees(jump):+.3g}°",
+    of_suite=OfSuite(
+        name="phase_jump",
+        unit="rad",
+        limits=(-math.pi, math.pi),
+        of_study=lambda jump, _: jump,
+        words="{:+}",
+        sentence="phase {}",
+        signed=True,
+        short=lambda jump: f"phase {_degrees(jump):+.3g}°",
+    ),
+)
+
+
+def _power(signal: str, unit: str) -> EventKind:
+    name = f"{signal}_ref"
+    return EventKind(
+        name=name,
+        quantity=name,
+        unit=unit,
+        limits=lambda c, limit_pu: (-limit_pu * c.S_rated, limit_pu * c.S_rated),
+        words=lambda power, _: f"{name} {power / 1e3:.4g} k{unit}",
+        of_suite=OfSuite(
+            name=f"{signal}_pu",
+            unit="1",
+            limits=(-MOST_POWER_PU, MOST_POWER_PU),
+            of_study=lambda power_pu, c: power_pu * c.S_rated,
+            words=f"{signal} to {{}} pu",
+            sentence=f"{name} to {{}} pu",
+            short=lambda power_pu: f"{name} {power_pu:.3g} pu",
+        ),
+    )
+
+
+EVENT_KINDS = EventKinds((_VOLTAGE, _FREQUENCY, _PHASE, _power("P", "W"), _power("Q", "var")))
+"""The quantities that an event may change, in the order in which an event is described."""
