@@ -76,7 +76,7 @@ def _cell(title: str, counts: Counts) -> Cell:
     others = counts.words((*passing, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE))
     if not counts.total:
         return Cell(OPEN, "not run")
-    picture = svg(counts_bar(counts, title), "counts")
+    picture = counts_bar(counts, title)
     if not counts.judged:
         return Cell(OPEN, "nothing judged", others, picture)
     if not counts.of[FAIL]:
@@ -86,7 +86,7 @@ def _cell(title: str, counts: Counts) -> Cell:
 
 def counts_bar(counts: Counts, title: str, width: float = BAR_WIDTH, height: float = BAR_HEIGHT) -> Sketch:
     """Shares of the verdicts as one bar. What fails is hatched, what is impossible is dark."""
-    sketch = Sketch(width, height, f"{title}: {counts.words()}")
+    sketch = Sketch(width, height, f"{title}: {counts.words()}", kind="counts")
     x = 0.5
     for verdict in _ORDER:
         share = (width - 1.0) * counts.of[verdict] / max(counts.total, 1)

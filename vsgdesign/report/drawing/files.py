@@ -6,12 +6,13 @@ import io
 import re
 import warnings
 from pathlib import Path
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from vsgdesign.report.drawing.style import look
-from vsgdesign.report.drawing.ticks import plain_ticks
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _PATH = re.compile(r'(?<= d=")[^"]*')
 _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
@@ -33,6 +34,8 @@ def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:
 
 def svg_text(figure: Figure) -> str:
     """The text of a figure's SVG file."""
+    from vsgdesign.report.drawing.ticks import plain_ticks
+
     plain_ticks(figure)
     buffer = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}

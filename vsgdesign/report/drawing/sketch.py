@@ -82,6 +82,10 @@ class Sketch:
     kind: str = "sketch"
     """Its class on a page."""
 
+    def __html__(self) -> str:
+        """The sketch in a page that takes it as a part of a text, at its own size."""
+        return svg(self, sized=True)
+
     def line(
         self, start: tuple[float, float], end: tuple[float, float], colour: str, width: float = 1.0, dashes: tuple = ()
     ) -> None:
@@ -94,16 +98,19 @@ class Sketch:
         self.parts.append(Area(np.array(corners, dtype=float), colour, edge))
 
 
-def svg(sketch: Sketch, kind: str = "", stretched: bool = False) -> Markup:
+def svg(sketch: Sketch, kind: str = "", stretched: bool = False, sized: bool = False) -> Markup:
     """The sketch as an element of a page: of class ``kind`` or its own, no larger than its size in px.
 
-    ``stretched``: it keeps its height where the page is narrow.
+    ``stretched``: it keeps its height where the page is narrow. ``sized``: it has its own size wherever it stands.
     """
     body = "".join(_part(part) for part in sketch.parts)
     shape = Markup('preserveAspectRatio="none" height="{:.0f}" ').format(sketch.height) if stretched else Markup("")
+    if sized:
+        shape = Markup('width="{:g}" height="{:g}" ').format(sketch.width, sketch.height)
     box = f"{sketch.width * _TENTHS:.0f} {sketch.height * _TENTHS:.0f}"
-    head = Markup('<svg class="{}" role="img" aria-label="{}" viewBox="0 0 {}" {}style="max-width:{:g}px">')
-    return head.format(kind or sketch.kind, sketch.label, box, shape, sketch.width) + Markup(f"{body}</svg>")
+    label = Markup('role="img" aria-label="{}"').format(sketch.label) if sketch.label else Markup('aria-hidden="true"')
+    head = Markup('<svg class="{}" {} viewBox="0 0 {}" {}style="max-width:{:g}px">')
+    return head.format(kind or sketch.kind, label, box, shape, sketch.width) + Markup(f"{body}</svg>")
 
 
 def svg_file(sketches: Sequence[Sketch], title: str, lines: Iterable[str] = ()) -> str:

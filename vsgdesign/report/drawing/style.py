@@ -1,17 +1,14 @@
-"""The look of every figure, in one place. Only the report imports this module: it loads matplotlib."""
+"""The look of every figure, in one place. matplotlib is loaded where a figure is drawn, not with this module."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
-from vsgdesign.report.drawing.formulas import formulas_kept
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMN_IN = 3.5
 """Width of a journal column."""
@@ -95,12 +92,18 @@ _LOOK: dict[str, Any] = {
 @contextmanager
 def look() -> Iterator[None]:
     """Settings for building and for saving figures. A user's own matplotlibrc has no effect inside."""
+    import matplotlib
+
+    from vsgdesign.report.drawing.formulas import formulas_kept
+
     with matplotlib.rc_context(_settings()), formulas_kept():
         yield
 
 
 @functools.cache
 def _settings() -> Any:
+    import matplotlib
+
     # What belongs to the session rather than to the look is left alone.
     session = ("backend", "interactive", "toolbar", "timezone", "tk.", "webagg", "docstring", "keymap", "figure.hooks")
     defaults = {key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith(session)}
@@ -109,6 +112,9 @@ def _settings() -> Any:
 
 def new_figure(width_in: float, height_in: float) -> Figure:
     """An empty figure on its own canvas, outside pyplot."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width_in, height_in))
     FigureCanvasAgg(figure)
     return figure

@@ -132,7 +132,7 @@ class Cell:
     mark: str
     words: str
     detail: str = ""
-    picture: Sketch | Markup | None = None
+    picture: Sketch | None = None
 
     @property
     def sign(self) -> str:
@@ -146,7 +146,7 @@ class Row:
 
     name: str
     cells: tuple[Cell, ...]
-    key: Sketch | Markup | None = None
+    key: Sketch | None = None
 
 
 @dataclass(frozen=True)

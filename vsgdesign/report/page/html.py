@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup, escape
 
 from vsgdesign import __version__
-from vsgdesign.report.drawing.sketch import Sketch, svg
+from vsgdesign.report.drawing.sketch import svg
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.page.blocks import (
     BULLETS,
@@ -169,7 +169,7 @@ def _answer(answer: Answer) -> Markup:
     )
     rows = [
         Markup('<tr><th class="text" scope="row">{}{}</th>\n{}\n</tr>').format(
-            _picture(row.key, "key") + Markup(" ") if row.key is not None else "",
+            Markup("{} ").format(row.key) if row.key is not None else "",
             typeset(row.name),
             Markup("\n").join(map(_cell, row.cells)),
         )
@@ -191,12 +191,8 @@ def _cell(cell: Cell) -> Markup:
     sign = Markup('<span aria-hidden="true">{}</span> ').format(cell.sign) if cell.sign else ""
     detail = Markup(" <small>{}</small>").format(with_subscripts(tight(cell.detail))) if cell.detail else ""
     return Markup('<td class="text">{}<span class="{}">{}{}</span>{}</td>').format(
-        "" if cell.picture is None else _picture(cell.picture), cell.mark, sign, with_subscripts(cell.words), detail
+        "" if cell.picture is None else cell.picture, cell.mark, sign, with_subscripts(cell.words), detail
     )
-
-
-def _picture(picture: Sketch | Markup, kind: str = "") -> Markup:
-    return svg(picture, kind or picture.kind) if isinstance(picture, Sketch) else picture
 
 
 def _figure(block: Figure) -> Markup:

@@ -130,8 +130,8 @@ def _answer(flow: Flow, answer: Answer) -> None:
     _notes(flow, answer.notes)
 
 
-def _key(key: object) -> list[Said | Sketch]:
-    return [key] if isinstance(key, Sketch) else []
+def _key(key: Sketch | None) -> list[Said | Sketch]:
+    return [] if key is None else [key]
 
 
 def _answered(cell: Cell) -> list[Said | Sketch]:
