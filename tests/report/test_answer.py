@@ -191,7 +191,8 @@ def test_the_current_is_held_against_the_limit(short, limit, mark, words):
         peak = np.hypot(log[late, 0], log[late, 1]).max() / study.converter.I_rated_pk
         first = max(event.peak_current_pu for event in controller.events)
         assert shown.detail == f"{number(first)} pu; converter {number(peak)} pu after 5 ms; limit {limit:g} pu"
-        assert ("#7A2E00" in svg(shown.picture or Sketch(0.0, 0.0, ""))) == (first > limit), "the part beyond the limit is hatched"
+        assert shown.picture is not None
+        assert ("#7A2E00" in svg(shown.picture)) == (first > limit), "the part beyond the limit is hatched"
 
 
 def test_the_column_of_rests_is_there_where_one_has_none(short):

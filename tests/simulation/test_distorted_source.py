@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import lc_study
-from vsgdesign.cli.console.scenario import results_tables
 from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.operating_point.plants import state_matrices
 from vsgdesign.parameters.source import SourceComponent
-from vsgdesign.pipeline.run import results_document
-from vsgdesign.report.scenario.page import limits_of_validity
+from vsgdesign.report.page.terminal import print_terminal
+from vsgdesign.report.quantities import number
+from vsgdesign.report.scenario.page import limits_of_validity, terminal_blocks
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import Connection
 from vsgdesign.simulation.scenario import run_scenario
@@ -36,10 +36,10 @@ def test_its_targets_are_judged_on_cycle_means(capsys: pytest.CaptureFixture[str
     assert mean.settling_time_s == pytest.approx(raw.settling_time_s, abs=0.02)
     assert [event.raw.settling_time_s for event in b.events if event.signal == "P_pcc"] == [None]
     # The terminal shows the figures that are judged.
-    results_tables(results_document(distorted, {}))
+    print_terminal(terminal_blocks(distorted))
     shown = capsys.readouterr().out
     assert "(one-cycle means)" in shown
-    assert f"{mean.settling_time_s:.3f} s" in shown
+    assert f"{number(mean.settling_time_s)} s" in shown
     said = "The grid source contains a negative sequence"
     assert any(item.startswith(said) for item in limits_of_validity(distorted))
     assert not any(item.startswith(said) for item in limits_of_validity(clean))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from vsgdesign.cli.common import BRIDGE, JSON, STUDY, keeping, load, print_json, progress, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.report.page.blocks import Block
 
 
 @click.command()
@@ -52,15 +55,18 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
     study = load(study_file, left_tables=not report)
     name = study.name if report else f"{study.name}-simulation"
     folder = Path("out") / name if out is None else Path(out)
+    blocks: list[Block] = []
     with keeping(folder):
         with progress(quiet=as_json) as tell:
-            results = run_study(study, folder, bridge=bridge, report=report, progress=tell, warn=_warn, say=_say)
+            results = run_study(
+                study, folder, bridge=bridge, report=report, progress=tell, warn=_warn, say=_say, show=blocks.extend
+            )
         if as_json:
             print_json(results)
         else:
-            from vsgdesign.cli.console.scenario import results_tables
+            from vsgdesign.report.page.terminal import print_terminal
 
-            results_tables(results)
+            print_terminal(blocks)
             click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
     _refuse_divergence(results)
 

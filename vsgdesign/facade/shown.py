@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-import html
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -73,27 +73,14 @@ class Shown(ABC):
 
     def _repr_html_(self) -> str:
         """The sentences and then the first figure, for notebooks."""
-        lines = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in self.sentences())
-        figure = next(self._figures(), None)
-        return f"<h4>{html.escape(self.title)}</h4>{lines}{'' if figure is None else _svg(figure.figure)}"
+        from vsgdesign.report.page.blocks import Figure, Heading, words
+        from vsgdesign.report.page.html import print_fragment
+
+        first = [Figure(figure) for figure in itertools.islice(self._figures(), 1)]
+        return print_fragment([Heading(self.title, 4), words(*self.sentences()), *first])
 
     def __str__(self) -> str:
         return "\n".join([self.title, *self.sentences()])
-
-
-def _svg(figure: Figure) -> str:
-    import io
-
-    from vsgdesign.report.drawing.files import compact
-    from vsgdesign.report.drawing.style import look
-    from vsgdesign.report.drawing.ticks import plain_ticks
-
-    plain_ticks(figure)
-    buffer = io.StringIO()
-    with look():
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text = compact(buffer.getvalue())
-    return text[text.index("<svg") :]
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -41,6 +41,7 @@ from vsgdesign.stability.words import shares_of
 
 if TYPE_CHECKING:
     from vsgdesign.report.figure_types import WrittenFigure
+    from vsgdesign.report.page.blocks import Block
 
 
 def run_study(
@@ -53,17 +54,19 @@ def run_study(
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
     say: Callable[[str], None] | None = None,
+    show: Callable[[list[Block]], None] | None = None,
 ) -> dict[str, Any]:
     """Simulates every controller and writes time series, results, figures and a report to ``out``.
 
     Gain tables that the study asks for are designed first, on ``workers`` processes (None means one per core), and its
     network is trained beside them (:func:`vsgdesign.pipeline.making.made`). With ``report`` tables are verified if
     the study's [verification] says ``with_run``. All is written to the same folder.
-    ``warn`` is called before a controller is simulated that is unstable by the full-order model, since its run shows no
-    meaningful response. A design that ``out`` has already, made from the same inputs by the same program, is taken from
-    there, and ``say`` is told; the files are the same. Returns the content of results.json. The folder appears when
-    everything is done; after an error or an interruption the old folder is unchanged. Raises the errors of
-    :func:`vsgdesign.simulation.run_scenario` and ArtifactError.
+    ``warn`` is called before a controller is simulated that is unstable by the full-order model, since its run
+    shows no meaningful response. A design that ``out`` has already, made from the same inputs by the same program,
+    is taken from there, and ``say`` is told; the files are the same. ``show`` is given what a terminal prints of
+    the run. Returns the content of results.json. The folder appears when everything is done; after an error or an
+    interruption the old folder is unchanged. Raises the errors of :func:`vsgdesign.simulation.run_scenario` and
+    ArtifactError.
     """
     tell = progress or silent
     verb = "vsgdesign run" if report else "vsgdesign simulate"
@@ -83,7 +86,7 @@ def run_study(
             late=have.late,
         )
         have.timing_s["simulate"] = time.perf_counter() - begin
-        return _write(result, folder, verb, have, report=report, tell=tell, warn=warn)
+        return _write(result, folder, verb, have, report=report, tell=tell, warn=warn, show=show)
 
 
 def write_run(result: ScenarioResult, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
@@ -109,6 +112,7 @@ def _write(
     report: bool,
     tell: Progress,
     warn: Callable[[str], None] | None = None,
+    show: Callable[[list[Block]], None] | None = None,
 ) -> dict[str, Any]:
     """Time series, figures, tables with their C, page and record of a simulated scenario.
 
@@ -144,6 +148,10 @@ def _write(
         tell("draw figures", 1.0)
         write_report(result, figures, folder / "report.html", trained, inner)
         timing["report"] += time.perf_counter() - begin
+    if show is not None:
+        from vsgdesign.report.scenario.page import terminal_blocks
+
+        show(terminal_blocks(result))
     for wait in exports:
         wait()
     document = results_document(result, timing)

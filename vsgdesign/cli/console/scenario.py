@@ -11,8 +11,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from vsgdesign.artifacts.table_summary import table_lines
-
 
 def new_console() -> Console:
     """The terminal with its own width. Without a terminal (a pipe, a log), it is wide enough for every table."""
@@ -25,69 +23,6 @@ def new_table(title: str, headings: Sequence[str], left: Sequence[str] = ()) -> 
     for heading in headings:
         table.add_column(escape(heading), justify="left" if heading in left else "right", overflow="fold")
     return table
-
-
-_NO_TIME = {
-    "measured": "not settled",
-    "not settled": "not settled",
-    "window too short": "too short",
-    "unstable": "unstable",
-    "no steady state": "no rest",
-    "diverged": "diverged",
-    "no model": "no model",
-}
-"""The word in place of a settling time, by the status of the event."""
-
-
-def results_tables(results: dict[str, Any]) -> None:
-    """The values of every reference step and disturbance of a run: on the raw signal, or on its mean over whole cycles
-    if the grid source is distorted or a controller sends a probe."""
-    headings = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
-    from vsgdesign.metrics import mean_in_words
-
-    means = any(controller["distorted"] for controller in results["controllers"].values())
-    means = means or results["mean_cycles"] > 1
-    title = results["study"]["title"] + (f" ({mean_in_words(results['mean_cycles'])}s)" if means else "")
-    table = new_table(title, headings, left=("controller", "event", "signal"))
-    reasons: dict[str, list[str]] = {}
-    for name, controller in results["controllers"].items():
-        for event in controller["events"]:
-            if event["reason"] is not None:
-                who = f"{name}, {event['t_s']:g} s, {event['signal']}"
-                reasons.setdefault(event["reason"], []).append(who)
-            figures = event["cycle_mean"] if means else event
-            if event["kind"] == "disturbance" and figures["settling_time_s"] == 0.0:
-                continue  # the other signal never left its band: nothing to see
-            table.add_row(
-                name,
-                f"{event['t_s']:g} s",
-                escape(event["name"]),
-                event["signal"],
-                _cell(figures["overshoot_pct"], ".1f", " %"),
-                _cell(figures["settling_time_s"], ".3f", " s", none=_NO_TIME[event["status"]]),
-                _cell(figures["rise_time_s"], ".3f", " s"),
-                _cell(event["peak_current_pu"], ".2f", " pu"),
-            )
-    console = new_console()
-    for name, controller in results["controllers"].items():
-        if controller["table"] is not None:
-            lines = (escape(line) for line in table_lines(name, controller["table"]))
-            console.print("\n".join(lines), highlight=False, soft_wrap=True)
-    console.print(table if table.row_count else f"{escape(results['study']['title'])}: no event to measure")
-    for reason, who in reasons.items():
-        console.print(f"{escape('; '.join(who))}: {escape(reason)}", soft_wrap=True)
-    for name, controller in results["controllers"].items():
-        if controller.get("survival") is not None:
-            from vsgdesign.metrics.survival import Survival
-            from vsgdesign.report.scenario.survived import survival_sentence
-
-            sentence = survival_sentence(name, Survival(**controller["survival"]))
-            console.print(escape(sentence), highlight=False, soft_wrap=True)
-        limit = (controller["estimate"] or {}).get("rate_limit")
-        if limit and limit["held_s"]:
-            from vsgdesign.report.scenario.estimate_tables import rate_limit_text
-
-            console.print(escape(rate_limit_text(name, *limit.values())))
 
 
 def stability_tables(document: dict[str, Any]) -> None:

@@ -203,7 +203,7 @@ def _figure(block: Figure) -> Markup:
         "<figcaption><b>{}{}.</b> {}</figcaption>\n</figure>"
     ).format(
         drawn.name,
-        inline_svg(_svg_of(block), drawn.name, drawn.title),
+        inline_svg(_svg_of(block), drawn.name, drawn.title, alone=not block.number),
         number,
         with_subscripts(drawn.title),
         with_subscripts(drawn.caption),
@@ -305,15 +305,18 @@ _REFERENCE = re.compile(r'(?:xlink:)?href="#([^"]+)"')
 _URL = re.compile(r"url\(#([^)]+)\)")
 
 
-def inline_svg(svg: str, name: str, title: str) -> Markup:
-    """An SVG file as a part of an HTML page: no namespaces or prologue, ids of its own, width from its box."""
+def inline_svg(svg: str, name: str, title: str, alone: bool = False) -> Markup:
+    """An SVG file as a part of an HTML page: no namespaces or prologue, ids of its own, width from its box.
+
+    ``alone``: it has its own size, because there is no style of a page.
+    """
     svg = _STYLE.sub("", _METADATA.sub("", _PROLOGUE.sub("", svg)))
     box = _VIEW_BOX.search(svg)
     if box is None:
         raise ValueError(f"the SVG of figure {name} has no viewBox")
     width, height = (float(size) for size in box.groups())
-    tag = Markup('<svg role="img" aria-label="{}" viewBox="0 0 {:g} {:g}" style="--width: {:.0f}pt">').format(
-        title, width, height, width
+    tag = Markup('<svg role="img" aria-label="{}" viewBox="0 0 {:g} {:g}" style="{}: {:.0f}pt">').format(
+        title, width, height, "max-width: 100%; width" if alone else "--width", width
     )
     svg = _SVG_TAG.sub(lambda _: str(tag), svg, count=1)
     # Ids repeat from figure to figure; within one page each figure gets its own.

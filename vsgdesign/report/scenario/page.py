@@ -14,13 +14,29 @@ from vsgdesign.metrics import mean_in_words
 from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.inner.page import inner_part
 from vsgdesign.report.inner.words import headline
+from vsgdesign.report.page.blocks import (
+    BULLETS,
+    SOURCE,
+    Block,
+    Box,
+    Heading,
+    Note,
+    Page,
+    Side,
+    Span,
+    Where,
+    drawings,
+    opening,
+    words,
+)
 from vsgdesign.report.page.converter import converter_table, filter_table, known_grid
-from vsgdesign.report.page.html import write_html
+from vsgdesign.report.page.html import print_html
 from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
 from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
 from vsgdesign.report.scenario.outcomes import step_outcomes
+from vsgdesign.report.scenario.survived import survival_sentence
 from vsgdesign.report.scenario.verdict import explanation, verdict
 from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.judging import Judgement, judge_estimates
@@ -40,44 +56,104 @@ def write_page(
     inner: dict[str, Any] | None = None,
 ) -> Path:
     """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
-    outcomes, kept, judged = step_outcomes(result), promises_kept(result), judge_estimates(result)
+    return print_html(scenario_page(result, figures, trained, inner), out_path)
+
+
+def scenario_page(
+    result: ScenarioResult,
+    figures: Sequence[WrittenFigure] = (),
+    trained: TrainedEstimator | None = None,
+    inner: dict[str, Any] | None = None,
+) -> Page:
+    """The page: the answer, all figures, what was asked for, the system, and the response to each event."""
     study = result.study
-    return write_html(
-        out_path,
-        "report.html.j2",
-        figures,
-        study=study,
-        scenario=_scenario(result),
-        warnings=[*(one.message for one in result.instabilities), *([WHERE_TO_LOOK] if result.instabilities else [])],
-        largest=figures[0].name if figures else "",
-        headline=scenario_headline(result, outcomes),
-        opening_answers=[
-            one
-            for one in (scenario_answer(result, outcomes, kept, judged), steps_answer(result, outcomes))
-            if one is not None
-        ],
-        answers=[answers_text(result, controller) for _, controller in field_controllers(result)],
-        verdict=[
-            *verdict(result, outcomes),
-            *promise_tables.promise_sentences(kept),
-            *_designed(result, inner),
-        ],
-        explanation=explanation(outcomes),
-        targets=tables.targets_table(outcomes) if outcomes else None,
-        promises=promise_tables.promises_table(kept),
-        setting=(converter_table(result), filter_table(result)),
-        controllers=tables.controllers_table(result),
-        events=tables.events_table(result) if study.events else None,
-        tables=[line for name, table in _tables(result) for line in table_lines(name, table_summary(study, table))],
-        inner=None if inner is None else inner_part(inner),
-        operating_points=tables.operating_points_table(result),
-        estimate=_estimate(result, judged, trained),
-        gains=[tables.gains_table(result, controller) for controller in result.controllers],
-        margins=tables.margins_table(result),
-        metrics=[tables.metrics_table(result, controller) for controller in result.controllers if controller.events],
-        metrics_notes=tables.METRICS_NOTES,
-        limits=limits_of_validity(result),
-    )
+    outcomes, kept, judged = step_outcomes(result), promises_kept(result), judge_estimates(result)
+    headline = scenario_headline(result, outcomes)
+    answers = [scenario_answer(result, outcomes, kept, judged), steps_answer(result, outcomes)]
+    said = [answers_text(result, controller) for _, controller in field_controllers(result)]
+    said += [*verdict(result, outcomes), *promise_tables.promise_sentences(kept), *_designed(result, inner)]
+    why = explanation(outcomes)
+    blocks: list[Block | None] = [
+        words(f"Parameters: {study.source}" if study.source else "", style=SOURCE),
+        words(_scenario(result)),
+        *_warnings(result),
+        *opening(headline, [one for one in answers if one is not None], figures),
+        Heading("In words"),
+        Box([words(*(line for line in said if line != headline))]),
+        *([Heading("Why the closed form misses"), words(*why)] if why else []),
+        tables.targets_table(outcomes) if outcomes else None,
+        Heading("Figures"),
+        *drawings(figures[1:]),
+        *_with_heading("Margins against what was asked for", promise_tables.promises_table(kept)),
+        Heading("System"),
+        Side((converter_table(result), filter_table(result))),
+        tables.controllers_table(result),
+        tables.events_table(result) if study.events else None,
+        *_with_heading("Gain tables", _of_tables(result)),
+        *([] if inner is None else _inner(inner)),
+        Heading("Operating points"),
+        tables.operating_points_table(result),
+        *_estimate(result, judged, trained),
+        Heading("Gains over time"),
+        Side([tables.gains_table(result, controller) for controller in result.controllers]),
+        tables.margins_table(result),
+        *_responses(result),
+        *terminal_blocks(result),
+        Heading("Limits of validity"),
+        words(*limits_of_validity(result), style=BULLETS),
+    ]
+    origin = ("Study ", Span(study.name, code=True), ", SHA-256 of its resolved document ", Span(study.hash, code=True))
+    return Page(study.title, [block for block in blocks if block is not None], (*origin, "."))
+
+
+def terminal_blocks(result: ScenarioResult) -> list[Block]:
+    """What a terminal prints: the tables that were designed, the responses, and whether the events were survived."""
+    limits = [(one.name, one.rate_limit) for one in judge_estimates(result) if one.rate_limit]
+    survived = [survival_sentence(c.spec.name, c.survival) for c in result.controllers if c.survival is not None]
+    held = [estimate_tables.rate_limit_text(name, *limit) for name, limit in limits]
+    responses = tables.responses_table(result)
+    return [
+        words(*_table_lines(result), on=Where.TERMINAL),
+        responses if responses.rows else words(f"{result.study.title}: no event to measure", on=Where.TERMINAL),
+        words(*survived, *held, on=Where.TERMINAL),
+    ]
+
+
+def _with_heading(title: str, block: Block | None) -> list[Block]:
+    return [] if block is None else [Heading(title), block]
+
+
+def _warnings(result: ScenarioResult) -> list[Block]:
+    if not result.instabilities:
+        return []
+    said = words((Span("Unstable.", bold=True),), *(one.message for one in result.instabilities), WHERE_TO_LOOK)
+    return [Box([said], warning=True)]
+
+
+def _table_lines(result: ScenarioResult) -> list[str]:
+    return [line for name, table in _tables(result) for line in table_lines(name, table_summary(result.study, table))]
+
+
+def _of_tables(result: ScenarioResult) -> Block | None:
+    lines = _table_lines(result)
+    return words(*lines) if lines else None
+
+
+def _inner(document: dict[str, Any]) -> list[Block]:
+    """What designed inner loops keep."""
+    part = inner_part(document)
+    return [
+        Heading("Inner loops"),
+        words((Span(part["headline"], bold=True), f" {part['what_for']}"), *part["explanation"]),
+        Side((part["promises"], part["gains"])),
+    ]
+
+
+def _responses(result: ScenarioResult) -> list[Block]:
+    """Figures of each event."""
+    found = [tables.metrics_table(result, controller) for controller in result.controllers if controller.events]
+    notes = [Note(note) for note in tables.METRICS_NOTES]
+    return [Heading("Responses to the events"), *found, *notes] if found else []
 
 
 def _tables(result: ScenarioResult) -> list[tuple[str, GainTable]]:
@@ -92,12 +168,10 @@ def _designed(result: ScenarioResult, inner: dict[str, Any] | None) -> list[str]
     return said if inner is None else [*said, headline(inner)]
 
 
-def _estimate(
-    result: ScenarioResult, judgements: Sequence[Judgement], trained: TrainedEstimator | None
-) -> dict[str, Any] | None:
-    """What the page says about estimates; None if there are none."""
+def _estimate(result: ScenarioResult, judgements: Sequence[Judgement], trained: TrainedEstimator | None) -> list[Block]:
+    """What the page says about estimates; nothing if there are none."""
     if not judgements:
-        return None
+        return []
     about = [] if result.ready.network is None else [estimate_tables.network_table(result, trained)]
     about += estimate_tables.methods_table(result)
     if trained is not None:
@@ -109,10 +183,9 @@ def _estimate(
             found.append(estimate_tables.changes_table(judged))
         if judged.steps:
             found.append(estimate_tables.truth_table(judged))
-    fields = [controller for _, controller in field_controllers(result)]
-    found += [answers_table(result, controller) for controller in fields]
+    found += [answers_table(result, controller) for _, controller in field_controllers(result)]
     text = estimate_tables.estimate_text(result, judgements)
-    return {"text": text, "network": about, "tables": found}
+    return [Heading("The estimated grid"), words(*text), Side(about), Side(found)]
 
 
 def _scenario(result: ScenarioResult) -> str:

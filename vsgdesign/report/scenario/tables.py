@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 
 from vsgdesign.metrics import EventMetrics, ResponseMetrics, mean_in_words
-from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
-from vsgdesign.report.page.blocks import Table
+from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, TOO_SHORT
+from vsgdesign.report.page.blocks import Table, Where
 from vsgdesign.report.page.converter import grid_label, specs_table
 from vsgdesign.report.quantities import DASH, GAIN_UNITS, number, percent, plain, prefix_for, quantity
 from vsgdesign.report.scenario.margins import distinct_grids, loops_on_grids
@@ -229,6 +229,47 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
     groups = (("", 3), ("Instantaneous", 5), (mean_in_words(mean_cycles(result.study)).capitalize(), 5), ("", 1))
     notes = tuple(_reasons(controller.events))
     return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=3, groups=groups, notes=notes)
+
+
+def responses_table(result: ScenarioResult) -> Table:
+    """The figures of every step and disturbance for a terminal: of the raw signal, or of its mean over whole cycles
+    where the grid source is distorted or a controller sends a probe."""
+    cycles = mean_cycles(result.study)
+    means = cycles > 1 or any(controller.distorted for controller in result.controllers)
+    rows: list[tuple[str, ...]] = []
+    reasons: dict[str, list[str]] = {}
+    for controller in result.controllers:
+        name = controller.spec.name
+        for event in controller.events:
+            if event.reason is not None:
+                reasons.setdefault(event.reason, []).append(f"{name}, {event.t_s:g} s, {event.signal}")
+            figures = event.cycle_mean if means else event.raw
+            if event.kind == "disturbance" and figures.settling_time_s == 0.0:
+                continue  # the other signal never left its band: nothing to see
+            rows.append((name, f"{plain(event.t_s, 5)} s", event.name, event.signal, *_short(event, figures)))
+    head = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
+    notes = tuple(f"{'; '.join(who)}: {reason}" for reason, who in reasons.items())
+    title = result.study.title + (f" ({mean_in_words(cycles)}s)" if means else "")
+    return Table(title, head, tuple(rows), texts=4, notes=notes, on=Where.TERMINAL)
+
+
+_NO_TIME = {MEASURED: "not settled", TOO_SHORT: "too short", NO_STEADY_STATE: "no rest"}
+"""Short words in place of a settling time, by the status of the event."""
+
+
+def _short(event: EventMetrics, figures: ResponseMetrics) -> tuple[str, ...]:
+    """The figures of an event with their units."""
+    none = _NO_TIME.get(event.status, event.status)
+    return (
+        _with_unit(percent(figures.overshoot_pct), " %"),
+        none if figures.settling_time_s is None else f"{number(figures.settling_time_s)} s",
+        _with_unit(number(figures.rise_time_s), " s"),
+        _with_unit(number(event.peak_current_pu), " pu"),
+    )
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return text if text == DASH else text + unit
 
 
 METRICS_NOTES = (
