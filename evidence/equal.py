@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -57,7 +58,7 @@ def main(folder: Path) -> None:
 
 
 def write(folder: Path, *, quick: bool, only: str) -> None:
-    """Runs the jobs whose name fits, and prints the processor time of each."""
+    """Runs the jobs whose name fits, and prints the processor time of each call."""
     jobs = tomllib.loads((HERE / "equal.toml").read_text(encoding="utf-8"))
     shutil.copytree(HERE.parent / "studies", folder / "studies", dirs_exist_ok=True)
     (folder / "files").mkdir(parents=True, exist_ok=True)
@@ -77,17 +78,22 @@ def run(place: Path, calls: list[str]) -> tuple[str, str]:
         return "kept", " ".join(map(str, json.loads((place / DONE).read_text())))
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
-    begin, exits = resource.getrusage(resource.RUSAGE_CHILDREN), []
+    exits, times = [], [processor_time()]
     for number, call in enumerate(calls):
         done = subprocess.run([*CALL, *shlex.split(call)], cwd=place, capture_output=True, text=True, check=False)
         if "--json" in call and done.stdout:
             (place / f"{number}.json").write_text(done.stdout, encoding="utf-8")
         (place / f"{number}.log").write_text(f"{call}\n{done.stdout}\n{done.stderr}", encoding="utf-8")
         exits.append(done.returncode)
-    end = resource.getrusage(resource.RUSAGE_CHILDREN)
+        times.append(processor_time())
     (place / DONE).write_text(json.dumps(exits), encoding="utf-8")
-    seconds = end.ru_utime + end.ru_stime - begin.ru_utime - begin.ru_stime
-    return f"{seconds:.1f}", " ".join(map(str, exits))
+    return " ".join(f"{end - begin:.1f}" for begin, end in pairwise(times)), " ".join(map(str, exits))
+
+
+def processor_time() -> float:
+    """Of all finished children and of theirs, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def record() -> str:
