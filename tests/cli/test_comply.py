@@ -27,6 +27,7 @@ from vsgdesign.compliance import maps as survival_maps
 from vsgdesign.compliance.evidence import read_evidence
 from vsgdesign.compliance.rows import VERDICTS
 from vsgdesign.errors import StudyError, WorkerError
+from vsgdesign.execution.jobs import workers_needed
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.pipeline import comply as pipeline
@@ -223,7 +224,7 @@ def test_every_controller_has_its_maps(place: Path, monkeypatch: pytest.MonkeyPa
 def test_an_interrupted_run_continues_to_the_same_bytes(
     place: Path, done: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, ran = job.run_block, []
+    real, ran = job.SuiteJob.run, []
 
     def one_alone(one: job.SuiteJob, number: int) -> dict[str, Any]:
         if ran:
@@ -232,13 +233,13 @@ def test_an_interrupted_run_continues_to_the_same_bytes(
         return real(one, number)
 
     monkeypatch.setattr(job, "BLOCK", 2)
-    monkeypatch.setattr(job, "run_block", one_alone)
+    monkeypatch.setattr(job.SuiteJob, "run", one_alone)
     suite = "--suite", place / "three.toml", "--no-maps"
     stopped = call("comply", place / "small.toml", *suite, "--out", place / "cut", "--workers", "1")
     assert stopped.exit_code == 130
     assert "2 finished tests are kept" in stopped.stderr
     assert not (place / "cut").exists()
-    monkeypatch.setattr(job, "run_block", real)
+    monkeypatch.setattr(job.SuiteJob, "run", real)
     assert_same(place, done, comply(place, "cut", "--workers", "1"), "cut")
     assert not (place / ".cut.compliance").exists()
 
@@ -269,7 +270,7 @@ def test_an_interruption_after_the_last_test_loses_none(
         assert stopped.stderr == "interrupted: 6 finished tests are kept; the same command continues there\n", name
         assert not (place / "late").exists(), name
         assert [path.name for path in place.glob(".late.*")] == [".late.compliance"], name
-    monkeypatch.setattr(job, "run_block", interrupted_at(1, job.run_block))  # nothing is left to run
+    monkeypatch.setattr(job.SuiteJob, "run", interrupted_at(1, job.SuiteJob.run))  # nothing is left to run
     assert_same(place, done, comply(place, "late", "--workers", "1"), "late")
 
 
@@ -365,8 +366,5 @@ def test_a_folder_of_the_users_is_left_alone(place: Path) -> None:
 def test_a_lost_worker_is_said_where_the_study_files_are_written() -> None:
     lost: Future[None] = Future()
     lost.set_exception(BrokenProcessPool("gone"))
-    with pytest.raises(WorkerError, match="workers: "):
-        pipeline._finished(lost)
-    done: Future[None] = Future()
-    done.set_result(None)
-    pipeline._finished(done)
+    with pytest.raises(WorkerError, match="workers: "), workers_needed():
+        lost.result()

@@ -161,7 +161,8 @@ def test_without_pytorch_one_sentence_names_the_extra(
 
 def test_an_interruption_that_keeps_windows_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recipe = recipe_file(tmp_path, RECIPE)
-    arguments = ("estimator", "train", study_file(tmp_path), "--recipe", recipe, "--out", tmp_path / "w.json")
+    arguments = ("estimator", "train", study_file(tmp_path), "--recipe", recipe, "--workers", "1")
+    arguments += ("--out", tmp_path / "w.json")
     interrupt_after(1, monkeypatch)
     kept = call(*arguments, "--windows", tmp_path / "w.npz")
     assert (kept.exit_code, "the same command continues" in kept.stderr) == (130, True)

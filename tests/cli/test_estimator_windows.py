@@ -74,6 +74,7 @@ def test_an_interruption_says_whether_there_is_something_to_go_on_from(
 ) -> None:
     """Without a finished block, it was said that finished blocks are kept."""
     interrupt_after(finished, monkeypatch)
-    result = call(*VERB, study_file(tmp_path), "--recipe", recipe_file(tmp_path), "--out", tmp_path / "w.npz")
+    arguments = study_file(tmp_path), "--recipe", recipe_file(tmp_path), "--workers", "1"
+    result = call(*VERB, *arguments, "--out", tmp_path / "w.npz")
     said = ["nothing was written", "finished blocks are kept, the same command continues from them"][finished]
     assert (result.exit_code, result.stderr) == (130, f"interrupted: {said}\n")

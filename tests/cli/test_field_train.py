@@ -89,7 +89,7 @@ def test_interrupted_and_continued_gives_the_same_weights(folder: Path, monkeypa
 
     monkeypatch.setattr(field_runs, "make_runs", interrupted)
     arguments = ("estimator", "train", folder / "study.toml", "--recipe", folder / "few.toml", "--seed", "2")
-    files = ("--out", folder / "again.json", "--windows", folder / "again.npz")
+    files = ("--workers", "1", "--out", folder / "again.json", "--windows", folder / "again.npz")
     stopped = call(*arguments, *files)
     assert stopped.exit_code == 130
     assert "finished runs are kept" in stopped.output

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.cli.small_studies import call, study_file
-from vsgdesign.design.sweep import begun
+from vsgdesign.execution.jobs import begun
 from vsgdesign.pipeline import margins
 
 WRITING = {

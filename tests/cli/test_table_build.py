@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
@@ -19,9 +20,11 @@ from tests.cli.small_studies import SMALL, as_json, call, failure
 from tests.design.robust_studies import ROOT, TEXT
 from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.design import table as building
+from vsgdesign.design.sweep import cells_file
 from vsgdesign.design.table import BuiltTable, build_table
+from vsgdesign.execution.journal import kept_count, kept_folder
 from vsgdesign.parameters import load_study
-from vsgdesign.pipeline.table import cells_folder
+from vsgdesign.pipeline.table import WORK
 from vsgdesign.stability.gain_table import check_table
 from vsgdesign.stability.safe_place import table_safe_place
 
@@ -100,7 +103,7 @@ def wait_for_cells(process: subprocess.Popen[Any], out: Path, count: int) -> Non
     """Until so many cells are finished, and the folder for them is there: an event, however busy the machine is."""
     end = time.monotonic() + 120.0
     while process.poll() is None and time.monotonic() < end:
-        if cells_folder(out).is_dir() and len(list(cells_folder(out).glob("*.json"))) >= count:
+        if kept_folder(out, WORK).is_dir() and kept_count(out, WORK) >= count:
             return
         time.sleep(0.01)
     pytest.fail(f"the build ended before {count} cells were finished, with {process.poll()}")
@@ -116,7 +119,8 @@ def test_killed_at_any_moment_it_ends_with_the_same_bytes(undisturbed: Path, stu
         process.kill()
         process.communicate(timeout=90.0)
         assert not out.exists()
-    (cells_folder(out) / ".half.json.x").write_bytes(b'{"half')
+    with cells_file(kept_folder(out, WORK)).open("ab") as journal:
+        journal.write(b'{"half')
     done = subprocess.run(command, capture_output=True, text=True, timeout=120.0)
     assert (done.returncode, done.stderr) == (0, "")
     assert out.read_bytes() == undisturbed.read_bytes()
@@ -147,7 +151,7 @@ def test_interruption_keeps_finished_cells(
     wait_for_cells(process, out, 1)
     (os.killpg if whole else os.kill)(process.pid, number)
     stdout, stderr = process.communicate(timeout=90.0)
-    kept = len(list(cells_folder(out).glob("*.json")))
+    kept = kept_count(out, WORK)
     assert (process.returncode, stdout) == (code, "")
     cells = "1 finished cell is" if kept == 1 else f"{kept} finished cells are"
     assert stderr == f"{word}: {cells} kept; the same command continues there\n"
@@ -172,7 +176,7 @@ def test_as_json_and_over_a_table_of_before(
         between=replace(whole.between, points=(bad, *whole.between.points[1:])),
     )
     monkeypatch.setattr(
-        building, "build_table", lambda *_, **__: (cells_folder(undisturbed).mkdir(exist_ok=True), fake)[1]
+        building, "build_table", lambda *_, **__: (kept_folder(undisturbed, WORK).mkdir(exist_ok=True), fake)[1]
     )
     before = undisturbed.read_bytes()
     document = as_json("table", "build", study_file, "--out", undisturbed, "--workers", "1")
@@ -193,11 +197,12 @@ def test_as_json_and_over_a_table_of_before(
 
 def test_fresh_does_not_look_at_old_cells(study_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "table.json"
-    cells_folder(out).mkdir()
-    (cells_folder(out) / "old.json").write_text("{}")
+    kept_folder(out, WORK).mkdir()
+    old = cells_file(kept_folder(out, WORK))
+    old.write_text(f"{hashlib.sha256(b'{}').hexdigest()[:32]} 1 {{}}\n")
 
-    def look(_study: object, _controller: object, folder: Path, **_: object) -> None:
-        assert (folder / "old.json").exists() is not fresh
+    def look(*_: object, **__: object) -> None:
+        assert old.exists() is not fresh
         raise KeyboardInterrupt
 
     monkeypatch.setattr(building, "build_table", look)
@@ -214,13 +219,13 @@ def test_the_second_of_two_builds_says_that_another_is_at_work(
     command = ("table", "build", study_file, "--workers", "1", "--out")
 
     def during(_study: object, _controller: object, folder: Path, **_: object) -> BuiltTable:
-        (folder / "cell.json").write_text("{}")
+        cells_file(folder).write_text("{}")
         for also in (out, tmp_path / "link.json"):
             for fresh in ([], ["--fresh"]):
                 message = failure(2, *command, also, *fresh)
-                assert "is being built by another process" in message
+                assert "is being made by another process" in message
                 assert message.count("\n") == 1
-        assert (folder / "cell.json").exists()
+        assert cells_file(folder).exists()
         return built[1]
 
     monkeypatch.setattr(building, "build_table", during)

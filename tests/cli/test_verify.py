@@ -96,16 +96,16 @@ def test_a_table_is_verified_with_the_errors_of_the_cases(study: Path, tmp_path:
 
 
 def test_an_interruption_says_what_is_kept(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    run = blocks.run_block
+    run = blocks.VerificationJob.run
 
     def stopping(job: Any, number: int) -> Any:
         if number == 1:
             raise KeyboardInterrupt
         return run(job, number)
 
-    monkeypatch.setattr(blocks, "run_block", stopping)
-    monkeypatch.setattr(blocks.Job, "span", lambda _, number: (8 * number, 8))
-    monkeypatch.setattr(blocks.Job, "blocks", range(3))
+    monkeypatch.setattr(blocks.VerificationJob, "run", stopping)
+    monkeypatch.setattr(blocks.VerificationJob, "span", lambda _, number: (8 * number, 8))
+    monkeypatch.setattr(blocks.VerificationJob, "blocks", range(3))
     result = call("verify", study, "--workers", "1", "--out", tmp_path / "out")
     assert result.exit_code == 130
     assert result.stderr == "interrupted: 8 finished runs are kept; the same command continues there\n"

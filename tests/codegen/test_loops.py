@@ -12,7 +12,7 @@ import pytest
 
 from tests.codegen.twins import twin
 from vsgdesign.codegen.llvm import LoopSpec, Program, best_lanes, compiled_loop, empty_rows, flat_block
-from vsgdesign.execution.machine_code import host, instruction_set
+from vsgdesign.codegen.machine_code import host, instruction_set
 
 
 class Moved(NamedTuple):

@@ -17,8 +17,8 @@ from vsgdesign.design.between import check_between, check_points, failing_interv
 from vsgdesign.design.box import scenarios_of_truth
 from vsgdesign.design.evaluation import evaluate
 from vsgdesign.design.figures import worst
-from vsgdesign.design.sweep import each_of
 from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.execution.jobs import each_of
 from vsgdesign.runtime.table import with_node_gains
 
 STUDY = with_specification(scr=(3.0, 6.0, 12.0), x_over_r=(1.0, 2.0, 4.0), overshoot=0.08, settling_time=2.5)

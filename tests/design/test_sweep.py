@@ -22,12 +22,13 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.design import sweep as sweeping
 from vsgdesign.design.cell import CellDesign
 from vsgdesign.design.figures import Figures
-from vsgdesign.design.record import CellRecord, CellTask, read_record, record_document, record_of, write_record
-from vsgdesign.design.sweep import sweep
+from vsgdesign.design.record import CellRecord, CellTask, record_document, record_of
+from vsgdesign.design.sweep import SweepJob, cells_file, sweep
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.errors import ArtifactError, WorkerError
 from vsgdesign.execution import executors
 from vsgdesign.execution.executors import executor_of
+from vsgdesign.execution.journal import Journal
 
 STUDY = robust_study()
 SPEC = specification(STUDY)
@@ -72,8 +73,9 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[CellReco
     return folder, sweep(TASKS, folder)
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+def lines(folder: Path) -> list[bytes]:
+    """The kept cells, whatever their order: that in which they were finished."""
+    return sorted(cells_file(folder).read_bytes().splitlines(keepends=True))
 
 
 def test_finished_cells_are_not_done_again(
@@ -85,15 +87,13 @@ def test_finished_cells_are_not_done_again(
     assert told == [1.0]
 
 
-@pytest.mark.parametrize("damage", [b"", b"{", b"[]", b"null", b'{"key": 3}', b"\xff\xfe"])
+@pytest.mark.parametrize("damage", [b"", b"{", b"[]\n", b"null", b'{"key": 3}\n', b"\xff\xfe"])
 def test_a_damaged_cell_is_designed_again(
     alone: tuple[Path, list[CellRecord]], tmp_path: Path, damage: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, data in contents(alone[0]).items():
-        (tmp_path / name).write_bytes(data)
-    path = tmp_path / f"{TASKS[1].key}.json"
-    path.write_bytes(damage)
-    (tmp_path / f".{TASKS[1].key}.json.abc").write_bytes(b"half")
+    first, second = cells_file(alone[0]).read_bytes().splitlines(keepends=True)
+    path = cells_file(tmp_path)
+    path.write_bytes(first + damage)
     again: list[CellTask] = []
 
     def redo(one: CellTask) -> CellRecord:
@@ -103,7 +103,17 @@ def test_a_damaged_cell_is_designed_again(
     monkeypatch.setattr(sweeping, "run_task", redo)
     assert sweep(TASKS, tmp_path) == alone[1]
     assert again == [TASKS[1]]
-    assert path.read_bytes() == contents(alone[0])[path.name]
+    assert path.read_bytes() == first + second
+
+
+def test_a_cell_of_which_one_digit_was_changed_is_designed_again(
+    alone: tuple[Path, list[CellRecord]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = cells_file(alone[0]).read_bytes().splitlines(keepends=True)
+    cells_file(tmp_path).write_bytes(first + second.replace(b'"scr":6.0', b'"scr":6.5'))
+    monkeypatch.setattr(sweeping, "run_task", lambda _: alone[1][1])
+    assert sweep(TASKS, tmp_path) == alone[1]
+    assert lines(tmp_path) == lines(alone[0])
 
 
 def test_a_cell_of_another_question_is_not_taken(alone: tuple[Path, list[CellRecord]], tmp_path: Path) -> None:
@@ -118,22 +128,22 @@ def test_a_cell_of_another_question_is_not_taken(alone: tuple[Path, list[CellRec
     }
     assert len(keys) == 6
     assert replace(TASKS[0], spec=replace(SPEC, scr=(3.0, 4.0, 6.0))).key == TASKS[0].key
-    write_record(tmp_path, other.key, alone[1][0])
-    (tmp_path / f"{other.key}.json").rename(tmp_path / f"{TASKS[0].key}.json")
-    assert read_record(tmp_path, TASKS[0].key) is None
+    (tmp_path / cells_file(alone[0]).name).write_bytes(cells_file(alone[0]).read_bytes())
+    job = SweepJob({other.key: other})
+    assert job.left(Journal(job, cells_file(tmp_path)).whole) == [other.key]
 
 
 def test_a_dask_cluster_gives_the_same_bytes(alone: tuple[Path, list[CellRecord]], tmp_path: Path) -> None:
     with executor_of(1, "local") as executor:
         assert executor is not None
         assert sweep(TASKS, tmp_path, executor) == alone[1]
-    assert contents(tmp_path) == contents(alone[0])
+    assert lines(tmp_path) == lines(alone[0])
 
 
 class OneWorks(ThreadPoolExecutor):
     """The first call is done, the second has the fault."""
 
-    def __init__(self, done: CellRecord, fault: BaseException) -> None:
+    def __init__(self, done: dict[str, Any], fault: BaseException) -> None:
         super().__init__(1)
         self._made: list[Any] = [done, fault]
 
@@ -155,16 +165,17 @@ class OneWorks(ThreadPoolExecutor):
 def test_what_is_finished_beside_a_fault_is_kept(
     alone: tuple[Path, list[CellRecord]], tmp_path: Path, fault: BaseException, raised: type[BaseException], says: str
 ) -> None:
-    with pytest.raises(raised, match=says), OneWorks(alone[1][0], fault) as executor:
+    done = {TASKS[0].key: plain(record_document(alone[1][0]))}
+    with pytest.raises(raised, match=says), OneWorks(done, fault) as executor:
         sweep(TASKS, tmp_path, executor)
-    name = f"{TASKS[0].key}.json"
-    assert contents(tmp_path) == {name: contents(alone[0])[name]}
+    assert lines(tmp_path) == [one for one in lines(alone[0]) if TASKS[0].key.encode() in one]
 
 
 def test_a_folder_that_cannot_be_is_named(tmp_path: Path, alone: tuple[Path, list[CellRecord]]) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(ArtifactError, match=r"cannot write to.*finished cells"):
-        write_record(tmp_path / "file", "key", alone[1][0])
+    job = SweepJob(dict(zip([task.key for task in TASKS], TASKS, strict=True)))
+    with pytest.raises(ArtifactError, match=r"cannot write .*file"):
+        Journal(job, tmp_path / "file" / "cells.jsonl").add({TASKS[0].key: plain(record_document(alone[1][0]))})
 
 
 @pytest.mark.parametrize("address", ["nonsense://x", "127.0.0.1:1"])

@@ -14,6 +14,7 @@ import pytest
 from tests.simulation.studies import lc_study, lcl_study
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, StudyError
 from vsgdesign.estimator import windows as module
+from vsgdesign.estimator.blocks import WORK
 from vsgdesign.estimator.data_set import DataSet, read_data_set
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, log_uniform, one_of, uniform
 from vsgdesign.estimator.windows import generate_windows
@@ -182,9 +183,9 @@ def test_an_interrupted_call_is_taken_up(tmp_path: Path, monkeypatch: pytest.Mon
         with pytest.raises(KeyboardInterrupt):
             generate_windows(STUDY, SMALL, 7, out=out)
     assert not out.exists()
-    (parts,) = tmp_path.iterdir()
-    assert sorted(path.name for path in parts.iterdir()) == ["0.npz", "1.npz"]
-    (parts / "1.npz").write_bytes((parts / "1.npz").read_bytes()[:-100])  # the kill came while it was written
+    (journal,) = kept_folder(out, WORK).glob("*.jsonl")
+    assert kept_count(out, WORK) == 2
+    journal.write_bytes(journal.read_bytes()[:-100])  # the kill came while it was written
     with monkeypatch.context() as patch:
         other = counting(patch)
         generate_windows(STUDY, SMALL, 8, out=tmp_path / "other.npz")

@@ -11,7 +11,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.simulation.lanes.results import STATUSES
-from vsgdesign.verification.blocks import Batch, Job, SingleRun
+from vsgdesign.verification.blocks import Batch, SingleRun, VerificationJob
 from vsgdesign.verification.counting import MapAxes
 from vsgdesign.verification.promises import Promise
 
@@ -121,7 +121,7 @@ def simulated(path: Any, ready: Any) -> SingleRun:
 BATCH = Batch(draw, cases_of, run, where, written, simulated)
 
 
-def job(study: Study, runs: int, **changed: Any) -> Job:
+def job(study: Study, runs: int, **changed: Any) -> VerificationJob:
     """A job over the stand-in."""
     parts: dict[str, Any] = {
         "spec": study.controllers[-1],
@@ -131,4 +131,4 @@ def job(study: Study, runs: int, **changed: Any) -> Job:
         "axes": AXES,
         "batch": BATCH,
     }
-    return Job(study=study, runs=runs, **(parts | changed))
+    return VerificationJob(study=study, runs=runs, **(parts | changed))

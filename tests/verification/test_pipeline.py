@@ -13,11 +13,11 @@ from tests.verification import stand_in
 from tests.verification.test_summary import STUDY
 from vsgdesign import report
 from vsgdesign.errors import ArtifactError, StudyError
+from vsgdesign.execution.journal import kept_count, kept_folder
 from vsgdesign.parameters import study_from_text
 from vsgdesign.pipeline import verify
-from vsgdesign.pipeline.verify import Asked, check_verifiable, merge_shards, verify_study
-from vsgdesign.verification import blocks
-from vsgdesign.verification.journal import journal_folder, kept_runs
+from vsgdesign.pipeline.verify import WORK, Asked, check_verifiable, merge_shards, verify_study
+from vsgdesign.verification.blocks import VerificationJob
 from vsgdesign.verification.shards import Shard
 
 RUNS = 1000
@@ -62,11 +62,11 @@ def test_the_folder_says_what_was_counted(whole: Path) -> None:
     assert document["families"]["step"]["promises"]["settling"]["broken"] == sum(
         "settling" in case["promises"] for case in document["broken_cases"]
     )
-    assert not journal_folder(whole).exists()
+    assert not kept_folder(whole, WORK).exists()
 
 
 def test_an_interruption_loses_nothing(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    out, run, made = tmp_path / "out", blocks.run_block, []
+    out, run, made = tmp_path / "out", VerificationJob.run, []
 
     def stopping(job: Any, number: int) -> Any:
         if len(made) == 5:
@@ -74,19 +74,19 @@ def test_an_interruption_loses_nothing(whole: Path, tmp_path: Path, monkeypatch:
         made.append(number)
         return run(job, number)
 
-    monkeypatch.setattr(blocks, "run_block", stopping)
+    monkeypatch.setattr(VerificationJob, "run", stopping)
     with pytest.raises(KeyboardInterrupt):
         verify_study(STUDY, out, ASKED, workers=1)
     assert not out.exists()
-    assert kept_runs(out) == 5 * 64
-    monkeypatch.setattr(blocks, "run_block", lambda job, number: made.append(number) or run(job, number))
+    assert kept_count(out, WORK) == 5 * 64
+    monkeypatch.setattr(VerificationJob, "run", lambda job, number: made.append(number) or run(job, number))
     verify_study(STUDY, out, ASKED, workers=1)
     assert sorted(made) == list(range(16))
     assert counts(out) == counts(whole)
 
 
 def test_a_table_that_was_designed_for_it_goes_with_the_blocks(tmp_path: Path) -> None:
-    beside = journal_folder(tmp_path / "out")
+    beside = kept_folder(tmp_path / "out", WORK)
     beside.mkdir()
     (beside / "study.one.table.json").write_text("{}")
     verify_study(STUDY, tmp_path / "out", ASKED, workers=1)
@@ -94,7 +94,7 @@ def test_a_table_that_was_designed_for_it_goes_with_the_blocks(tmp_path: Path) -
 
 
 def test_a_fresh_start_forgets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    out, run, made = tmp_path / "out", blocks.run_block, []
+    out, run, made = tmp_path / "out", VerificationJob.run, []
 
     def stopping(job: Any, number: int) -> Any:
         if len(made) == 2:
@@ -102,7 +102,7 @@ def test_a_fresh_start_forgets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         made.append(number)
         return run(job, number)
 
-    monkeypatch.setattr(blocks, "run_block", stopping)
+    monkeypatch.setattr(VerificationJob, "run", stopping)
     for _ in range(2):
         made.clear()
         with pytest.raises(KeyboardInterrupt):

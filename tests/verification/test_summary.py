@@ -15,13 +15,16 @@ import pytest
 
 from tests.verification import stand_in
 from vsgdesign.errors import ArtifactError
+from vsgdesign.execution import jobs
+from vsgdesign.execution.jobs import parts_done
+from vsgdesign.execution.journal import Journal, journal_of, kept_folder
 from vsgdesign.execution.processes import worker_processes
 from vsgdesign.parameters import load_study
+from vsgdesign.pipeline.verify import WORK
 from vsgdesign.simulation.lanes.results import STATUSES
-from vsgdesign.verification.blocks import run_block, run_blocks
+from vsgdesign.verification.blocks import VerificationJob
 from vsgdesign.verification.counting import judged_values, last_grids
 from vsgdesign.verification.histogram import QUANTILE_ERROR, binned, merged_bins, quantile
-from vsgdesign.verification.journal import Journal, journal_folder, journal_of
 from vsgdesign.verification.promises import FIGURES
 from vsgdesign.verification.summary import BROKEN, MAP, WORST, Summary, summary_document, summary_of
 
@@ -37,7 +40,7 @@ def text(summary: Summary) -> str:
 
 @pytest.fixture(scope="module")
 def blocks() -> list[Summary]:
-    return [run_block(JOB, number) for number in JOB.blocks]
+    return [JOB.run(number) for number in JOB.blocks]
 
 
 @pytest.fixture(scope="module")
@@ -111,43 +114,45 @@ def test_summaries_come_back(whole: Summary) -> None:
     assert text(summary_of(json.loads(text(whole)))) == text(whole)
 
 
-def test_two_processes_give_the_same_bytes(whole: Summary) -> None:
+def test_two_processes_give_the_same_bytes(whole: Summary, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, "AHEAD", 3)
     with worker_processes(2) as pool:
-        found = reduce(Summary.merged, run_blocks(JOB, JOB.blocks, pool, ahead=3))
+        found = reduce(Summary.merged, (part for _, part in parts_done(JOB, JOB.blocks, pool)))
     assert text(found) == text(whole)
 
 
 def test_a_summary_does_not_grow_with_the_runs() -> None:
     harsh = (replace(stand_in.PROMISES[0], limit=0.02),)  # six steps of ten break it
     jobs = (stand_in.job(STUDY, n, block=n, promises=harsh) for n in (20_000, 60_000))
-    one, two = (len(text(run_block(job, 0))) for job in jobs)
+    one, two = (len(text(job.run(0))) for job in jobs)
     assert BROKEN * 50 < one < 300_000
     assert two < 1.05 * one
 
 
 def test_a_torn_journal_loses_the_torn_line_alone(blocks: list[Summary], whole: Summary, tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
-    journal = Journal(path)
+    journal = Journal(JOB, path)
     for summary in blocks[:5]:
         journal.add(summary)
     content = path.read_bytes()
     last = content.rstrip(b"\n").rfind(b"\n") + 1
     for cut in (last, last + 1, (last + len(content)) // 2, len(content) - 1):
         path.write_bytes(content[:cut])
-        again = Journal(path)
-        assert again.summary.blocks == (0, 1, 2, 3)
+        again = Journal(JOB, path)
+        assert again.whole.blocks == (0, 1, 2, 3)
         for summary in blocks[4:]:
             again.add(summary)
-        assert text(Journal(path).summary) == text(whole)
+        assert text(Journal(JOB, path).whole) == text(whole)
 
 
 def test_a_long_journal_is_written_anew(blocks: list[Summary], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("vsgdesign.verification.journal._LINES", 3)
-    journal = Journal(tmp_path / "journal.jsonl")
+    monkeypatch.setattr(type(JOB), "most_lines", 3)
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(JOB, path)
     for summary in blocks:
         journal.add(summary)
-    assert len(journal.path.read_text().splitlines()) <= 3
-    assert text(Journal(journal.path).summary) == text(journal.summary)
+    assert len(path.read_text().splitlines()) <= 3
+    assert text(Journal(JOB, path).whole) == text(journal.whole)
 
 
 def test_a_job_is_found_again_by_another_process() -> None:
@@ -163,16 +168,16 @@ def test_a_job_is_found_again_by_another_process() -> None:
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with journal_of(out, JOB.key), pytest.raises(ArtifactError, match="another process"), journal_of(out, JOB.key):
+    with journal_of(JOB, out, WORK), pytest.raises(ArtifactError, match="another process"), journal_of(JOB, out, WORK):
         pytest.fail("both at work")
-    assert not journal_folder(out).exists()
+    assert not kept_folder(out, WORK).exists()
 
 
-def interrupted(out: Path, key: str, summary: Summary | None = None) -> Summary:
+def interrupted(out: Path, job: VerificationJob, summary: Summary | None = None) -> Summary:
     """What a job finds; it adds something and is interrupted."""
     found = Summary()
-    with suppress(KeyboardInterrupt), journal_of(out, key) as journal:
-        found = journal.summary
+    with suppress(KeyboardInterrupt), journal_of(job, out, WORK) as journal:
+        found = journal.whole
         if summary is not None:
             journal.add(summary)
         raise KeyboardInterrupt
@@ -181,12 +186,12 @@ def interrupted(out: Path, key: str, summary: Summary | None = None) -> Summary:
 
 def test_what_is_finished_is_kept_for_its_own_job_alone(blocks: list[Summary], tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert interrupted(out, JOB.key, blocks[0]).blocks == ()
-    assert interrupted(out, stand_in.job(STUDY, RUNS + 1).key).blocks == ()
-    assert interrupted(out, JOB.key).blocks == (0,)
-    with journal_of(out, JOB.key, fresh=True) as journal:
-        assert journal.summary.blocks == ()
-    assert not journal_folder(out).exists()
+    assert interrupted(out, JOB, blocks[0]).blocks == ()
+    assert interrupted(out, stand_in.job(STUDY, RUNS + 1)).blocks == ()
+    assert interrupted(out, JOB).blocks == (0,)
+    with journal_of(JOB, out, WORK, fresh=True) as journal:
+        assert journal.whole.blocks == ()
+    assert not kept_folder(out, WORK).exists()
 
 
 def test_quantiles_are_never_too_small_and_by_a_percent_too_large() -> None:

@@ -30,6 +30,40 @@ STUDY = click.argument("study_file", metavar="STUDY.toml", type=click.Path())
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
 BRIDGE = click.option("--bridge", type=click.Choice(["averaged", "pwm"]), help="Override the study's bridge model.")
 
+WORKERS = click.option(
+    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
+)
+_CLUSTER = click.option(
+    "--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").'
+)
+_RESUME = click.option(
+    "--resume/--fresh", default=True, help="Continue interrupted work, or begin again.  [default: resume]"
+)
+
+
+def in_blocks(function: Callable[..., None]) -> Callable[..., None]:
+    """Give a verb the options of work in blocks, that several processes share and that continues after an
+    interruption. It gets them as one argument ``how`` (:class:`vsgdesign.execution.executors.How`)."""
+
+    @WORKERS
+    @_CLUSTER
+    @_RESUME
+    @wraps(function)
+    def wrapped(*args: Any, workers: int | None, cluster: str | None, resume: bool, **kwargs: Any) -> None:
+        if cluster not in (None, "local") and workers is not None:
+            raise click.UsageError(
+                "--workers sets the processes of this machine; a cluster at an address has its own workers"
+            )
+        how = {"workers": workers, "cluster": cluster, "fresh": not resume, "say": echo_aside}
+        function(*args, how=how, **kwargs)
+
+    return wrapped
+
+
+def echo_aside(sentence: str) -> None:
+    """Print a sentence on standard error, beside the result."""
+    click.echo(sentence, err=True)
+
 
 def _exit_code(error: VsgDesignError) -> int:
     from vsgdesign.errors import ArtifactError, StudyError
@@ -89,8 +123,11 @@ def results_at(place: str | Path, kept: Callable[[], str] = lambda: "nothing was
         raise Interrupted(kept()) from None
 
 
-def kept_words(count: int, what: str) -> str:
-    """What is said of so many finished things ("test") that are kept."""
+def kept_words(place: str | Path, work: str, what: str) -> str:
+    """What is said of the finished things ("test") that some work keeps beside the place of its results."""
+    from vsgdesign.execution.journal import kept_count
+
+    count = kept_count(place, work)
     if not count:
         return "nothing was written"
     what = f"1 finished {what} is" if count == 1 else f"{count:,} finished {what}s are"
@@ -145,15 +182,12 @@ def load(study_file: str, quiet: bool = False, *, left_tables: bool = False) -> 
     """
     from vsgdesign.pipeline.opening import open_study
 
-    def say(sentence: str) -> None:
-        click.echo(sentence, err=True)
-
     with progress(quiet) as report:
-        study = open_study(study_file, progress=report, say=say)
+        study = open_study(study_file, progress=report, say=echo_aside)
     if left_tables:
         from vsgdesign.pipeline.kept_tables import with_left_tables
 
-        study = with_left_tables(study, say=say)
+        study = with_left_tables(study, say=echo_aside)
     return study
 
 

@@ -2,9 +2,25 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
-from vsgdesign.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, kept_words, load, print_json, progress, results_at, verb
+from vsgdesign.cli.common import (
+    EXIT_IMPOSSIBLE,
+    JSON,
+    STUDY,
+    in_blocks,
+    kept_words,
+    load,
+    print_json,
+    progress,
+    results_at,
+    verb,
+)
+
+if TYPE_CHECKING:
+    from vsgdesign.execution.executors import How
 
 
 @click.command()
@@ -32,10 +48,7 @@ from vsgdesign.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, kept_words, load,
     show_default=True,
     help="Which rows of the matrix to write as study files.",
 )
-@click.option(
-    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
-)
-@click.option("--resume/--fresh", default=True, help="Continue an interrupted run, or begin again.  [default: resume]")
+@in_blocks
 @click.option("--strict", is_flag=True, help="End with exit code 1 if a test fails.")
 @JSON
 @verb
@@ -46,8 +59,7 @@ def comply(
     out: str | None,
     maps: bool,
     cases: str,
-    workers: int | None,
-    resume: bool,
+    how: How,
     strict: bool,
     as_json: bool,
 ) -> None:
@@ -58,22 +70,18 @@ def comply(
     """
     from pathlib import Path
 
-    from vsgdesign.compliance.journal import kept_rows
-    from vsgdesign.pipeline.comply import ALL, Asked, comply_study, suites_of
+    from vsgdesign.pipeline.comply import ALL, WORK, Asked, comply_study, suites_of
 
     suites_of(suites or (ALL,))  # what is wrong with a suite is said before the inner loops are designed
     study = load(study_file, quiet=as_json)
     folder = Path("out") / f"{study.name}-compliance" if out is None else Path(out)
     asked = Asked(suites=suites or (ALL,), controllers=controllers, maps=maps, cases=cases, file=study_file)
 
-    def kept() -> str:
-        return kept_words(kept_rows(folder), "test")
-
-    with results_at(folder, kept):
+    if as_json:
+        how = {**how, "say": None}
+    with results_at(folder, lambda: kept_words(folder, WORK, "test")):
         with progress(quiet=as_json) as tell:
-            document = comply_study(
-                study, folder, asked, workers=workers, fresh=not resume, progress=tell, say=None if as_json else _say
-            )
+            document = comply_study(study, folder, asked, progress=tell, **how)
         if as_json:
             print_json(document)
         else:
@@ -84,7 +92,3 @@ def comply(
             click.echo(f"report: {page}")
     if strict and any(one["fail"] for one in document["summary"]):
         raise SystemExit(EXIT_IMPOSSIBLE)
-
-
-def _say(sentence: str) -> None:
-    click.echo(sentence, err=True)

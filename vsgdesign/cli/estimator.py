@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from vsgdesign.cli.common import JSON, STUDY, load, print_json, progress, results_at, verb
+from vsgdesign.cli.common import JSON, STUDY, WORKERS, in_blocks, load, print_json, progress, results_at, verb
 from vsgdesign.errors import counted
+
+if TYPE_CHECKING:
+    from vsgdesign.execution.executors import How
 
 _RECIPE = click.option(
     "--recipe",
@@ -24,7 +27,6 @@ _SEED = click.option(
     default=None,
     help="Seed of all random draws.  [default: that of the study, else 0]",
 )
-_WORKERS = click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Number of processes.")
 
 
 @click.group()
@@ -37,10 +39,10 @@ def estimator() -> None:
 @_RECIPE
 @click.option("--out", required=True, metavar="FILE.npz", help="File for the windows.")
 @_SEED
-@_WORKERS
+@in_blocks
 @JSON
 @verb
-def windows(study_file: str, recipe: str | None, out: str, seed: int | None, workers: int, as_json: bool) -> None:
+def windows(study_file: str, recipe: str | None, out: str, seed: int | None, how: How, as_json: bool) -> None:
     """Make a data set of windows from EMT simulations.
 
     The same command continues after an interruption.
@@ -57,7 +59,7 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
     with results_at(out, _kept(out, "blocks", whole=False)):
         drawn_from = spec.seed if seed is None else seed
         with progress(quiet=as_json) as tell:
-            data = generate_windows(study, made_of, drawn_from, out=out, workers=workers, progress=tell)
+            data = generate_windows(study, made_of, drawn_from, out=out, progress=tell, **how)
         scenarios, sampled = made_of.scenarios, with_sampling(made_of, study.converter)
         if as_json:
             print_json(
@@ -108,7 +110,7 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, wor
     metavar="FOLDER",
     help="Folder for a report with figures. Only for the recipe field.",
 )
-@_WORKERS
+@in_blocks
 @JSON
 @verb
 def train(
@@ -120,7 +122,7 @@ def train(
     components: int | None,
     windows: str | None,
     report: str | None,
-    workers: int,
+    how: How,
     as_json: bool,
 ) -> None:
     """Train a network on simulated windows, and write its weights.
@@ -140,16 +142,14 @@ def train(
     if is_field_recipe(spec.recipe):
         with results_at(out, _kept(windows, "runs")):
             with progress(quiet=as_json) as tell:
-                document = train_field_weights_file(
-                    study, spec, out, runs=windows, report=report, workers=workers, progress=tell
-                )
+                document = train_field_weights_file(study, spec, out, runs=windows, report=report, progress=tell, **how)
             _echo_field(document, report, as_json)
         return
     if report is not None:
         raise click.UsageError("--report: only the recipe field has one. Leave it out.")
     with results_at(out, _kept(windows, "windows")):
         with progress(quiet=as_json) as tell:
-            document = train_weights_file(study, spec, out, windows=windows, workers=workers, progress=tell)
+            document = train_weights_file(study, spec, out, windows=windows, progress=tell, **how)
         _echo_trained(document, out, as_json)
 
 
@@ -246,7 +246,7 @@ _SENSORS = click.option(
 @_SEED
 @_BACKGROUND
 @_SENSORS
-@_WORKERS
+@WORKERS
 @JSON
 @verb
 def compare(
@@ -257,7 +257,7 @@ def compare(
     seed: int | None,
     background: str | None,
     sensors: str | None,
-    workers: int,
+    workers: int | None,
     as_json: bool,
 ) -> None:
     """Compare classical methods and networks on the same windows.
@@ -279,7 +279,7 @@ def compare(
 @_SEED
 @_BACKGROUND
 @_SENSORS
-@_WORKERS
+@WORKERS
 @JSON
 @verb
 def stress(
@@ -290,7 +290,7 @@ def stress(
     seed: int | None,
     background: str | None,
     sensors: str | None,
-    workers: int,
+    workers: int | None,
     as_json: bool,
 ) -> None:
     """Test the same methods in conditions they were not trained for.

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
-from vsgdesign.cli.common import JSON, STUDY, keeping, load, print_json, progress, verb
+from vsgdesign.cli.common import JSON, STUDY, in_blocks, keeping, load, print_json, progress, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.execution.executors import How
 
 
 @click.command()
@@ -27,9 +32,7 @@ from vsgdesign.cli.common import JSON, STUDY, keeping, load, print_json, progres
 @click.option(
     "--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True, help="Bridge model."
 )
-@click.option(
-    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
-)
+@in_blocks
 @JSON
 @verb
 def survive(
@@ -38,7 +41,7 @@ def survive(
     controllers: tuple[str, ...],
     limiters: tuple[str, ...],
     bridge: str,
-    workers: int | None,
+    how: How,
     as_json: bool,
 ) -> None:
     """Send the controllers through jumps, faults and phase steps.
@@ -60,8 +63,8 @@ def survive(
                 controllers=controllers or None,
                 limiters=limiters or None,
                 bridge=bridge,
-                workers=workers,
                 progress=tell,
+                **how,
             )
         if as_json:
             print_json(document)

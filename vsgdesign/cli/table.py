@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +11,7 @@ from vsgdesign.cli.common import (
     EXIT_IMPOSSIBLE,
     JSON,
     STUDY,
+    in_blocks,
     kept_words,
     load,
     print_json,
@@ -17,6 +19,9 @@ from vsgdesign.cli.common import (
     results_at,
     verb,
 )
+
+if TYPE_CHECKING:
+    from vsgdesign.execution.executors import How
 
 _FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
 
@@ -37,10 +42,7 @@ def table() -> None:
 @click.option(
     "--out", default=None, metavar="FILE.json", help="File for the table.  [default: out/STUDY-CONTROLLER.json]"
 )
-@click.option(
-    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
-)
-@click.option("--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").')
+@in_blocks
 @click.option(
     "--points",
     type=click.IntRange(1),
@@ -55,18 +57,15 @@ def table() -> None:
     metavar="N",
     help="Also verify the table in N random EMT cases. Its file keeps the result.",
 )
-@click.option("--fresh", is_flag=True, help="Begin again, and do not use the finished cells of an interrupted build.")
 @JSON
 @verb
 def build(
     study_file: str,
     controller: str | None,
     out: str | None,
-    workers: int | None,
-    cluster: str | None,
+    how: How,
     points: int | None,
     verify: int | None,
-    fresh: bool,
     as_json: bool,
 ) -> None:
     """Design a table for the study's [specification].
@@ -76,31 +75,22 @@ def build(
     """
     from pathlib import Path
 
-    from vsgdesign.pipeline.table import build_table_file, cells_folder
+    from vsgdesign.pipeline.table import WORK, build_table_file
 
-    if cluster not in (None, "local") and workers is not None:
-        raise click.UsageError(
-            "--workers sets the processes of this machine; a cluster at an address has its own workers"
-        )
     study = load(study_file)
     default = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
     file = default if out is None else Path(out)
 
-    def kept() -> str:
-        return kept_words(len(list(cells_folder(file).glob("*.json"))), "cell")
-
-    with results_at(file, kept):
+    with results_at(file, lambda: kept_words(file, WORK, "cell")):
         with progress(quiet=as_json) as tell:
             document = build_table_file(
                 study,
                 file,
                 controller=controller,
-                workers=workers,
-                cluster=cluster,
-                fresh=fresh,
                 points=points,
                 verify=verify or 0,
                 progress=tell,
+                **how,
             )
         if as_json:
             print_json(document)

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.cli.common import JSON, kept_words, load, print_json, progress, results_at, verb
+from vsgdesign.cli.common import JSON, in_blocks, kept_words, load, print_json, progress, results_at, verb
 
 if TYPE_CHECKING:
+    from vsgdesign.execution.executors import How
     from vsgdesign.verification.shards import Shard
 
 
@@ -53,10 +54,7 @@ def _shard(_context: click.Context, _parameter: click.Parameter, text: str | Non
     help="Number of further runs that search for worse cases. They do not count in the shares.  "
     "[default: 5 % of the runs]",
 )
-@click.option(
-    "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
-)
-@click.option("--cluster", default=None, metavar="local|ADDRESS", help='A Dask cluster (needs the extra "cluster").')
+@in_blocks
 @click.option(
     "--shard",
     callback=_shard,
@@ -71,9 +69,6 @@ def _shard(_context: click.Context, _parameter: click.Parameter, text: str | Non
     type=click.Path(),
     help="Read the parts in this folder instead of simulating. May be repeated.",
 )
-@click.option(
-    "--resume/--fresh", default=True, help="Continue an interrupted verification, or begin again.  [default: resume]"
-)
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-verification]")
 @JSON
 @verb
@@ -87,11 +82,9 @@ def verify(
     bridge: str,
     strict: bool,
     search: int | None,
-    workers: int | None,
-    cluster: str | None,
+    how: How,
     shard: Shard | None,
     merge: tuple[str, ...],
-    resume: bool,
     out: str | None,
     as_json: bool,
 ) -> None:
@@ -102,11 +95,10 @@ def verify(
     """
     from pathlib import Path
 
-    from vsgdesign.pipeline.verify import Asked, check_verifiable, merge_shards, verify_study, with_table
+    from vsgdesign.pipeline.verify import WORK, Asked, check_verifiable, merge_shards, verify_study, with_table
     from vsgdesign.simulation.lanes.telling import alone_because
-    from vsgdesign.verification.journal import kept_runs
 
-    _check_options(file, study_file, cluster, workers, shard is not None, merge, (controller, runs, seed))
+    _check_options(file, study_file, shard is not None, merge, (controller, runs, seed, how.get("cluster")))
     study = load(file if study_file is None else study_file, left_tables=study_file is None)
     if study_file is not None:
         study, controller = with_table(study, file, controller)
@@ -118,17 +110,12 @@ def verify(
     if not merge and (reason := alone_because(check_verifiable(study, asked), bridge)):
         click.echo(reason, err=True)
 
-    def kept() -> str:
-        return kept_words(kept_runs(folder), "run")
-
-    with results_at(folder, kept):
+    with results_at(folder, lambda: kept_words(folder, WORK, "run")):
         with progress(quiet=as_json) as tell:
             if merge:
-                document = merge_shards(study, merge, folder, asked, workers=workers, progress=tell)
+                document = merge_shards(study, merge, folder, asked, workers=how.get("workers"), progress=tell)
             else:
-                document = verify_study(
-                    study, folder, asked, workers=workers, cluster=cluster, shard=shard, fresh=not resume, progress=tell
-                )
+                document = verify_study(study, folder, asked, shard=shard, progress=tell, **how)
         if as_json:
             print_json(document)
         elif shard is not None:
@@ -144,16 +131,10 @@ def verify(
 def _check_options(
     file: str,
     study_file: str | None,
-    cluster: str | None,
-    workers: int | None,
     sharded: bool,
     merge: tuple[str, ...],
     of_runs: tuple[object, ...],
 ) -> None:
-    if cluster not in (None, "local") and workers is not None:
-        raise click.UsageError(
-            "--workers sets the processes of this machine; a cluster at an address has its own workers"
-        )
     if study_file is None and file.lower().endswith(".json"):
         problem = (
             f"{file} is no study. If it is a gain table, --study names the study with whose converter it is verified"
@@ -161,5 +142,5 @@ def _check_options(
         raise click.UsageError(problem)
     if merge and sharded:
         raise click.UsageError("--shard runs a part, --merge puts parts together: give one of them")
-    if merge and any(value is not None for value in (*of_runs, cluster)):
+    if merge and any(value is not None for value in of_runs):
         raise click.UsageError("--controller, --runs, --seed and --cluster are those of the shards that --merge reads")

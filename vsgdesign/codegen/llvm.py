@@ -16,7 +16,7 @@ from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.llvm_loop import NAME, loop_text
 from vsgdesign.codegen.loop_call import Loop, Program, StandingLoop
 from vsgdesign.codegen.loop_spec import LoopSpec
-from vsgdesign.execution.machine_code import compiled, instruction_set
+from vsgdesign.codegen.machine_code import compiled, instruction_set
 
 __all__ = [
     "Block",

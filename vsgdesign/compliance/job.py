@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,17 +19,19 @@ from vsgdesign.compliance.matrix import judged_test
 from vsgdesign.compliance.subject import Subject
 from vsgdesign.compliance.suite import Suite, SuiteTest
 from vsgdesign.compliance.thinning import thinned
-from vsgdesign.equations.structures import STRUCTURES, Structure
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.jobs import Job
 from vsgdesign.parameters.study import Study
 
 BLOCK = 16
 """Runs of a block where nothing is said: half a second to a second of work."""
 
+RUNS = "tests"
+"""What progress calls the runs."""
+
 
 @dataclass(frozen=True, kw_only=True)
-class SuiteJob:
+class SuiteJob(Job[int, dict[str, Any]]):
     """What is run: everything that the rows depend on. It can be sent to another process."""
 
     study: Study
@@ -42,8 +44,8 @@ class SuiteJob:
     """Runs of a block."""
     maps: tuple[str, ...] = ()
     """Survival maps that are drawn of every controller: names of :data:`vsgdesign.compliance.maps.KINDS`."""
-    structures: tuple[Structure, ...] = field(default_factory=lambda: tuple(STRUCTURES.added))
-    """Structures that were added to the project's own: a fresh process does not know them."""
+
+    what = RUNS
 
     @cached_property
     def items(self) -> tuple[tuple[int, int, int], ...]:
@@ -56,18 +58,15 @@ class SuiteJob:
         )
 
     @property
-    def blocks(self) -> range:
-        """Numbers of all blocks: those of rows, and then one for each map of each controller."""
-        return range(self._of_rows + len(self.maps) * len(self.study.controllers))
+    def blocks(self) -> list[int]:
+        """Numbers of all blocks: those of rows, and then one for each map of each controller. A map is begun first,
+        because it takes longer than a block of rows."""
+        rows, maps = self._of_rows, len(self.maps) * len(self.study.controllers)
+        return [*range(rows, rows + maps), *range(rows)]
 
     @property
     def _of_rows(self) -> int:
         return -(-len(self.items) // self.block)
-
-    @property
-    def order(self) -> list[int]:
-        """The blocks in the order in which they are begun: a map takes longer than a block of rows."""
-        return [*self.blocks[self._of_rows :], *self.blocks[: self._of_rows]]
 
     def map_of(self, number: int) -> tuple[str, int] | None:
         """Kind and controller of the map that a block is; None for a block of rows."""
@@ -87,6 +86,29 @@ class SuiteJob:
         spec = self.study.controllers[controller]
         return Subject(study=self.study, spec=spec, ready=Ready(tables=self.tables))
 
+    def run(self, number: int) -> dict[str, Any]:
+        """What a block gives under its number: ``rows``, whose traces are written to the folder of the job, or a
+        ``map``. A map that cannot be drawn is a ``note`` that says why."""
+        of_map = self.map_of(number)
+        if of_map is not None:
+            return {str(number): {"rows": [], **_drawn(self, *of_map)}}
+        rows = []
+        subjects = [self.subject(k) for k in range(len(self.study.controllers))]
+        for suite, test, k in self.tests_of(number):
+            judged = judged_test(subjects[k], suite, test)
+            row = judged.row
+            if judged.evidence is not None:
+                row = replace(row, csv=csv_path(suite.name, test.id, row.controller))
+                path = Path(self.folder) / str(row.csv)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_evidence(path, thinned(judged.evidence, _instants(test)))
+            rows.append(plain(asdict(row)))
+        return {str(number): {"rows": rows}}
+
+    def count(self, part: dict[str, Any]) -> int:
+        """The rows of some blocks."""
+        return sum(len(block["rows"]) for block in part.values())
+
     @property
     def key(self) -> str:
         """Hash of everything that a row depends on, the source of the package included."""
@@ -98,34 +120,10 @@ class SuiteJob:
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
-def run_block(job: SuiteJob, number: int) -> dict[str, Any]:
-    """What a block gives in JSON's types: ``rows``, whose traces are written to the folder of the job, or a ``map``.
-    A map that cannot be drawn is a ``note`` that says why."""
-    for structure in job.structures:
-        STRUCTURES.register(structure)
-    of_map = job.map_of(number)
-    if of_map is not None:
-        return {"block": number, "rows": [], **_drawn(job, *of_map)}
-    rows = []
-    with one_thread():
-        subjects = [job.subject(k) for k in range(len(job.study.controllers))]
-        for suite, test, k in job.tests_of(number):
-            judged = judged_test(subjects[k], suite, test)
-            row = judged.row
-            if judged.evidence is not None:
-                row = replace(row, csv=csv_path(suite.name, test.id, row.controller))
-                path = Path(job.folder) / str(row.csv)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_evidence(path, thinned(judged.evidence, _instants(test)))
-            rows.append(plain(asdict(row)))
-    return {"block": number, "rows": rows}
-
-
 def _drawn(job: SuiteJob, kind: str, controller: int) -> dict[str, Any]:
     subject = job.subject(controller)
     try:
-        with one_thread():
-            found = survival_map(kind, Mapped(study=subject.study, spec=subject.spec, ready=subject.ready))
+        found = survival_map(kind, Mapped(study=subject.study, spec=subject.spec, ready=subject.ready))
     except InfeasibleStudyError as error:
         return {"note": f"There is no survival map ({kind}) of {subject.spec.name}: {error}"}
     return {"map": plain(found.document())}
@@ -134,3 +132,8 @@ def _drawn(job: SuiteJob, kind: str, controller: int) -> dict[str, Any]:
 def _instants(test: SuiteTest) -> list[float]:
     """When something changes suddenly, and when a ramp ends, s."""
     return sorted({t for event in test.events for t in (event.t_s, event.t_s + event.over_s)})
+
+
+def in_order(whole: dict[str, Any], name: str) -> list[Any]:
+    """What the finished blocks have under a name, in the order of the blocks."""
+    return [whole[number][name] for number in sorted(whole, key=int) if name in whole[number]]

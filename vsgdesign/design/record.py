@@ -6,13 +6,11 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vsgdesign.artifacts.design_inputs import resolved_inputs
-from vsgdesign.artifacts.files import write_json
 from vsgdesign.artifacts.provenance import package_hash, provenance
 from vsgdesign.design.box import (
     Reach,
@@ -31,8 +29,6 @@ from vsgdesign.design.search import with_hard
 from vsgdesign.design.variables import variables
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.structures import NormalisedGains
-from vsgdesign.errors import ArtifactError
-from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ClosedFormTarget, Study
 
@@ -108,11 +104,6 @@ def run_task(task: CellTask) -> CellRecord:
     The optimiser's model has ideal inner loops. If the real ones violate a requirement, the cell is designed again with
     less bandwidth, and the best of these designs by the full-order figures is kept.
     """
-    with one_thread():
-        return _run_task(task)
-
-
-def _run_task(task: CellTask) -> CellRecord:
     study, spec = task.study, task.spec
     law = law_of(study, task.target, spec.aim)
     s = scenarios_of_estimate(study, spec, task.scr, task.x_over_r, task.target.P, task.target.Q)
@@ -213,25 +204,6 @@ def with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: CellD
     active = design.active if not missed else next(iter(missed))
     whole = replace(design, shortfalls=missed, active=active)
     return CellRecord(task.scr, task.x_over_r, whole, worst, inner, design.met)
-
-
-def write_record(folder: Path, key: str, record: CellRecord) -> None:
-    """Saves a finished cell; its file is written completely or not at all. Raises ArtifactError if this is not
-    possible."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / f"{key}.json", {"key": key, **record_document(record)})
-    except OSError as error:
-        raise ArtifactError(f'cannot write to "{folder}", where finished cells are kept: {error.strerror}.') from error
-
-
-def read_record(folder: Path, key: str) -> CellRecord | None:
-    """A cell that was finished before; None if there is none, or if it cannot be read."""
-    try:
-        document = json.loads((folder / f"{key}.json").read_text(encoding="utf-8"))
-        return record_of(document) if document["key"] == key else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
 
 
 def record_document(record: CellRecord) -> dict[str, Any]:

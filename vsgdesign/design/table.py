@@ -18,7 +18,7 @@ from vsgdesign.design.assembly import Withdrawn, assemble, withdraw_promises
 from vsgdesign.design.between import POINTS, BetweenCheck, between_document
 from vsgdesign.design.causes import Cause, explain_pair, explained_between
 from vsgdesign.design.evaluation import law_of
-from vsgdesign.design.record import CellRecord, one_thread
+from vsgdesign.design.record import CellRecord
 from vsgdesign.design.table_nodes import (
     TableJob,
     TableNodes,
@@ -32,6 +32,7 @@ from vsgdesign.design.table_nodes import (
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.executors import Each
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.stability.safe_place import table_safe_place

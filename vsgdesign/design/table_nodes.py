@@ -21,10 +21,11 @@ from vsgdesign.design.cell import common_design
 from vsgdesign.design.evaluation import LawOfStudy
 from vsgdesign.design.record import CellRecord, CellTask, better
 from vsgdesign.design.smoothing import PULL, broken_beside, reach, rough_nodes, surface
-from vsgdesign.design.sweep import each_of, sweep
+from vsgdesign.design.sweep import sweep
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.executors import Each
+from vsgdesign.execution.jobs import each_of
 from vsgdesign.execution.progress import Progress
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ControllerSpec, Study

@@ -1,114 +1,129 @@
-"""Data that is made in blocks, by one or several processes, and kept so that an interrupted call continues."""
+"""Arrays that are made in blocks, by one or several processes, and kept so that an interrupted call continues."""
 
 from __future__ import annotations
 
-import glob
+import base64
+import hashlib
+import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.errors import ArtifactError
-from vsgdesign.estimator.data_set import content_hash, read_arrays, write_arrays
-from vsgdesign.execution.processes import worker_processes
+from vsgdesign.execution.executors import How, executor_of, worker_count
+from vsgdesign.execution.jobs import Job
+from vsgdesign.execution.journal import Journal, journal_of, kept_count, run_job
 from vsgdesign.execution.progress import Progress
 from vsgdesign.simulation.source_stamp import source_stamp
 
 Arrays = dict[str, NDArray[Any]]
 
+WORK = "blocks"
+"""Names the folder beside a file that keeps finished blocks."""
 
-def made_blocks(
-    parts: Parts,
-    arguments: Sequence[tuple[Any, ...]],
-    make: Callable[..., Arrays],
+
+@dataclass(frozen=True, kw_only=True)
+class ArraysJob(Job[int, dict[str, Arrays]]):
+    """Arrays of many blocks: ``make(*arguments[k])`` gives those of block k."""
+
+    what: str  # type: ignore[misc]
+    """The word of the progress."""
+    header: dict[str, Any]
+    """Recipe, seed and converter in JSON's types: all that the arrays depend on besides the package's source."""
+    make: Callable[..., Arrays]
+    """A function of a module, because it goes to other processes."""
+    arguments: Sequence[tuple[Any, ...]]
+
+    @property
+    def key(self) -> str:
+        """Hash of the header and of the sources that make the arrays."""
+        text = json.dumps(self.header | {"source_stamp": source_stamp()}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    @property
+    def blocks(self) -> range:
+        """Numbers of all blocks."""
+        return range(len(self.arguments))
+
+    def run(self, block: int) -> dict[str, Arrays]:
+        """The arrays of a block, by its number."""
+        return self.call(block)()
+
+    def call(self, block: int) -> Callable[[], dict[str, Arrays]]:
+        """A block as it goes to another process: with its own arguments alone."""
+        return partial(_made, str(block), self.make, self.arguments[block])
+
+    def document(self, part: dict[str, Arrays]) -> dict[str, Any]:
+        """Arrays as type, shape and bytes."""
+        return {k: {name: _written(values) for name, values in arrays.items()} for k, arrays in part.items()}
+
+    def part_of(self, document: Any) -> dict[str, Arrays]:
+        """The arrays of a document. Raises ValueError, KeyError or TypeError where it has none."""
+        return {k: {name: _read(values) for name, values in arrays.items()} for k, arrays in document.items()}
+
+    def joined(self, whole: dict[str, Arrays]) -> Arrays:
+        """The blocks one after another in one array each."""
+        return {name: np.concatenate([whole[str(k)][name] for k in self.blocks]) for name in whole["0"]}
+
+
+def _made(name: str, make: Callable[..., Arrays], arguments: tuple[Any, ...]) -> dict[str, Arrays]:
+    return {name: make(*arguments)}
+
+
+def _written(values: NDArray[Any]) -> list[Any]:
+    return [values.dtype.str, list(values.shape), base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()]
+
+
+def _read(written: Any) -> NDArray[Any]:
+    kind, shape, text = written
+    return np.frombuffer(base64.b64decode(text), dtype=kind).reshape(shape)
+
+
+@contextmanager
+def made_arrays(
+    job: ArraysJob,
+    out: str | Path | None,
     *,
-    what: str,
-    executor: Executor | None,
-    workers: int,
+    executor: Executor | None = None,
     progress: Progress,
     before: Callable[[], None] = lambda: None,
-) -> Arrays:
-    """The blocks of ``make`` for each of some arguments, one after another in one array each.
+    **how: Unpack[How],
+) -> Iterator[Arrays]:
+    """The arrays of a job. Finished blocks are kept beside ``out``, and removed where the block of ``with`` ends well.
 
-    Finished ones are read from ``parts``. ``before`` is called if any is missing. ``what`` is the word of the progress.
+    ``executor`` replaces the workers that ``how`` asks for: one process where it does not say. ``before`` is called if
+    any block is missing. Raises ArtifactError and WorkerError.
     """
-    count = len(arguments)
-    done: dict[int, Arrays] = {k: found for k in range(count) if (found := parts.read(k)) is not None}
-    progress(what, len(done) / count)
-    missing = [k for k in range(count) if k not in done]
-    if missing:
-        before()
-    with block_maker(make, executor, min(workers, len(missing))) as submit:
-        waiting = [(k, submit(*arguments[k])) for k in missing]
-        for k, result in waiting:
-            done[k] = result()
-            parts.write(k, done[k])
-            progress(what, len(done) / count)
-    return {name: np.concatenate([done[k][name] for k in range(count)]) for name in done[0]}
+    with ExitStack() as held:
+        journal: Journal[dict[str, Arrays]] = Journal(job, None)
+        if out is not None:
+            _forget_versions_before(Path(out))
+            journal = held.enter_context(journal_of(job, out, WORK, fresh=how.get("fresh", False), say=how.get("say")))
+        left = len(job.left(journal.whole))
+        if left:
+            before()
+        with ExitStack() as working:
+            if executor is None and left:
+                count = min(worker_count(how.get("workers", 1)), left)
+                executor = working.enter_context(executor_of(count, how.get("cluster")))
+            whole = run_job(job, journal, executor=executor, progress=progress)
+        yield job.joined(whole)
 
 
 def kept_blocks(out: str | Path) -> bool:
     """Whether finished blocks wait beside the file that is to be made of them."""
-    out = Path(out)
-    return any(True for _ in out.parent.glob(f"{_parts_of(out, '*')}/*.npz"))
+    return kept_count(out, WORK) > 0
 
 
-def _parts_of(out: Path, name: str) -> str:
-    """The folder beside a file with its finished blocks, as a pattern."""
-    return f".{glob.escape(out.name)}.{name}.parts"
-
-
-class Parts:
-    """Finished blocks in a folder beside the file, of this recipe, seed, converter and code only."""
-
-    def __init__(self, out: str | Path | None, header: dict[str, Any]) -> None:
-        self._header = header | {"source_stamp": source_stamp()}
-        self._out = None if out is None else Path(out)
-        self._folder = None
-        if self._out is not None:
-            name = content_hash(self._header, {})[:16]
-            self._folder = self._out.with_name(f".{self._out.name}.{name}.parts")
-
-    def read(self, k: int) -> Arrays | None:
-        """The arrays of a finished block; None if it is not there or not whole."""
-        if self._folder is None or not (self._folder / f"{k}.npz").is_file():
-            return None
-        try:
-            header, arrays = read_arrays(self._folder / f"{k}.npz")
-        except ArtifactError:
-            return None  # half a block is no block
-        return arrays if header == self._header else None
-
-    def write(self, k: int, arrays: Arrays) -> None:
-        """Keep a finished block."""
-        if self._folder is not None:
-            path = self._folder / f"{k}.npz"
-            path.unlink(missing_ok=True)  # a damaged block, or it would have been read
-            write_arrays(path, self._header, arrays)
-
-    def remove(self) -> None:
-        """These blocks, and those that an earlier recipe or version left beside the same file."""
-        if self._out is not None:
-            for folder in self._out.parent.glob(_parts_of(self._out, "*")):
-                shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
-def block_maker(
-    make: Callable[..., Arrays], executor: Executor | None, workers: int
-) -> Iterator[Callable[..., Callable[[], Arrays]]]:
-    """Yields a function that submits the arguments of ``make``, here or to other processes, and returns a call for its
-    result."""
-    if executor is None and workers <= 1:
-        yield lambda *arguments: lambda: make(*arguments)
-        return
-    if executor is not None:
-        yield lambda *arguments: executor.submit(make, *arguments).result
-        return
-    with worker_processes(workers) as own:
-        yield lambda *arguments: own.submit(make, *arguments).result
+def _forget_versions_before(out: Path) -> None:
+    """Remove the folders in which versions before this one kept finished blocks."""
+    for folder in out.parent.iterdir() if out.parent.is_dir() else ():
+        if folder.name.startswith(f".{out.name}.") and folder.suffix == ".parts":
+            shutil.rmtree(folder, ignore_errors=True)

@@ -177,7 +177,7 @@ def train_networks(
     settings: ComparisonSettings | None = None,
     *,
     seed: int = 0,
-    workers: int = 1,
+    workers: int | None = 1,
     progress: Progress = silent,
 ) -> list[tuple[str, NetworkWeights]]:
     """Trains a network for each recipe, which takes some seconds each. Returns their names and weights.

@@ -7,7 +7,7 @@ import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.estimator.data_set import DataSet, check_enough
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.estimator.windows import generate_windows
+from vsgdesign.execution.executors import How
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 
@@ -70,19 +71,19 @@ def train_estimator(
     components: int | None = None,
     starts: int | None = None,
     out: str | Path | None = None,
-    workers: int = 1,
     progress: Progress = silent,
+    **how: Unpack[How],
 ) -> TrainedEstimator:
     """Makes the windows of a recipe, trains a network on them and evaluates it. Values that are None are the recipe's.
 
     The same arguments give the same weights. The windows, and the finished blocks of an interrupted call, are saved in
-    ``out``. An interrupted training, which takes seconds, raises KeyboardInterrupt. Raises InfeasibleStudyError without
-    PyTorch, and the errors of :func:`vsgdesign.estimator.windows.generate_windows`.
+    ``out``, and ``how`` says how they are made. An interrupted training, which takes seconds, raises KeyboardInterrupt.
+    Raises InfeasibleStudyError without PyTorch, and the errors of :func:`vsgdesign.estimator.windows.generate_windows`.
     """
     require_torch()
     check_enough(recipe.scenarios, "scenarios")
     begin = time.perf_counter()
-    data = generate_windows(study, recipe, seed, out=out, workers=workers, progress=progress)
+    data = generate_windows(study, recipe, seed, out=out, progress=progress, **how)
     timing = {"windows": time.perf_counter() - begin}
     network = {
         name: getattr(recipe, name) if value is None else value

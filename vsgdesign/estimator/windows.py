@@ -11,19 +11,20 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.estimator.blocks import Arrays, Parts, made_blocks
+from vsgdesign.estimator.blocks import Arrays, ArraysJob, made_arrays
 from vsgdesign.estimator.data_set import DataSet, check_data_target, write_data_set
 from vsgdesign.estimator.recipes import WindowRecipe, check_recipe
 from vsgdesign.estimator.sampling import turn_per_window, with_sampling
 from vsgdesign.estimator.scenarios import Scenario, check_draws, draw_scenarios
 from vsgdesign.estimator.sensing import background, measured_channels
+from vsgdesign.execution.executors import How
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.frames import rotate
 from vsgdesign.identification import Estimator, Probe
@@ -78,45 +79,48 @@ def generate_windows(
     seed: int,
     *,
     out: str | Path | None = None,
-    workers: int = 1,
     executor: Executor | None = None,
     progress: Progress | None = None,
+    **how: Unpack[How],
 ) -> DataSet:
     """The windows of a recipe on a study's converter, and their file if ``out`` is given.
 
-    The study gives converter, filter, inner loops and the target of the gains; grid, source, set points and
-    bridge come from the recipe. The result depends on study, recipe and seed alone, not on ``workers``
-    (processes; an ``executor`` replaces them). Sampling that the recipe leaves open follows from the converter
-    (:func:`vsgdesign.estimator.sampling.with_sampling`); the header has it filled in. With ``out``, finished blocks
-    are kept beside it until the file is whole, so that the same call takes up an interrupted one. Raises StudyError
-    for a faulty recipe or seed, InfeasibleStudyError where most of its draws cannot be run, ArtifactError where the
-    file cannot be written.
+    The study gives converter, filter, inner loops and the target of the gains; grid, source, set points and bridge come
+    from the recipe. The result depends on study, recipe and seed alone, not on the workers that ``how`` asks for (an
+    ``executor`` replaces them). Sampling that the recipe leaves open follows from the converter
+    (:func:`vsgdesign.estimator.sampling.with_sampling`); the header has it filled in. With ``out``, finished blocks are
+    kept beside it until the file is whole, so that the same call takes up an interrupted one. Raises StudyError for a
+    faulty recipe or seed, InfeasibleStudyError where most of its draws cannot be run, ArtifactError where the file
+    cannot be written.
     """
     check_recipe(recipe)
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
         raise StudyError("windows", [Fault("seed", str(seed), "must be a whole number, zero or more")])
-    if not isinstance(workers, int) or workers < 1:
+    workers = how.get("workers", 1)
+    if workers is not None and (not isinstance(workers, int) or workers < 1):
         raise StudyError("windows", [Fault("workers", str(workers), "must be a whole number, one or more")])
     if out is not None:
         check_data_target(out)
     recipe = with_sampling(recipe, study.converter)
     header = _header(study, recipe, seed)
-    parts = Parts(out, header | {"block": BLOCK})
     blocks = [range(first, min(first + BLOCK, recipe.scenarios)) for first in range(0, recipe.scenarios, BLOCK)]
-    arrays = made_blocks(
-        parts,
-        [(study, recipe, seed, block) for block in blocks],
-        make_block,
+    job = ArraysJob(
         what="windows",
+        header=header | {"block": BLOCK},
+        make=make_block,
+        arguments=[(study, recipe, seed, block) for block in blocks],
+    )
+    with made_arrays(
+        job,
+        out,
         executor=executor,
-        workers=workers,
         progress=progress or silent,
         before=lambda: check_draws(study, recipe, seed),
-    )
-    data = DataSet(**arrays, header=header)
-    if out is not None:
-        write_data_set(out, data)
-        parts.remove()
+        **how,
+    ) as arrays:
+        data = DataSet(**arrays, header=header)
+        if out is not None:
+            write_data_set(out, data)
     return data
 
 

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
-from typing import Any
+from typing import Any, TypedDict
 
 from vsgdesign.errors import WorkerError
 from vsgdesign.execution.processes import worker_processes
@@ -16,6 +16,20 @@ from vsgdesign.execution.reproducible import environment, reproducible_environme
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 """What ``map`` is: results of a function of one argument, in order, here or elsewhere."""
+
+
+class How(TypedDict, total=False):
+    """How work in blocks is done; a function takes them as arguments of its own and passes them on."""
+
+    workers: int | None
+    """Processes on this machine; None: one per core."""
+    cluster: str | None
+    """A Dask cluster in place of them: ``local``, or the address of a scheduler."""
+    fresh: bool
+    """Whether finished blocks of an interrupted call are forgotten."""
+    say: Callable[[str], None] | None
+    """Takes a sentence where finished blocks are of other work."""
+
 
 _CONNECT_S = 10.0
 """How long a scheduler may take to answer."""

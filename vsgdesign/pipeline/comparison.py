@@ -86,8 +86,8 @@ def compare_study(
         comparison_axes,
         contender_of,
     )
-    from vsgdesign.design.record import one_thread
     from vsgdesign.design.single import best_fixed
+    from vsgdesign.execution.threads import one_thread
 
     tell = progress or silent
     spec = study.specification

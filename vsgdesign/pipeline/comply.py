@@ -18,17 +18,14 @@ from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.errors import Fault, StudyError, WorkerError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.progress import Progress
 from vsgdesign.parameters.study import ControllerSpec, Study
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
-    from concurrent.futures import Executor, Future
-
     from vsgdesign.compliance.job import SuiteJob
-    from vsgdesign.compliance.journal import SuiteJournal
     from vsgdesign.compliance.suite import Suite
+    from vsgdesign.execution.journal import Journal
 
 VERB = "vsgdesign comply"
 
@@ -39,8 +36,8 @@ FAILING, NONE = "failing", "none"
 CASES = (FAILING, ALL, NONE)
 """Of which rows study files are written."""
 
-RUNS = "tests"
-"""What progress calls the runs."""
+WORK = "compliance"
+"""Names the folder beside the output that keeps finished tests."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +63,7 @@ def comply_study(
     *,
     ready: Ready | None = None,
     workers: int | None = None,
+    cluster: str | None = None,
     fresh: bool = False,
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
@@ -75,14 +73,17 @@ def comply_study(
 
     ``ready``: gain tables that are there; None: they are read where earlier commands left them, or designed. Finished
     blocks are kept beside ``out`` until the folder is complete, so the same call continues after an interruption and
-    writes the same files; ``fresh`` starts anew. ``workers``: processes; None: one per core. ``say`` takes a sentence
-    on each gain table that the study does not name. Raises StudyError with every fault of the study, the controllers
-    and the suites, ArtifactError and WorkerError.
+    writes the same files; ``fresh`` starts anew. ``workers`` and ``cluster`` are those of
+    :func:`vsgdesign.execution.executors.executor_of`; the workers of a cluster write traces beside ``out``, and have to
+    reach it. ``say`` takes a sentence on each gain table that the study does not name, and where what is kept is of
+    other work. Raises StudyError with every fault of the study, the controllers and the suites, ArtifactError and
+    WorkerError.
     """
     from vsgdesign.compliance.job import BLOCK, SuiteJob
-    from vsgdesign.compliance.journal import suite_journal
     from vsgdesign.compliance.maps import KINDS
     from vsgdesign.execution.executors import executor_of
+    from vsgdesign.execution.jobs import submitted, workers_needed
+    from vsgdesign.execution.journal import journal_of, run_job
 
     begin = time.perf_counter()
     suites = suites_of(asked.suites)
@@ -95,14 +96,14 @@ def comply_study(
         maps = tuple(KINDS) if asked.maps else ()
         job = SuiteJob(study=study, tables=tables, suites=suites, folder="", block=BLOCK, maps=maps)
         # The journal goes after the folder is in its place: an interruption in between loses no finished test.
-        journal = held.enter_context(suite_journal(out, job.key, fresh))
+        journal = held.enter_context(journal_of(job, out, WORK, fresh=fresh, say=say))
         folder = held.enter_context(staged_folder(out, VERB, inputs=inputs))
-        job = replace(job, folder=str(journal.traces))
+        job = replace(job, folder=str(journal.files))
         ready_s = time.perf_counter() - begin
-        with executor_of(workers if len(job.blocks) > 2 else 1) as executor:  # others take a second to begin
-            _run(job, journal, executor, workers, progress)
+        with executor_of(workers if len(job.blocks) > 2 else 1, cluster) as executor:  # others take a second to begin
+            run_job(job, journal, executor=executor, progress=progress)
             run_s = time.perf_counter() - begin - ready_s
-            document = _document(job, journal, asked)
+            document = _document(job, journal.whole, asked)
             _place_traces(journal, folder)
             document |= {"provenance": provenance()}
             chosen = _rows_with_case(document, asked.cases)
@@ -111,9 +112,10 @@ def comply_study(
                 cases()
                 _write_report(folder, document)
             else:  # side by side: both take a second
-                written = executor.submit(cases)
+                written = submitted(executor, cases)
                 _write_report(folder, document)
-                _finished(written)
+                with workers_needed():
+                    written.result()
         timing = {"prepare": ready_s, "runs": run_s, "report": time.perf_counter() - begin - ready_s - run_s}
         return write_record(folder, plain(document | {"timing_s": timing}), VERB)
 
@@ -184,33 +186,16 @@ def _tables(
     return kept_tables(study, workers=workers, progress=progress, say=say).tables
 
 
-def _run(
-    job: SuiteJob, journal: SuiteJournal, executor: Executor | None, workers: int | None, progress: Progress | None
-) -> None:
-    """Runs the blocks that the journal does not have."""
-    from vsgdesign.compliance.job import run_block
-    from vsgdesign.pipeline.verify import blocks_ahead
-    from vsgdesign.verification.blocks import blocks_done
-
-    tell, count = progress or silent, max(len(job.blocks), 1)
-    missing = [number for number in job.order if number not in journal.blocks]
-    tell(RUNS, 1.0 - len(missing) / count)
-    for done in blocks_done(
-        run_block, job, job, missing, executor if len(missing) > 1 else None, blocks_ahead(workers, None)
-    ):
-        journal.add(done)
-        tell(RUNS, len(journal.blocks) / count)
-
-
-def _document(job: SuiteJob, journal: SuiteJournal, asked: Asked) -> dict[str, Any]:
+def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked) -> dict[str, Any]:
     """results.json without what differs from one run to the next."""
     from vsgdesign.compliance.evidence import figures_of
     from vsgdesign.compliance.identity import identity_of
+    from vsgdesign.compliance.job import in_order
     from vsgdesign.compliance.matrix import summary_of
     from vsgdesign.pipeline.explorer_links import explorer_link
     from vsgdesign.report.drawing.style import COLOURS
 
-    study, rows = job.study, journal.rows
+    study, rows = job.study, [row for rows in in_order(whole, "rows") for row in rows]
     tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
     figures = figures_of(rows)
     shown = []
@@ -234,8 +219,8 @@ def _document(job: SuiteJob, journal: SuiteJournal, asked: Asked) -> dict[str, A
         ],
         "rows": shown,
         "summary": summary_of(rows),
-        "maps": journal.all_of("map"),
-        "notes": [*_replaced_estimators(study), *journal.all_of("note")],
+        "maps": in_order(whole, "map"),
+        "notes": [*_replaced_estimators(study), *in_order(whole, "note")],
     }
 
 
@@ -278,10 +263,10 @@ def c_hash(study: Study, spec: ControllerSpec, table: GainTable | None) -> str |
     return str(made.manifest["sha256"])
 
 
-def _place_traces(journal: SuiteJournal, folder: Path) -> None:
+def _place_traces(journal: Journal[Any], folder: Path) -> None:
     """The traces beside the result. They stay with the journal too, until the folder is complete."""
-    kept = journal.traces / "traces"
-    if kept.is_dir():
+    kept = None if journal.files is None else journal.files / "traces"
+    if kept is not None and kept.is_dir():
         shutil.copytree(kept, folder / "traces", copy_function=_linked)
 
 
@@ -291,18 +276,6 @@ def _linked(source: str, target: str) -> str:
         os.link(source, target)
         return target
     return shutil.copyfile(source, target)
-
-
-def _finished(written: Future[None]) -> None:
-    """Waits for the study files. Raises WorkerError where the worker that writes them is lost."""
-    from concurrent.futures import BrokenExecutor
-
-    from vsgdesign.execution.executors import LOST
-
-    try:
-        written.result()
-    except BrokenExecutor as error:
-        raise WorkerError(f"workers: {LOST}") from error
 
 
 def _rows_with_case(document: dict[str, Any], which: str) -> list[dict[str, Any]]:
@@ -333,8 +306,6 @@ def _write_cases(job: SuiteJob, chosen: Sequence[Mapping[str, Any]], folder: str
 
     if not chosen:
         return
-    for structure in job.structures:
-        STRUCTURES.register(structure)
     tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
     places = {spec.name: k for k, spec in enumerate(job.study.controllers)}
     cases = Path(folder) / "cases"

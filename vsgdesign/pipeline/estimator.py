@@ -29,7 +29,7 @@ def report_comparison(
     weights: tuple[str, ...] = (),
     recipes: tuple[str, ...] = (),
     seed: int = 0,
-    workers: int = 1,
+    workers: int | None = 1,
     settings: ComparisonSettings | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def report_stress(
     weights: tuple[str, ...] = (),
     recipes: tuple[str, ...] = (),
     seed: int = 0,
-    workers: int = 1,
+    workers: int | None = 1,
     settings: ComparisonSettings | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -102,7 +102,7 @@ def _report(
     verb: str,
     study: Study,
     out: str | Path,
-    networks: tuple[tuple[str, ...], tuple[str, ...], int, int],
+    networks: tuple[tuple[str, ...], tuple[str, ...], int, int | None],
     settings: ComparisonSettings,
     progress: Progress | None,
     find: Callable[..., T],
@@ -131,7 +131,7 @@ def _report(
 
 
 def _networks(
-    study: Study, files: tuple[str, ...], recipes: tuple[str, ...], seed: int, workers: int, progress: Progress
+    study: Study, files: tuple[str, ...], recipes: tuple[str, ...], seed: int, workers: int | None, progress: Progress
 ) -> dict[str, NetworkWeights]:
     from vsgdesign.estimator.comparison import train_networks
     from vsgdesign.estimator.recipes import load_recipe

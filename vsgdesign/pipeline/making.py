@@ -88,8 +88,8 @@ def made(
         begin = time.perf_counter()
         left = left_designs(study, specs, out, say)
         if executor is not None:
-            from vsgdesign.design.sweep import begun
             from vsgdesign.design.table import compiled_ahead
+            from vsgdesign.execution.jobs import begun
 
             # One worker compiles this while the other compiles what designs need, instead of both the same.
             begun(executor, compiled_ahead)
@@ -181,7 +181,7 @@ class _Certificates:
         return replace(ready, tables=whole)
 
     def _begun(self, function: Callable[..., Any], spec: ControllerSpec, *rest: Any) -> Callable[[], tuple[Any, float]]:
-        from vsgdesign.design.sweep import begun
+        from vsgdesign.execution.jobs import begun
 
         study, table = self._study.with_limit_of(spec), self._tables[spec.name]
         return begun(self._executor, function, study, spec, table, *rest)
@@ -201,7 +201,7 @@ def _training(
     if study.estimator is None or executor is None or not trains(study):
         return lambda: make_network(study, bridge=bridge, progress=progress)
     recipe_of(study, study.estimator, bridge)  # its faults are said before the work begins
-    from vsgdesign.design.sweep import begun
+    from vsgdesign.execution.jobs import begun
 
     waits = begun(executor, make_network, study, bridge=bridge)
 

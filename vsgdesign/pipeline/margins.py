@@ -14,9 +14,9 @@ import numpy as np
 from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.tables import write_table
-from vsgdesign.design.sweep import begun
 from vsgdesign.errors import WorkerError
 from vsgdesign.execution.executors import worker_count
+from vsgdesign.execution.jobs import begun
 from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.explore.static import StaticPage, static_page_of

@@ -181,7 +181,7 @@ def _exports(
     """
     if not ready.tables:
         return []
-    from vsgdesign.design.sweep import begun
+    from vsgdesign.execution.jobs import begun
     from vsgdesign.export import export_c_files
 
     estimator, begin = study.estimator, []

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.artifacts import provenance, read_table_file, staged_folder, write_record, write_table_file
+from vsgdesign.artifacts import provenance, read_table_file, room_for, staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
@@ -24,6 +23,8 @@ if TYPE_CHECKING:  # the simulation is loaded by who measures
     from vsgdesign.simulation.survival import CaseResult, Subject, SurvivalCase
 
 VERB = "vsgdesign survive"
+WORK = "survival"
+"""Names the folder beside the output that keeps finished runs and gain tables."""
 
 LIMITERS = (NO_LIMITER, "circular", "projection")
 """The current limiters with which each controller is measured."""
@@ -45,33 +46,46 @@ def report_survival(
     limiters: Sequence[str] | None = None,
     bridge: str = "averaged",
     workers: int | None = None,
+    cluster: str | None = None,
+    fresh: bool = False,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Sends a study's controllers through all disturbances; writes results.json and cases.csv to ``out``.
 
     ``controllers`` and ``limiters`` are those of :func:`subjects_of`. Gain tables without a file are designed first.
     Finished runs and tables are kept beside ``out`` until everything is done, so the same call continues after an
-    interruption. Returns results.json. Raises StudyError, ArtifactError and WorkerError.
+    interruption; ``fresh`` starts anew. ``workers`` and ``cluster`` are those of
+    :func:`vsgdesign.execution.executors.executor_of`. ``say`` takes a sentence where what is kept is of other work.
+    Returns results.json. Raises StudyError, ArtifactError and WorkerError.
     """
+    from vsgdesign.execution.journal import work_folder
     from vsgdesign.simulation.survival import run_many
 
-    with staged_folder(out, VERB, inputs=study.input_files) as folder:
+    with (
+        room_for(out, VERB, inputs=study.input_files),
+        # What it keeps goes after the folder is in its place: an interruption in between loses no finished run.
+        work_folder(out, WORK, own=True, fresh=fresh) as kept,
+        staged_folder(out, VERB, inputs=study.input_files) as folder,
+    ):
         # Its faults are said before anything is designed.
         subjects_of(study, Ready(), controllers=controllers, limiters=limiters)
-        place = Path(os.path.realpath(out))
-        beside = place.with_name(f".{place.name}.survival")
         names = None if controllers is None else set(controllers)
         part = replace(study, controllers=tuple(c for c in study.controllers if names is None or c.name in names))
-        ready = survival_tables(part, beside, workers=workers, progress=progress)
+        ready = survival_tables(part, kept, workers=workers, progress=progress)
         subjects = subjects_of(study, ready, controllers=controllers, limiters=limiters, bridge=bridge)
-        results = run_many(subjects, survival_cases(study), beside / "runs.jsonl", workers=workers, progress=progress)
+        results = run_many(
+            subjects,
+            survival_cases(study),
+            kept / "runs.jsonl",
+            workers=workers,
+            cluster=cluster,
+            progress=progress,
+            say=say,
+        )
         write_cases(folder / "cases.csv", results)
         document = survival_document(study, subjects, results) | {"bridge": bridge, "provenance": provenance()}
-        written = write_record(folder, document, VERB)
-    for path in beside.iterdir():
-        path.unlink()
-    beside.rmdir()
-    return written
+        return write_record(folder, document, VERB)
 
 
 def survival_tables(

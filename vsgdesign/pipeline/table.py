@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts import staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
-from vsgdesign.artifacts.locks import LockedError, locked
 from vsgdesign.artifacts.ready import read_named_table
-from vsgdesign.artifacts.staging import cannot_write, parents_made
 from vsgdesign.artifacts.table_text import certificate_summary
-from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.executors import executor_of
+from vsgdesign.execution.journal import begins_again, kept_elsewhere, work_folder
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
 
@@ -28,56 +27,8 @@ if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds
 
 STATUSES = ("met", "relaxed", "outside")
 REPORT = "vsgdesign table report"
-_LOCK = "lock"
-
-
-def cells_folder(out: str | Path) -> Path:
-    """The folder that keeps finished cells of a table until the table is complete. Links are followed."""
-    out = Path(os.path.realpath(out))
-    return out.with_name(f".{out.name}.cells")
-
-
-@contextmanager
-def _cells(out: str | Path, what: str, fresh: bool = False) -> Iterator[Path]:
-    """The folder of finished cells, of this process alone within the block; it is removed where that ends well.
-
-    Raises ArtifactError where another process is at work on the same table.
-    """
-    folder = cells_folder(out)
-    with ExitStack() as held:
-        try:
-            held.enter_context(parents_made(folder.parent))
-            folder.mkdir(exist_ok=True)
-            held.enter_context(locked(folder / _LOCK))
-        except (LockedError, FileNotFoundError):
-            raise ArtifactError(
-                f'{what} is being built by another process, which keeps its finished cells in "{folder}". '
-                "Wait until it is done, or give another place."
-            ) from None
-        except OSError as error:
-            raise cannot_write(folder, error) from error
-        try:
-            if fresh:
-                _forget(folder)
-            yield folder
-            _forget(folder)
-        finally:
-            # The lock goes with its folder, and while it is held: whoever comes next sees that it was another's.
-            if next(folder.glob("*.json"), None) is None:
-                (folder / _LOCK).unlink(missing_ok=True)
-                with suppress(OSError):  # something of somebody else's is in it
-                    folder.rmdir()
-
-
-def _forget(folder: Path) -> None:
-    """Remove finished cells, and what a kill left of unfinished ones."""
-    for path in [
-        *folder.glob("*.json"),
-        *folder.glob(".*.json.*"),
-        *folder.glob("*.jsonl"),
-        *folder.glob(".*.jsonl.*"),
-    ]:
-        path.unlink(missing_ok=True)
+WORK = "cells"
+"""Names the folder beside a table that keeps finished cells until the table is complete."""
 
 
 def build_table_file(
@@ -91,6 +42,7 @@ def build_table_file(
     points: int | None = None,
     verify: int = 0,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Designs the gain table of a controller (the last one, if none is named) and writes it to ``out``.
 
@@ -109,21 +61,21 @@ def build_table_file(
         raise StudyError(study.name, [Fault("specification", "", "missing table", advice)])
     TABLE_FILE.check_target(out)
     from vsgdesign.design.between import POINTS
+    from vsgdesign.design.sweep import cells_file
     from vsgdesign.design.table import build_table
-    from vsgdesign.pipeline.verify import Asked, blocks_ahead, check_verifiable, verified_table
+    from vsgdesign.pipeline.verify import Asked, check_verifiable, verified_table
 
     if verify:
         check_verifiable(study, Asked(controller=spec.name))
-    with _cells(out, f'"{out}"', fresh) as folder:
+    with work_folder(out, WORK, own=True, fresh=fresh) as folder:
+        if say is not None and kept_elsewhere(folder, cells_file(folder)):
+            say(begins_again(out))
         with executor_of(workers, cluster) as executor:
             built = build_table(
                 study, spec, folder, executor=executor, points=POINTS if points is None else points, progress=progress
             )
             if verify:
-                ahead = blocks_ahead(workers, cluster)
-                table = verified_table(
-                    study, spec, built.table, verify, folder, executor=executor, ahead=ahead, progress=progress
-                )
+                table = verified_table(study, spec, built.table, verify, folder, executor=executor, progress=progress)
                 built = replace(built, table=table)
         write_table_file(built.table, out)
     return _built_document(built, out)
@@ -253,7 +205,8 @@ def make_tables(
                     executor = own.enter_context(executor_of(workers))
                 place = Path(os.path.realpath(out))
                 cells = place.with_name(f"{place.name}.{spec.name}")
-                folder = held.enter_context(_cells(cells, f'the table of controller {spec.name} for "{out}"'))
+                what = f'the table of controller {spec.name} for "{out}"'
+                folder = held.enter_context(work_folder(cells, WORK, what=what, own=True))
                 table = _built_table(study, spec, folder, executor, certificates, progress)
             tables[spec.name] = table
     return tables

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from vsgdesign.artifacts import staged_folder, write_record
 from vsgdesign.artifacts.network_weights import (
@@ -17,6 +17,7 @@ from vsgdesign.artifacts.network_weights import (
     write_network_weights,
 )
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.executors import How
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
 from vsgdesign.identification.registry import needs_network
@@ -116,8 +117,8 @@ def train_weights_file(
     out: str | Path,
     *,
     windows: str | Path | None = None,
-    workers: int = 1,
     progress: Progress | None = None,
+    **how: Unpack[How],
 ) -> dict[str, Any]:
     """Trains a network as ``spec`` says and writes its weights. Returns file, network and training in JSON's types.
 
@@ -142,8 +143,8 @@ def train_weights_file(
         components=spec.components,
         starts=spec.starts,
         out=windows,
-        workers=workers,
         progress=progress or silent,
+        **how,
     )
     write_network_weights(trained.weights, out)
     found = {"file": str(out)} | network_document(trained.weights) | training_document(trained)
@@ -212,8 +213,8 @@ def train_field_weights_file(
     *,
     runs: str | Path | None = None,
     report: str | Path | None = None,
-    workers: int = 1,
     progress: Progress | None = None,
+    **how: Unpack[How],
 ) -> dict[str, Any]:
     """Trains the network of the field estimator as ``spec`` says and writes its weights. Returns file, network and
     training in JSON's types.
@@ -246,8 +247,8 @@ def train_field_weights_file(
             seed=spec.seed,
             hidden=spec.hidden,
             out=runs,
-            workers=workers,
             progress=progress or silent,
+            **how,
         )
         document = {
             "weights_sha256": trained.weights.hash,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,22 +22,18 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 if TYPE_CHECKING:  # the simulation is loaded by who verifies
     from concurrent.futures import Executor
 
-    from vsgdesign.verification.blocks import Job
-    from vsgdesign.verification.journal import Journal
+    from vsgdesign.verification.blocks import VerificationJob
     from vsgdesign.verification.shards import Shard
     from vsgdesign.verification.summary import Summary
 
 VERB = "vsgdesign verify"
 SHARD = "vsgdesign verify --shard"
 
-RUNS = "EMT runs"
-"""What progress calls the runs."""
-
 SEARCH_SHARE, MOST_SEARCHED = 0.05, 50_000
 """Where nothing is said, the search makes this share of the runs in addition, and at most so many."""
 
-_AHEAD_ON_A_CLUSTER = 1024
-"""Blocks that are handed to a cluster at a time; how many workers it has may change."""
+WORK = "verification"
+"""Names the folder beside the output that keeps finished blocks and gain tables."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +62,7 @@ def verify_study(
     shard: Shard | None = None,
     fresh: bool = False,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Verifies one controller of a study in random cases and writes a folder: results.json, counts.json, report.html
     and the worst cases as study files. Returns the content of results.json.
@@ -73,10 +70,11 @@ def verify_study(
     Finished blocks are kept beside ``out`` until the folder is complete, so the same call continues after an
     interruption and writes the same counts.json; ``fresh`` starts anew. With ``shard``, the folder has the counts of
     one part alone, for :func:`merge_shards`. ``workers`` and ``cluster`` are those of
-    :func:`vsgdesign.execution.executors.executor_of`. Raises StudyError, ArtifactError and WorkerError.
+    :func:`vsgdesign.execution.executors.executor_of`. ``say`` takes a sentence where what is kept is of other work.
+    Raises StudyError, ArtifactError and WorkerError.
     """
     from vsgdesign.execution.executors import executor_of, worker_count
-    from vsgdesign.verification.journal import journal_of
+    from vsgdesign.execution.journal import journal_of, run_job
     from vsgdesign.verification.shards import Shard, write_counts
 
     begin = time.perf_counter()
@@ -88,10 +86,11 @@ def verify_study(
         ready_s = time.perf_counter() - begin
         numbers = (shard or Shard()).blocks(job)
         # The journal goes after the folder is in its place: an interruption in between loses no finished block.
-        journal = held.enter_context(journal_of(out, _key(job, shard), fresh))
+        name = "" if shard is None else f"{shard.number}-{shard.of}-{job.key}"
+        journal = held.enter_context(journal_of(job, out, WORK, name=name, fresh=fresh, say=say))
         folder = held.enter_context(staged_folder(out, kind, inputs=study.input_files))
         with executor_of(workers if len(numbers) > 1 else 1, cluster, reproducible=job.strict) as executor:
-            summary = _counted(job, numbers, journal, executor, blocks_ahead(workers, cluster), progress)
+            summary = run_job(job, journal, blocks=numbers, executor=executor, progress=progress)
             timing = {"prepare": ready_s, "runs": time.perf_counter() - begin - ready_s}
             write_counts(folder / "counts.json", job, summary)
             about = _about(job, confidence, summary, worker_count(workers) if cluster is None else cluster)
@@ -191,23 +190,23 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
 
 def prepared_job(
     study: Study, asked: Asked, out: str | Path, *, workers: int | None = None, progress: Progress | None = None
-) -> tuple[Job, float]:
+) -> tuple[VerificationJob, float]:
     """The job of a study and the confidence of its bounds. A gain table without a file is designed first and kept
     beside ``out`` until the verification is complete."""
+    from vsgdesign.execution.journal import kept_folder
     from vsgdesign.pipeline.survival import survival_tables
-    from vsgdesign.verification.journal import journal_folder
 
     spec = check_verifiable(study, asked)
     ready = survival_tables(
-        replace(study, controllers=(spec,)), journal_folder(out), workers=workers, progress=progress
+        replace(study, controllers=(spec,)), kept_folder(out, WORK), workers=workers, progress=progress
     )
     return job_of(study, spec, ready, asked)
 
 
-def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tuple[Job, float]:
+def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tuple[VerificationJob, float]:
     """The job of a controller whose gain table is there, and the confidence of its bounds."""
     from vsgdesign.simulation.lanes.telling import told_controller
-    from vsgdesign.verification.blocks import Job
+    from vsgdesign.verification.blocks import VerificationJob
     from vsgdesign.verification.counting import MapAxes
     from vsgdesign.verification.draws import FAMILIES, verification_of
     from vsgdesign.verification.emt import EMT
@@ -219,7 +218,7 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
     study = replace(study, verification=drawn)
     families = {name: name == "step" for name in FAMILIES}
     table = ready.table(spec)
-    job = Job(
+    job = VerificationJob(
         study=study,
         spec=spec,
         tables={} if table is None else {spec.name: table},
@@ -242,7 +241,6 @@ def verified_table(
     kept: Path,
     *,
     executor: Executor | None = None,
-    ahead: int = 1,
     progress: Progress | None = None,
 ) -> GainTable:
     """A gain table with the counts and bounds of ``runs`` random cases of its controller.
@@ -250,15 +248,15 @@ def verified_table(
     Finished blocks are kept in the folder ``kept`` until all are done. Raises StudyError and WorkerError.
     """
     from vsgdesign.artifacts.verification_record import verification_record
+    from vsgdesign.execution.journal import Journal, run_job
     from vsgdesign.verification.document import counts_document
-    from vsgdesign.verification.journal import Journal
 
     # A table may be built for a controller of the study that does not follow one.
     spec = replace(spec, kind="scheduled", schedule="table", gains=None, design_grid=None)
     job, confidence = job_of(study, spec, Ready(tables={spec.name: table}), Asked(runs=runs))
-    journal = Journal(kept / f"{job.key[:24]}.jsonl")
-    summary = _counted(job, job.blocks, journal, executor, ahead, progress)
-    journal.path.unlink(missing_ok=True)
+    journal = Journal(job, kept / f"{job.key[:24]}.jsonl")
+    summary = run_job(job, journal, executor=executor, progress=progress)
+    journal.forget()
     document = _about(job, confidence, summary, 1) | counts_document(job, summary, confidence)
     return replace(table, verification=verification_record(plain(document)))
 
@@ -287,47 +285,18 @@ def verified_tables(
     if not waiting:
         return dict(tables)
     from vsgdesign.execution.executors import executor_of
-    from vsgdesign.verification.journal import journals
+    from vsgdesign.execution.journal import work_folder
 
     with ExitStack() as held:
-        folder = held.enter_context(journals(out))
+        folder = held.enter_context(work_folder(out, WORK))
         executor = executor or held.enter_context(executor_of(workers))
-        ahead = blocks_ahead(workers, None)
         return dict(tables) | {
-            name: verified_table(
-                study, spec, tables[name], runs, folder, executor=executor, ahead=ahead, progress=progress
-            )
+            name: verified_table(study, spec, tables[name], runs, folder, executor=executor, progress=progress)
             for name, spec in waiting.items()
         }
 
 
-def _counted(
-    job: Job, numbers: Sequence[int], journal: Journal, executor: Executor | None, ahead: int, progress: Progress | None
-) -> Summary:
-    """The summary of these blocks; those that the journal has are not run again."""
-    from vsgdesign.verification.blocks import run_blocks
-
-    tell, kept = progress or silent, set(journal.summary.blocks)
-    missing = [number for number in numbers if number not in kept]
-    tell(RUNS, 1.0 - len(missing) / max(len(numbers), 1))
-    for summary in run_blocks(job, missing, executor, ahead):
-        journal.add(summary)
-        tell(RUNS, len(journal.summary.blocks) / len(numbers))
-    return journal.summary
-
-
-def blocks_ahead(workers: int | None, cluster: str | None) -> int:
-    """How many blocks are handed out at a time."""
-    from vsgdesign.execution.executors import worker_count
-
-    return _AHEAD_ON_A_CLUSTER if cluster not in (None, "local") else 2 * worker_count(workers)
-
-
-def _key(job: Job, shard: Shard | None) -> str:
-    return job.key if shard is None else f"{shard.number}-{shard.of}-{job.key}"
-
-
-def _about(job: Job, confidence: float, summary: Summary, workers: int | str) -> dict[str, Any]:
+def _about(job: VerificationJob, confidence: float, summary: Summary, workers: int | str) -> dict[str, Any]:
     """The head of results.json."""
     from vsgdesign.verification.distributions import distributions
 
@@ -351,7 +320,7 @@ def _about(job: Job, confidence: float, summary: Summary, workers: int | str) ->
 def _concluded(
     folder: Path,
     out: str | Path,
-    job: Job,
+    job: VerificationJob,
     summary: Summary,
     about: Mapping[str, Any],
     confidence: float,

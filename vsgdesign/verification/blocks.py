@@ -1,21 +1,17 @@
-"""Blocks of runs on any number of workers: a block is the same whoever runs it, so the whole is, too."""
+"""A verification as a job: random cases in blocks, and what each block counts."""
 
 from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.equations.structures import STRUCTURES, Structure
-from vsgdesign.errors import WorkerError
-from vsgdesign.execution.executors import LOST
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution import jobs
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.cases import LaneCases
@@ -24,11 +20,13 @@ from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.demand import settling_time_of
 from vsgdesign.verification.counting import MapAxes, Results, count_block
 from vsgdesign.verification.promises import Promise
-from vsgdesign.verification.summary import Summary
+from vsgdesign.verification.summary import Summary, summary_document, summary_of
 
 BLOCK = 2048
 """Runs of a block: some tenths of a second of work, and a whole number of lanes on any machine."""
 
+RUNS = "EMT runs"
+"""What progress calls the runs."""
 
 _NUMBER = re.compile(r"\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+\b")
 
@@ -63,7 +61,7 @@ class Batch(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
+class VerificationJob(jobs.Job[int, Summary]):
     """What is verified: everything that the summary of a block depends on."""
 
     study: Study
@@ -80,23 +78,14 @@ class Job:
     """Whether the loop rounds as Python does, on any instruction set; a third slower."""
     block: int = BLOCK
     batch: Batch
-    structures: tuple[Structure, ...] = field(default_factory=lambda: tuple(STRUCTURES.added))
-    """Structures that were added to the project's own: a fresh process does not know them."""
+
+    what = RUNS
+    most_lines = 64  # a summary of many blocks is as small as that of one
 
     @property
     def ready(self) -> Ready:
         """The tables as the runs take them."""
         return Ready(tables=dict(self.tables))
-
-    @property
-    def sent(self) -> Job:
-        """The same for another process: the study's document is not needed there, and cannot be sent."""
-        return replace(self, study=replace(self.study, origin=None))
-
-    def prepare(self) -> None:
-        """Make this process know what the job needs."""
-        for structure in self.structures:
-            STRUCTURES.register(structure)
 
     def drawn(self, first: int, count: int) -> tuple[LaneCases, Any]:
         """The cases from number ``first`` on, and the family of each."""
@@ -115,7 +104,7 @@ class Job:
         lead_s = SWITCHED_WINDOW * settling_time_of(self.spec, self.ready)
         return cases.later(max(lead_s - (LEARNING_S if learns else LEAD_S), 0.0))
 
-    def run(self, cases: LaneCases) -> Results:
+    def results_of(self, cases: LaneCases) -> Results:
         """The results of cases."""
         return self.batch.run(self.study, self.spec, self.ready, cases, bridge=self.bridge, strict=self.strict)
 
@@ -123,6 +112,49 @@ class Job:
     def blocks(self) -> range:
         """Numbers of all blocks."""
         return range(-(-self.runs // self.block))
+
+    def run(self, number: int) -> Summary:
+        """Draws, runs and counts the cases of one block."""
+        first, count = self.span(number)
+        cases, family = self.drawn(first, count)
+        return count_block(
+            number,
+            first,
+            cases,
+            family,
+            self.results_of(cases),
+            names=self.families,
+            promises=self.promises,
+            axes=self.axes,
+            converter=self.study.converter,
+            instruction_set="strict" if self.strict else self.batch.instruction_set(),
+        )
+
+    @property
+    def nothing(self) -> Summary:
+        """The summary of no blocks."""
+        return Summary()
+
+    def merged(self, whole: Summary, part: Summary) -> Summary:
+        """The summary of the blocks of both. The order does not matter."""
+        return whole.merged(part)
+
+    def left(self, whole: Summary) -> list[int]:
+        """The blocks that are not counted yet."""
+        done = set(whole.blocks)
+        return [number for number in self.blocks if number not in done]
+
+    def count(self, part: Summary) -> int:
+        """The runs of a summary."""
+        return part.drawn
+
+    def document(self, part: Summary) -> dict[str, Any]:
+        """A summary in JSON's types."""
+        return summary_document(part)
+
+    def part_of(self, document: Any) -> Summary:
+        """The summary of a document."""
+        return summary_of(document)
 
     def span(self, number: int) -> tuple[int, int]:
         """(first, count) of the runs of a block; the last one may be shorter."""
@@ -149,74 +181,3 @@ class Job:
         parts += (self.strict,)
         # Twelve digits of every number: what is computed from a study may differ in the last one between machines.
         return _NUMBER.sub(lambda found: f"{float(found[0]):.12g}", repr(parts))
-
-
-def run_block(job: Job, number: int) -> Summary:
-    """Draws, runs and counts the cases of one block."""
-    job.prepare()
-    first, count = job.span(number)
-    with one_thread():
-        cases, family = job.drawn(first, count)
-        results = job.run(cases)
-        return count_block(
-            number,
-            first,
-            cases,
-            family,
-            results,
-            names=job.families,
-            promises=job.promises,
-            axes=job.axes,
-            converter=job.study.converter,
-            instruction_set="strict" if job.strict else job.batch.instruction_set(),
-        )
-
-
-def run_blocks(job: Job, numbers: Iterable[int], executor: Executor | None, ahead: int) -> Iterator[Summary]:
-    """The summaries of these blocks (:func:`blocks_done`)."""
-    return blocks_done(run_block, job, job.sent, numbers, executor, ahead)
-
-
-_JobT = TypeVar("_JobT")
-_DoneT = TypeVar("_DoneT")
-
-
-def blocks_done(
-    run: Callable[[_JobT, int], _DoneT],
-    job: _JobT,
-    sent: _JobT,
-    numbers: Iterable[int],
-    executor: Executor | None,
-    ahead: int,
-) -> Iterator[_DoneT]:
-    """What ``run`` returns for the job and each of these numbers, as it is finished. ``sent``: the job as other
-    processes get it; ``ahead``: how many blocks are handed out at a time.
-
-    After an error or an interruption, what else is finished is still given before it is raised. Raises WorkerError
-    where a worker is lost.
-    """
-    if executor is None:
-        for number in numbers:
-            yield run(job, number)
-        return
-    left = iter(numbers)
-    under_way: set[Future[_DoneT]] = set()
-    try:
-        while True:
-            while len(under_way) < ahead and (number := next(left, None)) is not None:
-                under_way.add(executor.submit(run, sent, number))
-            if not under_way:
-                return
-            done, under_way = wait(under_way, return_when=FIRST_COMPLETED)
-            while done:
-                yield done.pop().result()
-    except (Exception, KeyboardInterrupt) as error:
-        for future in under_way:
-            if future.done() and not future.cancelled() and future.exception() is None:
-                yield future.result()
-        if isinstance(error, BrokenExecutor | CancelledError):
-            raise WorkerError(f"workers: {LOST}") from error
-        raise
-    finally:
-        for future in under_way:
-            future.cancel()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from vsgdesign.verification.blocks import Job
+from vsgdesign.verification.blocks import VerificationJob
 from vsgdesign.verification.bounds import one_in, upper_bound
 from vsgdesign.verification.histogram import QUANTILE_ERROR, quantile
 from vsgdesign.verification.promises import FIGURES, Promise
@@ -15,7 +15,7 @@ QUANTILES = ("50", "90", "99", "99.9")
 """Percentiles of each figure that are given."""
 
 
-def counts_document(job: Job, summary: Summary, confidence: float) -> dict[str, Any]:
+def counts_document(job: VerificationJob, summary: Summary, confidence: float) -> dict[str, Any]:
     """The counts of a verification with their bounds. A figure that does not exist (never settled) is infinite.
 
     A share is of the judged cases, and its bound is exact because all of them are drawn independently.
@@ -65,7 +65,7 @@ def figures_document(figures: tuple[float, ...]) -> dict[str, float]:
     return dict(zip(FIGURES, figures, strict=True))
 
 
-def _family(job: Job, family: FamilyCount, confidence: float) -> dict[str, Any]:
+def _family(job: VerificationJob, family: FamilyCount, confidence: float) -> dict[str, Any]:
     return {
         "drawn": family.drawn,
         "judged": family.judged,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.execution.machine_code import instruction_set
+from vsgdesign.codegen.machine_code import instruction_set
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED, TOO_SHORT, late_mean
 from vsgdesign.metrics.step_response import cycle_mean, step_response
 from vsgdesign.parameters import load_study

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.errors import WorkerError
-from vsgdesign.execution.executors import LOST
+from vsgdesign.execution.jobs import begun
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.execution.threads import one_thread
 from vsgdesign.simulation.lanes.results import STATUSES
-from vsgdesign.verification.blocks import Job
+from vsgdesign.verification.blocks import VerificationJob
 from vsgdesign.verification.counting import LEFT_OUT, figures_of, judged_values
 from vsgdesign.verification.summary import CaseFigures
 
@@ -61,7 +59,7 @@ class FoundCase:
 class _Watch:
     """The objective of the search, and everything that it has met."""
 
-    job: Job
+    job: VerificationJob
     family: int
     known: Array
     """Coordinates of the cases that are known already, a row each. They are no finding."""
@@ -74,7 +72,7 @@ class _Watch:
         job, name = self.job, self.job.families[self.family]
         inside = np.clip(coordinates, 0.0, np.nextafter(1.0, 0.0))
         cases = job.cases_of(inside, self.family)
-        results = job.run(cases)
+        results = job.results_of(cases)
         status, figures = np.asarray(results.status), figures_of(results)
         held = [promise for promise in job.promises if name in promise.families]
         asked = ~np.isin(status, LEFT_OUT)
@@ -128,7 +126,7 @@ class Searched:
 
 
 def search(
-    job: Job,
+    job: VerificationJob,
     evaluations: int,
     starts: Mapping[str, Array],
     *,
@@ -148,7 +146,7 @@ def search(
 
 
 def begun_search(
-    job: Job,
+    job: VerificationJob,
     evaluations: int,
     starts: Mapping[str, Array],
     *,
@@ -163,20 +161,14 @@ def begun_search(
     seed = 0 if verification is None else verification.seed
     each = evaluations // max(len(starts), 1)
     chosen = starts if each >= 2 * LEAST else {}
-    tasks = [(job.sent, job.families.index(name), each, rows, tuple(edges), seed) for name, rows in chosen.items()]
-    futures = None if executor is None else [executor.submit(_search_family, *task) for task in tasks]
+    tasks = [(job, job.families.index(name), each, rows, tuple(edges), seed) for name, rows in chosen.items()]
+    calls = [begun(executor, _search_family, *task) for task in tasks]
 
     def finish(tell: Progress) -> Searched:
         parts: list[Searched] = []
-        try:
-            for k, task in enumerate(tasks):
-                tell("search for the worst", k / len(tasks))
-                parts.append(_search_family(*task) if futures is None else futures[k].result())
-        except (BrokenExecutor, CancelledError) as error:
-            raise WorkerError(f"workers: {LOST}") from error
-        finally:
-            for future in futures or ():
-                future.cancel()
+        for k, call in enumerate(calls):
+            tell("search for the worst", k / len(calls))
+            parts.append(call())
         tell("search for the worst", 1.0)
         return Searched(
             evaluations=sum(part.evaluations for part in parts),
@@ -188,12 +180,11 @@ def begun_search(
 
 
 def _search_family(
-    job: Job, family: int, evaluations: int, starts: Array, edges: tuple[int, ...], seed: int
+    job: VerificationJob, family: int, evaluations: int, starts: Array, edges: tuple[int, ...], seed: int
 ) -> Searched:
     from scipy.optimize import differential_evolution
     from scipy.stats import qmc
 
-    job.prepare()
     watch = _Watch(job, family, starts)
     dimensions = starts.shape[1]
     generator = np.random.default_rng([seed, family])
@@ -206,19 +197,18 @@ def _search_family(
     # Half of the generation at most: from the same places alone it would not get away.
     begin[: size // 2][: len(starts)] = starts[: size // 2]
     first: Any = begin  # the type that SciPy states is that of its names alone
-    with one_thread():
-        differential_evolution(
-            lambda x: -watch.severities(np.ascontiguousarray(x.T)),
-            [(-_BEYOND, 1.0 + _BEYOND)] * dimensions,
-            init=first,
-            maxiter=evaluations // size - 1,
-            tol=0.0,
-            mutation=(0.4, 0.9),
-            polish=False,
-            updating="deferred",
-            vectorized=True,
-            rng=generator,
-        )
+    differential_evolution(
+        lambda x: -watch.severities(np.ascontiguousarray(x.T)),
+        [(-_BEYOND, 1.0 + _BEYOND)] * dimensions,
+        init=first,
+        maxiter=evaluations // size - 1,
+        tol=0.0,
+        mutation=(0.4, 0.9),
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+        rng=generator,
+    )
     return Searched(evaluations=watch.evaluations, broken=watch.broken, found=watch.found())
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from vsgdesign.artifacts.files import json_text
 from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.errors import ArtifactError, counted
-from vsgdesign.verification.blocks import Job
+from vsgdesign.verification.blocks import VerificationJob
 from vsgdesign.verification.summary import Summary, summary_document, summary_of
 
 COUNTS = "counts.json"
@@ -43,12 +43,12 @@ class Shard:
             raise ValueError(f"{text!r} is not i/N, as 3/16")
         return cls(int(first), int(second))
 
-    def blocks(self, job: Job) -> range:
+    def blocks(self, job: VerificationJob) -> range:
         """The numbers of its blocks."""
         return job.blocks[self.number - 1 :: self.of]
 
 
-def counts_of_job(job: Job, summary: Summary) -> dict[str, Any]:
+def counts_of_job(job: VerificationJob, summary: Summary) -> dict[str, Any]:
     """The content of counts.json."""
     document = {
         "kind": KIND,
@@ -67,7 +67,7 @@ def counts_of_job(job: Job, summary: Summary) -> dict[str, Any]:
     return document | {"sha256": content_hash(document)}
 
 
-def write_counts(path: Path, job: Job, summary: Summary) -> None:
+def write_counts(path: Path, job: VerificationJob, summary: Summary) -> None:
     """Write counts.json."""
     path.write_text(json_text(counts_of_job(job, summary)), encoding="utf-8", newline="\n")
 
@@ -126,7 +126,7 @@ def check_same(files: Sequence[Path], documents: Sequence[Mapping[str, Any]]) ->
         )
 
 
-def merged_counts(files: Sequence[Path], documents: Sequence[Mapping[str, Any]], job: Job) -> Summary:
+def merged_counts(files: Sequence[Path], documents: Sequence[Mapping[str, Any]], job: VerificationJob) -> Summary:
     """The summary of all shards of a job. Raises ArtifactError for another job, and for blocks that are there twice or
     missing.
     """

@@ -12,7 +12,7 @@ import numpy as np
 
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.verification.blocks import Job
+from vsgdesign.verification.blocks import VerificationJob
 from vsgdesign.verification.document import figures_document
 from vsgdesign.verification.draws import COORDINATES, UNIFORMS, uniforms_of
 from vsgdesign.verification.promises import FIGURES
@@ -49,7 +49,7 @@ def worst_cases(summary: Summary, count: int = WORST) -> list[tuple[str, str, Ca
 
 
 def write_worst(
-    folder: CaseFolder, job: Job, summary: Summary, progress: Progress | None = None
+    folder: CaseFolder, job: VerificationJob, summary: Summary, progress: Progress | None = None
 ) -> list[dict[str, Any]]:
     """Writes the worst drawn cases as studies to a new ``folder`` and simulates each again. Returns their rows."""
     tell, rows = progress or silent, []
@@ -67,7 +67,7 @@ def write_worst(
 
 
 def search_from_worst(
-    job: Job, summary: Summary, evaluations: int, executor: Executor | None = None
+    job: VerificationJob, summary: Summary, evaluations: int, executor: Executor | None = None
 ) -> Callable[[Progress], Searched]:
     """Begins to search for cases that are worse than the worst that were drawn
     (:func:`vsgdesign.verification.search.begun_search`)."""
@@ -80,7 +80,7 @@ def search_from_worst(
     return begun_search(job, evaluations, starts, edges=_EDGES, executor=executor)
 
 
-def write_found(folder: CaseFolder, job: Job, searched: Searched) -> dict[str, Any]:
+def write_found(folder: CaseFolder, job: VerificationJob, searched: Searched) -> dict[str, Any]:
     """Writes the cases that a search has found as studies to a new ``folder`` and simulates each again. Returns the
     numbers of evaluations and the rows. None of it enters a share."""
     found = []
@@ -94,14 +94,14 @@ def write_found(folder: CaseFolder, job: Job, searched: Searched) -> dict[str, A
     return {"evaluations": searched.evaluations, "broken": searched.broken, "found": found}
 
 
-def _seed(job: Job) -> int:
+def _seed(job: VerificationJob) -> int:
     return 0 if job.study.verification is None else job.study.verification.seed
 
 
 def _row(
     folder: CaseFolder,
     name: str,
-    job: Job,
+    job: VerificationJob,
     cases: LaneCases,
     family: str,
     promise: str,
@@ -148,7 +148,7 @@ def largest_difference(figures: Mapping[str, float], again: Mapping[str, float])
 
 
 def _why(
-    job: Job, cases: LaneCases, promise: str, case: CaseFigures, coordinates: np.ndarray, decay: float
+    job: VerificationJob, cases: LaneCases, promise: str, case: CaseFigures, coordinates: np.ndarray, decay: float
 ) -> str | None:
     table = job.ready.table(job.spec)
     R_g = float(cases.R_g[0] * (1.0 + cases.error_R[0]))
@@ -166,7 +166,7 @@ def _why(
     )
 
 
-def _drawn_over_a_range(job: Job, coordinates: np.ndarray) -> dict[str, float]:
+def _drawn_over_a_range(job: VerificationJob, coordinates: np.ndarray) -> dict[str, float]:
     """The coordinates of a case, 0 to 1, whose quantity is drawn and has an edge that means something, by its name."""
     asked = job.study.verification
     if asked is None:

@@ -19,7 +19,7 @@ from vsgdesign.simulation.lanes.part import first_judged
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.survival.demand import settling_time_of
-from vsgdesign.verification.blocks import Job
+from vsgdesign.verification.blocks import VerificationJob
 from vsgdesign.verification.counting import MapAxes
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 from vsgdesign.verification.emt import EMT
@@ -86,7 +86,9 @@ def test_a_switched_bridge_comes_to_its_own_rest_first() -> None:
     study = a_study()
     axes = MapAxes(scr=(1.0, 20.0), x_over_r=(0.3, 20.0), scr_basis="impedance")
     spec, families = study.controllers[0], tuple(FAMILIES)
-    job = Job(study=study, spec=spec, tables={}, families=families, promises=(), axes=axes, runs=8, batch=EMT)
+    job = VerificationJob(
+        study=study, spec=spec, tables={}, families=families, promises=(), axes=axes, runs=8, batch=EMT
+    )
     first, _ = job.drawn(0, 8)
     later, _ = replace(job, bridge="pwm").drawn(0, 8)
     lead_s = SWITCHED_WINDOW * settling_time_of(study.controllers[0], NOTHING)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -20,11 +20,12 @@ from vsgdesign.equations.field import FieldAnswer, FieldFeatures
 from vsgdesign.equations.field_fusion import step_refuted
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.estimator.blocks import Arrays, Parts, made_blocks
+from vsgdesign.estimator.blocks import Arrays, ArraysJob, made_arrays
 from vsgdesign.estimator.data_set import check_data_target
 from vsgdesign.estimator.field.cycles import FieldCycles, write_cycles
 from vsgdesign.estimator.field.recipe import FieldRecipe, check_field_recipe
 from vsgdesign.estimator.field.scenarios import FieldScenario, draw_field_scenario, target_of
+from vsgdesign.execution.executors import How
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.background import draw_background
 from vsgdesign.parameters.sensors import draw_sensors
@@ -68,40 +69,43 @@ def generate_cycles(
     seed: int,
     *,
     out: str | Path | None = None,
-    workers: int = 1,
     executor: Executor | None = None,
     progress: Progress | None = None,
+    **how: Unpack[How],
 ) -> FieldCycles:
     """The cycles of a recipe's runs on some converters, and their file if ``out`` is given.
 
     The studies give converter, filter, inner loops, limiter and the target of the gains; grid, source, background,
-    sensors and set points come from the recipe. The result depends on studies, recipe and seed alone, not on
-    ``workers`` (processes; an ``executor`` replaces them). With ``out``, finished blocks are kept beside it until the
-    file is whole, so that the same call takes up an interrupted one. Raises StudyError for a faulty recipe or seed,
-    InfeasibleStudyError where a converter cannot run what is drawn, ArtifactError where the file cannot be written.
+    sensors and set points come from the recipe. The result depends on studies, recipe and seed alone, not on the
+    workers that ``how`` asks for (an ``executor`` replaces them). With ``out``, finished blocks are kept beside it
+    until the file is whole, so that the same call takes up an interrupted one. Raises StudyError for a faulty recipe or
+    seed, InfeasibleStudyError where a converter cannot run what is drawn, ArtifactError where the file cannot be
+    written.
     """
     check_field_recipe(recipe)
-    for name, value, least in (("seed", seed, 0), ("workers", workers, 1)):
+    for name, value, least in (("seed", seed, 0), ("workers", how.get("workers", 1) or 1, 1)):
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise StudyError("runs", [Fault(name, str(value), f"must be a whole number, {least} or more")])
     if out is not None:
         check_data_target(out)
     header = _header(studies, recipe, seed)
-    parts = Parts(out, header | {"block": BLOCK})
     blocks = [range(first, min(first + BLOCK, recipe.runs)) for first in range(0, recipe.runs, BLOCK)]
-    arrays = made_blocks(
-        parts,
-        [(tuple(studies), recipe, seed, block) for block in blocks],
-        make_runs,
+    job = ArraysJob(
         what="runs",
-        executor=executor,
-        workers=workers,
-        progress=progress or silent,
+        header=header | {"block": BLOCK},
+        make=make_runs,
+        arguments=[(tuple(studies), recipe, seed, block) for block in blocks],
     )
-    cycles = FieldCycles(**arrays, header=header)
-    if out is not None:
-        write_cycles(out, cycles)
-        parts.remove()
+    with made_arrays(
+        job,
+        out,
+        executor=executor,
+        progress=progress or silent,
+        **how,
+    ) as arrays:
+        cycles = FieldCycles(**arrays, header=header)
+        if out is not None:
+            write_cycles(out, cycles)
     return cycles
 
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from vsgdesign.estimator.field.recipe import FieldRecipe, check_field_recipe
 from vsgdesign.estimator.field.runs import generate_cycles
 from vsgdesign.estimator.field.scores import AFTER, GROUPS, WAYS, GroupScore, changes_by_name, field_scores
 from vsgdesign.estimator.trained import require_torch
+from vsgdesign.execution.executors import How
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.loading import study_from_text
@@ -74,21 +75,21 @@ def train_field_network(
     seed: int = 0,
     hidden: int | None = None,
     out: str | Path | None = None,
-    workers: int = 1,
     progress: Progress = silent,
+    **how: Unpack[How],
 ) -> TrainedFieldNetwork:
     """Make the runs of a recipe, train a network on them and compare it with the recursions alone.
 
     ``hidden`` replaces the recipe's. ``out`` keeps the runs, and finished ones of an interrupted call. The same
-    arguments give the same weights, whatever ``workers`` is. Raises InfeasibleStudyError without PyTorch, and the
-    errors of :func:`vsgdesign.estimator.field.runs.generate_cycles`.
+    arguments give the same weights, however the runs are made (``how``). Raises InfeasibleStudyError without PyTorch,
+    and the errors of :func:`vsgdesign.estimator.field.runs.generate_cycles`.
     """
     require_torch()
     check_field_recipe(recipe)
     check_enough(recipe.runs, "runs")
     studies = studies_of(study, recipe)
     begin = time.perf_counter()
-    cycles = generate_cycles(studies, recipe, seed, out=out, workers=workers, progress=progress)
+    cycles = generate_cycles(studies, recipe, seed, out=out, progress=progress, **how)
     made = time.perf_counter() - begin
     trained = train_on_cycles(cycles, recipe, seed=seed, hidden=hidden, progress=progress)
     trained.timing_s.update({"runs": made, "training": time.perf_counter() - begin - made})

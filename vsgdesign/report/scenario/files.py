@@ -50,7 +50,7 @@ def begin_all(
     if executor is None:
         figures = [write_figure(figure, folder) for figure in all_figures(result, trained)]
         return lambda: figures
-    from vsgdesign.design.sweep import begun
+    from vsgdesign.execution.jobs import begun
 
     waits = [begun(executor, write_figure, figure, folder) for figure in _figures_of_runs(result, trained)]
 
