@@ -18,6 +18,7 @@ from vsgdesign.estimator.blocks import WORK
 from vsgdesign.estimator.data_set import DataSet, read_data_set
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, log_uniform, one_of, uniform
 from vsgdesign.estimator.windows import generate_windows
+from vsgdesign.execution.journal import kept_count, kept_folder
 
 STUDY = lc_study("1 s")
 SMALL = replace(CONTINUOUS, name="small", bridge="averaged", scenarios=6, before=1, after=2, channels="alpha_beta")
