@@ -16,9 +16,9 @@ from vsgdesign.design.between import check_between
 from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import common_design, design_cell
 from vsgdesign.design.evaluation import law_of
-from vsgdesign.execution.threads import one_thread
 from vsgdesign.design.table import BuiltTable, build_table
 from vsgdesign.execution.executors import executor_of
+from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.specification import Specification
 
