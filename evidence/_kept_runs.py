@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from vsgdesign.artifacts.locks import locked
 from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.execution.jobs import Job
+from vsgdesign.execution.journal import journal_at, run_job
 from vsgdesign.execution.processes import worker_processes
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.progress import Progress
 
 EVIDENCE_SEED = 100_000
 """The first seed of runs that were never looked at while the estimator was tuned."""
-
-CHUNK = 6
-"""Runs that a worker takes at a time."""
 
 
 def share() -> float:
@@ -32,6 +30,37 @@ def share() -> float:
 def first_seed() -> int:
     """The first seed of the draws: by default one that was never used to tune an estimator."""
     return int(os.environ.get("VSGDESIGN_FIELD_SEED", str(EVIDENCE_SEED)))
+
+
+@dataclass(frozen=True)
+class Runs(Job[str, dict[str, Any]]):
+    """Tasks by their keys, each a block."""
+
+    what: ClassVar[str] = "runs"
+    function: Callable[[Any], dict[str, Any]]
+    tasks: dict[str, Any]
+
+    @property
+    def key(self) -> str:
+        """None of its own: those of the tasks say everything."""
+        return ""
+
+    @property
+    def blocks(self) -> Sequence[str]:
+        """The keys of the tasks."""
+        return list(self.tasks)
+
+    def run(self, block: str, /) -> dict[str, Any]:
+        """The result of a task by its key."""
+        return _run(self.function, block, self.tasks[block])
+
+    def call(self, block: str, /) -> Callable[[], dict[str, Any]]:
+        """One task alone goes to another process."""
+        return partial(_run, self.function, block, self.tasks[block])
+
+
+def _run(function: Callable[[Any], dict[str, Any]], key: str, task: Any) -> dict[str, Any]:
+    return {key: function(task)}
 
 
 def kept_runs(
@@ -45,62 +74,24 @@ def kept_runs(
     workers = workers or int(os.environ.get("VSGDESIGN_FIELD_WORKERS", "0")) or os.cpu_count() or 1
     stamp = f"{package_hash()} {_evidence_hash()}"
     keys = [hashlib.sha256(f"{stamp} {task!r}".encode()).hexdigest()[:32] for task in tasks]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with locked(path.with_name(path.name + ".lock")):
-        found = _read(path, set(keys))
-        missing = [k for k, key in enumerate(keys) if key not in found]
-        chunks = [missing[i : i + CHUNK] for i in range(0, len(missing), CHUNK)]
-        done, told = len(tasks) - len(missing), -1
-        with path.open("a", encoding="utf-8") as file:
-            for chunk, results in _results(run, tasks, chunks, workers):
-                for k, result in zip(chunk, results, strict=True):
-                    found[keys[k]] = result
-                    file.write(json.dumps({"key": keys[k], "result": result}) + "\n")
-                file.flush()
-                done += len(chunk)
-                if (twentieth := 20 * done // max(len(tasks), 1)) != told:
-                    told = twentieth
-                    print(f"{name}: {5 * twentieth} % of {len(tasks)} runs", file=sys.stderr, flush=True)
+    job = Runs(run, dict(zip(keys, tasks, strict=True)))
+    pool = nullcontext() if workers == 1 else worker_processes(workers)
+    with journal_at(job, path) as journal, pool as executor:
+        found = run_job(job, journal, executor=executor, progress=_progress(name, len(tasks)))
     return [found[key] for key in keys]
 
 
-def _results(
-    run: Callable[[Any], dict[str, Any]], tasks: Sequence[Any], chunks: list[list[int]], workers: int
-) -> Iterator[tuple[list[int], list[dict[str, Any]]]]:
-    if workers == 1 or len(chunks) <= 1:
-        for chunk in chunks:
-            yield chunk, _chunk(run, [tasks[k] for k in chunk])
-        return
-    with worker_processes(min(workers, len(chunks))) as pool:
-        futures = {pool.submit(_chunk, run, [tasks[k] for k in chunk]): chunk for chunk in chunks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+def _progress(name: str, count: int) -> Progress:
+    shown = [-1]
+
+    def show(_what: str, done: float) -> None:
+        if (twentieth := int(20.0 * done)) != shown[0]:
+            shown[0] = twentieth
+            print(f"{name}: {5 * twentieth} % of {count} runs", file=sys.stderr, flush=True)
+
+    return show
 
 
-def _chunk(run: Callable[[Any], dict[str, Any]], tasks: list[Any]) -> list[dict[str, Any]]:
-    with one_thread():
-        return [run(task) for task in tasks]
-
-
-def _read(path: Path, wanted: set[str]) -> dict[str, dict[str, Any]]:
-    """Finished runs by key. What a kill left of a line is not one."""
-    if not path.exists():
-        return {}
-    text, found = path.read_text(encoding="utf-8"), {}
-    for line in text.splitlines():
-        try:
-            document = json.loads(line)
-            if document["key"] in wanted:
-                found[document["key"]] = dict(document["result"])
-        except (ValueError, KeyError, TypeError):
-            continue
-    if text and not text.endswith("\n"):
-        with path.open("a", encoding="utf-8") as file:
-            file.write("\n")
-    return found
-
-
-@functools.cache
 def _evidence_hash() -> str:
     """SHA-256 over the sources that draw, run and judge."""
     digest = hashlib.sha256()
