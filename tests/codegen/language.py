@@ -8,6 +8,7 @@ import numpy as np
 
 from tests.codegen import other
 from vsgdesign.equations.integration import advanced
+from vsgdesign.equations.notation import WHOLE, Count
 
 GAIN = 0.7
 
@@ -129,3 +130,8 @@ def integrates(nest: Nest, x: Any) -> Any:
 
 def moved(pair: Pair, first: Any, x: Any) -> Any:
     return Pair(first=first, second=advanced(pair.second, half(x)))
+
+
+def counted(ticks: Count) -> Count:
+    """One more, within 32 bits."""
+    return (ticks + 1) & WHOLE

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from tests.codegen.language import counted
 from vsgdesign.equations.integration import advanced
+from vsgdesign.equations.notation import Count, Numbers
 from vsgdesign.equations.power_loops import References
 
 
@@ -155,3 +157,27 @@ def unpacks_too_few(x: Any) -> Any:
 
 def casts(x: Any) -> Any:
     return float(x) + np.float64(x)
+
+
+def count_below_zero(later: Count, one: Count) -> Any:
+    return later - one
+
+
+def quotient_of_counts(a: Count, b: Count) -> Any:
+    return a / b
+
+
+def bits_of_numbers(x: Any, y: Any) -> Any:
+    return x & y
+
+
+def place_that_is_no_count(row: Numbers, x: Any) -> Any:
+    return row[x]
+
+
+def searches_otherwise(row: Numbers, x: Any) -> Any:
+    return np.searchsorted(row, x, side="left")
+
+
+def gives_a_number_for_a_count(x: Any, one: Count) -> Any:
+    return counted(x) | one

@@ -23,6 +23,8 @@ PLAIN = types.SimpleNamespace(
     floor=lambda x: float(math.floor(x)),
     maximum=_largest,
     minimum=_smallest,
+    clip=lambda x, low, high: _smallest(_largest(x, low), high),
+    searchsorted=lambda row, x, side: sum(one <= x for one in row) if side == "right" else None,
     where=lambda condition, one, other: one if condition else other,
     sin=vector_math.sine,
     cos=vector_math.cosine,

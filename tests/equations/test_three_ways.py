@@ -88,13 +88,17 @@ OF_ONE_LIMITER = tuple(
 Python, tests/simulation/test_limiters.py the compiled loop."""
 
 
+BRANCHING = tuple(f"vsgdesign.equations.{name}" for name in ("field", "scheduled_gains", "scheduling"))
+"""Never traced (test_field_recursions.py and test_scheduling.py beside this)."""
+
+
 def all_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
     modules = [
         importlib.import_module(m.name) for m in pkgutil.walk_packages(equations.__path__, f"{equations.__name__}.")
     ]
     for module in [*modules, frames]:
-        if module.__name__.startswith("vsgdesign.equations.field"):
-            continue  # never traced: it branches (tests/equations/test_field_recursions.py)
+        if module.__name__.startswith(BRANCHING):
+            continue
         for name, function in inspect.getmembers(module, inspect.isfunction):
             if function.__module__ == module.__name__ and function not in (
                 *NO_EQUATIONS,

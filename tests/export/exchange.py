@@ -12,10 +12,7 @@ from tests.artifacts.networks import random_weights
 from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
-from vsgdesign.export import CompiledC, export_c_files
-from vsgdesign.export.known_answers import gain_sizes
-from vsgdesign.runtime import Scheduler
-from vsgdesign.runtime.guards import (
+from vsgdesign.equations.scheduler_data import (
     DOUBT,
     FALLBACK,
     FRESH,
@@ -25,9 +22,12 @@ from vsgdesign.runtime.guards import (
     TOLD_CHANGED,
     TOLD_LIMITED,
     TOLD_SURPRISED,
+    SchedulerState,
 )
-from vsgdesign.runtime.state import SchedulerState
-from vsgdesign.runtime.updating import Answer, Covariance, advance, first_state, told_state
+from vsgdesign.export import CompiledC, export_c_files
+from vsgdesign.export.known_answers import gain_sizes
+from vsgdesign.runtime import Scheduler
+from vsgdesign.runtime.updating import Answer, Covariance, advance, first_state, given_input, told_state
 
 KINDS = ("published", "poles"), ("decoupled", "poles"), ("angle_damped", "poles"), ("angle_damped", "inertia")
 
@@ -156,7 +156,8 @@ def compare(scheduler: Scheduler, compiled: CompiledC, calls: Calls, *, each_afr
             compiled.load_state(state)
         changed = bool(told & TOLD_CHANGED)
         compiled.tell(limited=bool(told & TOLD_LIMITED), surprised=bool(told & TOLD_SURPRISED))
-        state, answer = advance(lookup, c, told_state(state, told), said, *values, ticks=ticks, covariance=covariance)
+        given = given_input(said, *values, ticks=ticks, covariance=covariance)
+        state, answer = advance(lookup, c, told_state(state, told), given)
         if said == NO_REASON:
             got = compiled.update_estimate(*values, ticks=ticks, covariance=covariance, changed=changed)
         else:

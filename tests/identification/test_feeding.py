@@ -12,13 +12,13 @@ import pytest
 
 from tests.gain_tables import table
 from tests.identification.signals import AT, OMEGA, N, answers, power_step
+from vsgdesign.equations.scheduler_data import FRESH, NO_ESTIMATE, NOT_FINITE
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.c_code import export_c
 from vsgdesign.export.c_content import Origin
 from vsgdesign.identification import ESTIMATORS, Estimate, Needs, Samples, build_estimator
 from vsgdesign.identification.feeding import FedEstimator
 from vsgdesign.runtime import scheduler_of
-from vsgdesign.runtime.guards import FRESH, NO_ESTIMATE, NOT_FINITE
 
 POWERS = (3000.0, 500.0, 112.0)
 CLASSICAL = tuple(name for name, kind in ESTIMATORS.items() if not (kind.trained or kind.by_sample))

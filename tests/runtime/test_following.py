@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from tests.examples import examples
 from tests.gain_tables import table
 from tests.runtime.schedulers import OMEGA, POWERS, Z_BASE, grid, made, settle
+from vsgdesign.equations.scheduler_data import DOUBT, FRESH, HELD, IMPLAUSIBLE, JUMP, NOT_FINITE, PARTLY, REFUSED
 from vsgdesign.errors import ArtifactError
 from vsgdesign.identification import Estimate, Needs
 from vsgdesign.runtime import Answer, Scheduler, scheduler_of, settings_of, status_text
 from vsgdesign.runtime.error_set import NOT_DESIGNED, ErrorSet, error_set_of
-from vsgdesign.runtime.guards import DOUBT, FRESH, HELD, IMPLAUSIBLE, JUMP, NOT_FINITE, PARTLY, REFUSED
 
 TABLE = table()
 

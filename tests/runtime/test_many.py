@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.gain_tables import PUBLISHED_BASE, table
+from vsgdesign.equations.scheduler_data import NO_ESTIMATE, NO_REASON, SATURATED
 from vsgdesign.errors import ArtifactError
 from vsgdesign.frames import base_impedance
 from vsgdesign.runtime import (
@@ -20,10 +21,9 @@ from vsgdesign.runtime import (
     settings_of,
     table_schedule,
 )
-from vsgdesign.runtime.guards import NO_ESTIMATE, NO_REASON, REASONS, SATURATED, STATUSES, SchedulerSettings
-from vsgdesign.runtime.many import ManySchedulers
-from vsgdesign.runtime.many_updating import ManyCovariances
-from vsgdesign.runtime.updating import advance, told_state
+from vsgdesign.runtime.guards import REASONS, STATUSES, SchedulerSettings
+from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
+from vsgdesign.runtime.updating import advance, given_input, told_state
 
 OMEGA = PUBLISHED_BASE.omega_n
 Z_BASE = base_impedance(5e3, 110.0)
@@ -146,7 +146,7 @@ def test_bits_of_single_schedulers(name: str) -> None:
         for lane in range(count):
             x = {key: one(value, lane) for key, value in given.items()}
             states[lane] = told_state(states[lane], x.pop("limited") + 2 * x.pop("surprised") + 4 * x.pop("changed"))
-            states[lane], answer = advance(lookup, settings, states[lane], **x)
+            states[lane], answer = advance(lookup, settings, states[lane], given_input(**x))
             found = tuple(value[lane] for value in answers[1:]), tuple(value[lane] for value in gains)
             assert found == (answer[1:], answer.gains)
             statuses |= answer.status

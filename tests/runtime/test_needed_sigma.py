@@ -13,10 +13,10 @@ import pytest
 from tests.cli.small_studies import call
 from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
+from vsgdesign.equations.scheduler_data import PARTLY
 from vsgdesign.export import export_c_files
 from vsgdesign.report.gain_table.words import heading
 from vsgdesign.runtime import scheduler_of
-from vsgdesign.runtime.guards import PARTLY
 from vsgdesign.runtime.needed_sigma import needed_sigma_of, needed_sigma_text, needed_sigmas
 
 BOX = {"box": {"error_R": 0.2, "error_X": 0.2, "error_Z": 0.0}}

@@ -13,19 +13,11 @@ from tests.artifacts.networks import random_weights
 from tests.examples import examples
 from tests.gain_tables import table
 from tests.runtime.schedulers import POWERS, grid, made, settle
+from vsgdesign.equations.scheduler_data import FRESH, HELD, IMPLAUSIBLE, NOT_FINITE, RANGE, REFUSED, TIME
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime import (
     neural_estimator,
     scheduler_of,
-)
-from vsgdesign.runtime.guards import (
-    FRESH,
-    HELD,
-    IMPLAUSIBLE,
-    NOT_FINITE,
-    RANGE,
-    REFUSED,
-    TIME,
 )
 
 

@@ -13,6 +13,7 @@ from tests.gain_tables import PUBLISHED_BASE, table
 from tests.runtime.schedulers import POWERS, made
 from vsgdesign.artifacts import GainTable, ValidityBox, write_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
+from vsgdesign.equations.scheduler_data import IMPLAUSIBLE, NO_ESTIMATE, NOT_FINITE, SATURATED
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime import (
     load_scheduler,
@@ -20,13 +21,7 @@ from vsgdesign.runtime import (
     scheduler_of,
     settings_of,
 )
-from vsgdesign.runtime.guards import (
-    IMPLAUSIBLE,
-    NO_ESTIMATE,
-    NOT_FINITE,
-    SATURATED,
-    window_settings,
-)
+from vsgdesign.runtime.guards import window_settings
 
 
 def larger() -> GainTable:

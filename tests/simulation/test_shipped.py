@@ -10,10 +10,10 @@ import pytest
 from tests.export.conftest import FIT, built
 from tests.export.exchange import exported, written
 from tests.simulation.studies import lc_study
+from vsgdesign.equations.scheduler_data import FALLBACK, FRESH, HELD, JUMP, LIMITED, NO_ESTIMATE
 from vsgdesign.export import export_c_files
 from vsgdesign.parameters import Study
 from vsgdesign.runtime import load_scheduler, status_text
-from vsgdesign.runtime.guards import FALLBACK, FRESH, HELD, JUMP, LIMITED, NO_ESTIMATE
 from vsgdesign.simulation import MeasuredWindow, Simulation, build_timeline, simulate
 from vsgdesign.simulation.shipped import ShippedScheduler, true_grid
 

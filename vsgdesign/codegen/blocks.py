@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from vsgdesign.codegen.expressions import Expression, Number, Operation, Variable
+from vsgdesign.codegen.expressions import Expression, Number, Numbers, Operation, Variable
 from vsgdesign.codegen.flat import Block, needed_lets, value_key
 
 
@@ -101,6 +101,9 @@ class Plain:
             if isinstance(value, Number):
                 self._numbers.append(value.value)
                 return first + len(self._numbers) - 1
+            if isinstance(value, Numbers):
+                self._numbers.append(value.values)
+                return first + len(self._numbers) - 1
             raise TypeError(f"{value!r} is no number, input or let of a block.")
 
         self._steps: list[tuple[Callable[..., Any], tuple[int, ...]]] = []
@@ -161,6 +164,9 @@ _DOES: dict[str, Callable[..., Any]] = {
     "max": lambda a, b: a if a >= b or a != a else b,
     "min": lambda a, b: a if a <= b or a != a else b,
     "select": lambda condition, one, other: one if condition else other,
+    "bitand": lambda a, b: float(int(a) & int(b)),
+    "bitor": lambda a, b: float(int(a) | int(b)),
+    "read": lambda row, at: row[int(at)],
     "and": lambda a, b: a and b,
     "or": lambda a, b: a or b,
     "not": lambda a: not a,

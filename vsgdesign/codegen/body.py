@@ -16,7 +16,9 @@ from vsgdesign.codegen.expressions import (
     RecordName,
     Statement,
     Variable,
+    alike,
     is_flag,
+    kind_of,
     operation,
 )
 from vsgdesign.codegen.language import KEYWORDS
@@ -85,7 +87,7 @@ class Body:
             self.flags.add(own)
         if isinstance(value, Field):
             self.origin[own] = value
-        return Variable(own)
+        return Variable(own, kind_of(value))
 
     def name(self, wanted: str) -> str:
         own = free_name(wanted, self.taken)
@@ -107,7 +109,7 @@ class Body:
 
     def chosen(self, condition: Expression, one: Any, other: Any, at: ast.AST) -> Any:
         if isinstance(one, SCALARS) and isinstance(other, SCALARS):
-            return operation("select", condition, one, other)
+            return operation("select", condition, *alike(one, other))
         if isinstance(one, Record) and isinstance(other, Record) and one.cls is other.cls:
             pairs = {name: self.chosen(condition, one.values[name], other.values[name], at) for name in one.values}
             whole = (one.home or other.home) and len(pairs) > 1

@@ -8,9 +8,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vsgdesign.codegen.c99_expressions import ExpressionPrinter
+from vsgdesign.codegen.c99_expressions import ROW_OF_NUMBERS, ExpressionPrinter
 from vsgdesign.codegen.comments import ascii_text, block_comment, field_groups
 from vsgdesign.codegen.expressions import (
+    COUNT,
+    FLAG,
+    NUMBERS,
+    REAL,
     Build,
     Choose,
     Comment,
@@ -21,14 +25,17 @@ from vsgdesign.codegen.expressions import (
     Let,
     Output,
     Statement,
-    is_flag,
+    kind_of,
     names_in,
 )
 from vsgdesign.codegen.language import KEYWORDS
 from vsgdesign.codegen.reader import Library
+from vsgdesign.codegen.records import kind_of_field
 from vsgdesign.codegen.source import UntranslatableError
 
 WIDTH = 120
+
+_TYPES = {REAL: "vsg_real_t", FLAG: "int", COUNT: "uint32_t", NUMBERS: "vsg_numbers_t"}
 
 TYPES = """/* Single precision unless VSG_DOUBLE is defined, for every file alike. */
 #ifdef VSG_DOUBLE
@@ -56,7 +63,8 @@ class CText:
     def text(self) -> str:
         """All of it, to be compiled by itself."""
         structs = "\n".join(self.structs.values())
-        return f"#include <math.h>\n\n{TYPES}\n{structs}\n{self.constants}\n{self.functions}"
+        needed = "#include <stdint.h>\n" if "uint32_t" in f"{structs}{self.functions}" else ""
+        return f"#include <math.h>\n{needed}\n{TYPES}\n{structs}\n{self.constants}\n{self.functions}"
 
     def needed_by(self, records: Iterable[str]) -> list[str]:
         """These structs and those that they hold, in order."""
@@ -120,6 +128,8 @@ class _Printer(ExpressionPrinter):
         structs = {
             self.type(record): self.struct(record) for record in self.records if self.library.kinds.paths(record)
         }
+        if NUMBERS in self.used:
+            structs = {"vsg_numbers_t": ROW_OF_NUMBERS} | structs
         lost = [record for record in self.records if record in self.lost_paths]
         structs |= {self.lost_type(record): self.lost_struct(record) for record in lost}
         return CText(structs, self.macros(), functions)
@@ -128,7 +138,9 @@ class _Printer(ExpressionPrinter):
 
     def type(self, kind: str | type) -> str:
         if isinstance(kind, str):
-            return "vsg_real_t" if kind == "real" else "int"
+            if kind == NUMBERS:
+                self.used.add(NUMBERS)
+            return _TYPES[kind]
         self.word(kind)
         return f"vsg_{self.word(kind)}_t"
 
@@ -182,7 +194,7 @@ class _Printer(ExpressionPrinter):
                     raise UntranslatableError(f"{record.__name__}.{name}: is a word of C. Give the field another name.")
                 inner = fields[name]
                 if inner is None or self.library.kinds.paths(inner):
-                    declared.append(f"    {self.type('real' if inner is None else inner)} {name};")
+                    declared.append(f"    {self.type(inner or kind_of_field(record, name))} {name};")
             if not declared:
                 continue
             beside = f"{declared[0]} /* {ascii_text(text)} */"
@@ -231,7 +243,7 @@ class _Printer(ExpressionPrinter):
             read |= names_in(function.result)
         unused = [parameter.name for parameter in function.parameters if parameter.name not in read]
         body += [f"    (void){name};" for name in unused if name not in function.lost]
-        returned = "void" if function.result is None else ("int" if _is_flag(function) else "vsg_real_t")
+        returned = "void" if function.result is None else self.type(kind_of(function.result))
         head = f"static inline {returned} vsg_{function.name}({', '.join(declared)})"
         return "\n".join([*block_comment(function.doc), *_wrapped(head, 4), "{", *body, "}", ""])
 
@@ -270,7 +282,7 @@ class _Printer(ExpressionPrinter):
         if isinstance(statement, Comment):
             return block_comment(statement.text, "    ")
         if isinstance(statement, Let):
-            kind = "int" if is_flag(statement.value) else "vsg_real_t"
+            kind = self.type(kind_of(statement.value))
             return _wrapped(f"    const {kind} {statement.name} = {self.expression(statement.value)};", 8)
         if isinstance(statement, Build):
             values = ", ".join(f".{path} = {self.expression(value)}" for path, value in statement.fields)
@@ -292,10 +304,6 @@ class _Printer(ExpressionPrinter):
         written = [name for name, output in pairs if not output.empty]
         targets = [f"&{name}" if statement.declare else name for name in written]
         return lines + _wrapped(f"    {self.invoked(function, statement.arguments, targets)};", 8)
-
-
-def _is_flag(function: Function) -> bool:
-    return function.result is not None and is_flag(function.result)
 
 
 def _read(statement: Statement) -> set[str]:

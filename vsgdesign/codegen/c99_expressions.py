@@ -7,15 +7,21 @@ from collections.abc import Sequence
 
 from vsgdesign.codegen.expressions import (
     ADVANCED,
+    BITS,
+    COUNT,
+    NUMBERS,
+    WHOLE,
     Argument,
     Expression,
     Field,
     Function,
     Invocation,
     Number,
+    Numbers,
     Operation,
     RecordName,
     Variable,
+    kind_of,
 )
 from vsgdesign.codegen.reader import Library
 from vsgdesign.codegen.source import UntranslatableError
@@ -57,6 +63,44 @@ static inline vsg_real_t vsg_advanced(vsg_real_t x, vsg_real_t dx, vsg_real_t *l
 """
 
 
+SHORT = 1 << 16
+"""A count below this is written short: unsigned int of a target has 16 bits at least."""
+
+_MAX_COUNT = """/* The larger of two counts. */
+static inline uint32_t vsg_max_count(uint32_t a, uint32_t b)
+{
+    return (a >= b) ? a : b;
+}
+"""
+_MIN_COUNT = """/* The smaller of two counts. */
+static inline uint32_t vsg_min_count(uint32_t a, uint32_t b)
+{
+    return (a <= b) ? a : b;
+}
+"""
+_SEARCH = """/* How many numbers of an ascending row are not above x. */
+static inline uint32_t vsg_not_above(vsg_numbers_t row, vsg_real_t x)
+{
+    uint32_t found = (uint32_t)0;
+    while ((found < row.count) && (row.at[found] <= x)) {
+        found = found + (uint32_t)1;
+    }
+    return found;
+}
+"""
+_HELPERS = {
+    "max": _MAX, "min": _MIN, "max_count": _MAX_COUNT, "min_count": _MIN_COUNT, "search": _SEARCH, ADVANCED: _ADVANCED
+}  # fmt: skip
+_OF_COUNTS = ("to real", "length", "read", "search", *BITS.values())
+
+ROW_OF_NUMBERS = """/* A row of constants, and how many they are. */
+typedef struct {
+    const vsg_real_t *at;
+    uint32_t count;
+} vsg_numbers_t;
+"""
+
+
 class ExpressionPrinter:
     """Expressions of one function after the other; it remembers what they use."""
 
@@ -80,6 +124,12 @@ class ExpressionPrinter:
             return f"{e.record}{'->' if pointer else '.'}{e.path}"
         if isinstance(e, Invocation):
             return self.invoked(e.function, e.arguments)
+        if isinstance(e, Numbers):
+            raise UntranslatableError("A row of numbers: C takes it from a record. Give the record as an argument.")
+        return self.of_counts(e, above) if e.name in _OF_COUNTS else self.operation(e, above)
+
+    def operation(self, e: Operation, above: int) -> str:
+        """Operators, choices and mathematical functions."""
         precedence, text = _PRECEDENCE.get(e.name, _ATOM), ""
         if e.name == ADVANCED:
             self.used.add(ADVANCED)
@@ -94,13 +144,36 @@ class ExpressionPrinter:
         elif e.name in _SYMBOLS:
             text = f" {_SYMBOLS[e.name]} ".join(self.enclosed(argument) for argument in _chain(e))
         elif precedence == _ATOM:
-            self.used.add(e.name)
-            name = f"vsg_{e.name}" if e.name in ("max", "min") else f"VSG_{e.name.upper()}"
+            if e.name not in ("max", "min"):
+                self.used.add(e.name)
+            name = f"VSG_{e.name.upper()}"
+            if e.name in ("max", "min"):
+                ending = "_count" if kind_of(e) == COUNT else ""
+                name = f"vsg_{e.name}{ending}"
+                self.used.add(f"{e.name}{ending}")
             text = f"{name}({', '.join(self.expression(argument) for argument in e.arguments)})"
         else:
             left, right = e.arguments
             text = f"{self.expression(left, precedence)} {e.name} {self.expression(right, precedence + 1)}"
         return f"({text})" if precedence < above else text
+
+    def of_counts(self, e: Operation, above: int) -> str:
+        """Counts bit by bit, a count as a number, and what is asked of a row of numbers."""
+        first = e.arguments[0]
+        if e.name == "to real":
+            return f"(vsg_real_t){self.expression(first, _ATOM)}"
+        if e.name == "length":
+            return f"{self.expression(first, _ATOM)}.count"
+        if e.name == "read":
+            return f"{self.expression(first, _ATOM)}.at[{self.expression(e.arguments[1])}]"
+        if e.name == "search":
+            self.used.add("search")
+            return f"vsg_not_above({self.expression(first)}, {self.expression(e.arguments[1])})"
+        if e.name == "bitand" and getattr(e.arguments[1], "value", None) == WHOLE:  # a count of C has no more bits
+            return self.expression(first, above)
+        symbol = "&" if e.name == "bitand" else "|"
+        text = f"{self.expression(first, _ATOM)} {symbol} {self.expression(e.arguments[1], _ATOM)}"
+        return f"({text})" if above else text
 
     def enclosed(self, e: Expression) -> str:
         """In parentheses, as a condition is read without knowing what binds how."""
@@ -119,7 +192,7 @@ class ExpressionPrinter:
                     "functions that are translated together. Give one of them another name."
                 )
             return f"VSG_{name}"
-        return f"VSG_C({number.value!r})"
+        return _literal(number.value)
 
     def invoked(self, function: Function, arguments: Sequence[Argument], targets: Sequence[str] = ()) -> str:
         given = [self.argument(argument) for argument in arguments]
@@ -146,7 +219,7 @@ class ExpressionPrinter:
         return self.expression(argument)
 
     def macros(self) -> str:
-        mathematical = sorted(self.used - {"max", "min", ADVANCED})
+        mathematical = sorted(self.used - {*_HELPERS, NUMBERS})
         text = ""
         if mathematical:
             pairs = [(f"VSG_{name.upper()}", _LIBRARY.get(name, name)) for name in mathematical]
@@ -154,10 +227,15 @@ class ExpressionPrinter:
             single = "\n".join(f"#define {macro} {name}f" for macro, name in pairs)
             text += f"#ifdef VSG_DOUBLE\n{double}\n#else\n{single}\n#endif\n\n"
         for name, value in self.constants.items():
-            text += f"#define VSG_{name} VSG_C({value!r})\n"
+            text += f"#define VSG_{name} {_literal(value)}\n"
         text += "\n" if self.constants else ""
-        helpers = (("max", _MAX), ("min", _MIN), (ADVANCED, _ADVANCED))
-        return text + "\n".join(helper for name, helper in helpers if name in self.used)
+        return text + "\n".join(helper for name, helper in _HELPERS.items() if name in self.used)
+
+
+def _literal(value: float) -> str:
+    if type(value) is not int:
+        return f"VSG_C({value!r})"
+    return f"{value}U" if value < SHORT else f"((uint32_t){value}UL)"
 
 
 def _chain(e: Operation) -> list[Expression]:

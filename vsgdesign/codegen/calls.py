@@ -14,6 +14,9 @@ import numpy as np
 from vsgdesign.codegen.body import Body
 from vsgdesign.codegen.expressions import (
     ADVANCED,
+    COUNT,
+    NUMBERS,
+    REAL,
     Argument,
     Evaluate,
     Expression,
@@ -22,7 +25,11 @@ from vsgdesign.codegen.expressions import (
     Invocation,
     Number,
     Operation,
+    Parameter,
     Variable,
+    alike,
+    as_real,
+    kind_of,
     operation,
 )
 from vsgdesign.codegen.language import FUNCTIONS, instead_of
@@ -46,9 +53,13 @@ class Calls(Body):
             return self.chosen(self.scalar(condition, node), one, other, node)
         if callee is np.clip:
             value, low, high = (self.scalar(item, node) for item in given)
-            return operation("min", operation("max", value, low), high)
+            return operation("min", *alike(operation("max", *alike(value, low)), high))
+        if callee is len or callee is np.searchsorted:
+            return self.of_numbers(node, callee, given, named)
         if isinstance(callee, np.ufunc) and callee in FUNCTIONS and not named:
-            return operation(FUNCTIONS[callee], *(self.scalar(item, node) for item in given))
+            values = [self.scalar(item, node) for item in given]
+            alone = callee not in (np.maximum, np.minimum)
+            return operation(FUNCTIONS[callee], *(map(as_real, values) if alone else alike(*values)))
         if is_record(callee):
             return self.construct(node, callee, given, named)
         if isinstance(callee, types.MethodType) and callee.__name__ == "_replace":
@@ -57,6 +68,18 @@ class Calls(Body):
             return self.invoke(node, callee, self.bound(node, callee, given, named), wanted)
         shown = ast.unparse(node.func)
         raise self.source.refuse(node.lineno, f"a call of {shown}", instead_of(shown))
+
+    def of_numbers(self, node: ast.Call, callee: Any, given: list[Any], named: dict[str, Any]) -> Expression:
+        """How many numbers are in a row, or how many of them are not above a value."""
+        row = given[0] if given else None
+        if isinstance(row, SCALARS) and kind_of(row) == NUMBERS:
+            if callee is len:
+                return operation("length", row)
+            if len(given) == 2 and named == {"side": "right"}:
+                return operation("search", row, self.scalar(given[1], node))
+        raise self.source.refuse(
+            node.lineno, ast.unparse(node), 'Write len(row) or np.searchsorted(row, value, side="right") of a row.'
+        )
 
     def construct(self, node: ast.Call, cls: Any, given: list[Any], named: dict[str, Any]) -> Record:
         """A NamedTuple of its fields by position and name."""
@@ -117,7 +140,7 @@ class Calls(Body):
         for parameter, name in zip(function.parameters, names, strict=True):
             value = bound[name]
             if isinstance(parameter.kind, str):
-                arguments.append(self.scalar(value, node))
+                arguments.append(self.given(parameter, self.scalar(value, node), node))
             elif isinstance(value, Record) and value.cls is parameter.kind:
                 arguments.append(self.record(value, name))
             else:
@@ -141,11 +164,20 @@ class Calls(Body):
         made: list[Any] = []
         for name, output in zip(own, function.outputs, strict=True):
             if isinstance(output.kind, str):
-                made.append(Variable(name))
+                made.append(Variable(name, output.kind))
             else:
                 made.append(self.library.kinds.at(output.kind, name, given=False))
         several = len(made) > 1 or isinstance(function.outputs[0].kind, str)
         return tuple(made) if several else made[0]
+
+    def given(self, parameter: Parameter, value: Expression, node: ast.Call) -> Expression:
+        """A value as an argument of its kind."""
+        kind, wanted = kind_of(value), parameter.kind
+        if wanted == REAL and kind == COUNT:
+            return as_real(value)
+        if kind != wanted and (COUNT in (kind, wanted) or NUMBERS in (kind, wanted)):
+            raise self.source.refuse(node.lineno, f"argument {parameter.name} is no {wanted}", "Give one.")
+        return value
 
     def keep_lost(self, node: ast.Call, function: Function, values: list[Any]) -> None:
         """What the callee keeps compensated sums of belongs to arguments of this function, too."""

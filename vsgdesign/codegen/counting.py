@@ -9,6 +9,7 @@ from typing import Any
 
 from vsgdesign.codegen.expressions import (
     ADVANCED,
+    BITS,
     COMPARISONS,
     Build,
     Choose,
@@ -48,7 +49,7 @@ def cost_of(function: Any, fixed: Mapping[str, Any] | None = None) -> Cost:
     Raises UntranslatableError as :func:`vsgdesign.codegen.c_functions` does.
     """
     counted = _Counting().function(Library().read(function, fixed))
-    choices = ("select", "and", "or", "not", "max", "min", "abs", *COMPARISONS)
+    choices = ("select", "and", "or", "not", "max", "min", "abs", "to real", "length", *BITS.values(), *COMPARISONS)
     plain = ("+", "-", "neg", "*", "/", ADVANCED, *choices)
     return Cost(
         products=counted["*"],

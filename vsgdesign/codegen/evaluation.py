@@ -11,11 +11,16 @@ from typing import Any
 
 from vsgdesign.codegen.calls import Calls
 from vsgdesign.codegen.expressions import (
+    BITS,
+    COUNT,
+    NUMBERS,
     Expression,
     Number,
     Variable,
     advances,
+    alike,
     is_flag,
+    kind_of,
     operation,
 )
 from vsgdesign.codegen.language import COMPARISONS, OPERATORS, REFUSED, instead_of
@@ -37,7 +42,7 @@ class Evaluation(Calls):
         """An expression's value; ``whole`` where it is all that is assigned or returned."""
         match node:
             case ast.Constant(value=bool() | int() | float() as number):
-                return Number(number if isinstance(number, bool) else float(number))
+                return Number(number)
             case ast.Constant(value=other):
                 return other
             case ast.Name(id=name):
@@ -45,10 +50,7 @@ class Evaluation(Calls):
             case ast.Attribute(value=inner, attr=name):
                 return self.attribute(self.value(inner, environment), name, node)
             case ast.BinOp(left=left, op=op, right=right):
-                if type(op) not in OPERATORS:
-                    raise self.refused(op, node)
-                a, b = (self.number_of(side, environment) for side in (left, right))
-                return operation(OPERATORS[type(op)], a, b)
+                return self.arithmetic(node, op, left, right, environment)
             case ast.UnaryOp(op=ast.Not(), operand=inner):
                 return operation("not", self.scalar_of(inner, environment))
             case ast.UnaryOp(op=ast.USub(), operand=inner):
@@ -70,8 +72,12 @@ class Evaluation(Calls):
                 return self.chosen(condition, self.value(one, environment), self.value(other, environment), node)
             case ast.Tuple(elts=items):
                 return tuple(self.items(items, environment))
-            case ast.Subscript(value=inner, slice=ast.Constant(value=int() as index)):
-                found = self.value(inner, environment)
+            case ast.Subscript(value=inner, slice=place):
+                found, index = self.value(inner, environment), getattr(place, "value", None)
+                if isinstance(found, SCALARS) and kind_of(found) == NUMBERS:
+                    return self.read(found, place, node, environment)
+                if not isinstance(place, ast.Constant) or not isinstance(index, int):
+                    raise self.refused(node)
                 values = tuple(found.values.values()) if isinstance(found, Record) else found
                 if not isinstance(values, tuple) or not -len(values) <= index < len(values):
                     raise self.source.refuse(node.lineno, ast.unparse(node), "Give the results names.")
@@ -92,6 +98,8 @@ class Evaluation(Calls):
         if name in function.__code__.co_varnames:
             raise self.source.refuse(node.lineno, f"{name} is not bound here", "Bind it before.")
         scope = {**function.__globals__, **inspect.getclosurevars(function).nonlocals}
+        if name == "len":
+            return len
         if name not in scope:
             raise self.source.refuse(node.lineno, f"{name} is no name of this project", instead_of(name))
         return known(scope[name], name)
@@ -104,6 +112,41 @@ class Evaluation(Calls):
         if isinstance(base, SCALARS) or not hasattr(base, name):
             raise self.source.refuse(node.lineno, ast.unparse(node), "Take fields of a NamedTuple.")
         return known(getattr(base, name), name if isinstance(base, types.ModuleType) else "")
+
+    def arithmetic(
+        self, node: ast.expr, op: ast.operator, left: ast.expr, right: ast.expr, environment: dict[str, Any]
+    ) -> Expression:
+        """A sum, difference, product or quotient, or counts bit by bit."""
+        if isinstance(op, ast.BitAnd | ast.BitOr):
+            if isinstance(op, ast.BitAnd) and isinstance(left, ast.BinOp) and isinstance(left.op, ast.Sub):
+                a = self.difference(left, environment)
+            else:
+                a = self.scalar_of(left, environment)
+            b = self.scalar_of(right, environment)
+            if (kind_of(a), kind_of(b)) != (COUNT, COUNT):
+                raise self.source.refuse(node.lineno, ast.unparse(node), "Write `and` and `or`, or give two counts.")
+            return operation(BITS["&" if isinstance(op, ast.BitAnd) else "|"], a, b)
+        if type(op) not in OPERATORS:
+            raise self.refused(op, node)
+        a, b = alike(*(self.number_of(side, environment) for side in (left, right)))
+        if kind_of(a) == COUNT and isinstance(op, ast.Div):
+            raise self.source.refuse(node.lineno, f"{ast.unparse(node)} of counts", "Multiply one by 1.0 first.")
+        if kind_of(a) == COUNT and isinstance(op, ast.Sub) and not isinstance(b, Number):
+            raise self.source.refuse(
+                node.lineno, f"{ast.unparse(node)} may be below zero", "Write (a - b) & WHOLE, which wraps."
+            )
+        return operation(OPERATORS[type(op)], a, b)
+
+    def difference(self, node: ast.BinOp, environment: dict[str, Any]) -> Expression:
+        """The difference of two counts, which a mask around it brings back into 32 bits."""
+        return operation("-", *alike(*(self.scalar_of(side, environment) for side in (node.left, node.right))))
+
+    def read(self, row: Expression, place: ast.expr, node: ast.expr, environment: dict[str, Any]) -> Expression:
+        """A number of a row."""
+        at = self.scalar_of(place, environment)
+        if kind_of(at) != COUNT:
+            raise self.source.refuse(node.lineno, ast.unparse(node), "Give a count as its place.")
+        return operation("read", row, at)
 
     def comparison(
         self, values: Sequence[ast.expr], ops: Sequence[ast.cmpop], node: ast.expr, environment: dict[str, Any]
@@ -121,7 +164,7 @@ class Evaluation(Calls):
                 same = a is b if isinstance(op, ast.Is | ast.IsNot) else a == b
                 pieces.append(Number(bool(same) is isinstance(op, ast.Is | ast.Eq)))
             elif type(op) in COMPARISONS:
-                pieces.append(operation(COMPARISONS[type(op)], self.scalar(a, node), self.scalar(b, node)))
+                pieces.append(operation(COMPARISONS[type(op)], *alike(self.scalar(a, node), self.scalar(b, node))))
             else:
                 raise self.refused(op, node)
         result = pieces[0]

@@ -15,6 +15,15 @@ target, since a target with single precision keeps a compensated sum."""
 
 COMPARISONS = ("<", ">", "<=", ">=", "==", "!=")
 
+REAL, FLAG, COUNT, NUMBERS = "real", "flag", "count", "numbers"
+"""What a value is: a number, true or false, a whole number of 32 bits, a row of numbers."""
+
+BITS = {"&": "bitand", "|": "bitor"}
+"""Operations on counts, bit by bit."""
+
+WHOLE = 0xFFFFFFFF
+"""The largest count."""
+
 _EXACT: dict[str, Callable[..., Any]] = {
     "+": operator.add,
     "-": operator.sub,
@@ -32,31 +41,45 @@ _EXACT: dict[str, Callable[..., Any]] = {
     "min": min,
     "abs": abs,
     "sqrt": math.sqrt,
+    "bitand": lambda a, b: int(a) & int(b),
+    "bitor": lambda a, b: int(a) | int(b),
+    "to real": float,
 }
 """What is folded: results that every target rounds alike."""
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number or a flag that is known when the text is generated; ``name`` of a constant that keeps its own."""
+    """A number, a count (an int) or a flag that is known when the text is generated; ``name`` of a constant that keeps
+    its own."""
 
-    value: float | bool
+    value: float | bool | int
     name: str = ""
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A scalar argument or local."""
+    """A scalar argument or local, or a row of numbers."""
 
     name: str
+    kind: str = field(default=REAL, compare=False)
 
 
 @dataclass(frozen=True)
 class Field:
-    """A scalar field of a record that has a name in the target; ``path`` is ``theta`` or ``limiter.energy``."""
+    """A field of a record that has a name in the target, no record itself; ``path`` is ``theta`` or
+    ``limiter.energy``."""
 
     record: str
     path: str
+    kind: str = field(default=REAL, compare=False)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A row of numbers that is known when the text is generated."""
+
+    values: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -78,7 +101,7 @@ class Invocation:
     arguments: tuple[Argument, ...]
 
 
-Expression = Number | Variable | Field | Operation | Invocation
+Expression = Number | Variable | Field | Operation | Invocation | Numbers
 
 
 @dataclass(frozen=True)
@@ -89,7 +112,7 @@ class RecordName:
     path: str = ""
 
 
-Argument = Number | Variable | Field | Operation | Invocation | RecordName
+Argument = Expression | RecordName
 
 
 @dataclass(frozen=True)
@@ -154,7 +177,7 @@ Statement = Comment | Let | Build | Choose | Evaluate
 
 @dataclass(frozen=True)
 class Parameter:
-    """``kind``: "real", "flag", or the NamedTuple's class."""
+    """``kind``: REAL, FLAG, COUNT, NUMBERS, or the NamedTuple's class."""
 
     name: str
     kind: str | type
@@ -229,6 +252,38 @@ def is_flag(expression: Expression) -> bool:
     if isinstance(expression, Invocation):
         return expression.function.result is not None and is_flag(expression.function.result)
     return False
+
+
+def kind_of(expression: Expression) -> str:
+    """REAL, FLAG, COUNT or NUMBERS."""
+    if isinstance(expression, Number):
+        return {bool: FLAG, int: COUNT}.get(type(expression.value), REAL)
+    if isinstance(expression, Variable | Field):
+        return expression.kind
+    if isinstance(expression, Numbers):
+        return NUMBERS
+    if isinstance(expression, Invocation):
+        return REAL if expression.function.result is None else kind_of(expression.function.result)
+    if expression.name in ("select", "+", "-", "*", "max", "min"):
+        return kind_of(expression.arguments[-1])
+    if expression.name in (*BITS.values(), "search", "length"):
+        return COUNT
+    return FLAG if is_flag(expression) else REAL
+
+
+def alike(*arguments: Expression) -> tuple[Expression, ...]:
+    """Numbers of one kind: beside a real number, a count becomes one."""
+    kinds = [kind_of(argument) for argument in arguments]
+    if COUNT not in kinds or all(kind == COUNT for kind in kinds):
+        return arguments
+    return tuple(as_real(one) for one in arguments)
+
+
+def as_real(value: Expression) -> Expression:
+    """A count as a real number; any other value as it is."""
+    if isinstance(value, Number) and kind_of(value) == COUNT:
+        return Number(float(value.value), value.name)
+    return operation("to real", value) if kind_of(value) == COUNT else value
 
 
 def parts(expression: Expression | RecordName) -> Iterator[Expression | RecordName]:

@@ -15,7 +15,9 @@ from typing import Any
 
 from vsgdesign.codegen.expressions import (
     ADVANCED,
+    BITS,
     COMPARISONS,
+    FLAG,
     Build,
     Choose,
     Evaluate,
@@ -25,6 +27,7 @@ from vsgdesign.codegen.expressions import (
     Invocation,
     Let,
     Number,
+    Numbers,
     Operation,
     RecordName,
     Variable,
@@ -48,14 +51,17 @@ OPERATIONS = (
     "and",
     "or",
     "not",
+    *BITS.values(),
+    "read",
     *COMPARISONS,
 )
-"""What a block is made of. ``max`` and ``min`` give NaN where either is NaN."""
+"""What a block is made of. ``max`` and ``min`` give NaN where either is NaN. Counts are whole numbers among the others;
+``bitand`` and ``bitor`` are for them. ``read`` takes a number of a row that is known."""
 
 FLAGS = frozenset(("and", "or", "not", *COMPARISONS))
 """Operations whose result is true or false."""
 
-Atom = Number | Variable
+Atom = Number | Variable | Numbers
 Values = Atom | dict[str, Atom]
 """A scalar, or the numbers of a record by path."""
 
@@ -108,7 +114,7 @@ def _flat_block(function: Any, fixed: tuple[tuple[str, str, Any], ...], kinds: t
         if isinstance(parameter.kind, str):
             inputs.append(parameter.name)
             value = Variable(parameter.name)
-            arguments.append(flat.apply("!=", value, Number(0.0)) if parameter.kind == "flag" else value)
+            arguments.append(flat.apply("!=", value, Number(0.0)) if parameter.kind == FLAG else value)
         else:
             paths = {path: f"{parameter.name}.{path}" for path in library.kinds.paths(parameter.kind)}
             inputs += paths.values()
@@ -184,6 +190,10 @@ class _Flat:
 
     def apply(self, name: str, *arguments: Atom, hint: str = "") -> Atom:
         """The operation's value: a number, an input or a let that there is, or a new let."""
+        if isinstance(arguments[0], Numbers):
+            return self._of_row(name, arguments[0], arguments[1:])
+        if name == "to real":
+            return arguments[0]
         if name == ADVANCED:
             name = "+"
         if name in PLAIN:
@@ -204,6 +214,25 @@ class _Flat:
             self._made[own] = found
             if _is_flag(found, self.flags):
                 self.flags.add(own)
+            self._known[key] = Variable(own)
+        return self._known[key]
+
+    def _of_row(self, name: str, row: Numbers, others: tuple[Atom, ...]) -> Atom:
+        """How many numbers a row has, how many of them are not above a value, or one of them."""
+        if name == "length":
+            return Number(float(len(row.values)))
+        if name == "search":
+            found: Atom = Number(0.0)
+            for one in row.values:
+                found = self.apply("+", self.apply("<=", Number(one), others[0]), found)
+            return found
+        at = others[0]
+        if isinstance(at, Number):
+            return Number(row.values[int(at.value)])
+        key = "read", id(row.values), value_key(at)
+        if key not in self._known:
+            own = self._free("read")
+            self.lets.append((own, Operation("read", (row, at))))
             self._known[key] = Variable(own)
         return self._known[key]
 
@@ -242,10 +271,11 @@ class _Flat:
     def number(self, value: Atom) -> Atom:
         """1 or 0 for what is true or false."""
         if not _is_flag(value, self.flags):
-            return value if isinstance(value, Variable) else Number(float(value.value))
+            return Number(float(value.value)) if isinstance(value, Number) else value
         if isinstance(value, Number):
             return Number(float(value.value))
-        return self.apply("select", value, Number(1.0), Number(0.0), hint=f"{value.name}_as_number")
+        name = value.name if isinstance(value, Variable) else "flag"
+        return self.apply("select", value, Number(1.0), Number(0.0), hint=f"{name}_as_number")
 
     def flag(self, value: Atom) -> Atom:
         """True for what is not zero."""
@@ -294,8 +324,10 @@ class _Flat:
 
     def value(self, value: Expression, here: Mapping[str, Values], hint: str = "") -> Atom:
         """An expression as a number, an input or a let."""
+        if isinstance(value, Numbers):
+            return value
         if isinstance(value, Number):
-            return Number(value.value)
+            return Number(value.value if isinstance(value.value, bool) else float(value.value))
         if isinstance(value, Variable | Field):
             variable = isinstance(value, Variable)
             return _scalar(here[value.name] if variable else self._part(here, value.record, value.path))
@@ -333,7 +365,7 @@ def _plain(name: str) -> Function:
 
 
 def _scalar(value: Values | Expression) -> Atom:
-    if isinstance(value, Number | Variable):
+    if isinstance(value, Number | Variable | Numbers):
         return value
     raise TypeError(f"{value!r} is not a number, an input or a let.")
 

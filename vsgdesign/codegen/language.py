@@ -25,6 +25,9 @@ FUNCTIONS: dict[Any, str] = {
 """NumPy's functions that every target has."""
 
 OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+COUNTS = {ast.BitAnd: "&", ast.BitOr: "|"}
+"""Operators of counts alone."""
+
 COMPARISONS: dict[type, str] = {
     ast.Lt: "<",
     ast.Gt: ">",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vsgdesign.codegen.expressions import Expression, Number, Operation, Variable
+from vsgdesign.codegen.expressions import Expression, Number, Numbers, Operation, Variable
 from vsgdesign.codegen.flat import Block, needed_lets
 from vsgdesign.codegen.llvm_values import Printer, Scope, Value
 from vsgdesign.codegen.loop_spec import LoopSpec
@@ -108,6 +108,10 @@ class Body:
         scope = self._scope(self.levels[name])
         if value.name == "/" and not self.spec.strict:
             value = self._product(value, name, scope)
+        row = value.arguments[0]
+        if isinstance(row, Numbers):
+            self._values[name, id(scope)] = self.printer.read(scope, row, self._seen(value.arguments[1], scope))
+            return
         given = [self._seen(one, scope) for one in value.arguments]
         self._values[name, id(scope)] = self.printer.operation(scope, value.name, *given)
 

@@ -47,6 +47,7 @@ def loop_text(spec: LoopSpec) -> str:
     arguments = [*(f"i64 %{name}" for name in INTEGERS), *(f"ptr noalias %{name}" for name in POINTERS)]
     lines = [
         *sorted(printer.declared),
+        *(text for _, text in printer.rows.values()),
         *_entrance(),
         f"define internal i64 @all_groups({', '.join(arguments)}) #0 {{",
         "entry:",

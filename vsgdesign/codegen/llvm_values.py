@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, field
 
-from vsgdesign.codegen.expressions import Number
+from vsgdesign.codegen.expressions import Number, Numbers
 
 FAST = "contract nsz arcp"
 """A product and a sum may round as one, the sign of a zero may be lost, a division may become a product with the
@@ -13,6 +13,7 @@ reciprocal. Sums are never taken in another order."""
 
 _ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 _COMPARISONS = {"<": "olt", ">": "ogt", "<=": "ole", ">=": "oge", "==": "oeq", "!=": "une"}
+_BITS = {"bitand": "and", "bitor": "or"}
 _INTRINSICS = {"sqrt": "sqrt", "abs": "fabs", "floor": "floor"}
 
 _HALF_OF_THE_EXPONENT = 0x5FE6EB50C7B537A9
@@ -29,6 +30,10 @@ class Value:
     flag: bool = False
     sound: bool = False
     """Whether it cannot be NaN."""
+
+
+def _bits_of(value: float) -> str:
+    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
 
 
 @dataclass
@@ -58,6 +63,8 @@ class Printer:
         self.flags = "" if strict else f"{FAST} "
         self.strict = strict
         self.declared: set[str] = set()
+        self.rows: dict[tuple[float, ...], tuple[str, str]] = {}
+        """Rows of numbers by what is in them: their names and their texts."""
         self._count = 0
 
     def register(self) -> str:
@@ -94,7 +101,7 @@ class Printer:
         if isinstance(number.value, bool):
             one, flag = ("true" if number.value else "false"), True
         else:
-            one, flag = f"0x{struct.unpack('<Q', struct.pack('<d', number.value))[0]:016X}", False
+            one, flag = _bits_of(number.value), False
         many = wide and self.width > 1
         kind = "i1" if flag else "double"
         text = f"<{', '.join([f'{kind} {one}'] * self.width)}>" if many else one
@@ -133,6 +140,11 @@ class Printer:
         if name == "not":
             true = self.number(Number(True), wide).text
             return Value(self.line(scope, f"xor {flag} {texts[0]}, {true}"), wide, flag=True)
+        if name in _BITS:
+            whole = self.whole(wide)
+            a, b = (self.line(scope, f"fptosi {real} {text} to {whole}") for text in texts)
+            bits = self.line(scope, f"{_BITS[name]} {whole} {a}, {b}")
+            return Value(self.line(scope, f"sitofp {whole} {bits} to {real}"), wide, sound=True)
         if name == "select":
             return self._select(scope, wide, *given)
         if name in ("max", "min"):
@@ -144,6 +156,30 @@ class Printer:
             text = self.line(scope, f"call {self.flags}{real} {function}({real} {texts[0]})")
             return Value(text, wide, sound=name != "sqrt" and given[0].sound)
         raise ValueError(f"Operation {name}: machine code has none. Write it of others in codegen/vector_math.py.")
+
+    def read(self, scope: Scope, row: Numbers, at: Value) -> Value:
+        """A number of a row that is known, for each lane its own."""
+        if row.values not in self.rows:
+            numbers = ", ".join(f"double {_bits_of(one)}" for one in row.values)
+            name = f"@row_{len(self.rows)}"
+            text = f"private constant [{len(row.values)} x double] [{numbers}], align 64"
+            self.rows[row.values] = name, f"{name} = {text}"
+        name, wide = self.rows[row.values][0], at.wide and self.width > 1
+        index = self.line(scope, f"fptosi {self.type(at.wide)} {at.text} to {self.whole(at.wide)}")
+        if not wide:
+            place = self.line(scope, f"getelementptr double, ptr {name}, i64 {index}")
+            return Value(self.line(scope, f"load double, ptr {place}, align 8"), at.wide)
+        kind, places, flags = self.type(True), f"<{self.width} x ptr>", self.type(True, True)
+        place = self.line(scope, f"getelementptr double, ptr {name}, {self.whole(True)} {index}")
+        function = f"@llvm.masked.gather.v{self.width}f64.v{self.width}p0"
+        self.declared.add(f"declare {kind} {function}({places}, i32, {flags}, {kind})")
+        all_lanes = self.number(Number(True), True).text
+        call = f"call {kind} {function}({places} {place}, i32 8, {flags} {all_lanes}, {kind} poison)"
+        return Value(self.line(scope, call), True)
+
+    def whole(self, wide: bool) -> str:
+        """The type of whole numbers as many as a value has."""
+        return f"<{self.width} x i64>" if wide and self.width > 1 else "i64"
 
     def _select(self, scope: Scope, wide: bool, condition: Value, one: Value, other: Value) -> Value:
         kind = self.type(wide, one.flag)

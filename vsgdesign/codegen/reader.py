@@ -1,8 +1,9 @@
 """Reads a function of the restricted language into expressions and statements, with everything known folded in.
 
-The language: scalars, NamedTuples and tuples; assignments, ``if`` and conditional expressions; the operators + − * /
-and comparisons; NumPy's scalar functions of :data:`FUNCTIONS`; other functions of this project. Every name is bound
-once in the result: a name that Python binds again is followed by ``_new``.
+The language: numbers, counts of 32 bits, rows of constants, NamedTuples and tuples; assignments, ``if`` and conditional
+expressions; the operators + − * / and comparisons, & and | of counts; NumPy's scalar functions of :data:`FUNCTIONS`;
+other functions of this project. Every name is bound once in the result: a name that Python binds again is followed by
+``_new``.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from typing import Any
 from vsgdesign.codegen.body import free_name
 from vsgdesign.codegen.evaluation import Evaluation, Unbound
 from vsgdesign.codegen.expressions import (
+    COUNT,
+    FLAG,
+    REAL,
     Build,
     Choose,
     Comment,
@@ -30,11 +34,12 @@ from vsgdesign.codegen.expressions import (
     Statement,
     Variable,
     advances,
+    kind_of,
     names_in,
     parts,
 )
 from vsgdesign.codegen.records import SCALARS, Kinds, Record, is_record, known, leaves
-from vsgdesign.codegen.source import Source, UntranslatableError, documented_results, source_of
+from vsgdesign.codegen.source import Source, UntranslatableError, documented_results, marked, source_of
 from vsgdesign.equations.integration import advanced
 
 
@@ -113,8 +118,8 @@ class _Reader(Evaluation):
             self.taken.add(own)
             kind = self.kind(name)
             if isinstance(kind, str):
-                environment[name] = Variable(own)
-                (self.flags if kind == "flag" else self.scalars).add(own)
+                environment[name] = Variable(own, kind)
+                (self.flags if kind == FLAG else self.scalars).add(own)
             else:
                 environment[name] = self.library.kinds.at(kind, own)
                 self.records.add(own)
@@ -133,15 +138,17 @@ class _Reader(Evaluation):
     def kind(self, name: str) -> str | type:
         hint = self.source.hints.get(name, Any)
         if hint in (Any, float):
-            return "real"
+            return REAL
         if hint is bool:
-            return "flag"
+            return FLAG
+        if mark := marked(hint):
+            return mark
         if is_record(hint):
             return hint
         raise self.source.refuse(
             self.source.tree.lineno,
             f"argument {name} of type {getattr(hint, '__name__', hint)}",
-            "Write Any, bool or a NamedTuple, or give its value in fixed.",
+            "Write Any, bool, a count, numbers or a NamedTuple, or give its value in fixed.",
         )
 
     # Statements.
@@ -299,7 +306,8 @@ class _Reader(Evaluation):
                         f"result {at + 1} of {len(items)} has no name",
                         "Write in its docstring: Returns (a, b), with a name for each.",
                     )
-                outputs.append(Output(name, "real", (("", value),)))
+                kind = COUNT if kind_of(value) == COUNT else REAL
+                outputs.append(Output(name, kind, (("", value),)))
         given = {parameter.name: parameter.kind for parameter in made.parameters}
         made.outputs = tuple(self.safe(output, outputs, given) for output in outputs)
 

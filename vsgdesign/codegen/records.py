@@ -10,9 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.codegen.expressions import Expression, Field, Invocation, Number, Operation, Variable
+from vsgdesign.codegen.expressions import (
+    NUMBERS,
+    REAL,
+    Expression,
+    Field,
+    Invocation,
+    Number,
+    Numbers,
+    Operation,
+    Variable,
+)
+from vsgdesign.codegen.source import marked
 
-SCALARS = (Number, Variable, Field, Operation, Invocation)
+SCALARS = (Number, Variable, Field, Operation, Invocation, Numbers)
 
 
 @dataclass
@@ -34,7 +45,12 @@ class Record:
 
 @functools.cache
 def _hints(record: Any) -> dict[str, Any]:
-    return typing.get_type_hints(record)
+    return typing.get_type_hints(record, include_extras=True)
+
+
+def kind_of_field(record: Any, name: str) -> str:
+    """REAL, COUNT or NUMBERS, of a field that is no record."""
+    return marked(_hints(record).get(name)) or REAL
 
 
 def is_record(cls: Any) -> bool:
@@ -47,10 +63,13 @@ def known(value: Any, name: str = "") -> Any:
     if isinstance(value, bool | np.bool_):
         return Number(bool(value))
     if isinstance(value, int | float):
-        return Number(float(value), name)
+        return Number(int(value) if isinstance(value, int) else float(value), name)
     if is_record(type(value)):
-        fields = {field: known(item) for field, item in value._asdict().items()}
-        if all(isinstance(item, Number | Record) for item in fields.values()):
+        fields = {
+            field: Numbers(tuple(item)) if kind_of_field(type(value), field) == NUMBERS else known(item)
+            for field, item in value._asdict().items()
+        }
+        if all(isinstance(item, Number | Numbers | Record) for item in fields.values()):
             return Record(type(value), fields)
     return value
 
@@ -98,7 +117,10 @@ class Kinds:
         values: dict[str, Any] = {}
         for name, inner in self.fields(record):
             place = f"{path}.{name}" if path else name
-            values[name] = Field(home, place) if inner is None else self.at(inner, home, place, given)
+            if inner is None:
+                values[name] = Field(home, place, kind_of_field(record, name))
+            else:
+                values[name] = self.at(inner, home, place, given)
         return Record(record, values, home if values else "", path, given=given)
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import vsgdesign
+from vsgdesign.codegen.expressions import COUNT, NUMBERS
 from vsgdesign.errors import VsgDesignError
 
 _PACKAGE = Path(vsgdesign.__file__).resolve().parent.parent
@@ -74,10 +75,15 @@ def source_of(function: Any) -> Source:
     if arguments.vararg or arguments.kwarg:
         raise source.refuse(first, "*args or **kwargs", "Name every argument.")
     try:
-        source.hints.update(typing.get_type_hints(function))
+        source.hints.update(typing.get_type_hints(function, include_extras=True))
     except NameError as error:
         raise source.refuse(first, f"type hints: {error}", "Import the types outside TYPE_CHECKING.") from error
     return source
+
+
+def marked(hint: Any) -> str | None:
+    """What a hint says of a number: COUNT of ``Annotated[int, COUNT]``, NUMBERS of a row, else None."""
+    return next((mark for mark in getattr(hint, "__metadata__", ()) if mark in (COUNT, NUMBERS)), None)
 
 
 def documented_results(doc: str) -> tuple[str, ...]:

@@ -10,11 +10,12 @@ import numpy as np
 from vsgdesign.artifacts.gain_table import base_differences, base_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.scheduler_data import CLAMPED, FRESH, HELD
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.explore.state import OWN, State
 from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.guards import CLAMPED, FRESH, HELD, STATUSES
+from vsgdesign.runtime.guards import STATUSES
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.runtime.table import TableSchedule
 from vsgdesign.stability.cells import NO_GAINS, CellSet, cell_set, gains_in_force

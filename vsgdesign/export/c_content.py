@@ -13,6 +13,7 @@ from vsgdesign import __version__
 from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.equations.field_fusion import FIRST_GATE
 from vsgdesign.equations.limiters import CIRCULAR, limiter_named
+from vsgdesign.equations.scheduling import ARRIVED, ROUNDED_CORRELATION
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.field import ConverterConstants, field_content
 from vsgdesign.export.known_answers import known_answers, known_steps, known_windows
@@ -20,10 +21,9 @@ from vsgdesign.export.known_cycles import known_cycles, known_posteriors
 from vsgdesign.export.laws import laws_content
 from vsgdesign.identification.field_network import FieldNetwork
 from vsgdesign.identification.neural import NeuralEstimator
-from vsgdesign.runtime.guards import ARRIVED, REASONS
+from vsgdesign.runtime.guards import REASONS
 from vsgdesign.runtime.needed_sigma import needed_sigma
 from vsgdesign.runtime.scheduler import Scheduler
-from vsgdesign.runtime.updating import ROUNDED_CORRELATION
 
 if TYPE_CHECKING:
     from vsgdesign.runtime.lookup import GainLookup

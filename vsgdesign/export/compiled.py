@@ -17,10 +17,9 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants
 from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.scheduler_data import TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED, SchedulerState
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.compiled_field import CompiledConverter, CompiledField
-from vsgdesign.runtime.guards import TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED
-from vsgdesign.runtime.state import SchedulerState
 from vsgdesign.runtime.updating import Answer, Covariance
 
 SOURCES = ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_control.c", "vsg_selftest.c")

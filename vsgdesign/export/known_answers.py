@@ -20,19 +20,13 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterRatings, LimiterView
 from vsgdesign.equations.power_filter import notch_constants
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
+from vsgdesign.equations.scheduler_data import NO_ESTIMATE, NO_REASON, TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED
 from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator
-from vsgdesign.runtime.guards import (
-    NO_ESTIMATE,
-    NO_REASON,
-    TOLD_CHANGED,
-    TOLD_LIMITED,
-    TOLD_SURPRISED,
-    SchedulerSettings,
-)
+from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.scheduler import SAID, Scheduler
-from vsgdesign.runtime.updating import advance, first_state, told_state
+from vsgdesign.runtime.updating import advance, first_state, given_input, told_state
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +102,7 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
         said = NO_ESTIMATE if hold else NO_REASON
         covariance = tuple(float(np.float32(value)) for value in covariances.get(ticks, ()))
         known_error = None if covariance == () else (covariance[0], covariance[1], covariance[2])
-        state, answer = advance(lookup, c, state, said, R_g, L_g, P, Q, V, ticks, known_error)
+        state, answer = advance(lookup, c, state, given_input(said, R_g, L_g, P, Q, V, ticks, known_error))
         known.append(
             KnownAnswer(
                 ticks=ticks,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 from functools import cache
 from types import FunctionType, SimpleNamespace
@@ -29,6 +30,16 @@ def _where(condition: bool, one: float, other: float) -> float:
     return one if condition else other
 
 
+def _clip(value: float, low: float, high: float) -> float:
+    value = value if value >= low or value != value else low
+    return value if value <= high or value != value else high
+
+
+def _search(row: tuple[float, ...], value: float, side: str) -> int:
+    del side
+    return bisect_right(row, value)
+
+
 def _as_float(function: Callable[..., Any]) -> Callable[..., float]:
     """Calls NumPy's own function, so that the last bit is the same, and returns its result as a float."""
     return lambda *values: float(function(*values))
@@ -40,9 +51,12 @@ _NUMPY = SimpleNamespace(
     maximum=_maximum,
     minimum=_minimum,
     where=_where,
+    clip=_clip,
+    searchsorted=_search,
+    abs=abs,
     **{
         name: _as_float(getattr(np, name))
-        for name in ("abs", "arctan2", "cos", "exp", "floor", "hypot", "log", "sin", "tan", "tanh")
+        for name in ("arctan2", "cos", "exp", "floor", "hypot", "log", "sin", "tan", "tanh")
     },
 )
 

@@ -1,4 +1,4 @@
-"""The guards between an estimate and the gains: limits, status bits, reasons (:doc:`docs/theory/runtime.md`)."""
+"""The limits of a scheduler, and its status bits and reasons in words (:doc:`docs/theory/runtime.md`)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.scheduler_data import (
+    CLAMPED,
+    DOUBT,
+    FALLBACK,
+    FRESH,
+    HELD,
+    LIMITED,
+    PARTLY,
+    REFUSED,
+    SchedulerLimits,
+)
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import ArtifactError
 from vsgdesign.frames import rated_current_rms
@@ -19,7 +30,6 @@ from vsgdesign.runtime.error_set import NOT_DESIGNED, ErrorSet, error_set_of
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
 
-FRESH, HELD, CLAMPED, LIMITED, FALLBACK, REFUSED, DOUBT, PARTLY = 1, 2, 4, 8, 16, 32, 64, 128
 STATUSES = {
     FRESH: "fresh",
     HELD: "held",
@@ -32,15 +42,6 @@ STATUSES = {
 }
 """Bits of a status. Every answer is either fresh (an estimate was accepted) or held (no estimate was accepted)."""
 
-TOLD_LIMITED, TOLD_SURPRISED, TOLD_CHANGED = 1, 2, 4
-"""Bits of what a scheduler is told with an update: since the last one the converter limited its current, or the
-estimator or anything else was surprised, or the estimator decided that the grid has changed. All mean that the place
-may not be that of the grid. The last one stays set until an estimate is accepted."""
-
-SURPRISED_BEFORE = 8
-"""Bit of the state: the last update was told TOLD_SURPRISED, so that the same again is no new surprise."""
-
-NO_REASON, TIME, NOT_FINITE, RANGE, SATURATED, NO_ESTIMATE, IMPLAUSIBLE, JUMP, UNDESIGNED = range(9)
 REASONS = (
     "",
     "time went backwards",
@@ -52,10 +53,8 @@ REASONS = (
     "the estimate jumped and waits to be confirmed",
     "the table has no design at the place",
 )
-"""Reasons why an estimate was not accepted. The reason is that of the first guard that refused it."""
-
-ARRIVED = 1e-5
-"""Relative distance within which a place has reached its goal. A distance this small is rounding alone."""
+"""Reasons why an estimate was not accepted, in the order of their numbers in
+:mod:`vsgdesign.equations.scheduler_data`."""
 
 Pair = tuple[float, float]
 
@@ -130,6 +129,18 @@ class SchedulerSettings:
         exact in single precision and many steps in a row drift apart by less. Slow rates are left as they are."""
         units = np.floor(self.rate * self.tick * 2.0**23)
         return float(units * 2.0**-23) if units >= 32.0 else float(np.float32(self.rate * self.tick))
+
+    @cached_property
+    def limits(self) -> SchedulerLimits:
+        """The limits as the equations take them."""
+        pairs = {"scr": "scr", "r_over_x": "r_over_x", "P": "P", "Q": "Q", "V_rms": "V", "R_g": "R_g", "L_g": "L_g"}
+        values = {
+            f"{short}_{end}": getattr(self, name)[at]
+            for name, short in pairs.items()
+            for at, end in enumerate(("low", "high"))
+        }
+        others = (name for name in SchedulerLimits._fields if name not in values)
+        return SchedulerLimits(**values, **{name: getattr(self, name) for name in others})
 
     def __post_init__(self) -> None:
         for name in ("scr", "r_over_x", "P", "Q", "V_rms"):
@@ -259,23 +270,6 @@ def box_settings(
     changed = defaults | changes
     changed["safe_scr"] = min(changed["safe_scr"], _single(scr[1], -np.inf))
     return SchedulerSettings(**box, **changed)
-
-
-def near(scr: Any, r_over_x: Any, of_scr: Any, of_r_over_x: Any, share: Any, floor: Any) -> Any:
-    """Whether a place differs from another by at most a relative ``share`` (:eq:`place-band`); numbers or arrays."""
-    f = 1.0 + share
-    of_scr_near = (scr <= of_scr * f) & (of_scr <= scr * f)
-    return of_scr_near & (np.abs(r_over_x - of_r_over_x) <= share * np.maximum(np.abs(of_r_over_x), floor))
-
-
-def limited(goal: Any, present: Any, factor: Any) -> Any:
-    """The goal, limited to at most a factor away from the present value (:eq:`place-rate`); numbers or arrays."""
-    return np.minimum(np.maximum(goal, present / factor), present * factor)
-
-
-def within(value: Any, low: float, high: float) -> Any:
-    """The value or values, drawn to between two limits."""
-    return np.minimum(np.maximum(value, low), high)
 
 
 def _inside(value: float, box: Pair) -> float:

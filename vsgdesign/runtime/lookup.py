@@ -1,32 +1,26 @@
-"""Gains at one place of a schedule on plain floats, as a controller computes them in every window.
-
-The exported C must agree with these functions.
-"""
+"""The data of a schedule for the equations that run on a controller (:mod:`vsgdesign.equations.scheduling`)."""
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from itertools import repeat
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
-from vsgdesign.equations.grid import grid_from_scr_impedance, grid_from_scr_reactance, scr_impedance, scr_reactance
-from vsgdesign.equations.power_flow import scheduled_jacobian
+from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.scheduled_gains import gains_at, grid_of, normalised_at, place_of
+from vsgdesign.equations.scheduler_data import NO_DESIGN, ScheduleLaw, ScheduleTable
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.frames import base_impedance
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.floats import on_floats
-from vsgdesign.runtime.interpolation import Interval, blend, corner_weights
 from vsgdesign.runtime.table import TableSchedule
 
-_ZEROS = (0.0,) * 6
+_OUTSIDE = NO_DESIGN, 0.0, 0.0, 0.0, 0.0, 0.0
 _MOST_KEPT = 32
-_scheduled_jacobian = on_floats(scheduled_jacobian)
-_SCR = {"impedance": on_floats(scr_impedance), "reactance": on_floats(scr_reactance)}
-_GRID = {"impedance": on_floats(grid_from_scr_impedance), "reactance": on_floats(grid_from_scr_reactance)}
+_place_of, _grid_of = on_floats(place_of), on_floats(grid_of)
+_normalised_at, _gains_at = on_floats(normalised_at), on_floats(gains_at)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,53 +43,63 @@ class GainLookup:
     D_q: float
     V_n_rms: float
     """Voltage that is assumed before the first measurement, V."""
-    _kept: dict[tuple[str, float, float], Any] = field(default_factory=dict, init=False, repr=False)
-    """Answers of the last places: a schedule mostly stays where it was."""
 
-    def _remembered(self, what: str, one: float, other: float, function: Callable[[float, float], Any]) -> Any:
-        """``function`` of two numbers, which is asked again only where they are new."""
-        key = what, one, other
-        if key not in self._kept:
-            if len(self._kept) >= _MOST_KEPT:
-                self._kept.clear()
-            self._kept[key] = function(one, other)
-        return self._kept[key]
+    @cached_property
+    def table(self) -> ScheduleTable:
+        """The table as the equations take it."""
+        nodes = [node or _OUTSIDE for row in self.nodes for node in row]
+        return ScheduleTable(
+            scr=self.scr,
+            r_over_x=self.r_over_x,
+            nodes=tuple(number for node in nodes for number in node),
+            Z_base=self.Z_base,
+            omega=self.omega,
+            R_2=self.R_2,
+            L_2=self.L_2,
+            S_rated=self.S_rated,
+            D_p=self.D_p,
+            D_q=self.D_q,
+            V_n=self.V_n_rms,
+        )
 
-    def coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:
-        """SCR on the table's basis and R/X of a grid with R_g (Ω) and L_g > 0 (H) (:eq:`scr`)."""
-        return self._remembered("place", R_g, L_g, self._coordinates)
+    @cached_property
+    def functions(self) -> ScheduleLaw:
+        """The functions of the SCR's basis and of the structure."""
+        basis = SCR_BASES[self.scr_basis]
+        gains = STRUCTURES[self.structure].gains
+        return ScheduleLaw(basis.scr, basis.grid, normalised_at, gains, self.law == "inertia")
 
-    def _coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:
-        return _SCR[self.scr_basis](R_g, L_g, self.Z_base, self.omega), R_g / (self.omega * L_g)
+    @cached_property
+    def functions_of_floats(self) -> ScheduleLaw:
+        """The same functions for plain floats. They remember their last results: a schedule mostly stays where it
+        was."""
+        law, table = self.functions, self.table
+        found = lru_cache(_MOST_KEPT)(partial(_normalised_at, table))
+
+        def normalised(_: ScheduleTable, scr: float, r_over_x: float) -> tuple[NormalisedGains, int]:
+            return found(scr, r_over_x)
+
+        scr, grid = (lru_cache(_MOST_KEPT)(on_floats(function)) for function in (law.scr, law.grid))
+        return ScheduleLaw(scr, grid, normalised, on_floats(law.gains), law.by_inertia)
 
     def grid(self, scr: float, r_over_x: float) -> tuple[float, float]:
         """R_g (Ω) and L_g (H) of a place (:eq:`scr`)."""
-        return self._remembered("grid", scr, r_over_x, self._grid)
+        return _grid_of(self.table, scr, r_over_x, self.functions_of_floats)
 
-    def _grid(self, scr: float, r_over_x: float) -> tuple[float, float]:
-        return _GRID[self.scr_basis](scr, 1.0 / r_over_x, self.Z_base, self.omega)
+    def coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:
+        """SCR on the table's basis and R/X of a grid with R_g (Ω) and L_g > 0 (H) (:eq:`scr`)."""
+        return _place_of(self.table, R_g, L_g, self.functions_of_floats)
 
     def normalised(self, scr: float, r_over_x: float) -> NormalisedGains | None:
         """Normalised parameters (:eq:`bilinear`). The result is None where a node with a weight has no design."""
-        return self._remembered("normalised", scr, r_over_x, self._normalised)
+        normalised, designed = _normalised_at(self.table, scr, r_over_x)
+        return normalised if designed else None
 
-    def _normalised(self, scr: float, r_over_x: float) -> NormalisedGains | None:
-        row, column = locate_one(self.scr, scr), locate_one(self.r_over_x, r_over_x)
-        weights = corner_weights(row.fraction, column.fraction)
-        low, high = self.nodes[row.low], self.nodes[row.high]
-        corners = low[column.low], low[column.high], high[column.low], high[column.high]
-        if None in corners and any(c is None and w != 0.0 for c, w in zip(corners, weights, strict=True)):
-            return None
-        # A corner without a design may have any number here, since its weight is zero.
-        v00, v01, v10, v11 = (corner or _ZEROS for corner in corners)
-        return NormalisedGains(*map(blend, repeat(weights), v00, v01, v10, v11))
-
-    def gains(self, normalised: NormalisedGains, scr: float, r_over_x: float, P: float, Q: float, V_rms: float) -> Any:
+    def gains(
+        self, normalised: NormalisedGains, scr: float, r_over_x: float, P: float, Q: float, V_rms: float
+    ) -> PowerLoopGains:
         """Gains on the grid of a place at measured powers and voltage (:eq:`structure-gains`)."""
-        R_g, L_g = self.grid(scr, r_over_x)
-        A, B, C, D = _scheduled_jacobian(P, Q, V_rms, R_g + self.R_2, self.omega * (L_g + self.L_2))
-        gains = on_floats(STRUCTURES[self.structure].gains)
-        return gains(A, B, C, D, normalised, self.D_p, self.D_q, self.S_rated, self.omega, self.law == "inertia")
+        return _gains_at(self.table, normalised, scr, r_over_x, P, Q, V_rms, self.functions_of_floats)
 
 
 def gain_lookup(
@@ -135,14 +139,3 @@ def gain_lookup(
         D_q=D_q,
         V_n_rms=V_n_rms,
     )
-
-
-def locate_one(axis: tuple[float, ...], value: float) -> Interval:
-    """:func:`vsgdesign.runtime.interpolation.locate` for one number, with the same bits at a tenth of the cost."""
-    last = len(axis) - 1
-    low = min(max(bisect_right(axis, value) - 1, 0), max(last - 1, 0))
-    high = min(low + 1, last)
-    width = axis[high] - axis[low] if high > low else 1.0
-    inside = min(max(value, axis[0]), axis[last])
-    clipped = 1 if value > axis[last] else (-1 if value < axis[0] else 0)
-    return Interval(low, high, (inside - axis[low]) / width, clipped)

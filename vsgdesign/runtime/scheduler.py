@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from functools import cached_property
-from math import inf, isfinite, nan
+from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import ArtifactError
-from vsgdesign.identification import Estimate, Estimator, Probe
-from vsgdesign.identification.feeding import FedEstimator
-from vsgdesign.identification.interface import KnowsItsError
-from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
-from vsgdesign.runtime.closed_form import ClosedFormSchedule
-from vsgdesign.runtime.guards import (
+from vsgdesign.equations.scheduler_data import (
     IMPLAUSIBLE,
     NO_ESTIMATE,
     NO_REASON,
@@ -25,15 +19,18 @@ from vsgdesign.runtime.guards import (
     TOLD_CHANGED,
     TOLD_LIMITED,
     TOLD_SURPRISED,
-    SchedulerSettings,
-    searching_settings,
-    settings_of,
-    window_settings,
 )
+from vsgdesign.errors import ArtifactError
+from vsgdesign.identification import Estimate, Estimator, Probe
+from vsgdesign.identification.feeding import FedEstimator
+from vsgdesign.identification.interface import KnowsItsError
+from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
+from vsgdesign.runtime.closed_form import ClosedFormSchedule
+from vsgdesign.runtime.guards import SchedulerSettings, searching_settings, settings_of, window_settings
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
 from vsgdesign.runtime.state import state_document, state_of
 from vsgdesign.runtime.table import table_schedule
-from vsgdesign.runtime.updating import Answer, Covariance, advance, first_state, told_state
+from vsgdesign.runtime.updating import Answer, Covariance, advance, first_state, given_input, start_state, told_state
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,7 +75,8 @@ class Scheduler:
         impedance of the grid changed. This confirms the next estimate, however far away it is.
         """
         told = TOLD_LIMITED * bool(limited) | TOLD_SURPRISED * bool(surprised) | TOLD_CHANGED * bool(changed)
-        self._state = told_state(self._state, told)
+        if told:
+            self._state = told_state(self._state, told)
 
     def update_estimate(
         self,
@@ -166,22 +164,14 @@ class Scheduler:
         With ``nearest``, a grid outside the box is taken for the nearest place in it, as every update takes it.
         """
         c, R_g, L_g = self.settings, as_number(R_g), as_number(L_g)
-        scr, r_over_x = self.lookup.coordinates(R_g, L_g) if L_g > 0.0 and isfinite(R_g + L_g) else (0.0, 0.0)
-        if nearest and scr > 0.0:
-            scr, r_over_x = min(max(scr, c.scr[0]), c.scr[1]), min(max(r_over_x, c.r_over_x[0]), c.r_over_x[1])
-        first = first_state(self.lookup, c)
-        normalised = self.lookup.normalised(scr, r_over_x)
-        inside = c.scr[0] <= scr <= c.scr[1] and c.r_over_x[0] <= r_over_x <= c.r_over_x[1]
-        if not inside or normalised is None:
+        state, known = start_state(self.lookup, c, R_g, L_g, nearest)
+        if not known:
             raise ArtifactError(
                 f"R_g = {R_g:g} Ω, L_g = {L_g * 1e3:g} mH: the grid is not in the schedule's box (SCR {c.scr[0]:g} to "
                 f"{c.scr[1]:g}, R/X {c.r_over_x[0]:g} to {c.r_over_x[1]:g}). Start without."
             )
-        gains = self.lookup.gains(normalised, scr, r_over_x, first.P, first.Q, first.V_rms)
-        self._state = first._replace(
-            scr=scr, r_over_x=r_over_x, goal_scr=scr, goal_r_over_x=r_over_x, gains=gains, age=0
-        )
-        return gains
+        self._state = state
+        return state.gains
 
     def state(self) -> dict[str, Any]:
         """The whole state in JSON's types. A restored scheduler continues with the same bits."""
@@ -234,9 +224,8 @@ class Scheduler:
         elif type(ticks) is not int:
             ticks = _whole(ticks)
         powers = as_number(P), as_number(Q), as_number(V_rms)
-        self._state, answer = advance(
-            self.lookup, self.settings, self._state, said, R_g, L_g, *powers, ticks, covariance
-        )
+        given = given_input(said, R_g, L_g, *powers, ticks, covariance)
+        self._state, answer = advance(self.lookup, self.settings, self._state, given)
         return answer
 
 

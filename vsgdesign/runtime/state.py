@@ -1,54 +1,17 @@
-"""The state of a scheduler between two updates, and how it is saved."""
+"""How the state of a scheduler is saved and restored."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.scheduler_data import SchedulerState
 from vsgdesign.errors import ArtifactError
 
 SCHEMA = 4
 
 _WHOLE = ("started", "ticks", "age", "doubt", "told", "agreed", "refuted")
-
-
-class SchedulerState(NamedTuple):
-    """Everything, besides its inputs, on which the next answer depends."""
-
-    started: int
-    """Whether there was an update: 0 until the first one."""
-    ticks: int
-    """The caller's counter at the last update."""
-    age: int
-    """Ticks since the last estimate that was followed."""
-    doubt: int
-    """Ticks since the grid may have changed, or since the last surprise, without an estimate that was followed. 0:
-    there is no doubt."""
-    told: int
-    """What was told since the last update: bits of TOLD_LIMITED, TOLD_SURPRISED and TOLD_CHANGED. The last one stays
-    until an estimate is accepted. SURPRISED_BEFORE is kept here, too."""
-    agreed: int
-    """Windows that agree on a jump so far. While a confirmed jump is followed in part, it stays at their limit."""
-    refuted: int
-    """Ticks since the estimator decided that the grid has left its place. 0: that place may be returned to."""
-    scr: float
-    """The place for which the gains are made."""
-    r_over_x: float
-    goal_scr: float
-    """The goal: the place to which the present place moves."""
-    goal_r_over_x: float
-    candidate_scr: float
-    """A jump that waits to be confirmed, or is followed in part."""
-    candidate_r_over_x: float
-    left_scr: float
-    """The place that the grid has left."""
-    left_r_over_x: float
-    P: float
-    """Last good measurement, within the box: W, var, V."""
-    Q: float
-    V_rms: float
-    gains: PowerLoopGains
 
 
 def state_document(state: SchedulerState, made_for: str) -> dict[str, Any]:

@@ -7,13 +7,13 @@ from typing import Protocol
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.scheduler_data import LIMITED
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification import Estimator
 from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.guards import LIMITED
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
 from vsgdesign.runtime.updating import Covariance

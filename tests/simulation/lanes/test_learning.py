@@ -22,6 +22,8 @@ from vsgdesign.simulation.lanes.run import run_lanes
 
 FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"\nsettling_time = 0.3', 1)
 TABLE = Ready(tables={"scheduled": table(time_scale=0.3, specification={"settling_time": 0.3})})
+LAST_BITS = 1e-10
+"""A batch compiles the scheduler; the logarithm and the like of machine code differ from NumPy's in the last bit."""
 
 
 def field_study(schedule: str, estimate: str = "field") -> tuple[Study, ControllerSpec]:
@@ -110,5 +112,5 @@ def test_answers_are_followed_as_in_a_single_run(schedule: str, ready: Ready, mo
             monkeypatch.setattr(one, "_concluded", lambda own=own: own)
             state: Any = type("State", (), {"P_f": float(P[lane]), "Q_f": float(Q[lane]), "V": float(V_rms[lane])})
             present[lane] = one.conclude(int(samples[lane]), present[lane], state)
-            assert tuple(gain[lane] for gain in gains) == tuple(present[lane])
-            assert (grid[0][lane], grid[1][lane]) == (one.grid(0).R_g, one.grid(0).L_g)
+            assert tuple(gain[lane] for gain in gains) == pytest.approx(tuple(present[lane]), rel=LAST_BITS)
+            assert (grid[0][lane], grid[1][lane]) == pytest.approx((one.grid(0).R_g, one.grid(0).L_g), rel=LAST_BITS)

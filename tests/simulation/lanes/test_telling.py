@@ -31,6 +31,8 @@ SPECIFIED = TEXT.replace(
     "[simulation]", "[specification]\nscr = [2, 10]\nx_over_r = [1, 5]\nP = [-0.5, 0.5]\nQ = [-0.2, 0.2]\n[simulation]"
 )
 TABLE = Ready(tables={"scheduled": table()})
+LAST_BITS = 1e-12
+"""A batch compiles the scheduler; the hypotenuse of machine code differs from NumPy's in its last bit."""
 DURATION_S, EVENTS = 1.7, 3
 
 
@@ -129,7 +131,7 @@ def measured(rng: np.random.Generator, count: int) -> tuple[Any, ...]:
 
 @pytest.mark.parametrize(("text", "ready"), [(SPECIFIED, TABLE), (SPECIFIED, NOTHING), (TEXT, NOTHING)])
 def test_gains_that_follow_the_measured_powers(text: str, ready: Ready) -> None:
-    """A table with its guards, and a closed form with and without a safe place: the bits of single runs."""
+    """A table with its guards, and a closed form with and without a safe place: as in single runs."""
     study, spec = study_of(text, schedule="closed_form" if ready is NOTHING else "table")
     cases = random_cases(study, 24)
     if ready is TABLE:
@@ -148,7 +150,8 @@ def test_gains_that_follow_the_measured_powers(text: str, ready: Ready) -> None:
         else:
             single = LateSchedule(one, spec, told_of(one, cases, lane), ready, safe=safe_grid(study, spec, ready))
         singles.append((single, single.first_gains()))
-        assert tuple(value[lane] for value in told.estimate()) == (single.grid.R_g, single.grid.L_g)
+        here = tuple(value[lane] for value in told.estimate())
+        assert here == pytest.approx((single.grid.R_g, single.grid.L_g), rel=LAST_BITS)
     told.first(*np.array([(float(P), 0.0, study.converter.V_rated_rms) for P in cases.P_ref]).T)
     present = [list(gains) for _, gains in singles]
     for sample in range(told.update_samples, round(DURATION_S / T_s), told.update_samples):
@@ -161,8 +164,8 @@ def test_gains_that_follow_the_measured_powers(text: str, ready: Ready) -> None:
             window = SimpleNamespace(t_s=sample * T_s, **dict(zip(("P", "Q", "V_rms", "limited"), values, strict=True)))
             answer = single.update(window)
             present[lane] = list(answer) if answer is not None else present[lane]
-            assert [gain[lane] for gain in found] == present[lane]
-            assert (grid[0][lane], grid[1][lane]) == (single.grid.R_g, single.grid.L_g)
+            assert [gain[lane] for gain in found] == pytest.approx(present[lane], rel=LAST_BITS)
+            assert (grid[0][lane], grid[1][lane]) == pytest.approx((single.grid.R_g, single.grid.L_g), rel=LAST_BITS)
 
 
 @pytest.mark.parametrize("ready", [TABLE, NOTHING])
@@ -177,7 +180,8 @@ def test_gains_of_the_start_are_those_of_single_runs(ready: Ready) -> None:
 
         refs = study.converter.references(float(cases.P_ref[lane]), 0.0)
         _, gains = rest_with_measured_gains(one, one.grid, one.grid_source, refs, gains_of)
-        assert gains == LateSchedule(one, spec, told_of(one, cases, lane), ready).first_gains()
+        expected = LateSchedule(one, spec, told_of(one, cases, lane), ready).first_gains()
+        assert gains == pytest.approx(expected, rel=LAST_BITS)
 
 
 @pytest.mark.parametrize("specified", [True, False])

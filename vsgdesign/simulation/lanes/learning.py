@@ -19,13 +19,13 @@ from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.identification.field import FieldEstimator
 from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.runtime.many import ManySchedulers
-from vsgdesign.runtime.many_updating import ManyCovariances
+from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, network_of, settings_of_study
 from vsgdesign.simulation.field_observer import conclusion_spec
 from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.lanes.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults
@@ -51,7 +51,9 @@ class Learning:
         self._schedulers = None
         if table is not None:
             one = scheduler_of(table, FieldEstimator(settings_of_study(study)))
-            self._schedulers, self._tick = ManySchedulers(one.lookup, one.settings, count), one.settings.tick
+            lanes = CompiledSchedulers(one.lookup, one.settings)
+            self._schedulers = ManySchedulers(one.lookup, one.settings, count, lanes)
+            self._tick = one.settings.tick
         middle = self._box.middle.grid(study.converter)
         self._held = self._grid = np.full(count, middle.R_g), np.full(count, middle.L_g)
         self._gains = self.first(np.zeros(count), np.zeros(count), np.full(count, study.converter.V_rated_rms))

@@ -27,6 +27,7 @@ from vsgdesign.runtime.of_study import ControllerGains, follows_measured, gain_l
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation.gains_of_run import whole_multiple
 from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.lanes.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.lanes.told import ToldGrids, ToldNow, told_grids
 from vsgdesign.simulation.late import STALE_S, safe_grid
 
@@ -332,7 +333,7 @@ class _OfTable:
         self._law, self._told, self._now, self._updates = law, told, ToldNow(told), updates
         self.update_samples, self._tick = updates.every, settings.tick
         self._safe = Grid(*lookup.grid(settings.safe_scr, settings.safe_r_over_x))
-        self._schedulers = ManySchedulers(lookup, settings, len(told.starts))
+        self._schedulers = ManySchedulers(lookup, settings, len(told.starts), CompiledSchedulers(lookup, settings))
         inside = self._schedulers.start(self._now.R_g, self._now.L_g, nearest=True)
         self._first_R_g = np.where(inside, self._now.R_g, np.nan)
 

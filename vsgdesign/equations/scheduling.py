@@ -1,0 +1,394 @@
+"""One update of the gain scheduler, from an estimate to guarded gains with a status: for Python, many lanes and C.
+
+The guards act in this order: time and inputs, plausibility, jump (:eq:`place-band`), hysteresis, the estimate's own
+error (:eq:`partly-followed`), doubt and staleness, rate (:eq:`place-rate`), certified box, design.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.equations.following import part_of_the_way, share_that_fits
+from vsgdesign.equations.grid import error_half_widths
+from vsgdesign.equations.notation import WHOLE, Count
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.scheduled_gains import gains_at, grid_of, place_of
+from vsgdesign.equations.scheduler_data import (
+    CLAMPED,
+    DOUBT,
+    FALLBACK,
+    FRESH,
+    HELD,
+    IMPLAUSIBLE,
+    JUMP,
+    LIMITED,
+    NO_REASON,
+    NOT_FINITE,
+    PARTLY,
+    RANGE,
+    REFUSED,
+    SATURATED,
+    SURPRISED_BEFORE,
+    TIME,
+    TOLD_CHANGED,
+    TOLD_SURPRISED,
+    UNDESIGNED,
+    ScheduleLaw,
+    SchedulerInput,
+    SchedulerLimits,
+    SchedulerState,
+    ScheduleTable,
+)
+
+HALF_RANGE = 0x80000000
+"""A difference of the 32-bit counter of half its range means that time went backwards."""
+
+OLDEST = 0x7FFFFFFF
+"""Largest age, in ticks, that is counted to."""
+
+ROUNDED_CORRELATION = 1.001
+"""Largest square of a correlation: that of R and L that belong together fully, after rounding to single precision."""
+
+ARRIVED = 1e-5
+"""Relative distance within which a place has reached its goal. A distance this small is rounding alone."""
+
+
+def finite(x: Any) -> bool:
+    """Whether a number is neither infinite nor NaN."""
+    return x - x == 0.0
+
+
+def near(scr: Any, r_over_x: Any, of_scr: Any, of_r_over_x: Any, share: Any, floor: Any) -> bool:
+    """Whether a place differs from another by at most a relative share (:eq:`place-band`)."""
+    f = 1.0 + share
+    band = share * np.maximum(np.abs(of_r_over_x), floor)
+    return scr <= of_scr * f and of_scr <= scr * f and np.abs(r_over_x - of_r_over_x) <= band
+
+
+def limited(goal: Any, present: Any, factor: Any) -> Any:
+    """The goal, limited to at most a factor away from the present value (:eq:`place-rate`)."""
+    return np.clip(goal, present / factor, present * factor)
+
+
+def drawn_in(scr: Any, r_over_x: Any, limits: SchedulerLimits) -> tuple[Any, Any]:
+    """Returns (drawn_scr, drawn_r_over_x): a place, drawn into the certified box."""
+    drawn_scr = np.clip(scr, limits.scr_low, limits.scr_high)
+    drawn_r_over_x = np.clip(r_over_x, limits.r_over_x_low, limits.r_over_x_high)
+    return drawn_scr, drawn_r_over_x
+
+
+class CheckedInput(NamedTuple):
+    """What is left of an update's inputs after the first guards."""
+
+    elapsed: Count
+    """Ticks since the last update."""
+    step: Count
+    """Ticks for which the place may move."""
+    reason: Count
+    """Why there is no estimate to follow."""
+    status: Count
+    """REFUSED, CLAMPED or 0."""
+    P: Any
+    Q: Any
+    V_rms: Any
+    """What the gains are made for, within the box."""
+
+
+def estimate_is_finite(given: SchedulerInput) -> bool:
+    """Whether every number of an estimate is finite."""
+    known = finite(given.var_R) and finite(given.cov_RL) and finite(given.var_L)
+    return finite(given.R_g) and finite(given.L_g) and (given.has_error == 0 or known)
+
+
+def checked_input(limits: SchedulerLimits, s: SchedulerState, given: SchedulerInput) -> CheckedInput:
+    """Time and inputs: a measurement that is refused is replaced by the last good one."""
+    P, Q, V_rms, said = given.P, given.Q, given.V_rms, given.said
+    elapsed = (given.ticks - s.ticks) & WHOLE if s.started != 0 else 0
+    step, reason, status = np.minimum(elapsed, limits.longest_ticks), said, 0
+    backwards = elapsed >= HALF_RANGE
+    numbers = finite(P) and finite(Q) and finite(V_rms)
+    powers = np.abs(P) <= limits.power_range and np.abs(Q) <= limits.power_range
+    in_range = powers and V_rms >= 0.0 and V_rms <= limits.voltage_range
+    refused = not (said != NOT_FINITE and said != SATURATED)
+    spoilt = said == NO_REASON and not estimate_is_finite(given)
+    if backwards:
+        elapsed, step, reason, status = limits.update_ticks, 0, TIME, REFUSED
+    elif not numbers:
+        reason, status = NOT_FINITE, REFUSED
+    elif not in_range:
+        reason, status = RANGE, REFUSED
+    elif refused:
+        status = REFUSED
+    elif spoilt:
+        reason, status = NOT_FINITE, REFUSED
+
+    if status == REFUSED:
+        P, Q, V_rms = s.P, s.Q, s.V_rms
+    else:
+        P = np.clip(P, limits.P_low, limits.P_high)
+        Q = np.clip(Q, limits.Q_low, limits.Q_high)
+        V_rms = np.clip(V_rms, limits.V_low, limits.V_high)
+        status = CLAMPED if P != given.P or Q != given.Q or V_rms != given.V_rms else 0
+    return CheckedInput(elapsed, step, reason, status, P, Q, V_rms)
+
+
+def plausible_estimate(limits: SchedulerLimits, given: SchedulerInput) -> bool:
+    """Whether an estimate can be one of a grid, and its covariance one of an error."""
+    product = ROUNDED_CORRELATION * given.var_R * given.var_L
+    possible = given.var_R >= 0.0 and given.var_L >= 0.0 and given.cov_RL * given.cov_RL <= product
+    inside = limits.R_g_low <= given.R_g <= limits.R_g_high and limits.L_g_low <= given.L_g <= limits.L_g_high
+    return inside and (given.has_error == 0 or possible)
+
+
+def followed_share(
+    table: ScheduleTable, limits: SchedulerLimits, scr: Any, r_over_x: Any, given: SchedulerInput, law: ScheduleLaw
+) -> Any:
+    """The share of the way to an estimate that its covariance allows (:eq:`share-that-fits`). 1: the whole way.
+
+    The half-widths are those of the error set at the place of the estimate, drawn into the box.
+    """
+    at_scr, at_r_over_x = drawn_in(scr, r_over_x, limits)
+    R, L = grid_of(table, at_scr, at_r_over_x, law)
+    h_R, h_X = error_half_widths(R, table.omega * L, limits.error_R, limits.error_X, limits.error_Z)
+    return share_that_fits(h_R, h_X, given.var_R, table.omega * table.omega * given.var_L)
+
+
+class Followed(NamedTuple):
+    """What becomes of an estimate: the reason why it is not followed, and the goal."""
+
+    reason: Count
+    """Why the estimate is not followed."""
+    share: Any
+    """How much of the way to the estimate is gone; 1: all of it."""
+    goal_scr: Any
+    goal_r_over_x: Any
+    """The place to which the present place moves."""
+    candidate_scr: Any
+    candidate_r_over_x: Any
+    """A jump that waits to be confirmed, or is followed in part."""
+    agreed: Count
+    """Windows that agree on the jump."""
+    refuted: Count
+    """Ticks since the grid has left a place."""
+
+
+def followed(
+    table: ScheduleTable,
+    limits: SchedulerLimits,
+    s: SchedulerState,
+    given: SchedulerInput,
+    checked: CheckedInput,
+    law: ScheduleLaw,
+) -> Followed:
+    """Plausibility, jump, hysteresis and the estimate's own error."""
+    reason, agreed, share, floor = checked.reason, 0, 1.0, limits.ratio_floor
+    goal_scr, goal_r_over_x = s.goal_scr, s.goal_r_over_x
+    candidate_scr, candidate_r_over_x = s.candidate_scr, s.candidate_r_over_x
+    refuted = np.minimum(s.refuted + checked.elapsed, OLDEST) if s.refuted > 0 else 0
+    refuted = 0 if refuted > limits.stale_ticks else refuted
+    if reason == NO_REASON and not plausible_estimate(limits, given):
+        reason = IMPLAUSIBLE
+    if reason != NO_REASON and s.agreed >= limits.confirm:
+        # A confirmed jump that is followed in part waits for its next estimate.
+        agreed = s.agreed
+    if reason == NO_REASON:
+        scr, r_over_x = place_of(table, given.R_g, given.L_g, law)
+        if given.has_error != 0:
+            share = followed_share(table, limits, scr, r_over_x, given, law)
+        if not near(scr, r_over_x, goal_scr, goal_r_over_x, limits.jump, floor):
+            same = s.agreed > 0 and near(scr, r_over_x, candidate_scr, candidate_r_over_x, limits.jump, floor)
+            agreed = np.minimum(s.agreed + 1, limits.confirm) if same else 1
+            agreed = limits.confirm if s.told & TOLD_CHANGED != 0 else agreed
+            candidate_scr, candidate_r_over_x = scr, r_over_x
+            if agreed < limits.confirm:
+                reason = JUMP
+            elif share >= 1.0:
+                agreed = 0
+        if reason == NO_REASON and not near(scr, r_over_x, goal_scr, goal_r_over_x, limits.hysteresis, floor):
+            if share >= 1.0:
+                goal_scr, goal_r_over_x = scr, r_over_x
+            else:
+                from_scr, from_r = drawn_in(goal_scr, goal_r_over_x, limits)
+                to_scr, to_r = drawn_in(scr, r_over_x, limits)
+                left_scr, left_r = drawn_in(s.left_scr, s.left_r_over_x, limits)
+                if refuted == 0:
+                    left_scr, left_r = from_scr, from_r
+                goal_scr, goal_r_over_x = part_of_the_way(from_scr, from_r, to_scr, to_r, share, left_scr, left_r)
+        if reason == NO_REASON and share >= 1.0:
+            refuted = 0
+    return Followed(reason, share, goal_scr, goal_r_over_x, candidate_scr, candidate_r_over_x, agreed, refuted)
+
+
+def doubt_after(s: SchedulerState, reason: Count, elapsed: Count) -> Count:
+    """Ticks of doubt: they begin with a surprise, and anew with a new one."""
+    doubt, surprised = 0, s.told & TOLD_SURPRISED != 0
+    if reason != NO_REASON and s.doubt > 0 and not (surprised and s.told & SURPRISED_BEFORE == 0):
+        doubt = np.minimum(s.doubt + elapsed, OLDEST)
+    elif reason != NO_REASON and (s.told != 0 or reason == JUMP):
+        doubt = 1
+    return doubt
+
+
+def updated(
+    table: ScheduleTable, limits: SchedulerLimits, s: SchedulerState, given: SchedulerInput, law: ScheduleLaw
+) -> tuple[SchedulerState, Count, Count]:
+    """Makes one update. Returns (following, status, reason).
+
+    Whatever the inputs are, the gains are those of a place and of powers within the box.
+    """
+    checked = checked_input(limits, s, given)
+    found = followed(table, limits, s, given, checked, law)
+    reason, status, goal_scr, goal_r_over_x = found.reason, checked.status, found.goal_scr, found.goal_r_over_x
+
+    age = np.minimum(s.age + checked.elapsed, OLDEST)
+    doubt = doubt_after(s, reason, checked.elapsed)
+    stale = reason != NO_REASON and (age > limits.lost_ticks or doubt > limits.stale_ticks)
+    if stale:
+        goal_scr, goal_r_over_x = limits.safe_scr, limits.safe_r_over_x
+
+    factor = 1.0 + checked.step * limits.rate_per_tick
+    moved_scr, moved_r = limited(goal_scr, s.scr, factor), limited(goal_r_over_x, s.r_over_x, factor)
+    scr, r_over_x = drawn_in(moved_scr, moved_r, limits)
+    aim_scr, aim_r = drawn_in(goal_scr, goal_r_over_x, limits)
+    clamped = CLAMPED if aim_scr != goal_scr or aim_r != goal_r_over_x else 0
+    far = np.abs(scr - aim_scr) > ARRIVED * aim_scr or np.abs(r_over_x - aim_r) > ARRIVED * aim_r
+    moving = clamped | LIMITED if far else clamped
+
+    P, Q, V_rms = checked.P, checked.Q, checked.V_rms
+    normalised, designed = law.normalised(table, scr, r_over_x)
+    if designed == 0:
+        reason = UNDESIGNED if reason == NO_REASON else reason
+        status = status & REFUSED
+        gains, scr, r_over_x, P, Q, V_rms = s.gains, s.scr, s.r_over_x, s.P, s.Q, s.V_rms
+    else:
+        status = status | moving
+        gains = gains_at(table, normalised, scr, r_over_x, P, Q, V_rms, law)
+
+    status = status | FALLBACK if stale else status
+    status = status | DOUBT if doubt > 0 else status
+    if reason == NO_REASON:
+        status = status | FRESH | PARTLY if found.share < 1.0 else status | FRESH
+        age, told = 0, 0
+    else:
+        status = status | HELD
+        before = SURPRISED_BEFORE if s.told & TOLD_SURPRISED != 0 else 0
+        told = s.told & TOLD_CHANGED | before
+    following = SchedulerState(
+        started=1,
+        ticks=given.ticks,
+        age=age,
+        doubt=doubt,
+        told=told,
+        agreed=found.agreed,
+        refuted=found.refuted,
+        scr=scr,
+        r_over_x=r_over_x,
+        goal_scr=goal_scr,
+        goal_r_over_x=goal_r_over_x,
+        candidate_scr=found.candidate_scr,
+        candidate_r_over_x=found.candidate_r_over_x,
+        left_scr=s.left_scr,
+        left_r_over_x=s.left_r_over_x,
+        P=P,
+        Q=Q,
+        V_rms=V_rms,
+        gains=gains,
+    )
+    return following, status, reason
+
+
+def told_state(s: SchedulerState, told: Count) -> SchedulerState:
+    """The state that was told something: bits of TOLD_LIMITED, TOLD_SURPRISED and TOLD_CHANGED. Returns (following).
+
+    With TOLD_CHANGED, the goal of this moment is the place that the grid has left.
+    """
+    changed = told & TOLD_CHANGED != 0 and s.told & TOLD_CHANGED == 0
+    return SchedulerState(
+        started=s.started,
+        ticks=s.ticks,
+        age=s.age,
+        doubt=s.doubt,
+        told=s.told | told,
+        agreed=s.agreed,
+        refuted=1 if changed else s.refuted,
+        scr=s.scr,
+        r_over_x=s.r_over_x,
+        goal_scr=s.goal_scr,
+        goal_r_over_x=s.goal_r_over_x,
+        candidate_scr=s.candidate_scr,
+        candidate_r_over_x=s.candidate_r_over_x,
+        left_scr=s.goal_scr if changed else s.left_scr,
+        left_r_over_x=s.goal_r_over_x if changed else s.left_r_over_x,
+        P=s.P,
+        Q=s.Q,
+        V_rms=s.V_rms,
+        gains=s.gains,
+    )
+
+
+def state_at(
+    table: ScheduleTable, limits: SchedulerLimits, scr: Any, r_over_x: Any, age: Count, gains: PowerLoopGains
+) -> SchedulerState:
+    """The state at a place without load, before any update. Returns (first)."""
+    return SchedulerState(
+        started=0,
+        ticks=0,
+        age=age,
+        doubt=0,
+        told=0,
+        agreed=0,
+        refuted=0,
+        scr=scr,
+        r_over_x=r_over_x,
+        goal_scr=scr,
+        goal_r_over_x=r_over_x,
+        candidate_scr=limits.safe_scr,
+        candidate_r_over_x=limits.safe_r_over_x,
+        left_scr=limits.safe_scr,
+        left_r_over_x=limits.safe_r_over_x,
+        P=np.clip(0.0, limits.P_low, limits.P_high),
+        Q=np.clip(0.0, limits.Q_low, limits.Q_high),
+        V_rms=np.clip(table.V_n, limits.V_low, limits.V_high),
+        gains=gains,
+    )
+
+
+def begun(
+    table: ScheduleTable, limits: SchedulerLimits, R_g: Any, L_g: Any, nearest: bool, law: ScheduleLaw
+) -> tuple[SchedulerState, Count]:
+    """Begins on a known grid. Returns (first, known).
+
+    known is 0 where the grid is not in the box: the state is then at the safe place, stale. With nearest, a grid
+    outside the box is taken for the nearest place in it.
+    """
+    P = np.clip(0.0, limits.P_low, limits.P_high)
+    Q = np.clip(0.0, limits.Q_low, limits.Q_high)
+    V_rms = np.clip(table.V_n, limits.V_low, limits.V_high)
+    scr, r_over_x, known = limits.safe_scr, limits.safe_r_over_x, 0
+    if finite(R_g + L_g) and L_g > 0.0:
+        at_scr, at_r = place_of(table, R_g, L_g, law)
+        if nearest:
+            at_scr, at_r = drawn_in(at_scr, at_r, limits)
+        inside = limits.scr_low <= at_scr <= limits.scr_high and limits.r_over_x_low <= at_r <= limits.r_over_x_high
+        _, designed = law.normalised(table, at_scr, at_r)
+        if inside and designed != 0:
+            scr, r_over_x, known = at_scr, at_r, 1
+    normalised, _ = law.normalised(table, scr, r_over_x)
+    gains = gains_at(table, normalised, scr, r_over_x, P, Q, V_rms, law)
+    age = 0 if known != 0 else limits.lost_ticks + 1
+    return state_at(table, limits, scr, r_over_x, age, gains), known
+
+
+def told_and_updated(
+    table: ScheduleTable,
+    limits: SchedulerLimits,
+    s: SchedulerState,
+    told: Count,
+    given: SchedulerInput,
+    law: ScheduleLaw,
+) -> tuple[SchedulerState, Count, Count]:
+    """One update after the scheduler was told something. Returns (following, status, reason)."""
+    s = told_state(s, told)
+    return updated(table, limits, s, given, law)
