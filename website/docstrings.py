@@ -9,6 +9,8 @@ from typing import Any
 import griffe
 
 THEORY = Path(__file__).resolve().parents[1] / "docs" / "theory"
+LINK = re.compile(r"\]\((?=#|[\w/-]+\.md)(?P<page>[\w/-]+\.md)?")
+"""A link of a field's docstring: from docs/study-file.md, whose tables have it."""
 ROLE = re.compile(r":(eq|func|class|mod|meth|attr|data|doc|exc|const|py:\w+):`~?([^`]+)`")
 
 
@@ -30,6 +32,7 @@ def as_markdown(text: str, pages: dict[str, str]) -> str:
             return f"[{name}](../docs/theory/{pages[name]}#eq-{name})"
         return f"`{name.removeprefix('vsgdesign.')}`"
 
+    text = LINK.sub(lambda match: f"](../docs/{match['page'] or 'study-file.md'}", text)
     return ROLE.sub(replaced, text).replace("``", "`")
 
 

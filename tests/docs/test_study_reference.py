@@ -1,4 +1,7 @@
-"""docs/study-file.md against the readers: every field they ask for, with unit, limits and default, both ways."""
+"""docs/study-file.md: its tables are those of the fields, and they say what the readers ask for, both ways.
+
+``python -m tests.docs.test_study_reference`` writes the tables anew.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,10 @@ from vsgdesign.parameters import (
     survival,
     verification,
 )
+from vsgdesign.parameters.building import Sections
+from vsgdesign.parameters.fields import fields_of
 from vsgdesign.parameters.reader import REQUIRED, TableReader
+from vsgdesign.parameters.reference import HEADER, table_lines, tables_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "study-file.md"
@@ -176,13 +182,18 @@ class Row:
     default: str
 
 
+def _section(heading: str) -> str | None:
+    """The table that a heading of the page names; None for another heading."""
+    name = re.search(r"`\[+([a-z_.]+)\]+`", heading)
+    return name.group(1) if name else ("" if heading == "## Top level" else None)
+
+
 def _page() -> dict[tuple[str, str], Row]:
     rows: dict[tuple[str, str], Row] = {}
     section: str | None = None
     for line in PAGE.read_text(encoding="utf-8").splitlines():
         if line.startswith("#"):
-            name = re.search(r"`\[+([a-z_.]+)\]+`", line)
-            section = name.group(1) if name else ("" if line == "## Top level" else None)
+            section = _section(line)
         elif section is not None and (field := re.match(r"\| `(\w+)` \|", line)):
             cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
             assert len(cells) == 5, line
@@ -324,9 +335,49 @@ def _differences(row: Row, call: Asked) -> list[str]:
 
 def _number(text: str) -> float | None:
     try:
-        return float(text)
+        return float(text.replace("−", "-"))
     except ValueError:
         return None
+
+
+def written(page: str) -> str:
+    """The page with the tables of its sections as the fields have them."""
+    pages = {
+        label: f"theory/{path.name}#eq-{label}"
+        for path in (ROOT / "docs" / "theory").glob("*.md")
+        for label in re.findall(r'<a id="eq-([a-z0-9-]+)"></a>', path.read_text(encoding="utf-8"))
+    }
+    tables = dict(tables_of(fields_of(Sections)))
+    lines: list[str] = []
+    section: str | None = None
+    skipping = False
+    for line in page.splitlines():
+        if line.startswith("#"):
+            section = _section(line)
+        skipping = skipping and line.startswith("|")
+        fields = tables.get(section, ()) if section is not None else ()
+        if fields and line == HEADER[0]:
+            table = "\n".join(table_lines(fields))
+            lines += re.sub(r":eq:`([a-z0-9-]+)`", lambda m: f"[({m[1]})]({pages[m[1]]})", table).splitlines()
+            skipping = True
+        elif not skipping:
+            lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def test_the_tables_are_those_of_the_fields() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == written(page), "write them anew: python -m tests.docs.test_study_reference"
+
+
+def test_every_table_of_a_study_has_its_place_on_the_page() -> None:
+    on_page = {section for section, _ in _page()}
+    assert {path for path, fields in tables_of(fields_of(Sections)) if fields} <= on_page
+
+
+def test_every_field_says_what_it_means() -> None:
+    fields = [(path, one) for path, table in tables_of(fields_of(Sections)) for one in table]
+    assert not [(path, one.name) for path, one in fields if not one.meaning]
 
 
 def test_example_is_a_study() -> None:
@@ -334,3 +385,7 @@ def test_example_is_a_study() -> None:
     assert example is not None
     study = study_from_text(example.group(1))
     assert [event.t_s for event in study.events] == [2.0]
+
+
+if __name__ == "__main__":
+    PAGE.write_text(written(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -14,9 +14,9 @@ from vsgdesign.compliance.reading_criteria import read_criteria
 from vsgdesign.compliance.reading_events import LONGEST_S, MOST_DF_HZ, MOST_POWER_PU, read_events
 from vsgdesign.compliance.suite import CONFIDENCES, USER, Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.network_fields import read_load
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.scenario import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.toml_file import parse_toml, read_toml
 
 _FOLDER = resources.files("vsgdesign.compliance") / "suites"

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from vsgdesign.compliance.suite import SuiteEvent
+from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.network import Load, Network
 from vsgdesign.parameters.network_fields import (
     CLEARED,
@@ -17,7 +18,6 @@ from vsgdesign.parameters.network_fields import (
     read_synchro_check,
 )
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.scenario import SCR_LIMITS, X_OVER_R_LIMITS
 
 LONGEST_S = 600.0
 """Longest time that a test may speak of, s."""

@@ -17,7 +17,7 @@ from vsgdesign.frames import (
     rated_current_rms,
     rms_to_peak,
 )
-from vsgdesign.parameters.plausible import angular_advice, frequency_of_angular
+from vsgdesign.parameters.converter import angular_advice, frequency_of_angular
 from vsgdesign.parameters.units import format_quantity
 
 DEFAULT_CURRENT_LIMIT = 1.2

@@ -11,8 +11,8 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError, VsgDesignError
 from vsgdesign.parameters.controllers import read_power_gains
+from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.reader import Asked, TableReader
-from vsgdesign.parameters.scenario import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.study import Study
 from vsgdesign.parameters.units import UnitError, parse_quantity
 

@@ -1,4 +1,4 @@
-"""Reads the [background] section: what a real grid's voltage does besides the events of a study.
+"""The [background] section: what a real grid's voltage does besides the events of a study.
 
 Every quantity is a number or a range [low, high]. The numbers of a range are drawn here, with the study's seed, so that
 a :class:`BackgroundSpec` holds numbers alone and can be repeated by them.
@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vsgdesign.parameters.ranges import Drawn, Range, drawn_values, read_range, stream
+from vsgdesign.parameters.fields import SEEDS, drawn, fields_of, inserted, picked, values, whole, word
+from vsgdesign.parameters.ranges import Range, drawn_values, stream
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import SourceComponent
 
@@ -19,30 +20,70 @@ HARMONICS = (5, 7, 11, 13)
 """The harmonics of a three-phase grid that have names here."""
 
 _PI = math.pi
-_QUANTITIES = (
-    Drawn("phase", "rad", -_PI, _PI),
-    Drawn("frequency_offset", "Hz", -5.0, 5.0),
-    Drawn("voltage_factor", "1", 0.5, 1.5),
-    Drawn("frequency_wander", "Hz", 0.0, 1.0),
-    Drawn("frequency_deviation", "Hz", 0.0, 2.0),
-    Drawn("voltage_wander", "1", 0.0, 0.1),
-    Drawn("voltage_deviation", "1", 0.0, 0.1),
-    Drawn("phasor_walk", "1", 0.0, 0.1),
-    Drawn("phase_noise", "rad", 0.0, 0.1),
-    Drawn("voltage_noise", "1", 0.0, 0.1),
-    Drawn("voltage_steps_per_minute", "1", 0.0, 600.0),
-    Drawn("phase_jumps_per_minute", "1", 0.0, 600.0),
-    Drawn("negative_sequence", "1", 0.0, 0.3),
-    *(Drawn(f"harmonic_{order}", "1", 0.0, 0.3) for order in HARMONICS),
-    Drawn("modulation", "1", 0.0, 0.3),
-    Drawn("modulation_frequency", "Hz", 0.01, 500.0),
-    Drawn("interharmonic", "1", 0.0, 0.3),
-    Drawn("interharmonic_frequency", "Hz", -2500.0, 2500.0),
-)
-_SIZES = (Drawn("voltage_step", "1", 0.0, 0.3), Drawn("phase_jump", "rad", 0.0, _PI))
-"""Each step takes its own size out of these, so they stay ranges."""
+_LEVEL = "of the level"
 
-_CLEAN: dict[str, Range] = dict.fromkeys([one.name for one in _QUANTITIES], (0.0, 0.0)) | {
+
+def _drawn(unit: str, low: float, high: float) -> Any:
+    return drawn(unit, low, high, shown=_LEVEL)
+
+
+class _Quantities:
+    """Fields of this section."""
+
+    phase: Range = _drawn("rad", -_PI, _PI)
+    """Added to the phase of the source. Without it, phase A is a sine that begins at zero at t = 0."""
+    frequency_offset: Range = _drawn("Hz", -5.0, 5.0)
+    """Added to every frequency of the source, `f_g` of `[grid]` and of events."""
+    voltage_factor: Range = _drawn("1", 0.5, 1.5)
+    """Multiplies every voltage `V_g_pu` of the source."""
+    frequency_wander: Range = _drawn("Hz", 0.0, 1.0)
+    """What the frequency would gather in 1 s as a free random walk, rms."""
+    frequency_deviation: Range = _drawn("Hz", 0.0, 2.0)
+    """Rms value of this wander in the long run; required with `frequency_wander`."""
+    voltage_wander: Range = _drawn("1", 0.0, 0.1)
+    """The same of the magnitude, relative."""
+    voltage_deviation: Range = _drawn("1", 0.0, 0.1)
+    """Rms value of this wander in the long run; required with `voltage_wander`."""
+    phasor_walk: Range = _drawn("1", 0.0, 0.1)
+    """What the phasor gathers as a random walk in one nominal cycle, rms, in phase and magnitude together."""
+    phase_noise: Range = _drawn("rad", 0.0, 0.1)
+    """Rms value of the mean over a nominal cycle of a phase noise that is white up to some hundred hertz."""
+    voltage_noise: Range = _drawn("1", 0.0, 0.1)
+    """The same of the magnitude, relative."""
+    voltage_steps_per_minute: Range = _drawn("1", 0.0, 600.0)
+    """Mean number of steps of the magnitude, at random instants, up or down."""
+    phase_jumps_per_minute: Range = _drawn("1", 0.0, 600.0)
+    """Mean number of jumps of the phase, at random instants, forwards or backwards."""
+    negative_sequence: Range = _drawn("1", 0.0, 0.3)
+    """Amplitude over the rated voltage. The seed draws the phase of this and of every harmonic."""
+    harmonic_5: Range = _drawn("1", 0.0, 0.3)
+    """Amplitude of the fifth harmonic over the rated voltage. It turns backwards, order −5."""
+    harmonic_7: Range = _drawn("1", 0.0, 0.3)
+    """The seventh, order 7."""
+    harmonic_11: Range = _drawn("1", 0.0, 0.3)
+    """The eleventh, order −11."""
+    harmonic_13: Range = _drawn("1", 0.0, 0.3)
+    """The thirteenth, order 13."""
+    modulation: Range = _drawn("1", 0.0, 0.3)
+    """Amplitude modulation of the fundamental, as the power control of another converter causes it."""
+    modulation_frequency: Range = _drawn("Hz", 0.01, 500.0)
+    """Frequency of this modulation; required with `modulation`."""
+    interharmonic: Range = _drawn("1", 0.0, 0.3)
+    """A line in the source's voltage with a frequency of its own, over the rated voltage."""
+    interharmonic_frequency: Range = _drawn("Hz", -2500.0, 2500.0)
+    """Frequency of this line; negative: it turns backwards; required with `interharmonic`."""
+
+
+class _Sizes:
+    """Each step takes its own size out of these, so they stay ranges."""
+
+    voltage_step: Range = _drawn("1", 0.0, 0.3)
+    """Their sizes, relative: each draws its own from the range."""
+    phase_jump: Range = _drawn("rad", 0.0, _PI)
+    """Their sizes: each draws its own from the range."""
+
+
+_CLEAN: dict[str, Range] = dict.fromkeys([one.name for one in fields_of(_Quantities)], (0.0, 0.0)) | {
     "voltage_factor": (1.0, 1.0),
     "modulation_frequency": (25.0, 25.0),
     "interharmonic_frequency": (75.0, 75.0),
@@ -84,6 +125,26 @@ LEVELS: dict[str, dict[str, Range]] = {
     },
 }
 """The packaged backgrounds: a pure sine, what public records of mains voltage show, and a grid that is worse."""
+
+
+class _LevelAndSeed:
+    """Fields of this section."""
+
+    level: str = word(tuple(LEVELS), default="clean")
+    """Values of all fields below."""
+    seed: int = whole(0, SEEDS, default=1)
+    """Seed of the draw and of the course of time. The same seed gives the same bytes."""
+
+
+BACKGROUND = (
+    *fields_of(_LevelAndSeed),
+    *inserted(
+        inserted(fields_of(_Quantities), "voltage_steps_per_minute", *picked(_Sizes, "voltage_step")),
+        "phase_jumps_per_minute",
+        *picked(_Sizes, "phase_jump"),
+    ),
+)
+"""The fields of [background]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,23 +235,23 @@ def _order_of(name: str) -> float:
 
 def draw_background(ranges: Mapping[str, Range], seed: int, level: str = "clean") -> BackgroundSpec:
     """A background out of ranges by name, in SI; what is not named is as in the level."""
-    whole = LEVELS[level] | dict(ranges)
-    values = drawn_values(_QUANTITIES, whole, seed)
+    given = LEVELS[level] | dict(ranges)
+    numbers = drawn_values(fields_of(_Quantities), given, seed)
     components = []
     for name in ("negative_sequence", *(f"harmonic_{order}" for order in HARMONICS)):
-        amplitude = values.pop(name)
+        amplitude = numbers.pop(name)
         if amplitude > 0.0:
             components.append(SourceComponent(_order_of(name), amplitude, _angle(seed, name)))
     return BackgroundSpec(
         level=level,
         seed=seed,
         components=tuple(components),
-        voltage_step=whole["voltage_step"],
-        phase_jump=whole["phase_jump"],
+        voltage_step=given["voltage_step"],
+        phase_jump=given["phase_jump"],
         modulation_phase=_angle(seed, "modulation"),
         interharmonic_phase=_angle(seed, "interharmonic"),
-        ranges=tuple(whole.items()),
-        **values,
+        ranges=tuple(given.items()),
+        **numbers,
     )
 
 
@@ -202,9 +263,9 @@ def read_background(table: TableReader | None) -> BackgroundSpec | None:
     """The section; None where a study has none."""
     if table is None:
         return None
-    level = table.choice("level", tuple(LEVELS), default="clean")
-    seed = table.integer("seed", 0, 2**31 - 1, default=1)
-    ranges = {one.name: read_range(table, one, LEVELS[level][one.name]) for one in (*_QUANTITIES, *_SIZES)}
+    of_all = values(_LevelAndSeed, table)
+    level, seed = of_all["level"], of_all["seed"]
+    ranges = values((*fields_of(_Quantities), *fields_of(_Sizes)), table, defaults=LEVELS[level])
     for what in ("frequency", "voltage"):
         moves, rest = ranges[f"{what}_wander"], ranges[f"{what}_deviation"]
         if moves[1] > 0.0 and rest[0] <= 0.0:

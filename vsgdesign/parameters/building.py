@@ -1,6 +1,6 @@
-"""Builds each part of a Study from its TOML section. The limits of every field stand here.
+"""Builds a Study of its TOML sections, and checks what several sections say together.
 
-The limits are plausibility limits: wide enough for any real converter, narrow enough that a wrong unit
+The limits of all fields are plausibility limits: wide enough for any real converter, narrow enough that a wrong unit
 (1 for 1 mH) falls outside.
 """
 
@@ -12,32 +12,151 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
-from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.equations.limiters import CIRCULAR, LIMITERS
+from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.errors import Fault
-from vsgdesign.frames import ll_to_phase, rms_to_peak
 from vsgdesign.identification.registry import ESTIMATORS
-from vsgdesign.parameters.background import read_background
-from vsgdesign.parameters.controllers import read_controllers, read_limit, read_limiter, read_target
-from vsgdesign.parameters.converter import Converter, Filter
-from vsgdesign.parameters.estimator import read_estimator
+from vsgdesign.parameters.background import BACKGROUND, read_background
+from vsgdesign.parameters.controllers import CONTROLLER, read_controllers, read_limiter
+from vsgdesign.parameters.converter import (
+    CONVERTER,
+    FILTER,
+    Converter,
+    Filter,
+    LimiterChoice,
+    check_plausible,
+    read_converter,
+    read_filter,
+    scope_of,
+)
+from vsgdesign.parameters.estimator import EstimatorSpec, read_estimator
 from vsgdesign.parameters.events import read_events
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.inner_loops import InnerLoopSource, read_inner_loops, request_of
-from vsgdesign.parameters.plausible import check_plausible
-from vsgdesign.parameters.reader import Asked, TableReader
+from vsgdesign.parameters.fields import (
+    DURATION,
+    F_N,
+    V_RATED,
+    Scope,
+    fields_of,
+    number,
+    picked,
+    read,
+    subtable,
+    text,
+    values,
+    whole,
+)
+from vsgdesign.parameters.grid import Grid, Impedance, basis_field, read_grid
+from vsgdesign.parameters.inner_loops import INNER_LOOPS, InnerLoopSource, read_inner_loops, request_of
+from vsgdesign.parameters.reader import REQUIRED, Asked, TableReader
 from vsgdesign.parameters.replay import read_replay
-from vsgdesign.parameters.scenario import read_components, read_grid, read_network, read_simulation
-from vsgdesign.parameters.sensors import read_sensors
+from vsgdesign.parameters.scenario import (
+    Component,
+    SimulationSpec,
+    read_components,
+    read_network,
+    read_simulation,
+    with_reference_limit,
+)
+from vsgdesign.parameters.sensors import SENSORS, read_sensors
 from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.specification import read_specification
+from vsgdesign.parameters.specification import SPECIFICATION, read_specification
 from vsgdesign.parameters.stability import StabilitySpec, read_stability
-from vsgdesign.parameters.study import NOTCH_DAMPING, POWER_FILTERS, ClosedFormTarget, Event, InnerLoopRequest, Study
-from vsgdesign.parameters.survival import read_survival
-from vsgdesign.parameters.verification import read_verification
+from vsgdesign.parameters.study import Event, InnerLoopRequest, Study
+from vsgdesign.parameters.survival import SurvivalSpec
+from vsgdesign.parameters.targets import POWER_LOOPS, Filters, read_target
+from vsgdesign.parameters.verification import VERIFICATION, read_verification
 
 SCHEMA = 1
+
+
+_BELOW = "the defaults below"
+
+
+class Identity:
+    """The fields of [study]."""
+
+    name: str = text(
+        kind="name",
+        limits="letters, digits, `-` `_` `.`; at most 100 bytes",
+        shown="the file's name, or its folder's for `study.toml`",
+    )
+    """Short name."""
+    title: str = text(limits="not empty", shown="`name`")
+    """Title of reports."""
+    source: str = text(limits="not empty", default="", shown="none")
+    """Where the data are from."""
+
+
+class _Basis:
+    """What SCR is taken on."""
+
+    scr_basis: str = basis_field(default="impedance")
+    """What every `scr` in the file is taken on (:eq:`scr`)."""
+
+
+class _Source:
+    """The source behind the grid's impedance."""
+
+    V_g_rms: float = number("1", 0.1, 2.0, default=1.0, name="V_g_pu", scale=V_RATED)
+    """Source voltage, pu of rated."""
+    omega_g: float = number("Hz", 0.8 * F_N, 1.2 * F_N, default=F_N, shown="`f_n`", name="f_g", scale=2.0 * math.pi)
+    """Source frequency."""
+
+
+class _Components:
+    """What the source contains besides."""
+
+    components: Any = subtable(Component, kind="tables", shown="none")
+    """Negative sequence and harmonics of the source."""
+
+
+GRID = tuple(one for of in (_Basis, Impedance, _Source, _Components) for one in fields_of(of))
+"""The fields of [grid]."""
+
+
+class Sections:
+    """The top level of a study file."""
+
+    base: str | None = text(default=None)
+    """Another document underneath this one."""
+    schema: int = whole(SCHEMA, SCHEMA, default=SCHEMA)
+    """Version of this format."""
+    study: Any = subtable(Identity)
+    """Identity."""
+    converter: Any = subtable(CONVERTER, default=REQUIRED)
+    """Ratings, bridge, sampling."""
+    filter: Any = subtable(FILTER, default=REQUIRED)
+    """LC or LCL filter."""
+    inner_loops: Any = subtable(INNER_LOOPS, shown="designed")
+    """Voltage and current loop."""
+    grid: Any = subtable(GRID, default=REQUIRED)
+    """Grid at t = 0."""
+    network: Any = subtable((), shown="plain")
+    """Load, fault and breaker at t = 0."""
+    power_loops: Any = subtable(POWER_LOOPS, shown="all defaults")
+    """Structure and design target of the power loops."""
+    simulation: Any = subtable(SimulationSpec, default=REQUIRED)
+    """One EMT run."""
+    controllers: Any = subtable(CONTROLLER, kind="tables", default=REQUIRED, limits="at least one")
+    """What to simulate and compare."""
+    events: Any = subtable((), kind="tables")
+    """What changes, and when."""
+    stability: Any = subtable(StabilitySpec, shown=_BELOW)
+    """Axes of the margin maps, and gates."""
+    specification: Any = subtable(SPECIFICATION)
+    """What a designed gain table has to keep, and over what."""
+    estimator: Any = subtable(EstimatorSpec)
+    """The network that estimates the grid for controllers with `estimate = "neural"`."""
+    survival: Any = subtable(SurvivalSpec, shown=_BELOW)
+    """Random disturbances of a survival measurement."""
+    verification: Any = subtable(VERIFICATION, shown=_BELOW)
+    """Random cases with which promises are tested."""
+    background: Any = subtable(BACKGROUND)
+    """What the voltage of a real grid does besides the events."""
+    sensors: Any = subtable(SENSORS, shown="ideal")
+    """Noise, bits and errors between the circuit and the controller."""
+    replay: Any = subtable(())
+    """A recorded voltage as the source."""
 
 
 def build_study(
@@ -55,48 +174,43 @@ def build_study(
     """
     root = TableReader(document, "", faults, asked)
     _read_schema(root)
-    name, title, source = _read_identity(root.child("study"), default_name)
+    identity = _read_identity(root.child("study"), default_name)
     converter_table = root.section("converter")
-    current_limiter = converter_table.choice("current_limiter", tuple(LIMITERS), default=CIRCULAR.name)
+    current_limiter = values(picked(LimiterChoice, "current_limiter"), converter_table)["current_limiter"]
     limiter_table = converter_table.child("limiter")
-    converter = _read_converter(converter_table)
-    filter_ = _read_filter(root.section("filter"))
+    converter = read_converter(converter_table)
+    scope = scope_of(converter)
+    filter_ = read_filter(root.section("filter"))
     check_plausible(converter, filter_, faults)
     limiter_given = read_limiter(limiter_table, LIMITERS[current_limiter], converter, filter_)
-    inner = read_inner_loops(root.child("inner_loops"), filter_, converter)
-    grid_table = root.section("grid")
-    grid, source_, basis = _read_grid_section(grid_table, converter)
+    inner = read_inner_loops(root.child("inner_loops"), scope, filter_, converter)
+    grid, source_, basis = _read_grid_section(root.section("grid"), scope, converter)
     power = root.child("power_loops") or TableReader({}, "power_loops", faults)
-    tau_P = power.quantity("tau_P", "s", 0.0, 1.0, default=0.0)
-    tau_Q = power.quantity("tau_Q", "s", 0.0, 1.0, default=0.0)
-    power_filter = power.choice("power_filter", POWER_FILTERS, default="low_pass")
-    notch_damping = power.quantity("notch_damping", "1", 0.05, 2.0, default=NOTCH_DAMPING)
-    if power_filter == "low_pass" and power.has("notch_damping"):
+    filters = values(Filters, power)
+    if filters["power_filter"] == "low_pass" and power.has("notch_damping"):
         power.fault("notch_damping", power.table["notch_damping"], "there is no notch", 'Add power_filter = "notch".')
-    default_target = ClosedFormTarget(
-        settling_time=1.0, damping_ratio=1.0, droop_ratio=0.01, P=converter.S_rated * 0.9, Q=converter.S_rated * 0.2
-    )
-    target = read_target(power, default_target, converter)
+    target = read_target(power, scope)
     power.finish()
-    simulation = read_simulation(root.section("simulation"), converter)
+    simulation = read_simulation(root.section("simulation"), scope)
+    scope = {**with_reference_limit(scope, simulation.reference_limit_pu), DURATION.of: simulation.duration}
     network = read_network(root.child("network"), converter)
     events = read_events(root.children("events"), grid, basis, converter, simulation, source_, network)
     _check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
     controllers = read_controllers(
-        root, target, grid, basis, converter, filter_, (current_limiter, limiter_given), simulation
+        root, scope, target, grid, basis, converter, filter_, (current_limiter, limiter_given)
     )
-    specification = read_specification(root.child("specification"), converter, source_, target, basis)
+    specification = read_specification(root.child("specification"), scope, converter, source_, target, basis)
     slowest = target.settling_time if specification is None else specification.settling_time
-    stability = read_stability(root.child("stability"), converter, target, slowest)
+    stability = read_stability(root.child("stability"), scope, target, slowest)
     estimator = read_estimator(root.child("estimator"))
     by_sample = [spec for spec in controllers if spec.estimate != "truth" and ESTIMATORS[spec.estimate].by_sample]
     if estimator is not None and estimator.probe is not None and not by_sample:
         root.fault(
             "estimator.probe", None, "no controller has a field estimator", 'Set estimate = "field", or leave it.'
         )
-    survival = read_survival(root.child("survival"))
+    survival = read(SurvivalSpec, root.child("survival"))
     maps = _axes_given(root, stability)
-    verification = read_verification(root.child("verification"), converter, source_, specification, maps, basis)
+    verification = read_verification(root.child("verification"), scope, converter, source_, specification, maps, basis)
     background, sensors = read_background(root.child("background")), read_sensors(root.child("sensors"))
     replay = read_replay(root.child("replay"), converter, simulation.duration)
     if root.has("replay"):
@@ -109,9 +223,8 @@ def build_study(
         request = request_of(inner, converter, filter_, basis, target, specification)
         inner_gains, omega_t = _designed(request, inner_loops, faults)
     return Study(
-        name=name,
-        title=title,
-        source=source,
+        **identity,
+        **filters,
         converter=converter,
         filter=filter_,
         inner_gains=inner_gains,
@@ -120,10 +233,6 @@ def build_study(
         scr_basis=basis,
         network=network,
         target=target,
-        tau_P=tau_P,
-        tau_Q=tau_Q,
-        power_filter=power_filter,
-        notch_damping=notch_damping,
         omega_t=omega_t,
         controllers=controllers,
         simulation=simulation,
@@ -145,7 +254,7 @@ def build_study(
 
 def _read_schema(root: TableReader) -> None:
     """The version of the format, of which there is one."""
-    root.integer("schema", SCHEMA, SCHEMA, default=SCHEMA)
+    values(picked(Sections, "schema"), root)
     written = root.table.get("schema")
     if isinstance(written, int) and not isinstance(written, bool) and written > SCHEMA:
         root.faults.pop()  # it has a better answer than its limits
@@ -206,69 +315,12 @@ def _designed(
     return InnerLoopGains(*[math.nan] * 4), math.nan
 
 
-def _read_identity(table: TableReader | None, default_name: str) -> tuple[str, str, str]:
-    if table is None:
-        return default_name, default_name, ""
-    name = table.identifier("name", default=default_name)
-    title = table.text("title", default=name)
-    source = table.text("source", default="")
-    table.finish()
-    return name, title, source
-
-
-def _read_converter(table: TableReader) -> Converter:
-    S_rated = table.quantity("S_rated", "VA", 10.0, 1e10)
-    if table.one_of(("V_rated_ll_rms",), ("V_rated_rms",)) == ("V_rated_rms",):
-        V_rated_rms = table.quantity("V_rated_rms", "V", 5.0, 5e5)
-    else:
-        V_rated_rms = ll_to_phase(table.quantity("V_rated_ll_rms", "V", 10.0, 1e6)) if table.table else math.nan
-    f_n = table.quantity("f_n", "Hz", 10.0, 1000.0)
-    V_dc = table.quantity("V_dc", "V", 10.0, 1e6)
-    f_sw = table.quantity("f_sw", "Hz", 300.0, 1e6)
-    converter = Converter(
-        S_rated=S_rated,
-        V_rated_rms=V_rated_rms,
-        omega_n=2.0 * math.pi * f_n,
-        V_dc=V_dc,
-        f_sw=f_sw,
-        samples_per_carrier=table.integer("samples_per_carrier", 1, 64, default=2),
-        delay_samples=table.integer("delay_samples", 0, 1, default=1),
-        zero_sequence=table.choice("modulation", ("sine_triangle", "min_max"), default="sine_triangle") == "min_max",
-        current_limit_pu=read_limit(table),
-        V_min_pu=table.quantity("V_min_pu", "1", 0.0, 1.0, default=0.85),
-        V_max_pu=table.quantity("V_max_pu", "1", 1.0, 3.0, default=1.25),
-    )
-    if rms_to_peak(V_rated_rms) > converter.v_max_pk:
-        table.fault(
-            "V_dc",
-            f"{V_dc:.6g} V",
-            f"too low: the bridge makes at most {converter.v_max_pk:.4g} V peak and the rated voltage is "
-            f"{rms_to_peak(V_rated_rms):.4g} V peak",
-            'Raise V_dc, or set modulation = "min_max" (+15 %).',
-        )
-    if f_sw * converter.samples_per_carrier < 20.0 * f_n:
-        table.fault("f_sw", f"{f_sw:.6g} Hz", f"samples fewer than 20 times a cycle of {f_n:.6g} Hz", "Raise f_sw.")
-    table.finish()
-    return converter
-
-
-def _read_filter(table: TableReader) -> Filter:
-    kind = table.choice("kind", ("LC", "LCL"))
-    filter_ = Filter(
-        L_1=table.quantity("L_1", "H", 1e-7, 0.5),
-        R_1=table.quantity("R_1", "ohm", 0.0, 100.0),
-        C=table.quantity("C", "F", 1e-8, 0.1),
-        R_c=table.quantity("R_c", "ohm", 0.0, 1000.0, default=0.0),
-        L_2=table.quantity("L_2", "H", 1e-7, 0.5) if kind == "LCL" else 0.0,
-        R_2=table.quantity("R_2", "ohm", 0.0, 100.0) if kind == "LCL" else 0.0,
-    )
-    if kind == "LC":
-        for field in ("L_2", "R_2"):
-            if table.has(field):
-                table.fault(field, table.table[field], "an LC filter has none", 'Set kind = "LCL" or remove it.')
-                table.quantity(field, "H" if field == "L_2" else "ohm")
-    table.finish()
-    return filter_
+def _read_identity(table: TableReader | None, default_name: str) -> dict[str, str]:
+    name = values(picked(Identity, "name"), table, defaults={"name": default_name})
+    rest = values(picked(Identity, "title", "source"), table, defaults={"title": name["name"]})
+    if table is not None:
+        table.finish()
+    return name | rest
 
 
 def _check_resonance(filter_: Filter, converter: Converter, grids: list[Grid], faults: list[Fault]) -> None:
@@ -292,12 +344,10 @@ def _circuit_matrix(f: Filter, grid: Grid) -> np.ndarray:
     return np.array(columns, dtype=float).T
 
 
-def _read_grid_section(table: TableReader, converter: Converter) -> tuple[Grid, GridSource, str]:
-    basis = table.choice("scr_basis", tuple(SCR_BASES), default="impedance")
-    grid = read_grid(table, converter, basis, None)
-    V_g_rms = table.quantity("V_g_pu", "1", 0.1, 2.0, default=1.0) * converter.V_rated_rms
-    f_n = converter.omega_n / (2.0 * math.pi)
-    f_g = table.quantity("f_g", "Hz", 0.8 * f_n, 1.2 * f_n, default=f_n)
+def _read_grid_section(table: TableReader, scope: Scope, converter: Converter) -> tuple[Grid, GridSource, str]:
+    basis = values(_Basis, table)["scr_basis"]
+    grid = read_grid(table, scope, converter, basis, None)
+    source = values(_Source, table, scope)
     components = read_components(table.children("components"))
     table.finish()
-    return grid, GridSource(V_g_rms, 2.0 * math.pi * f_g, components), basis
+    return grid, GridSource(**source, components=components), basis

@@ -7,24 +7,99 @@ import unicodedata
 from dataclasses import replace
 from typing import Any
 
-from vsgdesign.equations.closed_form import paced
-from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.limiters import LIMITERS, KnownRatings, Limiter
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.identification.registry import ESTIMATORS, needs_network
 from vsgdesign.identification.sampling import window_of_rate
-from vsgdesign.parameters.converter import Converter, Filter, limiter_ratings
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.knowledge import read_knowledge
-from vsgdesign.parameters.reader import REQUIRED, TableReader
-from vsgdesign.parameters.scenario import read_grid
-from vsgdesign.parameters.study import NO_LIMITER, UPDATE_PERIOD, ClosedFormTarget, ControllerSpec
+from vsgdesign.parameters.converter import Converter, Filter, current_limit, limiter_ratings
+from vsgdesign.parameters.fields import (
+    DURATION,
+    T_S,
+    Scope,
+    fields_of,
+    inserted,
+    number,
+    picked,
+    read,
+    section,
+    subtable,
+    text,
+    values,
+    word,
+)
+from vsgdesign.parameters.grid import Grid, Impedance, basis_field, read_grid
+from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.reader import TableReader
+from vsgdesign.parameters.targets import TARGETS, ClosedFormTarget, Gains, read_power_gains, read_target
 from vsgdesign.parameters.units import format_quantity
 
+NO_LIMITER = "none"
+"""The word for a controller of a study that does not limit its current."""
 
-def read_limit(table: TableReader) -> float | None:
-    return table.quantity("current_limit_pu", "1", 0.5, 20.0, default=None)
+UPDATE_PERIOD = 0.02
+"""Time between two updates of a schedule where a study says nothing, s: as published."""
+
+_OF_CONVERTER = "of `[converter]`"
+
+
+class _Basis:
+    """The basis of a grid of its own."""
+
+    scr_basis: str = basis_field(shown="of `[grid]`")
+    """Basis of `scr` here."""
+
+
+DESIGN_GRID = (*fields_of(_Basis), *fields_of(Impedance))
+"""The fields of [controllers.design_grid]."""
+
+
+@section
+class ControllerSpec:
+    """One controller of a study, with fixed gains or with gains scheduled from the grid impedance."""
+
+    name: str = text(
+        kind="name", limits="letters, digits, `-` `_` `.`; at most 100 bytes; unique, also without regard to case"
+    )
+    """Becomes a file name."""
+    kind: str = word(("fixed", "scheduled"))
+    """Gains that never change, or gains that follow the grid impedance."""
+    target: ClosedFormTarget
+    gains: PowerLoopGains | None = subtable(Gains, default=None, limits="`fixed` only")
+    """The gains themselves: the four of the published structure, or all eight."""
+    design_grid: Grid | None = subtable(
+        DESIGN_GRID, default=None, limits="`fixed` only; not with `gains`", shown="the grid at t = 0"
+    )
+    """Grid for which the fixed gains are designed."""
+    update_period: float | None = number(
+        "s", T_S, DURATION, default=None, shown="0.02, as near as T_s allows; with an estimate the window"
+    )
+    """`scheduled` only: time between updates, a multiple of T_s."""
+    schedule: str = word(("closed_form", "table"), default="closed_form")
+    """`scheduled` only: where the gains come from; `table` needs a `[specification]` to design one to, or `table`."""
+    table_file: str | None = text(default=None, name="table", limits="a file")
+    """File of a gain table to use instead of designing one."""
+    estimate: str = word(lambda: ("truth", *ESTIMATORS), default="truth")
+    """`scheduled` only: what it knows of the grid, the truth or an [estimate](#estimates); `neural` needs an
+    `[estimator]`."""
+    knowledge: GridEstimate | None = subtable(GridEstimate, default=None, shown="the grid exactly and at once")
+    """`scheduled` with `truth` only: [how wrong and how late](#controllersknowledge) it knows the grid."""
+    current_limiter: str | None = word(lambda: (NO_LIMITER, *LIMITERS), default=None, shown=_OF_CONVERTER)
+    """How this controller limits its current; `none`: it does not."""
+    current_limit_pu: float | None = current_limit(shown=_OF_CONVERTER)
+    """Limit of this controller's current reference, pu of the rated peak; not with `none`."""
+    limiter_given: tuple[tuple[str, float], ...] | None = subtable(
+        (), default=None, name="limiter", shown="of `[converter]` with the same limiter"
+    )
+    """Parameters of this controller's limiter: the fields of [`[converter.limiter]`](#converterlimiter)."""
+
+
+_TARGETS = tuple(
+    replace(one, shown="of `[power_loops]`" + (f", {one.shown}" if one.shown.startswith("scaled") else ""))
+    for one in TARGETS
+)
+
+CONTROLLER = inserted(fields_of(ControllerSpec), "kind", *_TARGETS)
+"""The fields of [[controllers]]."""
 
 
 def read_limiter(
@@ -57,37 +132,6 @@ def read_limiter(
     return tuple((name, value) for name, value in values.items() if table.has(name) or name in dict(inherited))
 
 
-def read_target(table: TableReader, default: ClosedFormTarget, converter: Converter) -> ClosedFormTarget:
-    limit = 2.0 * converter.S_rated
-    structure = table.choice("structure", tuple(STRUCTURES), default=default.structure)
-    settling_time = table.quantity("settling_time", "s", 0.01, 1000.0, default=default.settling_time)
-    k_1, d_1, k_2 = paced(default.k_1, default.d_1, default.k_2, default.settling_time / settling_time)
-    at = table.choice("operating_point", ("design", "reference"), default=_operating_point(default, structure))
-    return ClosedFormTarget(
-        settling_time=settling_time,
-        damping_ratio=table.quantity("damping_ratio", "1", 0.05, 20.0, default=default.damping_ratio),
-        droop_ratio=table.quantity("droop_ratio", "1", 0.0, 10.0, default=default.droop_ratio),
-        P=table.quantity("P_design", "W", -limit, limit, default=default.P),
-        Q=table.quantity("Q_design", "var", -limit, limit, default=default.Q),
-        structure=structure,
-        k_1=table.quantity("k_1", "1/s²", 1e-3, 1e6, default=k_1),
-        d_1=table.quantity("d_1", "1/s", 1e-3, 1e4, default=d_1),
-        k_2=table.quantity("k_2", "1/s", 1e-3, 1e4, default=k_2),
-        P_droop=table.quantity("P_droop", "1", 0.0, 1.0, default=default.P_droop),
-        Q_droop=table.quantity("Q_droop", "1", 0.0, 1.0, default=default.Q_droop),
-        share_P=table.quantity("share_P", "1", 0.0, 1.0, default=default.share_P),
-        share_Q=table.quantity("share_Q", "1", 0.0, 1.0, default=default.share_Q),
-        follow_references=at == "reference",
-    )
-
-
-def _operating_point(default: ClosedFormTarget, structure: str) -> str:
-    """As the default target has it, or as another structure has it by itself."""
-    same = structure == default.structure or structure not in STRUCTURES  # the reader has told of an unknown name
-    follows = default.follow_references if same else STRUCTURES[structure].follows_references
-    return "reference" if follows else "design"
-
-
 _OF_WINDOWS = "an estimator answers at the end of each of its windows, which are whole cycles of the grid"
 
 _OF_CYCLES = "this estimator answers at the end of each of its own cycles, which follow the frequency"
@@ -98,42 +142,34 @@ _OF_CLOSED_FORMS = ("settling_time", "damping_ratio", "droop_ratio", "k_1", "d_1
 
 def read_controllers(
     root: TableReader,
+    scope: Scope,
     target: ClosedFormTarget,
     grid: Grid,
     basis: str,
     converter: Converter,
     filter_: Filter,
     limiter: tuple[str, tuple[tuple[str, float], ...]],
-    simulation: Any,
 ) -> tuple[ControllerSpec, ...]:
     """Every controller of a study. ``limiter``: the name of the study's current limiter, and its given parameters."""
     specs: list[ControllerSpec] = []
     for table in root.children("controllers"):
-        name = table.identifier("name")
+        identity = values(picked(ControllerSpec, "name", "kind"), table)
+        name, fixed = identity["name"], identity["kind"] == "fixed"
         if name and (taken := _taken(name, [spec.name for spec in specs])) is not None:
             table.fault("name", name, *taken)
-        kind = table.choice("kind", ("fixed", "scheduled"))
-        own_target = read_target(table, target, converter)
-        own_limiter, own_limit_pu, limiter_given = _read_own_limit(table, converter, filter_, *limiter)
-        knowledge = read_knowledge(table.child("knowledge"))
-        spec = ControllerSpec(
-            name=name,
-            kind=kind,
-            target=own_target,
-            update_period=UPDATE_PERIOD,
-            current_limiter=own_limiter,
-            current_limit_pu=own_limit_pu,
-            limiter_given=limiter_given,
-            knowledge=knowledge,
-        )
-        if knowledge is not None and kind == "fixed":
+        own_target = read_target(table, scope, target)
+        limits = _read_own_limit(table, converter, filter_, *limiter)
+        known = table.child("knowledge")
+        knowledge = None if known is None else read(GridEstimate, known)
+        spec = ControllerSpec(**identity, **limits, target=own_target, knowledge=knowledge, update_period=UPDATE_PERIOD)
+        if knowledge is not None and fixed:
             table.fault(
                 "knowledge", None, 'a controller with kind = "fixed" is told nothing of the grid', "Leave it out."
             )
-        if kind == "fixed":
-            specs.append(_read_fixed(table, spec, grid, basis, converter))
+        if fixed:
+            specs.append(_read_fixed(table, spec, scope, grid, basis, converter))
         else:
-            specs.append(_read_scheduled(table, spec, root, converter, simulation))
+            specs.append(_read_scheduled(table, spec, scope, root, converter))
         table.finish()
     if not specs and root.table.get("controllers", []) == []:
         root.fault(
@@ -143,7 +179,7 @@ def read_controllers(
 
 
 def _read_fixed(
-    table: TableReader, spec: ControllerSpec, grid: Grid, basis: str, converter: Converter
+    table: TableReader, spec: ControllerSpec, scope: Scope, grid: Grid, basis: str, converter: Converter
 ) -> ControllerSpec:
     gains_table, grid_table = table.child("gains"), table.child("design_grid")
     gains = None if gains_table is None else read_power_gains(gains_table)
@@ -151,16 +187,17 @@ def _read_fixed(
         return replace(spec, gains=gains, design_grid=grid if gains is None else None)
     if gains is not None:
         table.fault("design_grid", None, "gains are given too", "Give either gains or design_grid.")
-    own_basis = grid_table.choice("scr_basis", tuple(SCR_BASES), default=basis)
-    design_grid = read_grid(grid_table, converter, own_basis, None)
+    own_basis = values(_Basis, grid_table, defaults={"scr_basis": basis})["scr_basis"]
+    design_grid = read_grid(grid_table, scope, converter, own_basis, None)
     grid_table.finish()
     return replace(spec, gains=gains, design_grid=design_grid)
 
 
 def _read_scheduled(
-    table: TableReader, spec: ControllerSpec, root: TableReader, converter: Converter, simulation: Any
+    table: TableReader, spec: ControllerSpec, scope: Scope, root: TableReader, converter: Converter
 ) -> ControllerSpec:
-    schedule = table.choice("schedule", ("closed_form", "table"), default="closed_form")
+    found = values(picked(ControllerSpec, "schedule", "table"), table)
+    schedule, table_file = found["schedule"], found["table_file"]
     for field in _OF_CLOSED_FORMS if schedule == "table" else ():
         if table.has(field):
             table.fault(
@@ -169,7 +206,6 @@ def _read_scheduled(
                 'has no effect with schedule = "table": the table is designed to the [specification]',
                 "Leave it out, or set it there.",
             )
-    table_file = table.text("table", default=None)
     if table_file is not None:
         if schedule != "table":
             table.fault("table", table_file, 'is used by schedule = "table" alone', 'Add schedule = "table".')
@@ -180,19 +216,18 @@ def _read_scheduled(
             "there is neither a table nor a specification to design one to",
             'Add a [specification] section, or table = "FILE.json".',
         )
-    estimate = table.choice("estimate", ("truth", *ESTIMATORS), default="truth")
+    estimate = values(picked(ControllerSpec, "estimate"), table)["estimate"]
     if needs_network(estimate) and not root.has("estimator"):
         table.fault("estimate", estimate, "there is no network to estimate with", "Add an [estimator] section.")
     if spec.knowledge is not None and estimate != "truth":
         problem = f'has no effect with estimate = "{estimate}", which estimates the grid by itself'
         table.fault("knowledge", None, problem, 'Leave it out, or take estimate = "truth".')
-    period = _read_period(table, estimate, converter, simulation)
-    return replace(spec, update_period=period, schedule=schedule, table_file=table_file, estimate=estimate)
+    return replace(spec, **found, estimate=estimate, update_period=_read_period(table, estimate, scope, converter))
 
 
-def _read_period(table: TableReader, estimate: str, converter: Converter, simulation: Any) -> float | None:
+def _read_period(table: TableReader, estimate: str, scope: Scope, converter: Converter) -> float | None:
     """The time between two updates, s; None: that of the windows of a network."""
-    period = table.quantity("update_period", "s", converter.T_s, simulation.duration, default=None)
+    period = values(picked(ControllerSpec, "update_period"), table, scope)["update_period"]
     if estimate != "truth" and not needs_network(estimate):
         if period is not None:
             why = _OF_CYCLES if ESTIMATORS[estimate].by_sample else _OF_WINDOWS
@@ -217,10 +252,10 @@ def _read_own_limit(
     filter_: Filter,
     of_study: str,
     given: tuple[tuple[str, float], ...],
-) -> tuple[str | None, float | None, tuple[tuple[str, float], ...] | None]:
+) -> dict[str, Any]:
     """How a controller limits its current, to how much, and with which parameters, where it differs from the study."""
-    limiter = table.choice("current_limiter", (NO_LIMITER, *LIMITERS), default=None)
-    limit_pu = read_limit(table)
+    found = values(picked(ControllerSpec, "current_limiter", "current_limit_pu"), table)
+    limiter, limit_pu = found["current_limiter"], found["current_limit_pu"]
     limiter_table = table.child("limiter")
     if limiter == NO_LIMITER:
         for field in ("current_limit_pu", "limiter"):
@@ -236,11 +271,13 @@ def _read_own_limit(
             "Add current_limit_pu, for example 1.2.",
         )
     if limiter == NO_LIMITER or (limiter_table is None and limit_pu is None and limiter in (None, of_study)):
-        return limiter, limit_pu, None
+        return found
     own = converter if limit_pu is None else replace(converter, current_limit_pu=limit_pu)
     inherited = given if limiter in (None, of_study) else ()
     limiter_table = limiter_table or TableReader({}, table.name("limiter"), table.faults)
-    return limiter, limit_pu, read_limiter(limiter_table, LIMITERS[limiter or of_study], own, filter_, inherited)
+    return found | {
+        "limiter_given": read_limiter(limiter_table, LIMITERS[limiter or of_study], own, filter_, inherited)
+    }
 
 
 def _default_update_period(converter: Converter) -> float:
@@ -273,19 +310,3 @@ def _taken(name: str, others: list[str]) -> tuple[str, str] | None:
 def _file_name(name: str) -> str:
     """A name as file systems see it that tell neither case nor composed letters apart."""
     return unicodedata.normalize("NFC", name).casefold()
-
-
-def read_power_gains(table: TableReader) -> PowerLoopGains:
-    """The gains of a controller that gives them all."""
-    gains = PowerLoopGains(
-        K_ip=table.quantity("K_ip", "rad/(s²·W)", 1e-15, 1e6, default=REQUIRED),
-        D_p=table.quantity("D_p", "W·s/rad", 0.0, 1e12),
-        K_iq=table.quantity("K_iq", "V/(s·var)", 1e-15, 1e6),
-        D_q=table.quantity("D_q", "var/V", 0.0, 1e12),
-        K_pq=table.quantity("K_pq", "rad/(s²·var)", -1e6, 1e6, default=0.0),
-        K_qp=table.quantity("K_qp", "V/(s·W)", -1e6, 1e6, default=0.0),
-        k_P=table.quantity("k_P", "rad/(s·W)", -1e6, 1e6, default=0.0),
-        k_Q=table.quantity("k_Q", "rad/(s·var)", -1e6, 1e6, default=0.0),
-    )
-    table.finish()
-    return gains

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.converter import Converter, scope_of
 from vsgdesign.parameters.event import EVENT_KINDS, Event
-from vsgdesign.parameters.grid import Grid
+from vsgdesign.parameters.grid import Grid, read_grid
 from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
     CLOSED,
@@ -26,9 +26,8 @@ from vsgdesign.parameters.network_fields import (
     synchro_check_words,
 )
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.scenario import read_components, read_grid
+from vsgdesign.parameters.scenario import SimulationSpec, read_components
 from vsgdesign.parameters.source import GridSource, Sag, SourceComponent, sagged
-from vsgdesign.parameters.study import SimulationSpec
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
 SAME_INSTANT = 1e-9
@@ -113,7 +112,7 @@ def _read_source(
     values: dict[str, Any] = {}
     grid_table = table.child("grid")
     if grid_table is not None:
-        present.grid = values["grid"] = read_grid(grid_table, converter, basis, present.grid)
+        present.grid = values["grid"] = read_grid(grid_table, scope_of(converter), converter, basis, present.grid)
         grid_table.finish()
     for kind in EVENT_KINDS.values():
         low, high = kind.limits(converter, spec.reference_limit_pu)

@@ -2,12 +2,39 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.fields import L_BASE, Z_BASE, Scope, number, picked, values, word
+from vsgdesign.parameters.reader import TableReader
+
+SCR_LIMITS, X_OVER_R_LIMITS = (0.05, 1e4), (1e-3, 1e4)
+"""Limits of SCR and X/R in a study."""
+
+_NEEDED, _OR_ELSE = "required, or `R_g`, `L_g`", "required, or `scr`, `x_over_r`"
+
+
+class Impedance:
+    """The fields that every grid of a study has."""
+
+    scr: float = number("1", *SCR_LIMITS, shown=_NEEDED)
+    """Short-circuit ratio at the PCC on S_rated."""
+    x_over_r: float = number("1", *X_OVER_R_LIMITS, shown=_NEEDED)
+    """X_g/R_g at nominal frequency."""
+    R_g: float = number("ohm", 0.0, 20.0 * Z_BASE, shown=_OR_ELSE)
+    """Resistance."""
+    L_g: float = number("H", 1e-4 * L_BASE, 20.0 * L_BASE, shown=_OR_ELSE)
+    """Inductance."""
+
+
+def basis_field(**more: str) -> Any:
+    """The field that says on what basis SCR is taken. ``more``: see :class:`vsgdesign.parameters.fields.Field`."""
+    return word(lambda: tuple(SCR_BASES), **more)
 
 
 @dataclass(frozen=True)
@@ -49,3 +76,21 @@ class Place:
             return Grid(0.0, converter.Z_base / self.scr / converter.omega_n)
         R_g, L_g = SCR_BASES[self.basis].grid(self.scr, self.x_over_r, converter.Z_base, converter.omega_n)
         return Grid(float(R_g), float(L_g))
+
+
+def read_grid(table: TableReader, scope: Scope, converter: Converter, basis: str, previous: Grid | None) -> Grid:
+    """A grid from scr and x_over_r, or from R_g and L_g.
+
+    With ``previous`` (an event) a missing one of scr and x_over_r keeps its value.
+    """
+    place = picked(Impedance, "scr", "x_over_r")
+    if previous is not None and not (table.has("R_g") or table.has("L_g")):
+        # To twelve digits: what is kept is then the number that was given, and equal grids are equal.
+        kept = previous.place(converter, basis)
+        kept_values = {"scr": float(f"{kept.scr:.12g}"), "x_over_r": float(f"{kept.x_over_r:.12g}")}
+        return Place(**values(place, table, scope, kept_values), basis=basis).grid(converter)
+    if table.one_of(("scr", "x_over_r"), ("R_g", "L_g")) == ("R_g", "L_g"):
+        return Grid(**values(picked(Impedance, "R_g", "L_g"), table, scope))
+    if not (table.has("scr") or table.has("x_over_r")):
+        return Grid(math.nan, math.nan)
+    return Place(**values(place, table, scope), basis=basis).grid(converter)

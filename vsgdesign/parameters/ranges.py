@@ -5,44 +5,16 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 
-from vsgdesign.parameters.reader import TableReader
+from vsgdesign.parameters.fields import Field
 
 Range = tuple[float, float]
 """Lower and upper end, SI; the same twice for a number."""
 
 
-class Drawn(NamedTuple):
-    """A quantity of a section that may be a range."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    logarithmic: bool = False
-    """Whether its logarithm is what is drawn uniformly, as long as the range begins above zero."""
-
-
-def read_range(table: TableReader, quantity: Drawn, default: Range) -> Range:
-    """The range that a section gives for a quantity; the default where it gives none."""
-    if not isinstance(table.table.get(quantity.name), list):
-        value = table.quantity(quantity.name, quantity.unit, quantity.low, quantity.high, default=None)
-        return default if value is None else (value, value)
-    raw = table.table[quantity.name]
-    ends = table.quantities(quantity.name, quantity.unit, quantity.low, quantity.high, default, increasing=False)
-    if len(ends) != 2:
-        table.fault(quantity.name, raw, "a range has two ends", f"For example {quantity.name} = [low, high].")
-        return default
-    if ends[0] > ends[1]:
-        table.fault(quantity.name, raw, "the range is reversed", "Give the lower end first.")
-        return default
-    return ends[0], ends[1]
-
-
-def drawn_value(quantity: Drawn, ends: Range, seed: int) -> float:
+def drawn_value(quantity: Field, ends: Range, seed: int) -> float:
     """A number out of a range. Every quantity has its own stream, so that a number given for one changes no other."""
     low, high = ends
     if low == high or math.isnan(low + high):
@@ -53,7 +25,7 @@ def drawn_value(quantity: Drawn, ends: Range, seed: int) -> float:
     return low + (high - low) * share
 
 
-def drawn_values(quantities: tuple[Drawn, ...], ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
+def drawn_values(quantities: tuple[Field, ...], ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
     """A number for every quantity."""
     return {one.name: drawn_value(one, ranges[one.name], seed) for one in quantities}
 

@@ -1,25 +1,28 @@
-"""Reads the grid and the simulation of a study file."""
+"""The sections [simulation] and [network], and what the grid's source contains."""
 
 from __future__ import annotations
 
 import math
 
 from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.network import PLAIN, Network
-from vsgdesign.parameters.network_fields import (
-    CLEARED,
-    NONE,
-    Base,
-    read_said,
+from vsgdesign.parameters.fields import (
+    MOST_REFERENCE,
+    S_RATED,
+    T_S,
+    Scope,
+    fields_of,
+    flag,
+    number,
+    picked,
+    section,
+    values,
+    word,
 )
+from vsgdesign.parameters.network import PLAIN, Network
+from vsgdesign.parameters.network_fields import CLEARED, NONE, Base, read_said
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import SourceComponent
-from vsgdesign.parameters.study import SimulationSpec
 
-SCR_LIMITS = (0.05, 1e4)
-X_OVER_R_LIMITS = (1e-3, 1e4)
-"""Limits of SCR and X/R in a study."""
 _HIGHEST_ORDER = 100.0
 _MOST_REFERENCE = 2.0
 """Largest reference over S_rated where a study says nothing: more is rather a wrong unit."""
@@ -27,41 +30,49 @@ _MOST_ROWS = 5e6
 """Largest log: about 2 GB for a controller."""
 
 
-def read_grid(table: TableReader, converter: Converter, basis: str, previous: Grid | None) -> Grid:
-    """A grid from scr and x_over_r, or from R_g and L_g.
+@section
+class SimulationSpec:
+    """One EMT run."""
 
-    With ``previous`` (an event) a missing one of scr and x_over_r keeps its value.
-    """
-    if previous is not None and not (table.has("R_g") or table.has("L_g")):
-        # To twelve digits: what is kept is then the number that was given, and equal grids are equal.
-        kept = previous.place(converter, basis)
-        keep_scr, keep_ratio = (float(f"{x:.12g}") for x in (kept.scr, kept.x_over_r))
-        scr = table.quantity("scr", "1", *SCR_LIMITS, default=keep_scr)
-        ratio = table.quantity("x_over_r", "1", *X_OVER_R_LIMITS, default=keep_ratio)
-        return Place(scr, ratio, basis).grid(converter)
-    if table.one_of(("scr", "x_over_r"), ("R_g", "L_g")) == ("R_g", "L_g"):
-        # Plausible: between 1/10000 and 20 times the base impedance.
-        high = 20.0 * converter.Z_base
-        R_g = table.quantity("R_g", "ohm", 0.0, high)
-        L_g = table.quantity("L_g", "H", 1e-4 * high / 20.0 / converter.omega_n, high / converter.omega_n)
-        return Grid(R_g, L_g)
-    if not (table.has("scr") or table.has("x_over_r")):
-        return Grid(math.nan, math.nan)
-    scr = table.quantity("scr", "1", *SCR_LIMITS)
-    ratio = table.quantity("x_over_r", "1", *X_OVER_R_LIMITS)
-    return Place(scr, ratio, basis).grid(converter)
+    duration: float = number("s", 1e-3, 36000.0)
+    """Simulated time."""
+    bridge: str = word(("averaged", "pwm"), default="averaged")
+    """The bridge produces its reference exactly, or it switches."""
+    start: str = word(("steady_state", "cold"), default="steady_state")
+    """At rest in the first operating point, or with everything at zero."""
+    log_interval: float = number("s", 0.0, 1.0, shown="multiple of T_s nearest to 200 µs")
+    """Spacing of the log; a multiple of T_s. At most 5 million samples in all."""
+    csv_interval: float = number("s", 0.0, 10.0, default=0.002)
+    """Spacing of rows in the CSV copy."""
+    P_ref: float = number("W", -1.0 * MOST_REFERENCE, MOST_REFERENCE)
+    """Set point at t = 0."""
+    Q_ref: float = number("var", -1.0 * MOST_REFERENCE, MOST_REFERENCE)
+    """Set point at t = 0."""
+    reference_limit_pu: float = number("1", 0.1, 100.0, default=_MOST_REFERENCE)
+    """Largest reference over the rating. More is needed where a droop takes most of it away again."""
+    survival: bool = flag(default=False)
+    """Also judges the events as one disturbance, as a [grid-code test](survival.md#what-survived-means) does; not with
+    `[background]`, `[sensors]`, `[replay]` or components of the source."""
+
+
+class Component:
+    """The fields of a component of the source's voltage."""
+
+    order: float = number("1", -_HIGHEST_ORDER, _HIGHEST_ORDER)
+    """Frequency over that of the fundamental, negative for a component that turns backwards: −1 is the negative
+    sequence. Not 0 and not 1; need not be whole."""
+    amplitude_pu: float = number("1", 0.0, 1.0)
+    """Amplitude, pu of the rated voltage. It does not change with `V_g_pu`."""
+    phase: float = number("rad", -2.0 * math.pi, 2.0 * math.pi, default=0.0)
+    """Angle of its space vector where that of the fundamental is zero."""
 
 
 def read_components(tables: list[TableReader]) -> tuple[SourceComponent, ...]:
     """The negative sequence and the harmonics of the grid source, one table each."""
     found: list[SourceComponent] = []
     for table in tables:
-        order = table.quantity("order", "1", -_HIGHEST_ORDER, _HIGHEST_ORDER)
-        component = SourceComponent(
-            order=order,
-            amplitude_pu=table.quantity("amplitude_pu", "1", 0.0, 1.0),
-            phase=table.quantity("phase", "rad", -2.0 * math.pi, 2.0 * math.pi, default=0.0),
-        )
+        component = SourceComponent(**values(Component, table))
+        order = component.order
         if order in (0.0, 1.0):
             meant = "a dc voltage" if order == 0.0 else "the fundamental itself, which V_g_pu gives"
             table.fault("order", f"{order:g}", f"is {meant}", "Use -1 for the negative sequence, -5, 7, -11, 13, …")
@@ -72,25 +83,21 @@ def read_components(tables: list[TableReader]) -> tuple[SourceComponent, ...]:
     return tuple(found)
 
 
-def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:
+def with_reference_limit(scope: Scope, limit_pu: float) -> dict[str, float]:
+    """What limits follow from, with the largest reference of a study."""
+    return {**scope, MOST_REFERENCE.of: limit_pu * scope[S_RATED.of]}
+
+
+def read_simulation(table: TableReader, scope: Scope) -> SimulationSpec:
     """The [simulation] section."""
-    T_s = converter.T_s
+    T_s = scope[T_S.of]
     # A droop adds to a reference where the source's voltage or frequency is not nominal.
-    most_pu = table.quantity("reference_limit_pu", "1", 0.1, 100.0, default=_MOST_REFERENCE)
-    limit = most_pu * converter.S_rated
+    limit = values(picked(SimulationSpec, "reference_limit_pu"), table)
     default = math.nan if math.isnan(T_s) else max(round(200e-6 / T_s), 1) * T_s
-    log_interval = table.quantity("log_interval", "s", 0.0, 1.0, default=default)
-    spec = SimulationSpec(
-        duration=table.quantity("duration", "s", 1e-3, 36000.0),
-        bridge=table.choice("bridge", ("averaged", "pwm"), default="averaged"),
-        start=table.choice("start", ("steady_state", "cold"), default="steady_state"),
-        log_interval=log_interval,
-        csv_interval=table.quantity("csv_interval", "s", 0.0, 10.0, default=0.002),
-        P_ref=table.quantity("P_ref", "W", -limit, limit),
-        Q_ref=table.quantity("Q_ref", "var", -limit, limit),
-        reference_limit_pu=most_pu,
-        survival=table.flag("survival", default=False),
-    )
+    scope = with_reference_limit(scope, limit["reference_limit_pu"])
+    rest = tuple(one for one in fields_of(SimulationSpec) if one.name not in limit)
+    spec = SimulationSpec(**limit, **values(rest, table, scope, {"log_interval": default}))
+    log_interval = spec.log_interval
     _check_multiple(table, "log_interval", log_interval, T_s)
     if spec.duration > _MOST_ROWS * spec.log_interval > 0.0:
         table.fault(
@@ -119,8 +126,8 @@ def read_network(table: TableReader | None, converter: Converter) -> Network:
     if table is None:
         return PLAIN
     said = read_said(table, Base.of(converter))
-    for field, word in (("load", NONE), ("fault", CLEARED)):
-        if getattr(said, field) == word:
-            table.fault(field, word, "there is none before the start", "Leave it out.")
+    for field, ended in (("load", NONE), ("fault", CLEARED)):
+        if getattr(said, field) == ended:
+            table.fault(field, ended, "there is none before the start", "Leave it out.")
     table.finish()
     return said.on(PLAIN)

@@ -1,4 +1,4 @@
-"""Reads the [sensors] section: what lies between the circuit and the numbers that the controller works with."""
+"""The [sensors] section: what lies between the circuit and the numbers that the controller works with."""
 
 from __future__ import annotations
 
@@ -7,21 +7,32 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vsgdesign.parameters.ranges import Drawn, Range, drawn_values, read_range, stream
+from vsgdesign.parameters.fields import SEEDS, Field, drawn, fields_of, numbers, values, whole, word
+from vsgdesign.parameters.ranges import Range, drawn_values, stream
 from vsgdesign.parameters.reader import TableReader
 
 CHANNELS = ("v_a", "v_b", "v_c", "i_s_a", "i_s_b", "i_s_c", "i_g_a", "i_g_b", "i_g_c")
 """One sensor each: the voltage of the capacitor node, the current of the bridge, the current into the grid."""
 
-_QUANTITIES = (
-    Drawn("noise", "1", 0.0, 0.2, logarithmic=True),
-    Drawn("gain_error", "1", 0.0, 0.2),
-    Drawn("offset_error", "1", 0.0, 0.2),
-    Drawn("skew", "rad", -math.radians(18.0), math.radians(18.0)),
-    Drawn("range_pu", "1", 1.0, 100.0),
-)
+_LEVEL = "of the level"
 
-_IDEAL: dict[str, Range] = dict.fromkeys([one.name for one in _QUANTITIES], (0.0, 0.0))
+
+class _Quantities:
+    """Fields of this section."""
+
+    noise: Range = drawn("1", 0.0, 0.2, shown=_LEVEL, logarithmic=True)
+    """Rms value of white noise in every sample. A range is drawn uniformly in its logarithm."""
+    gain_error: Range = drawn("1", 0.0, 0.2, shown=_LEVEL)
+    """Class: the gain of each sensor is drawn within ± this of 1."""
+    offset_error: Range = drawn("1", 0.0, 0.2, shown=_LEVEL)
+    """Class: the offset of each sensor is drawn within ± this."""
+    skew: Range = drawn("rad", -math.radians(18.0), math.radians(18.0), shown=_LEVEL)
+    """By how much the currents are sampled later than the voltages, as an angle at f_n; at most one sampling period."""
+    range_pu: Range = drawn("1", 1.0, 100.0, shown="3 with `bits`, else none")
+    """Where every sensor saturates, pu of the rated peak."""
+
+
+_IDEAL: dict[str, Range] = dict.fromkeys([one.name for one in fields_of(_Quantities)], (0.0, 0.0))
 _USUAL_RANGE_PU = 3.0
 """Where a sensor with bits says nothing about its range."""
 
@@ -37,6 +48,35 @@ LEVELS: dict[str, dict[str, Range]] = {
     "dirty": _IDEAL | {"noise": (0.001, 0.005), "gain_error": (0.005, 0.005), "offset_error": (0.005, 0.005)},
 }
 _BITS = {"ideal": 0, "typical": 12, "dirty": 12}
+
+
+class _LevelAndSeed:
+    """Fields of this section."""
+
+    level: str = word(tuple(LEVELS), default="ideal")
+    """Values of all fields below."""
+    seed: int = whole(0, SEEDS, default=1)
+    """Seed of the draw and of the noise. The same seed gives the same bytes."""
+
+
+class _Converters:
+    """Fields of this section."""
+
+    bits: int = whole(0, 32, shown=_LEVEL)
+    """Bits of the analogue-to-digital converters, over −`range_pu` to +`range_pu`; 0: no quantisation."""
+
+
+class _Errors:
+    """Fields of this section."""
+
+    gain_errors: tuple[float, ...] = numbers("1", -0.2, 0.2, default=(), shown="drawn", increasing=False)
+    """The gain errors themselves, nine values: v_a, v_b, v_c, i_s,a, i_s,b, i_s,c, i_g,a, i_g,b, i_g,c."""
+    offset_errors: tuple[float, ...] = numbers("1", -0.2, 0.2, default=(), shown="drawn", increasing=False)
+    """The offsets themselves, in the same order."""
+
+
+SENSORS = tuple(one for of in (_LevelAndSeed, _Quantities, _Converters, _Errors) for one in fields_of(of))
+"""The fields of [sensors]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,12 +133,12 @@ def draw_sensors(
     offset_errors: tuple[float, ...] | None = None,
 ) -> SensorSpec:
     """Sensors out of ranges by name; what is not named is as in the level. Errors that are given are not drawn."""
-    whole = LEVELS[level] | dict(ranges)
-    values = drawn_values(_QUANTITIES, whole, seed)
+    given = LEVELS[level] | dict(ranges)
+    drawn_now = drawn_values(fields_of(_Quantities), given, seed)
     bits = _BITS[level] if bits is None else bits
-    if bits > 0 and values["range_pu"] == 0.0:
-        values["range_pu"] = _USUAL_RANGE_PU
-    classes = {name: values.pop(name) for name in ("gain_error", "offset_error")}
+    if bits > 0 and drawn_now["range_pu"] == 0.0:
+        drawn_now["range_pu"] = _USUAL_RANGE_PU
+    classes = {name: drawn_now.pop(name) for name in ("gain_error", "offset_error")}
     if gain_errors is None:
         gain_errors = _within(classes["gain_error"], seed, "gain_error")
     if offset_errors is None:
@@ -109,8 +149,8 @@ def draw_sensors(
         bits=bits,
         gain_errors=gain_errors,
         offset_errors=offset_errors,
-        ranges=tuple(whole.items()),
-        **values,
+        ranges=tuple(given.items()),
+        **drawn_now,
     )
 
 
@@ -123,26 +163,24 @@ def read_sensors(table: TableReader | None) -> SensorSpec | None:
     """The section; None where a study has none."""
     if table is None:
         return None
-    level = table.choice("level", tuple(LEVELS), default="ideal")
-    seed = table.integer("seed", 0, 2**31 - 1, default=1)
-    ranges = {one.name: read_range(table, one, LEVELS[level][one.name]) for one in _QUANTITIES}
-    bits = table.integer("bits", 0, 32, default=_BITS[level])
-    gain_errors, offset_errors = _errors(table, "gain_error"), _errors(table, "offset_error")
+    of_all = values(_LevelAndSeed, table)
+    level = of_all["level"]
+    ranges = values(_Quantities, table, defaults=LEVELS[level])
+    bits = values(_Converters, table, defaults={"bits": _BITS[level]})["bits"]
+    errors = {one.name: _errors(table, one) for one in fields_of(_Errors)}
     table.finish()
-    if table.faults:
-        return None
-    return draw_sensors(ranges, seed, level, bits=bits, gain_errors=gain_errors, offset_errors=offset_errors)
+    return None if table.faults else draw_sensors(ranges, of_all["seed"], level, bits=bits, **errors)
 
 
-def _errors(table: TableReader, name: str) -> tuple[float, ...] | None:
+def _errors(table: TableReader, errors: Field) -> tuple[float, ...] | None:
     """The errors of all sensors one by one, where the section gives them."""
-    field = f"{name}s"
-    values = table.quantities(field, "1", -0.2, 0.2, (), increasing=False)
+    field, name = errors.name, errors.name.removesuffix("s")
+    given = values((errors,), table)[field]
     if not table.has(field):
         return None
-    if len(values) not in (0, len(CHANNELS)):
+    if len(given) not in (0, len(CHANNELS)):
         order = ", ".join(CHANNELS)
         table.fault(field, table.table[field], f"must have {len(CHANNELS)} values", f"In this order: {order}.")
     if table.has(name):
         table.fault(name, table.table[name], f"{field} gives the errors themselves", "Give one of them.")
-    return values
+    return given

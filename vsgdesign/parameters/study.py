@@ -8,42 +8,30 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsgdesign.equations.closed_form import EQUAL_TIMES
 from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants, notch_delay
-from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import PUBLISHED
+from vsgdesign.parameters.controllers import NO_LIMITER, ControllerSpec
+from vsgdesign.parameters.controllers import UPDATE_PERIOD as UPDATE_PERIOD
 from vsgdesign.parameters.converter import Converter, Filter, limiter_ratings
 from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network
+from vsgdesign.parameters.scenario import SimulationSpec
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.survival import SurvivalSpec
+from vsgdesign.parameters.targets import NOTCH_DAMPING, ClosedFormTarget
 
 if TYPE_CHECKING:
     from vsgdesign.parameters.background import BackgroundSpec
     from vsgdesign.parameters.estimator import EstimatorSpec
-    from vsgdesign.parameters.knowledge import GridEstimate
     from vsgdesign.parameters.replay import ReplaySpec
     from vsgdesign.parameters.sensors import SensorSpec
     from vsgdesign.parameters.specification import Specification
     from vsgdesign.parameters.stability import StabilitySpec
     from vsgdesign.parameters.verification import VerificationSpec
-
-NO_LIMITER = "none"
-"""The word for a controller of a study that does not limit its current."""
-
-POWER_FILTERS = ("low_pass", "notch")
-"""How P and Q are filtered before the power loops."""
-
-NOTCH_DAMPING = 0.5
-"""Damping ratio of the notch's poles where a study says nothing."""
-
-UPDATE_PERIOD = 0.02
-"""Time between two updates of a schedule where a study says nothing, s: as published."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,81 +48,6 @@ class InnerLoopRequest:
     settling_time: float
     """Settling time of the power loops, s. The inner loops have to be faster."""
     seed: int = 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClosedFormTarget:
-    """The targets of the closed-form gains, and the operating point at which the Jacobian is taken."""
-
-    settling_time: float
-    damping_ratio: float
-    droop_ratio: float
-    """q in D_q = q·D of the published structure."""
-    P: float
-    Q: float
-    structure: str = PUBLISHED.name
-    """A name of equations.structures.STRUCTURES."""
-    k_1: float = EQUAL_TIMES.k_1
-    d_1: float = EQUAL_TIMES.d_1
-    k_2: float = EQUAL_TIMES.k_2
-    """Pole placement of structures that cancel the coupling: s² + d_1 s + k_1 for δ and s + k_2 for V."""
-    P_droop: float = 0.05
-    Q_droop: float = 0.05
-    """Deviation of frequency and voltage, per unit, at which the droop adds rated power. 0 means no droop."""
-    share_P: float = 1.0
-    share_Q: float = 1.0
-    """Share of the coupling B (C) that is cancelled in the P (Q) row, 0 to 1."""
-    follow_references: bool = False
-    """Whether the Jacobian is taken at the measured P, Q and V, which follow the references, instead of at (P, Q)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ControllerSpec:
-    """One controller of a study, with fixed gains or with gains scheduled from the grid impedance."""
-
-    name: str
-    kind: str
-    """``fixed`` or ``scheduled``."""
-    target: ClosedFormTarget
-    gains: PowerLoopGains | None = None
-    """Given gains of a fixed controller. With None they are designed in closed form at ``design_grid``."""
-    design_grid: Grid | None = None
-    update_period: float | None = UPDATE_PERIOD
-    """Time between two updates of a scheduled controller, s. None means the length of its network's window."""
-    schedule: str = "closed_form"
-    """Of a scheduled controller: ``closed_form``, or ``table`` (designed to the study's specification)."""
-    table_file: str | None = None
-    """File of its gain table. With None the table is built."""
-    estimate: str = "truth"
-    """Source of the grid impedance of a scheduled controller: ``truth``, or an estimator such as ``neural``."""
-    knowledge: GridEstimate | None = None
-    """With ``truth``: how wrong and how late it is told the grid. None: exactly and at once."""
-    current_limiter: str | None = None
-    """How it limits its current: a name in ``equations.limiters.LIMITERS``, or :data:`NO_LIMITER`. None means as the
-    study says."""
-    current_limit_pu: float | None = None
-    """Limit of its converter-current reference in pu of the rated peak. None means that of the converter."""
-    limiter_given: tuple[tuple[str, float], ...] | None = None
-    """Parameters of its limiter that are set, by name, in SI. None means as the study says."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulationSpec:
-    """One EMT run."""
-
-    duration: float
-    bridge: str
-    """``averaged`` or ``pwm``."""
-    start: str
-    """``steady_state`` or ``cold``."""
-    log_interval: float
-    csv_interval: float
-    P_ref: float
-    Q_ref: float
-    reference_limit_pu: float = 2.0
-    """Largest reference that is taken for meant, over the rating."""
-    survival: bool = False
-    """Whether the events are also judged as one disturbance that a converter survives or not."""
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,31 @@
-"""Reads the [verification] section: the random cases with which the promises of a controller are tested in EMT."""
+"""The [verification] section: the random cases with which the promises of a controller are tested in EMT."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
-from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES
+from vsgdesign.equations.grid import MOST_ERROR_Z
 from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.ranges import Drawn, Range, read_range
+from vsgdesign.parameters.fields import (
+    F_N,
+    S_RATED,
+    SEEDS,
+    V_RATED,
+    Scope,
+    at,
+    drawn,
+    fields_of,
+    number,
+    section,
+    subtable,
+    values,
+    whole,
+)
+from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, basis_field
+from vsgdesign.parameters.ranges import Range
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.specification import Specification
@@ -18,9 +35,6 @@ DEFAULT_SCR, DEFAULT_X_OVER_R = (1.2, 20.0), (0.3, 20.0)
 
 DEFAULT_P, DEFAULT_Q = 0.9, 0.3
 """The same for the powers: ± these shares of S_rated."""
-
-FAMILIES = ("step", "grid", "phase", "sag", "ramp", "reference")
-"""The kinds of disturbance, in the order of their numbers."""
 
 _SAME = 1e-9
 """Two limits that differ by this share are the same."""
@@ -35,6 +49,56 @@ class CaseFamily:
     (:meth:`VerificationSpec.weights`)."""
     ranges: Mapping[str, Range | None] = field(default_factory=dict, hash=False)
     """By the name of the quantity, SI. None: as the current limiter has it (:meth:`VerificationSpec.ranges`)."""
+
+
+_MOST = 2.0 * S_RATED
+_OF_SPECIFICATION = "the specification's"
+
+
+class _Basis:
+    """Fields of this section."""
+
+    scr_basis: str = basis_field(shown="of the specification, else of `[grid]`")
+    """Basis of `scr` here."""
+
+
+class _Place:
+    """Fields of this section."""
+
+    scr: Range = drawn(
+        "1", *SCR_LIMITS, shown=f"{_OF_SPECIFICATION}; else that of `[stability]`; else 1.2 to 20", logarithmic=True
+    )
+    """Grids."""
+    x_over_r: Range = drawn("1", *X_OVER_R_LIMITS, shown="the same; else 0.3 to 20", logarithmic=True)
+    """Grids."""
+    P: Range = drawn("W", -1.0 * _MOST, _MOST, shown="the same; else ±0.9 S_rated")
+    """Powers before the disturbance."""
+    Q: Range = drawn("var", -1.0 * _MOST, _MOST, shown="the same; else ±0.3 S_rated")
+    """Powers before the disturbance."""
+    V_g_rms: Range = drawn(
+        "1", 0.5, 1.5, shown=f"{_OF_SPECIFICATION}, else that of `[grid]`", name="V_g_pu", scale=V_RATED
+    )
+    """Source voltage, pu of rated."""
+    omega_g: Range = drawn("Hz", 0.8 * F_N, 1.2 * F_N, shown="the same", name="f_g", scale=2.0 * math.pi)
+    """Source frequency."""
+
+
+class _Errors:
+    """Fields of this section."""
+
+    error_R: float = number("1", 0.0, 0.9, default=0.0, shown=f"{_OF_SPECIFICATION}, else none")
+    """Error of R̂_g."""
+    error_X: float = number("1", 0.0, 0.9, default=0.0, shown="the same")
+    """Error of L̂_g."""
+    error_Z: float = number("1", 0.0, MOST_ERROR_Z, default=0.0, shown="the same")
+    """Error in any direction, relative to the grid impedance."""
+
+
+class _Silent:
+    """Fields of this section."""
+
+    silent_s: Range = drawn("s", 0.0, 100.0, default=(0.02, 1.0), name="silent", logarithmic=True)
+    """Time without an answer after each change."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,16 +120,18 @@ class CaseBox:
     """error_R, error_X and error_Z of the estimate (:eq:`error-set`)."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@section
 class VerificationSpec:
     """What is drawn, how often, and how sure the answer has to be."""
 
-    runs: int
-    confidence: float
-    """Probability with which the stated bound on the share of broken promises holds."""
-    seed: int
-    with_run: int
-    """With how many cases `vsgdesign run` verifies each gain table; 0: it does not."""
+    runs: int = whole(1, 1_000_000_000, default=100_000)
+    """Number of cases."""
+    confidence: float = number("1", 0.5, 0.999999, default=0.99)
+    """Probability with which the bound on the share of broken promises holds."""
+    seed: int = whole(0, SEEDS, default=1)
+    """Of the draw."""
+    with_run: int = whole(0, 1_000_000_000, default=0)
+    """Number of cases with which `vsgdesign run` verifies each gain table of the study; 0: it does not."""
     box: CaseBox
     silent_s: Range
     """For how long a schedule is told nothing after each change of the grid or its source, s."""
@@ -109,33 +175,108 @@ _ALWAYS, _WITH_LIMITER = ("step", "grid"), ("phase", "sag")
 
 _PHASE_WITH_GRID = (0.0, math.radians(30.0))
 
-_SILENT = Drawn("silent", "s", 0.0, 100.0, logarithmic=True)
-_SILENT_DEFAULT = (0.02, 1.0)
+
+_LIMITED, _SIXTY = "1 with `projection`, else 0", (0.0, math.radians(60.0))
 
 
-def _quantities(f_n: float) -> dict[str, tuple[tuple[Drawn, Range | None], ...]]:
-    """What is drawn for each family besides the box, and its default range."""
-    angle, sixty = (0.0, math.pi), (0.0, math.radians(60.0))
-    return {
-        "step": ((Drawn("size", "1", 1e-4, 1.0), (0.05, 0.05)),),
-        "grid": ((Drawn("phase", "rad", *angle), None),),
-        "phase": ((Drawn("jump", "rad", *angle), sixty),),
-        "sag": (
-            (Drawn("depth", "1", 0.0, 1.0), (0.2, 1.0)),
-            (Drawn("duration", "s", 0.01, 10.0, logarithmic=True), (0.05, 1.0)),
-            (Drawn("phase", "rad", *angle), sixty),
-        ),
-        "ramp": (
-            (Drawn("size", "Hz", 1e-3, 0.1 * f_n), (0.1, 1.0)),
-            (Drawn("rate", "Hz/s", 1e-2, 100.0, logarithmic=True), (0.5, 4.0)),
-            (Drawn("hold", "s", 0.0, 10.0), (0.0, 1.0)),
-        ),
-        "reference": (),
-    }
+def _weight(shown: str) -> Any:
+    return number("1", 0.0, 1e6, default=None, shown=shown)
+
+
+class _Step:
+    """Small steps of a reference."""
+
+    weight: float | None = _weight("1 always")
+    """Weight among all disturbances."""
+    size: Range = drawn("1", 1e-4, 1.0, default=(0.05, 0.05), shown="5 %")
+    """Of S_rated."""
+
+
+class _Grid:
+    """Jumps to another grid."""
+
+    weight: float | None = _weight("1 always")
+    """Weight among all disturbances."""
+    phase: Range | None = drawn("rad", 0.0, math.pi, default=None, shown="0 to 30° with `projection`, else 0")
+    """Jump of the source's phase at the same instant."""
+
+
+class _Phase:
+    """Jumps of the phase."""
+
+    weight: float | None = _weight(_LIMITED)
+    """Weight among all disturbances."""
+    jump: Range = drawn("rad", 0.0, math.pi, default=_SIXTY)
+    """Jump of the source's phase."""
+
+
+class _Sag:
+    """Sags of the voltage."""
+
+    weight: float | None = _weight(_LIMITED)
+    """Weight among all disturbances."""
+    depth: Range = drawn("1", 0.0, 1.0, default=(0.2, 1.0))
+    """Lost share of the source voltage."""
+    duration: Range = drawn("s", 0.01, 10.0, default=(0.05, 1.0), logarithmic=True)
+    """Length, uniform in its logarithm."""
+    phase: Range = drawn("rad", 0.0, math.pi, default=_SIXTY)
+    """Jump of the source's phase at the beginning, which goes back at the end."""
+
+
+class _Ramp:
+    """Ramps of the frequency."""
+
+    weight: float | None = _weight("never")
+    """Weight among all disturbances."""
+    size: Range = drawn("Hz", 1e-3, 0.1 * F_N, default=(0.1, 1.0))
+    """By how much."""
+    rate: Range = drawn("Hz/s", 1e-2, 100.0, default=(0.5, 4.0), logarithmic=True)
+    """How fast, uniform in its logarithm."""
+    hold: Range = drawn("s", 0.0, 10.0, default=(0.0, 1.0))
+    """How long it stays."""
+
+
+class _Reference:
+    """Large steps of P_ref."""
+
+    weight: float | None = _weight("never")
+    """Weight among all disturbances."""
+
+
+class _Families:
+    """The kinds of disturbance. Where a weight or a range has no default, the current limiter decides."""
+
+    step: Any = subtable(_Step, shown="as below")
+    """Small steps of a reference."""
+    grid: Any = subtable(_Grid, shown="as below")
+    """Jumps to another grid."""
+    phase: Any = subtable(_Phase, shown="as below")
+    """Jumps of the phase."""
+    sag: Any = subtable(_Sag, shown="as below")
+    """Sags of the voltage."""
+    ramp: Any = subtable(_Ramp, shown="as below")
+    """Ramps of the frequency."""
+    reference: Any = subtable(_Reference, shown="as below")
+    """Large steps of P_ref."""
+
+
+FAMILIES = tuple(one.name for one in fields_of(_Families))
+"""The kinds of disturbance, in the order of their numbers."""
+
+VERIFICATION = (
+    *fields_of(VerificationSpec),
+    *fields_of(_Basis),
+    *fields_of(_Place),
+    *fields_of(_Errors),
+    *fields_of(_Silent),
+    *fields_of(_Families),
+)
+"""The fields of [verification]."""
 
 
 def read_verification(
     table: TableReader | None,
+    scope: Scope,
     converter: Converter,
     source: GridSource,
     specification: Specification | None,
@@ -145,14 +286,15 @@ def read_verification(
     """The section, or its defaults. ``maps``: the axes ``scr``, ``x_over_r``, ``P`` and ``Q`` that [stability] gives
     (those that it does not give are absent)."""
     table = table or TableReader({}, "verification", [])
+    defaults = (
+        _of_study(converter, source, maps) if specification is None else _of_specification(specification, converter)
+    )
+    asked = {name: (ends[0], ends[-1]) for name, ends in defaults.items()}
     spec = VerificationSpec(
-        runs=table.integer("runs", 1, 1_000_000_000, default=100_000),
-        confidence=table.quantity("confidence", "1", 0.5, 0.999999, default=0.99),
-        seed=table.integer("seed", 0, 2**31 - 1, default=1),
-        with_run=table.integer("with_run", 0, 1_000_000_000, default=0),
-        box=_read_box(table, converter, source, specification, maps, scr_basis),
-        silent_s=read_range(table, _SILENT, _SILENT_DEFAULT),
-        families=_read_families(table, converter.omega_n / (2.0 * math.pi)),
+        **values(VerificationSpec, table),
+        box=_read_box(table, scope, asked, specification, scr_basis),
+        **values(_Silent, table),
+        families=_read_families(table, scope),
         given=frozenset(
             name for name in ("scr", "x_over_r", "P", "Q", "error_R", "error_X", "error_Z") if table.has(name)
         ),
@@ -161,13 +303,14 @@ def read_verification(
     return spec
 
 
-def _read_families(table: TableReader, f_n: float) -> dict[str, CaseFamily]:
+def _read_families(table: TableReader, scope: Scope) -> dict[str, CaseFamily]:
     found = {}
-    quantities = _quantities(f_n)
-    for name in FAMILIES:
+    for family in fields_of(_Families):
+        name = family.name
         own = table.child(name) or TableReader({}, table.name(name), table.faults)
-        weight = own.quantity("weight", "1", 0.0, 1e6, default=None)
-        found[name] = CaseFamily(weight, {one.name: _range_or(own, one, default) for one, default in quantities[name]})
+        ranges = values(family.of, own, scope)
+        weight = ranges.pop("weight")
+        found[name] = CaseFamily(weight, ranges)
         if weight == 0.0 and len(own.table) > 1:
             own.fault("weight", 0, "the family is never drawn, and its other fields have no effect", "Leave them out.")
         own.finish()
@@ -177,66 +320,41 @@ def _read_families(table: TableReader, f_n: float) -> dict[str, CaseFamily]:
     return found
 
 
-def _range_or(table: TableReader, quantity: Drawn, default: Range | None) -> Range | None:
-    """The range that is given, else the default. Names are read in any case, so that they are known."""
-    found = read_range(table, quantity, (math.nan, math.nan) if default is None else default)
-    return default if not table.has(quantity.name) else found
-
-
 def _read_box(
     table: TableReader,
-    converter: Converter,
-    source: GridSource,
+    scope: Scope,
+    asked: Mapping[str, Range],
     specification: Specification | None,
-    maps: Mapping[str, tuple[float, ...]],
     scr_basis: str,
 ) -> CaseBox:
-    c, limit, f_n = converter, 2.0 * converter.S_rated, converter.omega_n / (2.0 * math.pi)
-    defaults = _of_study(converter, source, maps) if specification is None else _of_specification(specification, c)
-    basis = scr_basis if specification is None else specification.scr_basis
-    asked = {name: (values[0], values[-1]) for name, values in defaults.items()}
-    drawn = {
-        "scr": Drawn("scr", "1", 0.05, 1e4, logarithmic=True),
-        "x_over_r": Drawn("x_over_r", "1", 1e-3, 1e4, logarithmic=True),
-        "P": Drawn("P", "W", -limit, limit),
-        "Q": Drawn("Q", "var", -limit, limit),
-        "V_g_pu": Drawn("V_g_pu", "1", 0.5, 1.5),
-        "f_g": Drawn("f_g", "Hz", 0.8 * f_n, 1.2 * f_n),
-    }
-    read = {name: read_range(table, one, asked[name]) for name, one in drawn.items()}
-    basis = table.choice("scr_basis", tuple(SCR_BASES), default=basis)
+    """``asked``: the range of each quantity that holds where the section gives none."""
+    place = values(_Place, table, scope, asked)
+    basis = values(
+        _Basis, table, defaults={"scr_basis": scr_basis if specification is None else specification.scr_basis}
+    )
+    of_specification = (0.0, 0.0, 0.0) if specification is None else specification.box.errors
+    errors = values(
+        _Errors, table, defaults=dict(zip(("error_R", "error_X", "error_Z"), of_specification, strict=True))
+    )
     if specification is not None:
-        if basis != specification.scr_basis:
+        if basis["scr_basis"] != specification.scr_basis:
             table.fault(
                 "scr_basis",
-                basis,
+                basis["scr_basis"],
                 f"the [specification] has {specification.scr_basis}",
                 "Leave it out, or give both the same.",
             )
-        for name in drawn:
-            _check_inside(table, name, read[name], asked[name], f"{name} of the [specification]")
-    of_specification = (0.0, 0.0, 0.0) if specification is None else specification.box.errors
-    errors = []
-    for name, most, default in zip(
-        ("error_R", "error_X", "error_Z"), (0.9, 0.9, MOST_ERROR_Z), of_specification, strict=True
-    ):
-        errors.append(table.quantity(name, "1", 0.0, most, default=default))
-        if specification is not None:
-            _check_inside(table, name, (0.0, errors[-1]), (0.0, default), f"{name} of the [specification]")
-    share = math.sin(math.atan(read["x_over_r"][0]))
-    if errors[2] >= share:
-        problem = f"leaves no inductance in an estimate at X/R {read['x_over_r'][0]:g}: must be less than {share:.3g}"
-        table.fault("error_Z", errors[2], problem, "Begin x_over_r higher, or ask for less.")
-    return CaseBox(
-        scr_basis=basis,
-        scr=read["scr"],
-        x_over_r=read["x_over_r"],
-        P=read["P"],
-        Q=read["Q"],
-        V_g_rms=_scaled(read["V_g_pu"], c.V_rated_rms),
-        omega_g=_scaled(read["f_g"], 2.0 * math.pi),
-        errors=(errors[0], errors[1], errors[2]),
-    )
+        for one in fields_of(_Place):
+            given = place[one.attribute]
+            scale = at(one.scale, scope)
+            _check_inside(table, one.name, (given[0] / scale, given[1] / scale), asked[one.name])
+        for (name, error), most in zip(errors.items(), of_specification, strict=True):
+            _check_inside(table, name, (0.0, error), (0.0, most))
+    lowest = place["x_over_r"][0]
+    if errors["error_Z"] >= (share := math.sin(math.atan(lowest))):
+        problem = f"leaves no inductance in an estimate at X/R {lowest:g}: must be less than {share:.3g}"
+        table.fault("error_Z", errors["error_Z"], problem, "Begin x_over_r higher, or ask for less.")
+    return CaseBox(**basis, **place, errors=(errors["error_R"], errors["error_X"], errors["error_Z"]))
 
 
 def _of_specification(specification: Specification, converter: Converter) -> dict[str, tuple[float, ...]]:
@@ -266,7 +384,7 @@ def _of_study(
     }
 
 
-def _check_inside(table: TableReader, name: str, given: Range, asked: Range, where: str) -> None:
+def _check_inside(table: TableReader, name: str, given: Range, asked: Range) -> None:
     """A fault where a range goes beyond what the specification asks for: nothing is promised there."""
     slack = _SAME * max(abs(asked[0]), abs(asked[1]))
     if given[0] < asked[0] - slack or given[1] > asked[1] + slack:
@@ -274,13 +392,6 @@ def _check_inside(table: TableReader, name: str, given: Range, asked: Range, whe
         table.fault(
             name,
             table.table.get(name),
-            f"goes beyond {where}, {limits}, where nothing is promised",
+            f"goes beyond {name} of the [specification], {limits}, where nothing is promised",
             "Take a part of that range, or widen the specification.",
         )
-
-
-def _scaled(ends: Range, factor: float) -> Range:
-    return factor * ends[0], factor * ends[1]
-
-
-__all__ = ["FAMILIES", "CaseBox", "CaseFamily", "VerificationSpec", "read_verification"]

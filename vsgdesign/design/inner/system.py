@@ -75,6 +75,6 @@ def study_of(
             Q_ref=0.0,
         ),
         events=(),
-        stability=StabilitySpec((1.0,), (1.0,), (0.0,), (0.0,), (0.0,), Gates()),
+        stability=StabilitySpec(scr=(1.0,), x_over_r=(1.0,), P=(0.0,), Q=(0.0,), errors=(0.0,), gates=Gates()),
         hash="",
     )
