@@ -17,9 +17,9 @@ from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.estimator.data_set import DataSet
 from vsgdesign.estimator.levenberg_marquardt import Damping, minimise
 from vsgdesign.estimator.network import NetworkProblem, Shape, initial_parameters, with_ones
-from vsgdesign.estimator.recipes import named_recipe
+from vsgdesign.estimator.recipes import WINDOW_RECIPES
+from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
 from vsgdesign.estimator.training import train_network
-from vsgdesign.estimator.windows import generate_windows
 from vsgdesign.identification.neural import neural_estimator
 from vsgdesign.parameters import load_study
 
@@ -98,7 +98,7 @@ def training() -> list[Row]:
 
 
 def _windows(recipe: str) -> DataSet:
-    return generate_windows(load_study(PUBLISHED), named_recipe(recipe), 1)
+    return generate(WINDOW_NETWORK, load_study(PUBLISHED), WINDOW_RECIPES.named(recipe), 1)
 
 
 def estimate() -> list[Row]:

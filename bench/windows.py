@@ -12,13 +12,14 @@ from vsgdesign.simulation import FixedGains, GainChange, build_timeline, gain_ch
 GENERATE = """
 import sys
 import time
-from vsgdesign.estimator.recipes import named_recipe
-from vsgdesign.estimator.windows import generate_windows
+from vsgdesign.estimator.recipes import WINDOW_RECIPES
+from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
 from vsgdesign.parameters import load_study
 
 if __name__ == "__main__":
     begin = time.perf_counter()
-    data = generate_windows(load_study(sys.argv[1]), named_recipe(sys.argv[2]), 0, workers=int(sys.argv[3]))
+    study, recipe = load_study(sys.argv[1]), WINDOW_RECIPES.named(sys.argv[2])
+    data = generate(WINDOW_NETWORK, study, recipe, 0, workers=int(sys.argv[3]))
     print(time.perf_counter() - begin, len(data))
 """
 

@@ -13,10 +13,9 @@ from pathlib import Path
 
 from evidence._kept_runs import share
 from vsgdesign.artifacts.field_weights import read_field_weights
-from vsgdesign.estimator.field.recipe import load_field_recipe
-from vsgdesign.estimator.field.runs import generate_cycles
-from vsgdesign.estimator.field.scores import GROUPS, WAYS, WINDOWS, GroupScore, field_scores
-from vsgdesign.estimator.field.trained import GROUP_WORDS, scores_document, studies_of
+from vsgdesign.estimator.recipes import FIELD_RECIPES
+from vsgdesign.estimator.scores import GROUP_WORDS, GROUPS, WAYS, WINDOWS, GroupScore, field_scores, scores_document
+from vsgdesign.estimator.specification import FIELD_NETWORK, generate
 from vsgdesign.parameters import load_study
 
 RECIPE = Path(__file__).with_suffix(".toml")
@@ -28,9 +27,8 @@ WAY_WORDS = {"physics": "recursions", "gated": "with network", "ungated": "netwo
 
 def main(folder: Path) -> None:
     """Prints the table, and leaves it as Markdown and the scores as JSON."""
-    recipe = replace(load_field_recipe(RECIPE), runs=max(round(RUNS * share()), 6))
-    studies = studies_of(load_study(STUDY), recipe)
-    cycles = generate_cycles(studies, recipe, SEED, out=folder / "field_network.npz", workers=2)
+    recipe = replace(FIELD_RECIPES.load(RECIPE), runs=max(round(RUNS * share()), 6))
+    cycles = generate(FIELD_NETWORK, load_study(STUDY), recipe, SEED, out=folder / "field_network.npz", workers=2)
     weights = read_field_weights()
     scores = field_scores(cycles, weights.layers, weights.radius_squared, weights.gate)
     text = markdown(scores, recipe.runs)

@@ -12,7 +12,7 @@ import pytest
 from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
 from tests.cli.test_estimator_windows import interrupt_after, recipe_file
 from vsgdesign.artifacts.network_weights import read_network_weights
-from vsgdesign.estimator import trained
+from vsgdesign.estimator import specification, trained
 
 RECIPE = 'base = "continuous"\nscenarios = 40\nbridge = "averaged"\n'
 NETWORK = """
@@ -93,7 +93,7 @@ def test_a_run_trains_reports_and_leaves_its_weights(folder: Path, tmp_path: Pat
 def test_a_run_with_weights_from_a_file_trains_nothing(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(trained, "train_on", None)
+    monkeypatch.setattr(specification, "train", None)
     study = with_network(tmp_path, weights=folder / "w.json", grid_phase=True)
     result = call("run", study, "--out", tmp_path / "out", "--bridge", "pwm")
     assert result.exit_code == 0, result.output

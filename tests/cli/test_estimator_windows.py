@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.cli.small_studies import as_json, call, failure, study_file
-from vsgdesign.estimator import windows
+from vsgdesign.estimator import specification
 from vsgdesign.estimator.data_set import read_data_set
 
 RECIPE = 'base = "continuous"\nscenarios = 4\nbefore = 1\nafter = 1\nbridge = "averaged"\n'
@@ -23,7 +24,7 @@ def recipe_file(folder: Path, text: str = RECIPE) -> Path:
 
 def interrupt_after(finished: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows are made in blocks of two scenarios, and Ctrl-C comes after so many of them."""
-    make, made = windows.make_block, []
+    make, made = specification.make_block, []
 
     def interrupted(*arguments: Any) -> Any:
         made.append(arguments)
@@ -31,8 +32,8 @@ def interrupt_after(finished: int, monkeypatch: pytest.MonkeyPatch) -> None:
             raise KeyboardInterrupt
         return make(*arguments)
 
-    monkeypatch.setattr(windows, "BLOCK", 2)
-    monkeypatch.setattr(windows, "make_block", interrupted)
+    monkeypatch.setattr(specification, "WINDOW_NETWORK", replace(specification.WINDOW_NETWORK, block=2))
+    monkeypatch.setattr(specification, "make_block", interrupted)
 
 
 def test_windows_and_their_file(tmp_path: Path) -> None:

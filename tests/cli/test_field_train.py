@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,10 @@ import pytest
 from tests.cli.small_studies import as_json, call, failure
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.equations.field import FieldFeatures
-from vsgdesign.estimator.field import runs as field_runs
-from vsgdesign.estimator.field.cycles import read_cycles
+from vsgdesign.estimator import specification
+from vsgdesign.estimator.data_set import read_cycles
 from vsgdesign.identification.field_network import field_network
+from vsgdesign.parameters import load_study
 
 STUDY = """
 base = "case:utility_1mva_60hz"
@@ -78,8 +80,8 @@ def test_the_report_has_the_three_ways(folder: Path) -> None:
 
 def test_interrupted_and_continued_gives_the_same_weights(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One block is made, the second is interrupted; the next call makes the second one alone."""
-    monkeypatch.setattr(field_runs, "BLOCK", 4)
-    original, calls = field_runs.make_runs, []
+    monkeypatch.setattr(specification, "FIELD_NETWORK", replace(specification.FIELD_NETWORK, block=4))
+    original, calls = specification.make_block, []
 
     def interrupted(*arguments: object) -> object:
         calls.append(arguments[-1])
@@ -87,7 +89,7 @@ def test_interrupted_and_continued_gives_the_same_weights(folder: Path, monkeypa
             raise KeyboardInterrupt
         return original(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(field_runs, "make_runs", interrupted)
+    monkeypatch.setattr(specification, "make_block", interrupted)
     arguments = ("estimator", "train", folder / "study.toml", "--recipe", folder / "few.toml", "--seed", "2")
     files = ("--workers", "1", "--out", folder / "again.json", "--windows", folder / "again.npz")
     stopped = call(*arguments, *files)
@@ -119,6 +121,12 @@ def test_faults_are_named_and_nothing_is_written(folder: Path, tmp_path: Path, l
     message = failure(2, "estimator", "train", folder / "study.toml", *recipe, "--out", tmp_path / "w.json")
     assert says in message
     assert not (tmp_path / "w.json").exists()
+
+
+def test_a_packaged_case_may_be_a_further_converter(folder: Path) -> None:
+    """Its name was refused, because it had the prefix."""
+    _, further = specification.studies_of(load_study(folder / "study.toml"), ("case:hoang2025_5kva",))
+    assert (further.name, further.converter.S_rated) == ("hoang2025_5kva", 5e3)
 
 
 def test_what_does_not_fit_is_refused(folder: Path, tmp_path: Path) -> None:

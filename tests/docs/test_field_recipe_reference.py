@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from vsgdesign.errors import StudyError
-from vsgdesign.estimator.field.recipe import FIELD, FIELD_FIELDS, FIELD_RECIPES, FieldRecipe, check_field_recipe
-from vsgdesign.estimator.recipe_fields import Spread, one_of
+from vsgdesign.estimator.recipe_fields import Spread, check_recipe, one_of, rules_of
+from vsgdesign.estimator.recipes import FIELD, FIELD_RECIPES, FieldRecipe
 from vsgdesign.parameters.estimator import FIELD_RECIPES as NAMES
 
+FIELD_FIELDS = rules_of(FieldRecipe)
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "estimator.md"
 
 
@@ -28,7 +29,7 @@ def page() -> dict[str, list[str]]:
 def test_page_and_reader_name_the_same_fields() -> None:
     assert list(page()) == list(FIELD_FIELDS)
     assert set(FIELD_FIELDS) == {field.name for field in fields(FieldRecipe)}
-    assert set(NAMES) == set(FIELD_RECIPES)
+    assert set(NAMES) == set(FIELD_RECIPES.packaged)
 
 
 @pytest.mark.parametrize("name", FIELD_FIELDS)
@@ -59,4 +60,4 @@ def test_what_is_beyond_a_limit_is_refused(name: str) -> None:
     beyond = 1 if rule.kind == "whole number" else 1e-6 * max(abs(rule.low), abs(rule.high))
     for value in (rule.low - beyond, rule.high + beyond):
         with pytest.raises(StudyError, match=f"{name} = .*: must be .*from .* to "):
-            check_field_recipe(replace(FIELD, **{name: made(value)}))
+            check_recipe(replace(FIELD, **{name: made(value)}))

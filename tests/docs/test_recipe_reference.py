@@ -9,19 +9,11 @@ from pathlib import Path
 import pytest
 
 from vsgdesign.errors import StudyError
-from vsgdesign.estimator.recipes import (
-    CONTINUOUS,
-    FIELDS,
-    RECIPES,
-    FieldRule,
-    Spread,
-    WindowRecipe,
-    check_recipe,
-    load_recipe,
-    one_of,
-)
+from vsgdesign.estimator.recipe_fields import FieldRule, Spread, check_recipe, one_of, rules_of
+from vsgdesign.estimator.recipes import CONTINUOUS, WINDOW_RECIPES, WindowRecipe
 from vsgdesign.parameters.estimator import RECIPES as NAMES
 
+FIELDS = rules_of(WindowRecipe)
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "windows.md"
 
 
@@ -36,7 +28,7 @@ def page() -> dict[str, list[str]]:
 
 def test_page_and_reader_name_the_same_fields() -> None:
     assert set(page()) - {"base"} == set(FIELDS) == {field.name for field in fields(WindowRecipe)}
-    assert set(NAMES) == set(RECIPES) == set(re.findall(r"`(\w+)`", page()["base"][1]))
+    assert set(NAMES) == set(WINDOW_RECIPES.packaged) == set(re.findall(r"`(\w+)`", page()["base"][1]))
 
 
 def kind_on_page(rule: FieldRule) -> str:
@@ -82,4 +74,4 @@ def test_limits_hold_at_both_ends(name: str, tmp_path: Path) -> None:
     for text in ("nan", "inf", "true", '"3 furlongs"', "[1]", "{}"):
         path.write_text(f"{name} = {text}\n", encoding="utf-8")
         with pytest.raises(StudyError, match=f"{name} = "):
-            load_recipe(path)
+            WINDOW_RECIPES.load(path)

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.estimator.phasors import phasor_windows
 from vsgdesign.estimator.data_set import Split
-from vsgdesign.estimator.phasors import phasor_windows
 from vsgdesign.frames import base_impedance
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from vsgdesign.errors import StudyError
-from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, one_of
+from vsgdesign.estimator.recipe_fields import one_of
+from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED
 from vsgdesign.estimator.sampling import (
     MOST_CYCLES,
     NEAR,

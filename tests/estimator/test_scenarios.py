@@ -11,9 +11,10 @@ import pytest
 
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.estimator.data_set import REASONS, read_data_set
-from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WIDE, log_uniform, one_of, uniform
+from vsgdesign.estimator.recipe_fields import log_uniform, one_of, uniform
+from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WIDE
 from vsgdesign.estimator.scenarios import check_draws, describe_draws, draw_scenario, why_not
-from vsgdesign.estimator.windows import generate_windows
+from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Study, study_from_text
@@ -43,7 +44,7 @@ def test_what_is_kept_can_be_run_and_what_was_thrown_away_is_counted(tmp_path: P
             steady_state(UTILITY, grid, scenario.source, UTILITY.converter.references(*refs), gains)
         assert scenario.seed == (3, index, sum(scenario.redrawn))
         counts += scenario.redrawn
-    data = generate_windows(UTILITY, FEW, 3, out=tmp_path / "w.npz")
+    data = generate(WINDOW_NETWORK, UTILITY, FEW, 3, out=tmp_path / "w.npz")
     thrown = {name: int(count) for name, count in zip(REASONS, counts, strict=True) if count}
     assert "bridge voltage" in thrown
     assert data.draws == {"scenarios": 20, "draws": 20 + sum(thrown.values()), "thrown_away": thrown}
@@ -105,7 +106,7 @@ def test_a_recipe_that_is_mostly_impossible_names_the_field() -> None:
     assert "% of the draws up to" in text
     assert "Raise the low end of scr" in text
     with pytest.raises(InfeasibleStudyError, match="cannot be run"):
-        generate_windows(UTILITY, weak, 0)
+        generate(WINDOW_NETWORK, UTILITY, weak, 0)
 
 
 def test_why_not_says_what_the_converter_lacks() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from tests.simulation.studies import FAST_GAINS, lc_study, lcl_study
 from vsgdesign.estimator.recipes import PUBLISHED, WindowRecipe
-from vsgdesign.estimator.sensing import background_vectors, harmonic_phasors, measured_channels
+from vsgdesign.estimator.windows import background_vectors, harmonic_phasors, measured_channels
 from vsgdesign.simulation import FixedGains, Recorder, run, simulate
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 

@@ -13,11 +13,12 @@ import pytest
 
 from tests.simulation.studies import lc_study, lcl_study
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, StudyError
-from vsgdesign.estimator import windows as module
+from vsgdesign.estimator import specification
 from vsgdesign.estimator.blocks import WORK
 from vsgdesign.estimator.data_set import DataSet, read_data_set
-from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, log_uniform, one_of, uniform
-from vsgdesign.estimator.windows import generate_windows
+from vsgdesign.estimator.recipe_fields import log_uniform, one_of, uniform
+from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED
+from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
 from vsgdesign.execution.journal import kept_count, kept_folder
 
 STUDY = lc_study("1 s")
@@ -57,7 +58,7 @@ def test_steady_windows_obey_ohms_law_of_their_labels(kind: str) -> None:
         f_g_pu=uniform(0.999, 1.001),
         phase=uniform(0.0, 6.28),
     )
-    data = generate_windows(study, recipe, 5)
+    data = generate(WINDOW_NETWORK, study, recipe, 5)
     assert impedance_error(data).max() < (2e-5 if kind == "lc" else 2e-3)
     assert len(np.unique(data.L_g)) == len(np.unique(data.V_g_rms)) == len(np.unique(data.omega_g)) == 6
     assert not data.synchronised
@@ -71,7 +72,7 @@ def test_steady_windows_obey_ohms_law_of_their_labels(kind: str) -> None:
 def test_after_a_change_of_grid_the_label_is_the_new_grid() -> None:
     """Two windows on, the phasors move by a few per cent a cycle; with the old grid's label the error is above 10 %."""
     recipe = replace(SMALL, scenarios=8, scr=one_of(3.0, 9.0), grid_step_share=1.0, after=3, skip=2)
-    data = generate_windows(STUDY, recipe, 1)
+    data = generate(WINDOW_NETWORK, STUDY, recipe, 1)
     error = impedance_error(data)
     assert error[~data.after_change].max() < 2e-5
     assert error[data.after_change].max() < 0.08
@@ -82,7 +83,7 @@ def test_after_a_change_of_grid_the_label_is_the_new_grid() -> None:
 
 def test_some_scenarios_change_their_grid_and_not_by_more_than_the_ratio() -> None:
     """Of 40 at a share of 0.5, 20 ± 3 standard deviations (3.2)."""
-    data = generate_windows(STUDY, replace(SMALL, scenarios=40, grid_step_ratio=3.0), 0)
+    data = generate(WINDOW_NETWORK, STUDY, replace(SMALL, scenarios=40, grid_step_ratio=3.0), 0)
     L_g = data.L_g.reshape(40, 3)
     np.testing.assert_array_equal(L_g[:, 1], L_g[:, 2])
     ratio = L_g[:, 1] / L_g[:, 0]
@@ -90,11 +91,11 @@ def test_some_scenarios_change_their_grid_and_not_by_more_than_the_ratio() -> No
     assert 1.0 / 3.0 <= ratio.min() < 0.8
     assert 1.25 < ratio.max() <= 3.0
     with pytest.raises(InfeasibleStudyError, match="no second grid within a ratio of 3 of SCR 2"):
-        generate_windows(STUDY, replace(SMALL, scr=one_of(2.0), grid_step_ratio=3.0), 0)
+        generate(WINDOW_NETWORK, STUDY, replace(SMALL, scr=one_of(2.0), grid_step_ratio=3.0), 0)
 
 
 def test_published_windows_are_synchronised_phase_a() -> None:
-    data = generate_windows(STUDY, replace(PUBLISHED, scenarios=5, before=1, after=1), 0)
+    data = generate(WINDOW_NETWORK, STUDY, replace(PUBLISHED, scenarios=5, before=1, after=1), 0)
     assert data.windows.shape == (10, 200)
     assert data.synchronised
     np.testing.assert_allclose(data.source_phase % (2.0 * np.pi), 1.5 * np.pi, atol=1e-8)
@@ -112,7 +113,7 @@ def test_windows_that_are_no_whole_cycles_are_turned_back() -> None:
     """20.014 kHz on 50 Hz: 400.28 control periods in a cycle, so that windows of 400 begin 0.25° earlier each time."""
     study = replace(STUDY, converter=replace(STUDY.converter, f_sw=10.007e3))
     recipe = replace(SMALL, scenarios=2, after=8, every=3)
-    data = generate_windows(study, recipe, 0)
+    data = generate(WINDOW_NETWORK, study, recipe, 0)
     assert (data.samples, data.header["recipe"]["cycles"]) == (100, 1)
     begins = data.source_phase % (2.0 * np.pi) - 1.5 * np.pi
     assert np.abs(begins).max() > 0.1
@@ -121,7 +122,7 @@ def test_windows_that_are_no_whole_cycles_are_turned_back() -> None:
     Z = data.R_g + 1j * data.omega_g * data.L_g
     rest = ~data.after_change
     np.testing.assert_allclose(((v - v_g) / i)[rest], Z[rest], rtol=2e-5)
-    unsynchronised = generate_windows(study, replace(recipe, phase=one_of(0.3)), 0)
+    unsynchronised = generate(WINDOW_NETWORK, study, replace(recipe, phase=one_of(0.3)), 0)
     v, i = phasors(unsynchronised)
     v_g = np.sqrt(2.0) * unsynchronised.V_g_rms * np.exp(1j * unsynchronised.source_phase)
     np.testing.assert_allclose(((v - v_g) / i)[rest], Z[rest], rtol=2e-5)
@@ -135,27 +136,27 @@ def same(a: DataSet, b: DataSet) -> bool:
     return a.hash == b.hash
 
 
-def test_nothing_but_study_recipe_and_seed_decides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "BLOCK", 2)
-    one = generate_windows(STUDY, SMALL, 7)
+def test_nothing_but_study_recipe_and_seed_decides(tmp_path: Path) -> None:
+    windows = replace(WINDOW_NETWORK, block=2)
+    one = generate(windows, STUDY, SMALL, 7)
     with ThreadPoolExecutor(3) as executor:
-        assert same(one, generate_windows(STUDY, SMALL, 7, executor=executor))
-    monkeypatch.setattr(module, "BLOCK", 5)
-    assert same(one, generate_windows(STUDY, SMALL, 7, out=tmp_path / "w.npz"))
+        assert same(one, generate(windows, STUDY, SMALL, 7, executor=executor))
+    windows = replace(WINDOW_NETWORK, block=5)
+    assert same(one, generate(windows, STUDY, SMALL, 7, out=tmp_path / "w.npz"))
     assert same(one, read_data_set(tmp_path / "w.npz"))
-    assert not same(one, generate_windows(STUDY, SMALL, 8))
+    assert not same(one, generate(WINDOW_NETWORK, STUDY, SMALL, 8))
     # More scenarios leave the first ones as they were.
-    more = generate_windows(STUDY, replace(SMALL, scenarios=7), 7)
+    more = generate(WINDOW_NETWORK, STUDY, replace(SMALL, scenarios=7), 7)
     np.testing.assert_array_equal(more.windows[: len(one)], one.windows)
 
 
-def test_processes_make_the_same_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "BLOCK", 3)
+def test_processes_make_the_same_windows(tmp_path: Path) -> None:
+    windows = replace(WINDOW_NETWORK, block=3)
     shown: list[float] = []
-    data = generate_windows(
-        STUDY, SMALL, 7, out=tmp_path / "w.npz", workers=2, progress=lambda _, share: shown.append(share)
+    data = generate(
+        windows, STUDY, SMALL, 7, out=tmp_path / "w.npz", workers=2, progress=lambda _, share: shown.append(share)
     )
-    assert same(data, generate_windows(STUDY, SMALL, 7))
+    assert same(data, generate(WINDOW_NETWORK, STUDY, SMALL, 7))
     assert shown == [0.0, 0.5, 1.0]
     assert [path.name for path in tmp_path.iterdir()] == ["w.npz"]
 
@@ -163,60 +164,60 @@ def test_processes_make_the_same_windows(tmp_path: Path, monkeypatch: pytest.Mon
 def counting(monkeypatch: pytest.MonkeyPatch, stop_at: int = 10**9) -> list[range]:
     """Record the blocks made; at the given one, be interrupted."""
     made: list[range] = []
-    original: Callable[..., Any] = module.make_block
+    original: Callable[..., Any] = specification.make_block
 
-    def make(study: Any, recipe: Any, seed: int, indices: range) -> Any:
+    def make(*arguments: Any) -> Any:
         if len(made) == stop_at:
             raise KeyboardInterrupt
-        made.append(indices)
-        return original(study, recipe, seed, indices)
+        made.append(arguments[-1])
+        return original(*arguments)
 
-    monkeypatch.setattr(module, "make_block", make)
+    monkeypatch.setattr(specification, "make_block", make)
     return made
 
 
 def test_an_interrupted_call_is_taken_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "BLOCK", 2)
+    windows = replace(WINDOW_NETWORK, block=2)
     out = tmp_path / "w.npz"
-    whole = generate_windows(STUDY, SMALL, 7)
+    whole = generate(windows, STUDY, SMALL, 7)
     with monkeypatch.context() as patch:
         counting(patch, stop_at=2)
         with pytest.raises(KeyboardInterrupt):
-            generate_windows(STUDY, SMALL, 7, out=out)
+            generate(windows, STUDY, SMALL, 7, out=out)
     assert not out.exists()
     (journal,) = kept_folder(out, WORK).glob("*.jsonl")
     assert kept_count(out, WORK) == 2
     journal.write_bytes(journal.read_bytes()[:-100])  # the kill came while it was written
     with monkeypatch.context() as patch:
         other = counting(patch)
-        generate_windows(STUDY, SMALL, 8, out=tmp_path / "other.npz")
+        generate(windows, STUDY, SMALL, 8, out=tmp_path / "other.npz")
         assert len(other) == 3  # another seed takes nothing over
     with monkeypatch.context() as patch:
         made = counting(patch)
-        assert same(generate_windows(STUDY, SMALL, 7, out=out), whole)
+        assert same(generate(windows, STUDY, SMALL, 7, out=out), whole)
         assert made == [range(2, 4), range(4, 6)]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["other.npz", "w.npz"]
 
 
 def test_harmonics_noise_and_channels_reach_the_windows() -> None:
-    plain = generate_windows(STUDY, SMALL, 2)
-    harmonic = generate_windows(STUDY, replace(SMALL, harmonic_5=one_of(0.02), harmonic_7=one_of(0.01)), 2)
+    plain = generate(WINDOW_NETWORK, STUDY, SMALL, 2)
+    harmonic = generate(WINDOW_NETWORK, STUDY, replace(SMALL, harmonic_5=one_of(0.02), harmonic_7=one_of(0.01)), 2)
     parts = (harmonic.windows - plain.windows).reshape(len(plain), 2, 2, 100)
     lines = np.abs(np.fft.fft(parts[:, :, 0] + 1j * parts[:, :, 1], axis=2))
     assert np.all(np.argmax(lines[:, 0], axis=1) == 95)
     others = np.delete(lines, [7, 95], axis=2)
     assert others.max() < 1e-6 * lines.max()
-    noisy = generate_windows(STUDY, replace(SMALL, noise_i=one_of(0.01)), 2)
+    noisy = generate(WINDOW_NETWORK, STUDY, replace(SMALL, noise_i=one_of(0.01)), 2)
     np.testing.assert_array_equal(noisy.windows[:, :200], plain.windows[:, :200])
     assert (noisy.windows - plain.windows)[:, 200:].std() > 0.1
-    assert generate_windows(STUDY, replace(SMALL, channels="dq"), 2).windows.shape == (18, 400)
+    assert generate(WINDOW_NETWORK, STUDY, replace(SMALL, channels="dq"), 2).windows.shape == (18, 400)
 
 
 def test_a_recipe_that_no_grid_carries_is_refused() -> None:
     recipe = replace(SMALL, P_pu=one_of(2.0), Q_pu=one_of(-1.0), scr=one_of(1.2), grid_step_share=0.0)
     said = r"500 of 500 draws .* \(500 have no operating point\).* scr = 1.2, .* Raise the low end of scr"
     with pytest.raises(InfeasibleStudyError, match=said):
-        generate_windows(STUDY, recipe, 0)
+        generate(WINDOW_NETWORK, STUDY, recipe, 0)
 
 
 @pytest.mark.parametrize(
@@ -231,9 +232,9 @@ def test_a_recipe_that_no_grid_carries_is_refused() -> None:
 def test_bad_input_is_named(change: dict[str, Any], problem: str) -> None:
     arguments: dict[str, Any] = {"recipe": SMALL, "seed": 0, "workers": 1} | change
     with pytest.raises(StudyError, match=problem):
-        generate_windows(STUDY, arguments.pop("recipe"), arguments.pop("seed"), **arguments)
+        generate(WINDOW_NETWORK, STUDY, arguments.pop("recipe"), arguments.pop("seed"), **arguments)
 
 
 def test_a_folder_is_no_file(tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="is a folder"):
-        generate_windows(STUDY, SMALL, 0, out=tmp_path)
+        generate(WINDOW_NETWORK, STUDY, SMALL, 0, out=tmp_path)

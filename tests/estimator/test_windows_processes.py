@@ -14,7 +14,7 @@ import os, sys
 from dataclasses import replace
 from tests.simulation.studies import lc_study
 from vsgdesign.estimator.recipes import CONTINUOUS
-from vsgdesign.estimator.windows import generate_windows
+from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
 
 def killed(what, share):
     if share > 0.0:
@@ -24,7 +24,7 @@ if __name__ == "__main__":
     recipe = replace(CONTINUOUS, bridge="averaged", scenarios=41, before=1, after=0)
     out, kill = sys.argv[1], sys.argv[2] == "kill"
     workers, progress = (2, killed) if kill else (1, lambda what, share: print(share))
-    generate_windows(lc_study("1 s"), recipe, 0, out=out, workers=workers, progress=progress)
+    generate(WINDOW_NETWORK, lc_study("1 s"), recipe, 0, out=out, workers=workers, progress=progress)
 """
 
 

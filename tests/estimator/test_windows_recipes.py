@@ -10,18 +10,10 @@ import numpy as np
 import pytest
 
 from vsgdesign.errors import StudyError
-from vsgdesign.estimator.recipes import (
-    CONTINUOUS,
-    PUBLISHED,
-    RECIPES,
-    Spread,
-    check_recipe,
-    load_recipe,
-    log_uniform,
-    named_recipe,
-    one_of,
-    uniform,
-)
+from vsgdesign.estimator.recipe_fields import Spread, check_recipe, log_uniform, one_of, uniform
+from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WINDOW_RECIPES
+
+load_recipe, named_recipe = WINDOW_RECIPES.load, WINDOW_RECIPES.named
 
 
 def test_draws_fill_their_spread() -> None:
@@ -36,7 +28,7 @@ def test_draws_fill_their_spread() -> None:
     assert [one_of(1.0, 2.0, 3.0).draw(rng, k) for k in range(4)] == [1.0, 2.0, 3.0, 1.0]
 
 
-@pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES)
+@pytest.mark.parametrize("recipe", WINDOW_RECIPES.packaged.values(), ids=WINDOW_RECIPES.packaged)
 def test_packaged_recipes_are_sound(recipe: Any) -> None:
     assert check_recipe(recipe) is recipe
     assert recipe.synchronised

@@ -12,8 +12,8 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.design.table import build_table
-from vsgdesign.estimator.recipes import named_recipe
-from vsgdesign.estimator.trained import train_estimator
+from vsgdesign.estimator.recipes import CONTINUOUS
+from vsgdesign.estimator.specification import WINDOW_NETWORK, train
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.simulation import run_scenario
 
@@ -80,8 +80,8 @@ def cells(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def network() -> NetworkWeights:
     """A network from few windows: good enough to run, not to promise anything."""
     study = load_study(STUDIES / "continuous" / "study.toml")
-    recipe = replace(named_recipe("continuous"), scenarios=40, bridge="averaged")
-    return train_estimator(study, recipe, starts=1).weights
+    recipe = replace(CONTINUOUS, scenarios=40, bridge="averaged")
+    return train(WINDOW_NETWORK, study, recipe, size={"starts": 1}).weights
 
 
 @pytest.mark.parametrize("path", FILES, ids=name)

@@ -47,19 +47,18 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, how
 
     The same command continues after an interruption.
     """
-    from vsgdesign.estimator.recipes import load_recipe
     from vsgdesign.estimator.sampling import describe_sampling, sampling_document, with_sampling
     from vsgdesign.estimator.scenarios import describe_draws
-    from vsgdesign.estimator.windows import generate_windows
+    from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
     from vsgdesign.parameters.estimator import EstimatorSpec
 
     study = load(study_file)
     spec = study.estimator or EstimatorSpec()
-    made_of = load_recipe(spec.recipe if recipe is None else recipe)
+    made_of = WINDOW_NETWORK.recipes.load(spec.recipe if recipe is None else recipe)
     with results_at(out, _kept(out, "blocks", whole=False)):
         drawn_from = spec.seed if seed is None else seed
         with progress(quiet=as_json) as tell:
-            data = generate_windows(study, made_of, drawn_from, out=out, progress=tell, **how)
+            data = generate(WINDOW_NETWORK, study, made_of, drawn_from, out=out, progress=tell, **how)
         scenarios, sampled = made_of.scenarios, with_sampling(made_of, study.converter)
         if as_json:
             print_json(
@@ -131,26 +130,26 @@ def train(
     """
     from dataclasses import replace
 
-    from vsgdesign.estimator.field.recipe import is_field_recipe
+    from vsgdesign.estimator.specification import FIELD_NETWORK, specification_of
     from vsgdesign.parameters.estimator import EstimatorSpec
-    from vsgdesign.pipeline.training import train_field_weights_file, train_weights_file
+    from vsgdesign.pipeline.training import train_weights_file
 
     study = load(study_file)
     given = {"recipe": recipe, "seed": seed, "hidden": hidden, "components": components}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     spec = replace(study.estimator or EstimatorSpec(), **changes)
-    if is_field_recipe(spec.recipe):
-        with results_at(out, _kept(windows, "runs")):
-            with progress(quiet=as_json) as tell:
-                document = train_field_weights_file(study, spec, out, runs=windows, report=report, progress=tell, **how)
-            _echo_field(document, report, as_json)
-        return
-    if report is not None:
+    network = specification_of(spec.recipe)
+    if report is not None and network is not FIELD_NETWORK:
         raise click.UsageError("--report: only the recipe field has one. Leave it out.")
-    with results_at(out, _kept(windows, "windows")):
+    with results_at(out, _kept(windows, network.what)):
         with progress(quiet=as_json) as tell:
-            document = train_weights_file(study, spec, out, windows=windows, progress=tell, **how)
-        _echo_trained(document, out, as_json)
+            document = train_weights_file(study, spec, out, data=windows, report=report, progress=tell, **how)
+        if as_json:
+            print_json(document)
+        elif network is FIELD_NETWORK:
+            _echo_field(document, report)
+        else:
+            _echo_trained(document, out)
 
 
 def _kept(file: str | None, what: str, whole: bool = True) -> Callable[[], str]:
@@ -166,10 +165,7 @@ def _kept(file: str | None, what: str, whole: bool = True) -> Callable[[], str]:
     return kept
 
 
-def _echo_trained(document: dict[str, Any], out: str, as_json: bool) -> None:
-    if as_json:
-        print_json(document)
-        return
+def _echo_trained(document: dict[str, Any], out: str) -> None:
     from vsgdesign.estimator.scenarios import describe_draws
 
     test = document["parts"]["test"]["correlation"]
@@ -183,10 +179,7 @@ def _echo_trained(document: dict[str, Any], out: str, as_json: bool) -> None:
         click.echo("synchronised with the grid's phase, as published; no converter in the field can measure it")
 
 
-def _echo_field(document: dict[str, Any], report: str | None, as_json: bool) -> None:
-    if as_json:
-        print_json(document)
-        return
+def _echo_field(document: dict[str, Any], report: str | None) -> None:
     runs, seconds = document["runs"], document["timing_s"]
     click.echo(
         f"{document['file']}: recipe {document['recipe']}, {counted(sum(runs.values()), 'run')} in "

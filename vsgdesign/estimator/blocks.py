@@ -17,13 +17,12 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.estimator.data_set import Arrays
 from vsgdesign.execution.executors import How, executor_of, worker_count
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, journal_of, kept_count, run_job
 from vsgdesign.execution.progress import Progress
 from vsgdesign.simulation.source_stamp import source_stamp
-
-Arrays = dict[str, NDArray[Any]]
 
 WORK = "blocks"
 """Names the folder beside a file that keeps finished blocks."""

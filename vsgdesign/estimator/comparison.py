@@ -14,7 +14,8 @@ from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_w
 from vsgdesign.estimator.data_set import check_enough
 from vsgdesign.estimator.in_the_loop import LINE_ORDERS, has_surroundings, surroundings_in_words
 from vsgdesign.estimator.methods import Estimates, Method, all_methods
-from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe, check_recipe, one_of
+from vsgdesign.estimator.recipe_fields import check_recipe, one_of
+from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe
 from vsgdesign.estimator.record import Record, Run, measure, run_case
 from vsgdesign.estimator.runnable import runnable_settings
 from vsgdesign.estimator.sampling import with_sampling
@@ -184,9 +185,9 @@ def train_networks(
 
     Without recipes these are the published network and one of continuous grids that is trained with noise. Raises
     ArtifactError if the windows of the recipes differ, and the errors of
-    :func:`vsgdesign.estimator.trained.train_estimator`.
+    :func:`vsgdesign.estimator.specification.train`.
     """
-    from vsgdesign.estimator.trained import train_estimator
+    from vsgdesign.estimator.specification import WINDOW_NETWORK, train
 
     settings = settings or ComparisonSettings()
     wanted = [(f"Neural, {recipe.name}", recipe) for recipe in recipes] or [
@@ -198,7 +199,7 @@ def train_networks(
         check_enough(recipe.scenarios, "scenarios")
     comparison_recipe(study, settings, {name: window_of(recipe, study.converter) for name, recipe in wanted})
     return [
-        (name, train_estimator(study, recipe, seed=seed, workers=workers, progress=progress).weights)
+        (name, train(WINDOW_NETWORK, study, recipe, seed=seed, workers=workers, progress=progress).weights)
         for name, recipe in wanted
     ]
 

@@ -1,4 +1,4 @@
-"""Windows with what they were measured on, their splits, and their file."""
+"""The data that networks are trained on, with what they were measured on: windows and cycles, splits, and files."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ import itertools
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.files import check_file_target, staged_file
+from vsgdesign.equations.field import FieldAnswer, FieldSettings
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 
 Array = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
 Index = NDArray[np.int64]
 
 SCHEMA = 2
@@ -27,11 +29,14 @@ SPLITS = ("by_scenario", "published_split")
 
 _WHAT = "a data set of windows"
 
-_NUMBERS = ("R_g", "L_g", "P", "Q", "V_rms", "V_g_rms", "omega_g", "source_phase", "t_s")
-_ARRAYS = ("windows", "scenario", "after_change", *_NUMBERS, "redrawn")
-
 REASONS = ("no operating point", "bridge voltage", "current", "voltage limits", "unstable")
 """Why a draw of a scenario cannot be run: the columns of ``redrawn``."""
+
+CHANGES = ("none", "jump", "jump_and_step", "grid_step", "power_step")
+"""What may happen in a run: nothing; another impedance; another impedance with a step of the grid's voltage, phase or
+frequency; such a step alone; a step of the references. The index is the code in ``change``."""
+
+_COLUMN = {name: k for k, name in enumerate(FieldAnswer._fields)}
 
 
 @dataclass(frozen=True)
@@ -44,8 +49,58 @@ class Split:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DataSet:
-    """N windows, SI. Every array has N rows. At rest a window obeys :eq:`window-phasors`."""
+class Rows:
+    """N rows of arrays of equal length, and a header in JSON's types that says what they are."""
+
+    no_such_data: ClassVar[str]
+    """What a file is that lacks an array."""
+
+    header: Mapping[str, Any]
+    """Recipe (all fields), seed and what the rows were made on, in JSON's types."""
+
+    @classmethod
+    def array_names(cls) -> list[str]:
+        """Names of the arrays, in the file's order."""
+        return [field.name for field in fields(cls) if field.name != "header"]
+
+    @classmethod
+    def fit(cls, header: Mapping[str, Any], arrays: Arrays) -> str:  # noqa: ARG003 - for those that look
+        """What is wrong with arrays of the right names and lengths; empty: nothing."""
+        return ""
+
+    @property
+    def arrays(self) -> Arrays:
+        """The arrays by name, in the file's order."""
+        return {name: getattr(self, name) for name in self.array_names()}
+
+    def __len__(self) -> int:
+        return len(next(iter(self.arrays.values())))
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of header and every array."""
+        return content_hash(self.header, self.arrays)
+
+    def split_by(self, units: NDArray[Any], word: str, seed: int) -> Split:
+        """70/15/15 at random of the different ``units`` (N,), whose rows stay together.
+
+        Raises StudyError where too few of them leave a part empty.
+        """
+        names = np.random.default_rng(seed).permutation(np.unique(units))
+        return Split(*(np.flatnonzero(np.isin(units, part)) for part in parts_of(names, word)))
+
+
+D = TypeVar("D", bound=Rows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataSet(Rows):
+    """N windows, SI. Every array has N rows. At rest a window obeys :eq:`window-phasors`.
+
+    The header has the recipe (all fields), seed, hash of the converter, channels, sampling and ratings.
+    """
+
+    no_such_data: ClassVar[str] = "is not a data set of windows"
 
     windows: Array
     """(N, 2·C·n): n samples of each of C voltage components (V), then of C current components (A), as measured.
@@ -69,11 +124,11 @@ class DataSet:
     """End of the window in its run, s."""
     redrawn: Index
     """(N, len(REASONS)): draws that were thrown away before the one that this window's scenario is of, by reason."""
-    header: Mapping[str, Any]
-    """Recipe (all fields), seed, hash of the converter, channels, sampling and ratings, in JSON's types."""
 
-    def __len__(self) -> int:
-        return len(self.windows)
+    @classmethod
+    def fit(cls, header: Mapping[str, Any], arrays: Arrays) -> str:  # noqa: ARG003
+        """Whether the windows are a matrix."""
+        return "" if arrays["windows"].ndim == 2 else f"{cls.no_such_data}: array shapes."
 
     @property
     def targets(self) -> Array:
@@ -101,11 +156,6 @@ class DataSet:
         return bool(self.header["synchronised"])
 
     @property
-    def hash(self) -> str:
-        """SHA-256 of header and every array."""
-        return content_hash(self.header, arrays_of(self))
-
-    @property
     def draws(self) -> dict[str, Any]:
         """How the scenarios came about: ``scenarios``, ``draws`` of all, and those ``thrown_away`` by reason."""
         _, first = np.unique(self.scenario, return_index=True)
@@ -120,10 +170,100 @@ class DataSet:
         """
         if kind not in SPLITS:
             raise StudyError("split", [Fault("split", f'"{kind}"', "must be one of " + ", ".join(SPLITS))])
-        units = self.scenario if kind == "by_scenario" else np.arange(len(self))
-        names = np.random.default_rng(seed).permutation(np.unique(units))
-        parts = parts_of(names, "scenarios" if kind == "by_scenario" else "windows")
-        return Split(*(np.flatnonzero(np.isin(units, part)) for part in parts))
+        if kind == "by_scenario":
+            return self.split_by(self.scenario, "scenarios", seed)
+        return self.split_by(np.arange(len(self)), "windows", seed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldCycles(Rows):
+    """N cycles of the field estimator: the recursions' quantities in each. Every array has N rows.
+
+    The header has ``recipe``, ``seed``, names of the ``features``, ``converters``, and the ``settings`` of each one's
+    estimator.
+    """
+
+    no_such_data: ClassVar[str] = "holds no runs of the field estimator"
+
+    features: Array
+    """(N, n): what the network is given."""
+    answer: Array
+    """(N, 14): the recursions' answer, fields of FieldAnswer. It is held while they are in doubt."""
+    refuted: NDArray[np.bool_]
+    """Whether the step after the event refutes that the impedance moved."""
+    truth: Array
+    """(N, 2): true R_g in Ω and L_g in H in the middle of the cycle."""
+    run: NDArray[np.int64]
+    converter: NDArray[np.int64]
+    """Index into the header's ``converters`` and ``settings``."""
+    t_s: Array
+    """End of the cycle, s."""
+    change: NDArray[np.int64]
+    """The last change before the end of the cycle, a code of CHANGES; 0 before the first."""
+    change_number: NDArray[np.int64]
+    """Which change of its run this was; −1 before the first."""
+    since_change: Array
+    """Time since it, s; infinite before the first."""
+    factor: Array
+    """By which factor |Z_g| became larger or smaller with that change, at least 1."""
+    current: Array
+    """The current just before that change, pu of the rated peak."""
+    broken: NDArray[np.bool_]
+    """Whether the run was broken off because it diverged."""
+
+    @classmethod
+    def fit(cls, header: Mapping[str, Any], arrays: Arrays) -> str:
+        """Whether they are of this version of the field estimator."""
+        fits = all(set(one) == set(FieldSettings._fields) for one in header.get("settings", [{}]))
+        if fits and arrays["answer"].shape[1:] == (len(FieldAnswer._fields),):
+            return ""
+        return "holds runs of another version of the field estimator. Make them again."
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the features."""
+        return tuple(self.header["features"])
+
+    def said(self, name: str) -> Array:
+        """(N,): a field of the recursions' answer."""
+        return self.answer[:, _COLUMN[name]]
+
+    @property
+    def mode(self) -> NDArray[np.int64]:
+        """(N,): LEARN, TRACK or DOUBT."""
+        return self.said("mode").astype(np.int64)
+
+    def settings(self, converter: int) -> FieldSettings:
+        """The settings of the estimator of a converter."""
+        return FieldSettings(**self.header["settings"][converter])
+
+    @property
+    def targets(self) -> Array:
+        """(N, 2): y = ln(Z/Ẑ), logarithm of the size and difference of the angles in rad.
+
+        Z goes from the measured voltage to the grid's source, at nominal frequency (:eq:`field-posterior`).
+        """
+        y = np.zeros((len(self), 2))
+        for k in range(len(self.header["converters"])):
+            one = self.settings(k)
+            rows = np.flatnonzero(self.converter == k)
+            behind = complex(one.R_2, one.X_2)
+            pair = (self.truth[rows], np.column_stack([self.said("R_g"), self.said("L_g")])[rows])
+            true, held = (R_L @ (1.0 / one.Z_base, 1j * one.omega_n / one.Z_base) + behind for R_L in pair)
+            ratio = np.log(true / np.where(np.abs(held) < 1e-3, 1e-3, held))
+            y[rows, 0], y[rows, 1] = np.real(ratio), np.imag(ratio)
+        return y
+
+    def split(self, seed: int = 0) -> Split:
+        """70/15/15 at random by run: all cycles of a run are in one part.
+
+        Raises StudyError if there are too few runs.
+        """
+        return self.split_by(self.run, "runs", seed)
+
+    def rows(self, chosen: NDArray[Any]) -> FieldCycles:
+        """Some of the cycles."""
+        return replace(self, **{name: values[chosen] for name, values in self.arrays.items()})
 
 
 def parts_of(names: NDArray[Any], field: str) -> list[NDArray[Any]]:
@@ -149,11 +289,6 @@ def _splits(count: int) -> bool:
     return 0 < first < second < count
 
 
-def arrays_of(data: DataSet) -> dict[str, NDArray[Any]]:
-    """The arrays by name, in the file's order."""
-    return {name: getattr(data, name) for name in _ARRAYS}
-
-
 def content_hash(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> str:
     """SHA-256 of a header and of the names, types, shapes and bytes of arrays."""
     digest = hashlib.sha256(_header_text(header).encode())
@@ -163,19 +298,30 @@ def content_hash(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) 
     return digest.hexdigest()
 
 
-def write_data_set(path: str | Path, data: DataSet) -> None:
+def write_data_set(path: str | Path, data: Rows) -> None:
     """As npz with header and hash; whole or not at all. Raises ArtifactError where it cannot be written."""
-    write_arrays(path, data.header, arrays_of(data))
+    write_arrays(path, data.header, data.arrays)
 
 
 def read_data_set(path: str | Path) -> DataSet:
-    """Back from its file. Raises ArtifactError for a file that is none, is of another schema or was changed."""
+    """Windows from their file. Raises ArtifactError for a file that is none, is of another schema or was changed."""
+    return read_rows(path, DataSet)
+
+
+def read_cycles(path: str | Path) -> FieldCycles:
+    """Cycles from their file. Raises ArtifactError for a file that is none or was changed."""
+    return read_rows(path, FieldCycles)
+
+
+def read_rows(path: str | Path, kind: type[D]) -> D:
+    """Data of some kind from their file. Raises ArtifactError as :func:`read_data_set` does."""
     header, arrays = read_arrays(path)
-    missing = [name for name in _ARRAYS if name not in arrays]
-    rows = {len(values) for values in arrays.values()}
-    if missing or len(rows) != 1 or arrays["windows"].ndim != 2:
-        raise ArtifactError(f'"{path}" is not a data set of windows: {", ".join(missing) or "array shapes"}.')
-    return DataSet(**{name: arrays[name] for name in _ARRAYS}, header=header)
+    missing = [name for name in kind.array_names() if name not in arrays]
+    if missing or len({len(values) for values in arrays.values()}) != 1:
+        raise ArtifactError(f'"{path}" {kind.no_such_data}: {", ".join(missing) or "array shapes"}.')
+    if problem := kind.fit(header, arrays):
+        raise ArtifactError(f'"{path}" {problem}')
+    return kind(**{name: arrays[name] for name in kind.array_names()}, header=header)
 
 
 def write_arrays(path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.estimator.recipes import Spread, WindowRecipe
+from vsgdesign.estimator.recipe_fields import Spread
+from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.estimator.scenarios import Scenario
 from vsgdesign.estimator.windows import kept_windows, scenario_study
 from vsgdesign.identification.field import FieldEstimator

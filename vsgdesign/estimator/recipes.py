@@ -1,89 +1,86 @@
-"""What a data set of windows is made of: ranges of grids, powers and disturbances, and how windows are taken."""
+"""What the two networks are trained on: windows of the paper's kind, and runs of the field estimator.
+
+Each has its packaged recipes and a library that reads others from files.
+"""
 
 from __future__ import annotations
 
-import difflib
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
 
-from vsgdesign.artifacts.files import plain
+from vsgdesign.equations.field_fusion import GateLimits
 from vsgdesign.equations.grid import SCR_BASES
-from vsgdesign.errors import Fault, StudyError
-from vsgdesign.estimator.recipe_fields import (
-    FieldRule,
-    Spread,
-    field_faults,
-    log_uniform,
-    one_of,
-    read_fields,
-    read_recipe,
-    uniform,
-)
+from vsgdesign.errors import Fault
+from vsgdesign.estimator.recipe_fields import FieldRule, Library, Recipe, Spread, log_uniform, one_of, uniform
 from vsgdesign.identification.interface import CHANNELS
-from vsgdesign.parameters.estimator import FIELD_RECIPES
 
 _NOMINAL, _NONE = one_of(1.0), one_of(0.0)
+_DEGREE = 0.017453292519943295
+
+BACKGROUNDS = ("clean", "measured", "dirty")
+SENSORS = ("ideal", "typical", "dirty")
+"""Packaged levels of a study's [background] and [sensors]."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class WindowRecipe:
+class WindowRecipe(Recipe):
     """One data set. A scenario is one run: at rest, then a change, with windows before and after it.
 
     Ratios are per unit of the converter's rating; SCR is on ``scr_basis``.
     """
 
-    name: str
-    scr: Spread
-    x_over_r: Spread
-    P_pu: Spread
+    counted: ClassVar[str] = "scenarios"
+
+    scr: Annotated[Spread, FieldRule("spread", 0.05, 1e4)]
+    x_over_r: Annotated[Spread, FieldRule("spread", 1e-3, 1e4)]
+    P_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
     """Active power at the start; the references are set so that droop does not move it."""
-    Q_pu: Spread
-    P_step_pu: Spread
-    Q_step_pu: Spread
+    Q_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
+    P_step_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
+    Q_step_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
     """What is added to the references when the change comes."""
-    scenarios: int
-    before: int
-    after: int
+    scenarios: Annotated[int, FieldRule("whole number", 1, 10**6)]
+    before: Annotated[int, FieldRule("whole number", 0, 1000)]
+    after: Annotated[int, FieldRule("whole number", 0, 1000)]
     """Windows kept before and after the change."""
-    every: int = 1
+    every: Annotated[int, FieldRule("whole number", 1, 1000)] = 1
     """Of the windows after the change, one of ``every`` is kept, so that they cover the transient."""
-    settle: int = 2
+    settle: Annotated[int, FieldRule("whole number", 0, 1000)] = 2
     """Windows left out at the start, where the ripple of a switched bridge settles."""
-    skip: int = 1
+    skip: Annotated[int, FieldRule("whole number", 0, 1000)] = 1
     """Windows left out right after the change, where the inner loops still move."""
-    grid_step_share: float = 0.0
+    grid_step_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.0
     """Share of the scenarios whose change is a change of grid, drawn anew from the same ranges."""
-    grid_step_ratio: float = 5.0
+    grid_step_ratio: Annotated[float, FieldRule("number", 1.0, 1000.0)] = 5.0
     """Largest ratio of the two grids' SCR."""
-    scr_basis: str = "reactance"
-    within_V_limits: bool = False
+    scr_basis: Annotated[str, FieldRule("word", words=tuple(SCR_BASES))] = "reactance"
+    within_V_limits: Annotated[bool, FieldRule("true or false")] = False
     """Draw again what leaves the study's V_min_pu to V_max_pu at rest, before or after the change."""
-    V_g_pu: Spread = _NOMINAL
-    f_g_pu: Spread = _NOMINAL
-    phase: Spread = _NONE
+    V_g_pu: Annotated[Spread, FieldRule("spread", 0.1, 2.0)] = _NOMINAL
+    f_g_pu: Annotated[Spread, FieldRule("spread", 0.5, 1.5)] = _NOMINAL
+    phase: Annotated[Spread, FieldRule("spread", -100.0, 100.0, "rad")] = _NONE
     """Phase of the grid at the first sample, rad, beside the published one (zero crossing of phase A)."""
-    noise_v: Spread = _NONE
-    noise_i: Spread = _NONE
+    noise_v: Annotated[Spread, FieldRule("spread", 0.0, 1.0)] = _NONE
+    noise_i: Annotated[Spread, FieldRule("spread", 0.0, 1.0)] = _NONE
     """Standard deviation of each sample, relative to the rated peak."""
-    adc_bits: int = 0
+    adc_bits: Annotated[int, FieldRule("whole number", 0, 32)] = 0
     """0: not quantised."""
-    adc_range_pu: float = 3.0
+    adc_range_pu: Annotated[float, FieldRule("number", 0.1, 100.0)] = 3.0
     """Full scale of the converters is ± this, of the rated peak; what is beyond is clipped."""
-    harmonic_5: Spread = _NONE
-    harmonic_7: Spread = _NONE
+    harmonic_5: Annotated[Spread, FieldRule("spread", 0.0, 0.5)] = _NONE
+    harmonic_7: Annotated[Spread, FieldRule("spread", 0.0, 0.5)] = _NONE
     """Background voltage of the grid relative to its fundamental, at a random angle."""
-    bridge: str = "pwm"
-    channels: str = "phase_a"
-    sample_interval: float = 0.0
-    samples: int = 0
-    cycles: int = 0
+    bridge: Annotated[str, FieldRule("word", words=("averaged", "pwm"))] = "pwm"
+    channels: Annotated[str, FieldRule("word", words=tuple(CHANNELS))] = "phase_a"
+    sample_interval: Annotated[float, FieldRule("number", 1e-6, 0.1, "s", or_zero=True)] = 0.0
+    samples: Annotated[int, FieldRule("whole number", 4, 10**4, or_zero=True)] = 0
+    cycles: Annotated[int, FieldRule("whole number", 1, 1000, or_zero=True)] = 0
     """Spacing of the samples (s), their number, and the nominal cycles of a window. What is 0 follows from the
     converter (:func:`vsgdesign.estimator.sampling.with_sampling`): the published window is 100 samples every 200 µs,
     one cycle of 50 Hz."""
-    hidden: int = 8
-    components: int = 6
-    starts: int = 4
+    hidden: Annotated[int, FieldRule("whole number", 1, 64)] = 8
+    components: Annotated[int, FieldRule("whole number", 0, 1000)] = 6
+    starts: Annotated[int, FieldRule("whole number", 1, 100)] = 4
     """The network that learns these windows: tanh units, principal components of its inputs (0: all above the noise)
     and the largest number of starts. [estimator] of a study overrides the recipe."""
 
@@ -102,9 +99,12 @@ class WindowRecipe:
         """Every window begins at the same phase of a grid of nominal frequency: the published signal."""
         return self.phase == _NONE and self.f_g_pu == _NOMINAL
 
-    def document(self) -> dict[str, Any]:
-        """The recipe in JSON's types, as it comes back from a file."""
-        return plain(asdict(self))
+    def faults(self) -> list[Fault]:
+        """Those of every field, and where no window is kept."""
+        faults = super().faults()
+        if self.before + self.after < 1:
+            faults.append(Fault("before", "0", "no window is kept", "Keep at least one, before or after the change."))
+        return faults
 
 
 PUBLISHED = WindowRecipe(
@@ -143,102 +143,120 @@ WIDE = replace(
 
 More windows are left out than in the published recipes: designed inner loops may ring for a tenth of a second."""
 
-RECIPES = {recipe.name: recipe for recipe in (PUBLISHED, CONTINUOUS, WIDE)}
 
+@dataclass(frozen=True, kw_only=True)
+class FieldRecipe(Recipe):
+    """Runs in a disturbed grid, each with some changes, and the network that learns them.
 
-FIELDS = {
-    "name": FieldRule("text"),
-    "scr": FieldRule("spread", 0.05, 1e4),
-    "x_over_r": FieldRule("spread", 1e-3, 1e4),
-    "scr_basis": FieldRule("word", words=tuple(SCR_BASES)),
-    "P_pu": FieldRule("spread", -2.0, 2.0),
-    "Q_pu": FieldRule("spread", -2.0, 2.0),
-    "P_step_pu": FieldRule("spread", -2.0, 2.0),
-    "Q_step_pu": FieldRule("spread", -2.0, 2.0),
-    "grid_step_share": FieldRule("number", 0.0, 1.0),
-    "grid_step_ratio": FieldRule("number", 1.0, 1000.0),
-    "within_V_limits": FieldRule("true or false"),
-    "V_g_pu": FieldRule("spread", 0.1, 2.0),
-    "f_g_pu": FieldRule("spread", 0.5, 1.5),
-    "phase": FieldRule("spread", -100.0, 100.0, "rad"),
-    "scenarios": FieldRule("whole number", 1, 10**6),
-    "before": FieldRule("whole number", 0, 1000),
-    "after": FieldRule("whole number", 0, 1000),
-    "every": FieldRule("whole number", 1, 1000),
-    "settle": FieldRule("whole number", 0, 1000),
-    "skip": FieldRule("whole number", 0, 1000),
-    "noise_v": FieldRule("spread", 0.0, 1.0),
-    "noise_i": FieldRule("spread", 0.0, 1.0),
-    "adc_bits": FieldRule("whole number", 0, 32),
-    "adc_range_pu": FieldRule("number", 0.1, 100.0),
-    "harmonic_5": FieldRule("spread", 0.0, 0.5),
-    "harmonic_7": FieldRule("spread", 0.0, 0.5),
-    "bridge": FieldRule("word", words=("averaged", "pwm")),
-    "channels": FieldRule("word", words=tuple(CHANNELS)),
-    "sample_interval": FieldRule("number", 1e-6, 0.1, "s", or_zero=True),
-    "samples": FieldRule("whole number", 4, 10**4, or_zero=True),
-    "cycles": FieldRule("whole number", 1, 1000, or_zero=True),
-    "hidden": FieldRule("whole number", 1, 64),
-    "components": FieldRule("whole number", 0, 1000),
-    "starts": FieldRule("whole number", 1, 100),
-}
-"""Every field with its limits, in the order of the page."""
-
-
-def named_recipe(name: str, field: str = "recipe") -> WindowRecipe:
-    """A packaged recipe. Raises StudyError naming the known ones."""
-    if name not in RECIPES:
-        raise StudyError("recipe", [_unknown(name, field)])
-    return RECIPES[name]
-
-
-def _unknown(name: str, field: str) -> Fault:
-    if name in FIELD_RECIPES:
-        advice = "vsgdesign estimator train alone takes it. " + f"Known here: {', '.join(RECIPES)}."
-        return Fault(field, f'"{name}"', "trains the network of the field estimator, which has no windows", advice)
-    near = difflib.get_close_matches(name, RECIPES, n=1)
-    advice = f"Did you mean {near[0]}? " if near else ""
-    files = "; or a .toml file" if field == "recipe" else ""
-    return Fault(field, f'"{name}"', "unknown", f"{advice}Known: {', '.join(RECIPES)}{files}.")
-
-
-def load_recipe(source: str | Path) -> WindowRecipe:
-    """A packaged recipe by name, or a TOML file: ``base`` names a packaged one, further fields replace its own.
-
-    A field with a spread is a number, ``{ one_of = [...] }``, ``{ uniform = [low, high] }`` or
-    ``{ log_uniform = [low, high] }``. Raises StudyError with every fault.
+    Ratios are per unit of the converter's rating. The shares say how often a change is of which kind; nothing happens
+    in the rest of them.
     """
-    path = Path(source)
-    if path.suffix != ".toml":
-        return named_recipe(str(source))
-    document = read_recipe(path, (*RECIPES, *FIELD_RECIPES))
-    faults: list[Fault] = []
-    name = document.pop("base", CONTINUOUS.name)
-    if not isinstance(name, str) or name not in RECIPES:
-        faults.append(_unknown(str(name), "base"))
-        if name in FIELD_RECIPES:  # none of its fields is known here
-            raise StudyError(str(path), faults)
-    base = RECIPES.get(str(name), CONTINUOUS)
-    found, unread = read_fields(document, FIELDS)
-    faults += unread
-    recipe = replace(base, **({"name": path.stem} | found))
-    # What could not be read is still the base's, so that the limits of the rest are told at the same time.
-    faults += _faults(recipe)
-    if faults:
-        raise StudyError(str(path), faults)
-    return recipe
+
+    counted: ClassVar[str] = "runs"
+
+    runs: Annotated[int, FieldRule("whole number", 1, 10**5)]
+    converters: Annotated[tuple[str, ...], FieldRule("texts")] = ()
+    """Further converters, "case:NAME" or study files, beside the study's own; runs take them in turn."""
+    scr: Annotated[Spread, FieldRule("spread", 0.05, 1e4)]
+    x_over_r: Annotated[Spread, FieldRule("spread", 1e-3, 1e4)]
+    scr_basis: Annotated[str, FieldRule("word", words=tuple(SCR_BASES))] = "impedance"
+    P_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
+    Q_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
+    """Powers at the start; the references are set so that droop does not move them."""
+    V_g_pu: Annotated[Spread, FieldRule("spread", 0.5, 1.5)]
+    f_g_pu: Annotated[Spread, FieldRule("spread", 0.9, 1.1)]
+    largest_current_pu: Annotated[float, FieldRule("number", 0.1, 2.0)] = 0.95
+    """Largest current of the bridge at rest, before and after every change; what exceeds it is drawn again."""
+    changes: Annotated[int, FieldRule("whole number", 1, 20)] = 2
+    first: Annotated[float, FieldRule("number", 0.5, 10.0, "s")] = 1.4
+    between: Annotated[float, FieldRule("number", 0.3, 10.0, "s")] = 1.0
+    """Changes of a run, the time of the first one, s, and the time from one to the next. Each comes up to a cycle
+    later, at random, so that it falls anywhere within a cycle."""
+    learn: Annotated[float, FieldRule("number", 0.1, 5.0, "s")] = 0.4
+    """Time at the start of a run that is left out, s."""
+    jump_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.35
+    jump_and_step_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.25
+    grid_step_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.25
+    power_step_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.1
+    near_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.4
+    """Share of the jumps whose new SCR is within a factor of 2 of the old one; the others are drawn from ``scr``."""
+    V_step_pu: Annotated[Spread, FieldRule("spread", -0.5, 0.5)]
+    phase_step: Annotated[Spread, FieldRule("spread", -3.2, 3.2, "rad")]
+    f_step_pu: Annotated[Spread, FieldRule("spread", -0.05, 0.05)]
+    P_step_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
+    Q_step_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
+    background: Annotated[str, FieldRule("word", words=BACKGROUNDS)] = "dirty"
+    sensors: Annotated[str, FieldRule("word", words=SENSORS)] = "dirty"
+    bridge: Annotated[str, FieldRule("word", words=("averaged", "pwm"))] = "pwm"
+    hidden: Annotated[int, FieldRule("whole number", 1, 64)] = 24
+    epochs: Annotated[int, FieldRule("whole number", 1, 10**4)] = 80
+    weight: Annotated[float, FieldRule("number", 1.0, 100.0)] = 7.0
+    weighted: Annotated[float, FieldRule("number", 0.02, 10.0, "s")] = 0.35
+    """Cycles within ``weighted`` s after a change count ``weight`` times in the training."""
+    first_cycle: Annotated[int, FieldRule("whole number", 1, 25)] = 4
+    first_cycle_refuted: Annotated[int, FieldRule("whole number", 1, 25)] = 2
+    last_cycle: Annotated[int, FieldRule("whole number", 1, 1000)] = 50
+    confident: Annotated[float, FieldRule("number", 0.01, 1.0)] = 0.15
+    """The gate: cycles after an event flag between which the network may speak, and the relative standard deviation
+    below which it does."""
+
+    @property
+    def gate(self) -> GateLimits:
+        """The limits of the gate."""
+        return GateLimits(
+            first=float(self.first_cycle),
+            first_refuted=float(self.first_cycle_refuted),
+            last=float(self.last_cycle),
+            confident=self.confident,
+        )
+
+    @property
+    def duration(self) -> float:
+        """Length of a run, s."""
+        return self.first + self.changes * self.between
+
+    def faults(self) -> list[Fault]:
+        """Those of every field, and of fields that do not fit each other."""
+        faults = super().faults()
+        names = ("jump_share", "jump_and_step_share", "grid_step_share", "power_step_share")
+        shares = {name: getattr(self, name) for name in names}
+        if sum(shares.values()) > 1.0 + 1e-9:
+            total = f"{sum(shares.values()):g}"
+            faults.append(Fault("jump_share", total, "is the sum of the four shares, above 1", f"They are {shares}."))
+        if self.learn >= self.first:
+            faults.append(Fault("learn", f"{self.learn:g} s", f"must be below first = {self.first:g} s"))
+        if not self.first_cycle_refuted <= self.first_cycle <= self.last_cycle:
+            faults.append(
+                Fault(
+                    "first_cycle",
+                    str(self.first_cycle),
+                    f"must be from first_cycle_refuted = {self.first_cycle_refuted} to last_cycle = {self.last_cycle}",
+                )
+            )
+        return faults
 
 
-def check_recipe(recipe: WindowRecipe, source: str = "recipe") -> WindowRecipe:
-    """The recipe itself. Raises StudyError with every fault: not finite, reversed, outside what makes sense."""
-    faults = _faults(recipe)
-    if faults:
-        raise StudyError(source, faults)
-    return recipe
+FIELD = FieldRecipe(
+    name="field",
+    runs=400,
+    scr=log_uniform(1.2, 20.0),
+    x_over_r=log_uniform(0.3, 20.0),
+    P_pu=uniform(-0.4, 0.6),
+    Q_pu=uniform(-0.1, 0.2),
+    V_g_pu=uniform(0.9, 1.1),
+    f_g_pu=uniform(0.99, 1.01),
+    V_step_pu=uniform(-0.1, 0.1),
+    phase_step=uniform(-20.0 * _DEGREE, 20.0 * _DEGREE),
+    f_step_pu=uniform(-0.006, 0.006),
+    P_step_pu=uniform(-0.2, 0.2),
+    Q_step_pu=uniform(-0.1, 0.1),
+)
+"""Grids of any SCR and X/R in a disturbed grid, with everything that may change."""
 
-
-def _faults(recipe: WindowRecipe) -> list[Fault]:
-    faults = field_faults(recipe, FIELDS)
-    if recipe.before + recipe.after < 1:
-        faults.append(Fault("before", "0", "no window is kept", "Keep at least one, before or after the change."))
-    return faults
+FIELD_RECIPES = Library({FIELD.name: FIELD}, FIELD.name)
+WINDOW_RECIPES = Library(
+    {recipe.name: recipe for recipe in (PUBLISHED, CONTINUOUS, WIDE)},
+    base=CONTINUOUS.name,
+    others=(FIELD.name,),
+    refusal="trains the network of the field estimator, which has no windows",
+)

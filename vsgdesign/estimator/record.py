@@ -12,8 +12,7 @@ from vsgdesign.estimator.bound import SensorNoise, sensor_noise
 from vsgdesign.estimator.in_the_loop import FieldRun, field_run, in_surroundings
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.estimator.scenarios import draw_scenario
-from vsgdesign.estimator.sensing import measured_channels
-from vsgdesign.estimator.windows import kept_windows, record_windows, synchronised_vectors
+from vsgdesign.estimator.windows import kept_windows, measured_channels, record_windows, synchronised_vectors
 from vsgdesign.frames import instantaneous_power
 from vsgdesign.identification import Estimator
 from vsgdesign.identification.field import FieldEstimator

@@ -92,11 +92,12 @@ def draw_scenario(study: Study, recipe: WindowRecipe, seed: int, index: int) -> 
     current limit is exceeded at rest, the loops are unstable, or, with ``within_V_limits``, the voltage leaves the
     study's limits. Raises InfeasibleStudyError after ATTEMPTS draws.
     """
-    return draw_scenarios(study, recipe, seed, (index,))[0]
+    return draw_scenarios((study,), recipe, seed, (index,))[0]
 
 
-def draw_scenarios(study: Study, recipe: WindowRecipe, seed: int, indices: Sequence[int]) -> list[Scenario]:
-    """The scenarios that :func:`draw_scenario` draws, many at once in a fraction of the time."""
+def draw_scenarios(studies: Sequence[Study], recipe: WindowRecipe, seed: int, indices: Sequence[int]) -> list[Scenario]:
+    """The scenarios that :func:`draw_scenario` draws on one study, many at once in a fraction of the time."""
+    (study,) = studies
     found = []
     for index, draws in zip(indices, _draws(study, recipe, seed, indices), strict=True):
         last = draws[-1].scenario

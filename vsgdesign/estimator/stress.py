@@ -20,7 +20,8 @@ from vsgdesign.estimator.comparison import (
     relative_errors,
 )
 from vsgdesign.estimator.in_the_loop import surroundings_in_words
-from vsgdesign.estimator.recipes import WindowRecipe, one_of
+from vsgdesign.estimator.recipe_fields import one_of
+from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.estimator.runnable import nominal_settings, runnable_settings, runnable_values
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study

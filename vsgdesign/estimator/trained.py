@@ -1,26 +1,25 @@
-"""From a study and a recipe to weights, with the data of a report on the training, in plain arrays without PyTorch."""
+"""From data to weights, with what a report shows of how they came about, in plain arrays without PyTorch."""
 
 from __future__ import annotations
 
 import importlib.util
 import math
-import time
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any, Unpack
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts import provenance
+from vsgdesign.artifacts.field_weights import FieldWeights
+from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.estimator.data_set import DataSet, check_enough
-from vsgdesign.estimator.recipes import WindowRecipe
-from vsgdesign.estimator.windows import generate_windows
-from vsgdesign.execution.executors import How
-from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.parameters.study import Study
+from vsgdesign.estimator.data_set import DataSet, FieldCycles
+from vsgdesign.estimator.recipes import FieldRecipe, WindowRecipe
+from vsgdesign.estimator.scores import GroupScore, changes_by_name, field_scores, short_document
+from vsgdesign.execution.progress import Progress
 
 Array = NDArray[np.float64]
 
@@ -43,56 +42,47 @@ class PartOfData:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TrainedEstimator:
-    """Weights and how they came about."""
+class Trained:
+    """What every training leaves beside its weights."""
+
+    history: dict[str, Array]
+    """Arrays over epochs by name."""
+    best_epoch: int
+    timing_s: dict[str, float] = field(default_factory=dict)
+    """Wall time of making the data (``windows`` or ``runs``) and of ``training``."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrainedEstimator(Trained):
+    """A network of windows and how it came about. Its history is of the start that was taken, by HISTORY."""
 
     weights: NetworkWeights
     parts: dict[str, PartOfData]
     """``training``, ``validation`` and ``test``."""
-    history: dict[str, Array]
-    """An array over epochs for each of HISTORY, of the start that was taken."""
     stop: str
-    best_epoch: int
     epochs: int
     """Over all starts."""
     components: int
     draws: dict[str, Any]
     """How its scenarios came about (:attr:`vsgdesign.estimator.data_set.DataSet.draws`)."""
-    timing_s: dict[str, float]
-    """Wall time of ``windows`` and ``training``."""
 
 
-def train_estimator(
-    study: Study,
-    recipe: WindowRecipe,
-    *,
-    seed: int = 0,
-    hidden: int | None = None,
-    components: int | None = None,
-    starts: int | None = None,
-    out: str | Path | None = None,
-    progress: Progress = silent,
-    **how: Unpack[How],
-) -> TrainedEstimator:
-    """Makes the windows of a recipe, trains a network on them and evaluates it. Values that are None are the recipe's.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrainedFieldNetwork(Trained):
+    """The field estimator's network and how it came about. Its history has ``epoch``, ``training`` and ``validation``
+    loss."""
 
-    The same arguments give the same weights. The windows, and the finished blocks of an interrupted call, are saved in
-    ``out``, and ``how`` says how they are made. An interrupted training, which takes seconds, raises KeyboardInterrupt.
-    Raises InfeasibleStudyError without PyTorch, and the errors of :func:`vsgdesign.estimator.windows.generate_windows`.
-    """
-    require_torch()
-    check_enough(recipe.scenarios, "scenarios")
-    begin = time.perf_counter()
-    data = generate_windows(study, recipe, seed, out=out, progress=progress, **how)
-    timing = {"windows": time.perf_counter() - begin}
-    network = {
-        name: getattr(recipe, name) if value is None else value
-        for name, value in (("hidden", hidden), ("components", components), ("starts", starts))
-    }
-    trained = train_on(study, data, seed=seed, progress=progress, **network)
-    timing["training"] = time.perf_counter() - begin - timing["windows"]
-    trained.timing_s.update(timing)
-    return trained
+    weights: FieldWeights
+    scores: dict[str, dict[str, GroupScore]]
+    """The three ways on the test runs, by way and group (:mod:`vsgdesign.estimator.scores`)."""
+    runs: dict[str, int]
+    """Runs of each part."""
+    cycles: dict[str, int]
+    """Cycles of each part."""
+    broken: int
+    """Runs that diverged and ended there."""
+    changes: dict[str, int]
+    """Changes of each kind in the test runs."""
 
 
 def require_torch() -> None:
@@ -104,30 +94,34 @@ def require_torch() -> None:
         )
 
 
-def train_on(
-    study: Study, data: DataSet, *, seed: int, hidden: int, components: int, starts: int, progress: Progress = silent
+def train_on_windows(
+    data: DataSet,
+    recipe: WindowRecipe,  # noqa: ARG001 - every training takes it; the data of windows have their own
+    size: Mapping[str, int],
+    seed: int,
+    progress: Progress,
 ) -> TrainedEstimator:
-    """Trains a network on an existing data set and evaluates it."""
-    require_torch()
+    """Trains a network of windows and evaluates it. ``size`` has ``hidden``, ``components`` and ``starts``."""
     from vsgdesign.estimator.training import TrainingSettings, train_network
 
-    settings = TrainingSettings(hidden=hidden, components=components, starts=starts)
+    settings = TrainingSettings(hidden=size["hidden"], components=size["components"], starts=size["starts"])
     targets, split = np.column_stack([data.R_g, data.L_g]), data.split(seed=seed)
     training = train_network(data.windows, targets, split, settings, seed=seed, progress=progress)
     if training.stop == "interrupted":
         raise KeyboardInterrupt
+    omega_n = data.header["omega_n"]
     parts = {}
     for name, rows in vars(split).items():
         metrics = training.metrics[name]
         R, L = metrics.correlation
         truth, estimate = targets[rows], training.network.evaluate(data.windows[rows])
         errors = {
-            kind: relative_errors(truth[chosen], estimate[chosen], study.converter.omega_n)
+            kind: relative_errors(truth[chosen], estimate[chosen], omega_n)
             for kind, chosen in (("rest", ~data.after_change[rows]), ("after_change", data.after_change[rows]))
         }
         parts[name] = PartOfData(truth, estimate, metrics.mse, (R, L), errors)
     box = {name: getattr(data, name)[split.training] for name in ("R_g", "L_g", "P", "Q")}
-    c = study.converter
+    converter = {name: data.header[name] for name in ("S_rated", "V_rated_rms")} | {"f_n": omega_n / (2.0 * math.pi)}
     weights = NetworkWeights(
         network=training.network,
         window=WindowFormat(data.samples, data.sample_interval, data.channels, data.synchronised),
@@ -141,10 +135,10 @@ def train_on(
             "epochs": training.epochs,
             "components": training.components,
             "parts": {
-                name: {"mse": part.mse, "correlation": part.correlation, "errors": _finite(part.errors)}
+                name: {"mse": part.mse, "correlation": part.correlation, "errors": plain(part.errors)}
                 for name, part in parts.items()
             },
-            "converter": {"S_rated": c.S_rated, "V_rated_rms": c.V_rated_rms, "f_n": c.omega_n / (2.0 * math.pi)},
+            "converter": converter,
             "draws": data.draws,
         },
         provenance=dict(provenance()),
@@ -159,7 +153,50 @@ def train_on(
         epochs=training.epochs,
         components=training.components,
         draws=data.draws,
-        timing_s={},
+    )
+
+
+def train_on_cycles(
+    cycles: FieldCycles, recipe: FieldRecipe, size: Mapping[str, int], seed: int, progress: Progress
+) -> TrainedFieldNetwork:
+    """Trains the field estimator's network and judges the three ways on the test runs. ``size`` has ``hidden``."""
+    from vsgdesign.estimator.field_training import FieldTrainingSettings, train_layers
+
+    settings = FieldTrainingSettings(
+        hidden=size["hidden"], epochs=recipe.epochs, weight=recipe.weight, weighted=recipe.weighted
+    )
+    split = cycles.split(seed)
+    training = train_layers(cycles, split, settings, seed, progress)
+    test = cycles.rows(split.test)
+    scores = field_scores(test, training.layers, training.radius_squared, recipe.gate)
+    runs = {name: len(np.unique(cycles.run[rows])) for name, rows in vars(split).items()}
+    weights = FieldWeights(
+        features=cycles.names,
+        layers=training.layers,
+        radius_squared=training.radius_squared,
+        gate=recipe.gate,
+        converters=tuple(cycles.header["converters"]),
+        data_hash=cycles.hash,
+        recipe=dict(cycles.header["recipe"]),
+        seed=seed,
+        training={
+            "settings": asdict(settings),
+            "best_epoch": training.best_epoch,
+            "loss": {name: float(training.history[name][training.best_epoch]) for name in ("training", "validation")},
+            "runs": runs,
+            "test": short_document(scores),
+        },
+        provenance=dict(provenance()),
+    )
+    return TrainedFieldNetwork(
+        weights=weights,
+        scores=scores,
+        history=training.history,
+        best_epoch=training.best_epoch,
+        runs=runs,
+        cycles={name: len(rows) for name, rows in vars(split).items()},
+        broken=len(np.unique(cycles.run[cycles.broken])),
+        changes=changes_by_name(test),
     )
 
 
@@ -178,11 +215,3 @@ def relative_errors(truth: Array, estimate: Array, omega: float) -> dict[str, tu
     if len(truth) == 0:
         return dict.fromkeys(values, (math.nan, math.nan))
     return {name: (float(np.median(one)), float(np.percentile(one, 95.0))) for name, one in values.items()}
-
-
-def _finite(errors: dict[str, dict[str, tuple[float, float]]]) -> dict[str, Any]:
-    """For a file: what is no number is None."""
-    return {
-        kind: {name: [value if math.isfinite(value) else None for value in pair] for name, pair in found.items()}
-        for kind, found in errors.items()
-    }

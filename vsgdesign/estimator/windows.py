@@ -1,39 +1,34 @@
-"""Data sets of windows, straight from EMT: each scenario one run that begins at rest.
+"""Windows straight from EMT: each scenario is one run that begins at rest, and what its sensors read of it.
 
 A window is what an online scheduler is given in the loop, cut by the same code, so a network is trained on
-what it will see.
+what it will see. The readings have background harmonics, noise, quantisation and channels.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from concurrent.futures import Executor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import Fault, StudyError
-from vsgdesign.estimator.blocks import Arrays, ArraysJob, made_arrays
-from vsgdesign.estimator.data_set import DataSet, check_data_target, write_data_set
-from vsgdesign.estimator.recipes import WindowRecipe, check_recipe
-from vsgdesign.estimator.sampling import turn_per_window, with_sampling
-from vsgdesign.estimator.scenarios import Scenario, check_draws, draw_scenarios
-from vsgdesign.estimator.sensing import background, measured_channels
-from vsgdesign.execution.executors import How
-from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.frames import rotate
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.estimator.data_set import Array, Arrays
+from vsgdesign.estimator.recipes import WindowRecipe
+from vsgdesign.estimator.sampling import turn_per_window
+from vsgdesign.estimator.scenarios import Scenario
+from vsgdesign.frames import clarke, clarke_inverse, rms_to_peak, rotate, rotate_back
 from vsgdesign.identification import Estimator, Probe
+from vsgdesign.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation import MeasuredWindow, Recorder, simulate
 from vsgdesign.simulation.estimated import samples_of
-
-BLOCK = 20
-"""Scenarios that are made, kept and handed between processes together."""
+from vsgdesign.stability.impedance import grid_impedance, output_admittance
 
 
 @dataclass(frozen=True)
@@ -73,58 +68,9 @@ class _Probing:
         return self._scheduler.update(window)
 
 
-def generate_windows(
-    study: Study,
-    recipe: WindowRecipe,
-    seed: int,
-    *,
-    out: str | Path | None = None,
-    executor: Executor | None = None,
-    progress: Progress | None = None,
-    **how: Unpack[How],
-) -> DataSet:
-    """The windows of a recipe on a study's converter, and their file if ``out`` is given.
-
-    The study gives converter, filter, inner loops and the target of the gains; grid, source, set points and bridge come
-    from the recipe. The result depends on study, recipe and seed alone, not on the workers that ``how`` asks for (an
-    ``executor`` replaces them). Sampling that the recipe leaves open follows from the converter
-    (:func:`vsgdesign.estimator.sampling.with_sampling`); the header has it filled in. With ``out``, finished blocks are
-    kept beside it until the file is whole, so that the same call takes up an interrupted one. Raises StudyError for a
-    faulty recipe or seed, InfeasibleStudyError where most of its draws cannot be run, ArtifactError where the file
-    cannot be written.
-    """
-    check_recipe(recipe)
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise StudyError("windows", [Fault("seed", str(seed), "must be a whole number, zero or more")])
-    workers = how.get("workers", 1)
-    if workers is not None and (not isinstance(workers, int) or workers < 1):
-        raise StudyError("windows", [Fault("workers", str(workers), "must be a whole number, one or more")])
-    if out is not None:
-        check_data_target(out)
-    recipe = with_sampling(recipe, study.converter)
-    header = _header(study, recipe, seed)
-    blocks = [range(first, min(first + BLOCK, recipe.scenarios)) for first in range(0, recipe.scenarios, BLOCK)]
-    job = ArraysJob(
-        what="windows",
-        header=header | {"block": BLOCK},
-        make=make_block,
-        arguments=[(study, recipe, seed, block) for block in blocks],
-    )
-    with made_arrays(
-        job,
-        out,
-        executor=executor,
-        progress=progress or silent,
-        before=lambda: check_draws(study, recipe, seed),
-        **how,
-    ) as arrays:
-        data = DataSet(**arrays, header=header)
-        if out is not None:
-            write_data_set(out, data)
-    return data
-
-
-def _header(study: Study, recipe: WindowRecipe, seed: int) -> dict[str, Any]:
+def windows_header(studies: Sequence[Study], recipe: WindowRecipe, seed: int) -> dict[str, Any]:
+    """The header of a :class:`vsgdesign.estimator.data_set.DataSet`."""
+    (study,) = studies
     c = study.converter
     loops = (
         study.inner_gains,
@@ -146,12 +92,6 @@ def _header(study: Study, recipe: WindowRecipe, seed: int) -> dict[str, Any]:
         "omega_n": c.omega_n,
         "T_s": c.T_s,
     }
-
-
-def make_block(study: Study, recipe: WindowRecipe, seed: int, indices: range) -> Arrays:
-    """Arrays of a :class:`DataSet` for some scenarios."""
-    rows: list[Arrays] = [run_windows(study, recipe, one) for one in draw_scenarios(study, recipe, seed, indices)]
-    return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
 
 class Kept(NamedTuple):
@@ -191,7 +131,7 @@ def scenario_study(study: Study, recipe: WindowRecipe, scenario: Scenario) -> St
 
 def record_windows(
     study: Study, recipe: WindowRecipe, scenario: Scenario, prober: Estimator | None = None
-) -> tuple[list[MeasuredWindow], NDArray[np.bool_], NDArray[np.float64]]:
+) -> tuple[list[MeasuredWindow], NDArray[np.bool_], Array]:
     """Simulate one scenario: its windows, which come after the change, and v_pcc and i_pcc before the sensors.
 
     The recipe's sampling is filled in. The last is (N, 2, 2, n): voltage and current, α and β, with the background's
@@ -211,8 +151,8 @@ def record_windows(
 
 
 def synchronised_vectors(
-    study: Study, recipe: WindowRecipe, windows: Sequence[MeasuredWindow], vectors: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    study: Study, recipe: WindowRecipe, windows: Sequence[MeasuredWindow], vectors: Array
+) -> Array:
     """(N, 2, 2, n) turned so that a grid of nominal frequency begins every window at the same angle.
 
     The same array where windows are whole cycles, or are not synchronised anyway.
@@ -224,8 +164,9 @@ def synchronised_vectors(
     return np.stack(rotate(vectors[:, :, 0], vectors[:, :, 1], np.cos(back), np.sin(back)), axis=2)
 
 
-def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Arrays:
-    """Simulate one scenario and take its windows: the arrays of a :class:`DataSet`."""
+def run_windows(studies: Sequence[Study], recipe: WindowRecipe, scenario: Scenario) -> Arrays:
+    """Simulate one scenario and take its windows: the arrays of a :class:`vsgdesign.estimator.data_set.DataSet`."""
+    (study,) = studies
     # A recipe has its own harmonics and noise.
     windows, after, vectors = record_windows(study.undisturbed, recipe, scenario)
     grids = [scenario.grids[int(later)] for later in after]
@@ -248,3 +189,95 @@ def run_windows(study: Study, recipe: WindowRecipe, scenario: Scenario) -> Array
         "t_s": np.array([w.t_s for w in windows]),
         "redrawn": np.tile(np.array(scenario.redrawn, dtype=np.int64), (count, 1)),
     }
+
+
+def measured_channels(
+    converter: Converter,
+    recipe: WindowRecipe,
+    vectors: Array,
+    theta: Array,
+    noise: tuple[float, float],
+    rng: np.random.Generator,
+) -> Array:
+    """Windows (N, 2·C·n) as the sensors measure them, in V and A peak.
+
+    ``vectors`` (N, 2, 2, n) are voltage and current, α and β, samples. Noise (relative to the rated peak) and
+    quantisation act on the sensor of each phase, before any transformation. ``theta`` (N, n) is the converter's own
+    angle in rad, for the dq channels.
+    """
+    ratings = np.array([rms_to_peak(converter.V_rated_rms), converter.I_rated_pk]).reshape(1, 2, 1, 1)
+    phases = np.stack(clarke_inverse(vectors[:, :, 0], vectors[:, :, 1]), axis=2)
+    if max(noise) > 0.0:
+        phases = phases + rng.normal(size=phases.shape) * ratings * np.reshape(noise, (1, 2, 1, 1))
+    if recipe.adc_bits:
+        full = recipe.adc_range_pu * ratings
+        step = 2.0 * full / 2.0**recipe.adc_bits
+        phases = np.clip(np.round(phases / step) * step, -full, full - step)
+    if recipe.channels == "phase_a":
+        return phases[:, :, 0].reshape(len(phases), -1)
+    alpha, beta = clarke(phases[:, :, 0], phases[:, :, 1], phases[:, :, 2])
+    if recipe.channels == "dq":
+        alpha, beta = rotate_back(alpha, beta, np.cos(theta)[:, None], np.sin(theta)[:, None])
+    return np.stack([alpha, beta], axis=2).reshape(len(phases), -1)
+
+
+def harmonic_phasors(
+    study: Study, grid: Grid, gains: PowerLoopGains, references: tuple[float, float], orders: Sequence[int]
+) -> dict[int, tuple[Array, Array]]:
+    """The responses of v_pcc and i_pcc to a unit harmonic of the grid's voltage, for each order.
+
+    They are dq phasors (2,) in the frame of the source, at |order − 1|·ω_g; an order is negative for the negative
+    sequence. The converter responds with the admittance of its sampled full-order model
+    (:eq:`background-harmonics`), which is exact for small harmonics. Raises InfeasibleStudyError if there is no steady
+    state.
+    """
+    omega_g = study.grid_source.omega_g
+    model = linearise_full_order(study, [Cell(grid, gains, *references)])
+    if model.faults[0] is not None:
+        raise InfeasibleStudyError(model.faults[0])
+    found = {}
+    for order in orders:
+        omega = np.array([abs(order - 1) * omega_g])
+        Y = output_admittance(model, 0, omega)[0]
+        Z = grid_impedance(grid.R_g, grid.L_g, omega_g, omega)[0]
+        # e^{±jx} on d + jq is d = cos x, q = ±sin x: phasors 1 and ∓j.
+        source = np.array([1.0, -1j if order > 0 else 1j])
+        v = np.linalg.solve(np.eye(2) + Z @ Y, source)
+        found[order] = (v, -Y @ v)
+    return found
+
+
+def background_vectors(
+    phasors: Mapping[int, tuple[Array, Array]], amplitudes: Mapping[int, complex], source_phase: Array
+) -> Array:
+    """Voltage and current of background harmonics (2, 2, n), α and β, at angles of the source (n), rad.
+
+    With the ``amplitudes`` (V peak, complex), the grid's vector is a·e^{jhθ_g} for an order h > 0 and a*·e^{−j|h|θ_g}
+    for h < 0, where θ_g is the angle of its fundamental.
+    """
+    turn = np.exp(1j * source_phase)
+    total: NDArray[np.complex128] = np.zeros((2, len(source_phase)), dtype=complex)
+    for order, amplitude in amplitudes.items():
+        wave = amplitude * np.exp(1j * abs(order - 1) * source_phase)
+        for row, (d, q) in enumerate(phasors[order]):
+            total[row] += ((d * wave).real + 1j * (q * wave).real) * turn
+    return np.stack([total.real, total.imag], axis=1)
+
+
+def background(
+    study: Study, recipe: WindowRecipe, scenario: Scenario, windows: Sequence[MeasuredWindow], after: NDArray[np.bool_]
+) -> Array:
+    """The voltages and currents (N, 2, 2, n) that the background harmonics of a scenario add to its windows."""
+    source = scenario.source
+    phasors = [
+        harmonic_phasors(study, *held, list(scenario.harmonics))
+        for held in zip(scenario.grids, scenario.gains, scenario.references, strict=True)
+    ]
+    amplitudes = {order: value * rms_to_peak(source.V_g_rms) for order, value in scenario.harmonics.items()}
+    turned = np.asarray(source.omega_g * recipe.sample_interval * np.arange(recipe.samples), dtype=np.float64)
+    return np.array(
+        [
+            background_vectors(phasors[int(later)], amplitudes, window.source_phase + turned)
+            for window, later in zip(windows, after, strict=True)
+        ]
+    )

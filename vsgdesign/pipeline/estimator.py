@@ -134,9 +134,9 @@ def _networks(
     study: Study, files: tuple[str, ...], recipes: tuple[str, ...], seed: int, workers: int | None, progress: Progress
 ) -> dict[str, NetworkWeights]:
     from vsgdesign.estimator.comparison import train_networks
-    from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.estimator.recipes import WINDOW_RECIPES
 
-    loaded = [load_recipe(recipe) for recipe in recipes]
+    loaded = [WINDOW_RECIPES.load(recipe) for recipe in recipes]
     found: dict[str, NetworkWeights] = {}
     unfit: list[str] = []
     for path in files:

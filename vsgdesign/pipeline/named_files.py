@@ -51,11 +51,11 @@ def _estimator_faults(study: Study) -> list[Fault]:
 
 
 def _recipe_faults(study: Study, recipe: str) -> list[Fault]:
-    from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.estimator.recipes import WINDOW_RECIPES
     from vsgdesign.pipeline.training import check_fit
 
     try:
-        made_of = load_recipe(recipe)
+        made_of = WINDOW_RECIPES.load(recipe)
     except StudyError as error:
         return [
             Fault(f"estimator.recipe: {fault.field}", fault.value, fault.problem, fault.advice)

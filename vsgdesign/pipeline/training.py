@@ -10,12 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from vsgdesign.artifacts import staged_folder, write_record
-from vsgdesign.artifacts.network_weights import (
-    WEIGHTS_FILE,
-    NetworkWeights,
-    read_network_weights,
-    write_network_weights,
-)
+from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.executors import How
 from vsgdesign.execution.progress import Progress, silent
@@ -27,7 +22,7 @@ from vsgdesign.simulation.estimated import same_period
 
 if TYPE_CHECKING:  # the estimator's room is loaded by who trains
     from vsgdesign.estimator.recipes import WindowRecipe
-    from vsgdesign.estimator.trained import TrainedEstimator
+    from vsgdesign.estimator.trained import TrainedEstimator, TrainedFieldNetwork
     from vsgdesign.simulation.judging import Judgement
 
 
@@ -45,35 +40,28 @@ def make_network(
     If the study names a file, the network is read from it. Training windows are taken with the bridge of the run: a
     switched bridge biases samples of v_pcc, and the training data must contain this. Raises StudyError if recipe and
     study do not fit, ArtifactError for a file that is not a network, and the errors of
-    :func:`vsgdesign.estimator.trained.train_estimator`.
+    :func:`vsgdesign.estimator.specification.train`.
     """
     spec = study.estimator
     if spec is None or not any(needs_network(c.estimate) for c in study.controllers):
         return None, None
     if spec.weights_file is not None:
         return read_network_weights(spec.weights_file), None
-    from vsgdesign.estimator.trained import train_estimator
+    from vsgdesign.estimator.specification import WINDOW_NETWORK, train
 
     with one_thread():  # the same digits wherever it is trained, and beside whatever
-        trained = train_estimator(
-            study,
-            recipe_of(study, spec, bridge),
-            seed=spec.seed,
-            hidden=spec.hidden,
-            components=spec.components,
-            starts=spec.starts,
-            progress=progress or silent,
-        )
+        recipe, size = recipe_of(study, spec, bridge), {name: getattr(spec, name) for name in WINDOW_NETWORK.size}
+        trained = train(WINDOW_NETWORK, study, recipe, seed=spec.seed, size=size, progress=progress or silent)
     return trained.weights, trained
 
 
 def recipe_of(study: Study, spec: EstimatorSpec, bridge: str | None) -> WindowRecipe:
     """The recipe of a training in a run with this bridge. Raises StudyError if it does not fit the study, and
     InfeasibleStudyError without PyTorch."""
-    from vsgdesign.estimator.recipes import load_recipe
+    from vsgdesign.estimator.recipes import WINDOW_RECIPES
     from vsgdesign.estimator.trained import require_torch
 
-    recipe = replace(load_recipe(spec.recipe), bridge=bridge or study.simulation.bridge)
+    recipe = replace(WINDOW_RECIPES.load(spec.recipe), bridge=bridge or study.simulation.bridge)
     check_fit(study, spec, recipe)
     require_torch()
     return recipe
@@ -116,39 +104,81 @@ def train_weights_file(
     spec: EstimatorSpec,
     out: str | Path,
     *,
-    windows: str | Path | None = None,
+    data: str | Path | None = None,
+    report: str | Path | None = None,
     progress: Progress | None = None,
     **how: Unpack[How],
 ) -> dict[str, Any]:
-    """Trains a network as ``spec`` says and writes its weights. Returns file, network and training in JSON's types.
+    """Trains the network that the recipe of ``spec`` is for, and writes its weights. Returns file, network and training
+    in JSON's types.
 
-    ``windows`` is a file for the training windows; they are then taken with the bridge of the recipe. Raises the errors
-    of :func:`make_network`.
+    ``data`` is a file for the windows or runs that it is trained on; windows are then taken with the bridge of the
+    recipe. ``report`` is a folder for results.json, figures and report.html, of the field estimator's network alone.
+    Raises StudyError if ``spec`` has what this network does not have, and the errors of
+    :func:`vsgdesign.estimator.specification.train`.
     """
     from vsgdesign.estimator.data_set import check_data_target
-    from vsgdesign.estimator.recipes import load_recipe
-    from vsgdesign.estimator.sampling import sampling_document, with_sampling
-    from vsgdesign.estimator.trained import train_estimator
+    from vsgdesign.estimator.specification import WINDOW_NETWORK, specification_of, train
 
-    _check_places(out, windows)
-    WEIGHTS_FILE.check_target(out)
-    if windows is not None:
-        check_data_target(windows)
-    recipe = load_recipe(spec.recipe)
-    trained = train_estimator(
-        study,
-        recipe,
-        seed=spec.seed,
-        hidden=spec.hidden,
-        components=spec.components,
-        starts=spec.starts,
-        out=windows,
-        progress=progress or silent,
-        **how,
-    )
-    write_network_weights(trained.weights, out)
-    found = {"file": str(out)} | network_document(trained.weights) | training_document(trained)
-    return found | {"window": sampling_document(with_sampling(recipe, study.converter), study.converter)}
+    network = specification_of(spec.recipe)
+    given = {name: getattr(spec, name) for name in WINDOW_NETWORK.size}
+    faults = [
+        Fault(name, str(value), "the network of the field estimator has none", "Leave it out.")
+        for name, value in given.items()
+        if name not in network.size and value is not None
+    ]
+    if faults:
+        raise StudyError("estimator", faults)
+    _check_places(out, data, report)
+    network.file.check_target(out)
+    if data is not None:
+        check_data_target(data)
+    recipe = network.recipes.load(spec.recipe)
+    with _report_folder(report, study, spec) as folder:
+        trained: Any = train(
+            network, study, recipe, seed=spec.seed, size=given, out=data, progress=progress or silent, **how
+        )
+        document = _trained_document(study, recipe, trained)
+        if folder is not None:
+            from vsgdesign.report.estimator.field_training import field_training_figures, write_field_training_page
+            from vsgdesign.report.estimator.figures import write_all
+
+            (folder / "figures").mkdir()
+            figures = write_all(field_training_figures(trained), folder / "figures")
+            write_field_training_page(study.title, trained, figures, folder / "report.html")
+            named = {"study": study.name, "study_hash": study.hash, "figures": [figure.name for figure in figures]}
+            write_record(folder, named | document, _TRAIN)
+        network.file.write(trained.weights, out)
+    return {"file": str(out)} | document
+
+
+def _trained_document(study: Study, recipe: Any, trained: TrainedEstimator | TrainedFieldNetwork) -> dict[str, Any]:
+    """Network and training in JSON's types."""
+    from vsgdesign.estimator.sampling import sampling_document, with_sampling
+    from vsgdesign.estimator.scores import scores_document, verdict
+    from vsgdesign.estimator.trained import TrainedEstimator
+
+    if isinstance(trained, TrainedEstimator):
+        window = sampling_document(with_sampling(recipe, study.converter), study.converter)
+        return network_document(trained.weights) | training_document(trained) | {"window": window}
+    return {
+        "weights_sha256": trained.weights.hash,
+        "data_sha256": trained.weights.data_hash,
+        "recipe": recipe.name,
+        "seed": trained.weights.seed,
+        "converters": [dict(one) for one in trained.weights.converters],
+        "features": trained.weights.features,
+        "hidden": len(trained.weights.layers.b_1),
+        "epochs": len(trained.history["epoch"]),
+        "best_epoch": trained.best_epoch,
+        "runs": trained.runs,
+        "broken_off": trained.broken,
+        "cycles": trained.cycles,
+        "changes": trained.changes,
+        "scores": scores_document(trained.scores),
+        "verdict": verdict(trained.scores),
+        "timing_s": trained.timing_s,
+    }
 
 
 def network_document(weights: NetworkWeights) -> dict[str, Any]:
@@ -204,81 +234,6 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
         "with_the_truth": judged.twin,
         "steps": [asdict(one) for one in judged.steps],
     }
-
-
-def train_field_weights_file(
-    study: Study,
-    spec: EstimatorSpec,
-    out: str | Path,
-    *,
-    runs: str | Path | None = None,
-    report: str | Path | None = None,
-    progress: Progress | None = None,
-    **how: Unpack[How],
-) -> dict[str, Any]:
-    """Trains the network of the field estimator as ``spec`` says and writes its weights. Returns file, network and
-    training in JSON's types.
-
-    ``runs`` is a file for the runs that it is trained on, ``report`` a folder for results.json, figures and
-    report.html. Raises StudyError if ``spec`` has what this network does not have, and the errors of
-    :func:`vsgdesign.estimator.field.trained.train_field_network`.
-    """
-    from vsgdesign.artifacts.field_weights import FIELD_WEIGHTS_FILE, write_field_weights
-    from vsgdesign.estimator.data_set import check_data_target
-    from vsgdesign.estimator.field.recipe import load_field_recipe
-    from vsgdesign.estimator.field.trained import scores_document, train_field_network, verdict
-
-    faults = [
-        Fault(name, str(getattr(spec, name)), "the network of the field estimator has none", "Leave it out.")
-        for name in ("components", "starts")
-        if getattr(spec, name) is not None
-    ]
-    if faults:
-        raise StudyError("estimator", faults)
-    _check_places(out, runs, report)
-    FIELD_WEIGHTS_FILE.check_target(out)
-    if runs is not None:
-        check_data_target(runs)
-    recipe = load_field_recipe(spec.recipe)
-    with _report_folder(report, study, spec) as folder:
-        trained = train_field_network(
-            study,
-            recipe,
-            seed=spec.seed,
-            hidden=spec.hidden,
-            out=runs,
-            progress=progress or silent,
-            **how,
-        )
-        document = {
-            "weights_sha256": trained.weights.hash,
-            "data_sha256": trained.weights.data_hash,
-            "recipe": recipe.name,
-            "seed": spec.seed,
-            "converters": [dict(one) for one in trained.weights.converters],
-            "features": trained.weights.features,
-            "hidden": len(trained.weights.layers.b_1),
-            "epochs": len(trained.history["epoch"]),
-            "best_epoch": trained.best_epoch,
-            "runs": trained.runs,
-            "broken_off": trained.broken,
-            "cycles": trained.cycles,
-            "changes": trained.changes,
-            "scores": scores_document(trained.scores),
-            "verdict": verdict(trained.scores),
-            "timing_s": trained.timing_s,
-        }
-        if folder is not None:
-            from vsgdesign.report.estimator.field_training import field_training_figures, write_field_training_page
-            from vsgdesign.report.estimator.figures import write_all
-
-            (folder / "figures").mkdir()
-            figures = write_all(field_training_figures(trained), folder / "figures")
-            write_field_training_page(study.title, trained, figures, folder / "report.html")
-            named = {"study": study.name, "study_hash": study.hash, "figures": [figure.name for figure in figures]}
-            write_record(folder, named | document, _TRAIN)
-        write_field_weights(trained.weights, out)
-    return {"file": str(out)} | document
 
 
 def _check_places(out: str | Path, windows: str | Path | None, report: str | Path | None = None) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.field import DOUBT, TRACK, FieldAnswer
-from vsgdesign.estimator.field.cycles import FieldCycles
+from vsgdesign.estimator.data_set import FieldCycles
 from vsgdesign.identification.field import field_settings
 
 NAMES = ("size", "angle", "noise_size", "in_doubt")
@@ -25,7 +25,7 @@ def made_up_cycles(runs: int = 40, seed: int = 0, sigma: float = 0.05) -> FieldC
     answer stays that of the old grid for eight cycles after the jump.
     """
     rng = np.random.default_rng(seed)
-    rows: dict[str, list[Any]] = {name: [] for name in FieldCycles.__dataclass_fields__ if name != "header"}
+    rows: dict[str, list[Any]] = {name: [] for name in FieldCycles.array_names()}
     for run in range(runs):
         old, new = (np.exp(rng.uniform(-2.0, 0.0)) * np.exp(1j * rng.uniform(0.3, 1.4)) for _ in range(2))
         for k in range(PER_RUN):

@@ -10,13 +10,12 @@ import pytest
 
 from tests.estimator.field.made_up import made_up_cycles
 from vsgdesign.errors import ArtifactError
-from vsgdesign.estimator.data_set import write_arrays
-from vsgdesign.estimator.field.cycles import arrays_of, read_cycles, write_cycles
+from vsgdesign.estimator.data_set import read_cycles, write_arrays, write_data_set
 
 
 def test_round_trip(tmp_path: Path) -> None:
     cycles = made_up_cycles(4)
-    write_cycles(tmp_path / "runs.npz", cycles)
+    write_data_set(tmp_path / "runs.npz", cycles)
     back = read_cycles(tmp_path / "runs.npz")
     assert back.hash == cycles.hash
     assert np.array_equal(back.targets, cycles.targets)
@@ -25,10 +24,10 @@ def test_round_trip(tmp_path: Path) -> None:
 def test_other_files_are_refused(tmp_path: Path) -> None:
     cycles = made_up_cycles(4)
     settings = [{name: value for name, value in cycles.header["settings"][0].items() if name != "R_2"}]
-    write_cycles(tmp_path / "old.npz", replace(cycles, header={**cycles.header, "settings": settings}))
+    write_data_set(tmp_path / "old.npz", replace(cycles, header={**cycles.header, "settings": settings}))
     with pytest.raises(ArtifactError, match=r"another version of the field estimator\. Make them again"):
         read_cycles(tmp_path / "old.npz")
-    arrays = {name: values for name, values in arrays_of(cycles).items() if name != "truth"}
+    arrays = {name: values for name, values in cycles.arrays.items() if name != "truth"}
     write_arrays(tmp_path / "less.npz", cycles.header, arrays)
     with pytest.raises(ArtifactError, match="holds no runs of the field estimator: truth"):
         read_cycles(tmp_path / "less.npz")

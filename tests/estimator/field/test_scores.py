@@ -11,8 +11,8 @@ from tests.estimator.field.made_up import EVENT, PER_RUN, made_up_cycles
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers
 from vsgdesign.equations.field import TRACK, FieldAnswer
 from vsgdesign.equations.field_fusion import GateLimits
-from vsgdesign.estimator.field.cycles import FieldCycles
-from vsgdesign.estimator.field.scores import answers_of_ways, field_scores
+from vsgdesign.estimator.data_set import FieldCycles
+from vsgdesign.estimator.scores import answers_of_ways, field_scores
 
 GATE = GateLimits(first=4.0, first_refuted=2.0, last=6.0, confident=0.15)
 RADII: dict[str, float] = dict.fromkeys(MODES, 5.991464547107979)

@@ -11,8 +11,8 @@ import pytest
 from tests.estimator.field.made_up import PER_RUN, made_up_cycles, told_cycles
 from vsgdesign.equations.field_fusion import posterior_distance
 from vsgdesign.errors import StudyError
-from vsgdesign.estimator.field.cycles import FieldCycles
-from vsgdesign.estimator.field.training import FieldTraining, FieldTrainingSettings, evaluate, train_layers
+from vsgdesign.estimator.data_set import FieldCycles
+from vsgdesign.estimator.field_training import FieldTraining, FieldTrainingSettings, evaluate, train_layers
 
 SETTINGS = FieldTrainingSettings(hidden=8, epochs=40, batch=128, rate=2e-2, decay=0.01)
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from vsgdesign.errors import counted
 from vsgdesign.estimator.comparison import WITHIN, Accuracy, Comparison
-from vsgdesign.estimator.field.scores import AFTER, GROUPS, WAYS, GroupScore
-from vsgdesign.estimator.field.trained import GROUP_WORDS, TrainedFieldNetwork
+from vsgdesign.estimator.scores import AFTER, GROUP_WORDS, GROUPS, WAYS, GroupScore
 from vsgdesign.estimator.stress import Stress
+from vsgdesign.estimator.trained import TrainedFieldNetwork
 from vsgdesign.report.drawing import spark
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, without_empty
 from vsgdesign.report.quantities import number, plain

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.estimator.field.scores import AFTER, GROUPS, SEEN, WAYS, WINDOWS
-from vsgdesign.estimator.field.trained import GROUP_WORDS, TrainedFieldNetwork, verdict
+from vsgdesign.estimator.scores import AFTER, GROUP_WORDS, GROUPS, SEEN, WAYS, WINDOWS, verdict
+from vsgdesign.estimator.trained import TrainedFieldNetwork
 from vsgdesign.report.drawing.style import (
     COLUMN_IN,
     PAGE_IN,

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers
+from vsgdesign.artifacts.files import plain
 from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.equations.field_fusion import FIRST_GATE, LONG_AGO, GateLimits, Posterior, fused_answer, next_gate
-from vsgdesign.estimator.field.cycles import CHANGES, FieldCycles
-from vsgdesign.estimator.field.training import evaluate
+from vsgdesign.estimator.data_set import CHANGES, FieldCycles
 from vsgdesign.metrics.answers import Answers, answers_of, inside_ellipse, time_to_stay, valid_and_wrong
 
 Array = NDArray[np.float64]
@@ -25,6 +25,15 @@ WAYS = ("physics", "gated", "ungated")
 GROUPS = ("jump", "jump_and_step", "small_jump", "grid_step", "rest")
 """Changes that are judged together. The first two change |Z_g| by a factor of at least LEAST_FACTOR at a current of at
 least LEAST_CURRENT, ``small_jump`` is every other change of the impedance, and ``rest`` has no event of the grid."""
+
+GROUP_WORDS = {
+    "jump": "Jumps of |Z_g| by a factor of 1.5 or more at 0.1 pu of current or more",
+    "jump_and_step": "Such jumps with a step of the grid's voltage, phase or frequency",
+    "small_jump": "Smaller jumps, or at less current",
+    "grid_step": "Steps of the grid's voltage, phase or frequency alone",
+    "rest": "Without an event of the grid",
+}
+"""The groups of changes in words."""
 
 LEAST_FACTOR, LEAST_CURRENT = 1.5, 0.1
 
@@ -113,6 +122,13 @@ def _spoken(
         )
         found[k] = spoken
     return found
+
+
+def evaluate(layers: FieldLayers, features: Array) -> Posterior:
+    """The five outputs, an array (N,) each, for features (N, n)."""
+    x = (features - layers.mean) / layers.deviation
+    hidden = np.tanh(np.tanh(x @ layers.W_1.T + layers.b_1) @ layers.W_2.T + layers.b_2)
+    return Posterior(*(hidden @ layers.W_3.T + layers.b_3).T)
 
 
 def _judged(cycles: FieldCycles, answer: Array) -> dict[str, GroupScore]:
@@ -235,3 +251,53 @@ def changes_by_name(cycles: FieldCycles) -> dict[str, int]:
     keys = np.column_stack([cycles.run, cycles.change_number, cycles.change])
     kinds = np.unique(keys[cycles.change_number >= 0], axis=0)[:, 2]
     return {name: int(np.sum(kinds == code)) for code, name in enumerate(CHANGES)}
+
+
+def scores_document(scores: dict[str, dict[str, GroupScore]]) -> dict[str, Any]:
+    """The scores in JSON's types; what is no number, or is not reached, is None."""
+    return plain({way: {group: asdict(scores[way][group]) for group in GROUPS} for way in WAYS})
+
+
+def short_document(scores: dict[str, dict[str, GroupScore]]) -> dict[str, Any]:
+    """The scores for the weights' file: of the series only the cycles of AFTER."""
+    document = scores_document(scores)
+    for groups in document.values():
+        for one in groups.values():
+            for name in ("error_p95", "valid_share", "valid_error_p95"):
+                one[name] = {str(k): one[name][k] for k in AFTER}
+    return document
+
+
+def verdict(scores: dict[str, dict[str, GroupScore]]) -> list[str]:
+    """Sentences: what the network behind its gate does better or worse than the recursions alone."""
+    sentences = []
+    for group, words in GROUP_WORDS.items():
+        alone, gated = scores["physics"][group], scores["gated"][group]
+        if alone.changes == 0:
+            continue
+        found = [
+            f"{AFTER[0]} cycles after it {_percent(gated.valid_share[AFTER[0]])} of the answers are valid instead of "
+            f"{_percent(alone.valid_share[AFTER[0]])}, with a 95th percentile of their error of "
+            f"{_percent(gated.valid_error_p95[AFTER[0]])} instead of {_percent(alone.valid_error_p95[AFTER[0]])}"
+        ]
+        if "jump" in group:
+            found.append(
+                f"the 95th percentile of the time to stay within 10 % is {_milliseconds(gated.t10_s[2])} instead of "
+                f"{_milliseconds(alone.t10_s[2])}"
+            )
+        found.append(
+            f"a valid answer is wrong by more than 20 % for {_milliseconds(gated.wrong_s)} per change instead of "
+            f"{_milliseconds(alone.wrong_s)}"
+        )
+        sentences.append(f"{words} ({alone.changes}): {'; '.join(found)}.")
+    return sentences
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %" if math.isfinite(share) else "–"
+
+
+def _milliseconds(seconds: float) -> str:
+    if math.isnan(seconds):
+        return "–"
+    return f"{1e3 * seconds:.3g} ms" if math.isfinite(seconds) else "never within the run"

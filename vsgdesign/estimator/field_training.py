@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers
 from vsgdesign.equations.field_fusion import CHI_SQUARE_95, Posterior, posterior_distance
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.estimator.data_set import Split
-from vsgdesign.estimator.field.cycles import FieldCycles
+from vsgdesign.estimator.data_set import FieldCycles, Split
+from vsgdesign.estimator.scores import evaluate
 from vsgdesign.execution.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -140,13 +140,6 @@ def _loss(parameters: list[torch.Tensor], x: torch.Tensor, y: torch.Tensor, w: t
     v = (apart[:, 1] - out[:, 4] * apart[:, 0]) * torch.exp(-log_second)
     inner = torch.log1p((u * u + v * v) / FREEDOM)
     return torch.mean(w * (log_first + log_second + 0.5 * (FREEDOM + 2.0) * inner))
-
-
-def evaluate(layers: FieldLayers, features: Array) -> Posterior:
-    """The five outputs, an array (N,) each, for features (N, n)."""
-    x = (features - layers.mean) / layers.deviation
-    hidden = np.tanh(np.tanh(x @ layers.W_1.T + layers.b_1) @ layers.W_2.T + layers.b_2)
-    return Posterior(*(hidden @ layers.W_3.T + layers.b_3).T)
 
 
 def conformal_radii(layers: FieldLayers, cycles: FieldCycles, rows: NDArray[np.int64]) -> dict[str, float]:

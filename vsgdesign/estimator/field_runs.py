@@ -8,10 +8,8 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,23 +17,15 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures
 from vsgdesign.equations.field_fusion import step_refuted
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import Fault, StudyError
-from vsgdesign.estimator.blocks import Arrays, ArraysJob, made_arrays
-from vsgdesign.estimator.data_set import check_data_target
-from vsgdesign.estimator.field.cycles import FieldCycles, write_cycles
-from vsgdesign.estimator.field.recipe import FieldRecipe, check_field_recipe
-from vsgdesign.estimator.field.scenarios import FieldScenario, draw_field_scenario, target_of
-from vsgdesign.execution.executors import How
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.estimator.data_set import Arrays
+from vsgdesign.estimator.field_scenarios import FieldScenario, target_of
+from vsgdesign.estimator.recipes import FieldRecipe
 from vsgdesign.parameters.background import draw_background
 from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.field_feed import FieldScheduler, settings_of_study
 from vsgdesign.simulation.timeline import build_timeline
-
-BLOCK = 6
-"""Runs that are made, kept and handed between processes together."""
 
 
 class Listened(NamedTuple):
@@ -63,53 +53,8 @@ class ListeningScheduler(FieldScheduler):
         return gains
 
 
-def generate_cycles(
-    studies: Sequence[Study],
-    recipe: FieldRecipe,
-    seed: int,
-    *,
-    out: str | Path | None = None,
-    executor: Executor | None = None,
-    progress: Progress | None = None,
-    **how: Unpack[How],
-) -> FieldCycles:
-    """The cycles of a recipe's runs on some converters, and their file if ``out`` is given.
-
-    The studies give converter, filter, inner loops, limiter and the target of the gains; grid, source, background,
-    sensors and set points come from the recipe. The result depends on studies, recipe and seed alone, not on the
-    workers that ``how`` asks for (an ``executor`` replaces them). With ``out``, finished blocks are kept beside it
-    until the file is whole, so that the same call takes up an interrupted one. Raises StudyError for a faulty recipe or
-    seed, InfeasibleStudyError where a converter cannot run what is drawn, ArtifactError where the file cannot be
-    written.
-    """
-    check_field_recipe(recipe)
-    for name, value, least in (("seed", seed, 0), ("workers", how.get("workers", 1) or 1, 1)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise StudyError("runs", [Fault(name, str(value), f"must be a whole number, {least} or more")])
-    if out is not None:
-        check_data_target(out)
-    header = _header(studies, recipe, seed)
-    blocks = [range(first, min(first + BLOCK, recipe.runs)) for first in range(0, recipe.runs, BLOCK)]
-    job = ArraysJob(
-        what="runs",
-        header=header | {"block": BLOCK},
-        make=make_runs,
-        arguments=[(tuple(studies), recipe, seed, block) for block in blocks],
-    )
-    with made_arrays(
-        job,
-        out,
-        executor=executor,
-        progress=progress or silent,
-        **how,
-    ) as arrays:
-        cycles = FieldCycles(**arrays, header=header)
-        if out is not None:
-            write_cycles(out, cycles)
-    return cycles
-
-
-def _header(studies: Sequence[Study], recipe: FieldRecipe, seed: int) -> dict[str, Any]:
+def cycles_header(studies: Sequence[Study], recipe: FieldRecipe, seed: int) -> dict[str, Any]:
+    """The header of :class:`vsgdesign.estimator.data_set.FieldCycles`."""
     settings = [settings_of_study(study)._asdict() for study in studies]
     return {
         "kind": "runs of the field estimator",
@@ -132,15 +77,6 @@ def _converter(study: Study) -> dict[str, Any]:
         "T_s": float(c.T_s),
         "hash": hashlib.sha256(repr(used).encode()).hexdigest(),
     }
-
-
-def make_runs(studies: Sequence[Study], recipe: FieldRecipe, seed: int, indices: range) -> Arrays:
-    """Arrays of :class:`FieldCycles` for some runs."""
-    rows = []
-    for index in indices:
-        scenario = draw_field_scenario(studies, recipe, seed, index)
-        rows.append(run_cycles(studies[scenario.converter], recipe, scenario))
-    return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
 
 def study_of(study: Study, recipe: FieldRecipe, scenario: FieldScenario) -> tuple[Study, ControllerSpec]:
@@ -171,9 +107,9 @@ def study_of(study: Study, recipe: FieldRecipe, scenario: FieldScenario) -> tupl
     return run, spec
 
 
-def run_cycles(study: Study, recipe: FieldRecipe, scenario: FieldScenario) -> Arrays:
-    """Simulate one run: the arrays of a :class:`FieldCycles`. A run that diverges ends there."""
-    case, spec = study_of(study, recipe, scenario)
+def run_cycles(studies: Sequence[Study], recipe: FieldRecipe, scenario: FieldScenario) -> Arrays:
+    """Simulate one run, which ends where it diverges: arrays of :class:`vsgdesign.estimator.data_set.FieldCycles`."""
+    case, spec = study_of(studies[scenario.converter], recipe, scenario)
     scheduler = ListeningScheduler(case, spec)
     broken = simulate(case, scheduler).divergence is not None
     timeline, T_s = build_timeline(case), case.converter.T_s

@@ -1,4 +1,4 @@
-"""One run for the field estimator's network: drawn from a recipe, and drawn again where the converter cannot rest."""
+"""The runs of the field estimator's network: drawn from a recipe, and drawn again where the converter cannot rest."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
-from vsgdesign.estimator.field.cycles import CHANGES
-from vsgdesign.estimator.field.recipe import FieldRecipe
+from vsgdesign.estimator.data_set import CHANGES
+from vsgdesign.estimator.recipes import FieldRecipe
 from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_with_droop
@@ -94,12 +94,19 @@ def target_of(study: Study) -> ClosedFormTarget:
     return replace(study.target, structure=DRIVING) if study.target.structure == PUBLISHED.name else study.target
 
 
-def draw_field_scenario(studies: Sequence[Study], recipe: FieldRecipe, seed: int, index: int) -> FieldScenario:
-    """One run of a recipe: the first of its draws in which the converter rests before and after every change.
+def draw_field_scenarios(
+    studies: Sequence[Study], recipe: FieldRecipe, seed: int, indices: Sequence[int]
+) -> list[FieldScenario]:
+    """Runs of a recipe: each the first of its draws in which the converter rests before and after every change.
 
     A draw is thrown away where the grid cannot carry the power, the current exceeds ``largest_current_pu``, or the
-    loops are unstable. Depends on its arguments alone. Raises InfeasibleStudyError after ATTEMPTS draws.
+    loops are unstable. Each depends on the recipe, the seed and its index alone. Raises InfeasibleStudyError after
+    ATTEMPTS draws.
     """
+    return [_draw_one(studies, recipe, seed, index) for index in indices]
+
+
+def _draw_one(studies: Sequence[Study], recipe: FieldRecipe, seed: int, index: int) -> FieldScenario:
     converter = index % len(studies)
     study, thrown = studies[converter], Counter[str]()
     for attempt in range(ATTEMPTS):

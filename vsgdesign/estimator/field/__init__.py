@@ -1,1 +1,0 @@
-"""The learned part of the field estimator: its recipe, runs, training, and what it adds to the recursions alone."""
