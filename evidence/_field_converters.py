@@ -11,9 +11,10 @@ from vsgdesign.errors import VsgDesignError
 from vsgdesign.frames import PHASES, linear_modulation_limit, rms_to_peak
 from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_operating_point, solve_with_droop
 from vsgdesign.parameters import load_study
+from vsgdesign.parameters.event import BASIS
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.study import ControllerSpec, Event, Study
-from vsgdesign.simulation.survival.cases import BASIS, Change, GridState
+from vsgdesign.simulation.survival.cases import GridState
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies" / "survival"
 CONVERTERS = {"5 kVA": "study", "12.5 kVA": "laboratory", "1 MVA": "utility"}
@@ -79,7 +80,7 @@ def rest_at(converter: Converter, state: GridState, P_ref: float, Q_ref: float) 
 
 
 def resting_currents(
-    converter: Converter, start: GridState, changes: Sequence[Change], *, each: bool = False
+    converter: Converter, start: GridState, changes: Sequence[Event], *, each: bool = False
 ) -> tuple[float, ...] | None:
     """Current of the bridge at rest, pu: at the start and after the last change, or ``each`` of the changes.
 
@@ -92,8 +93,8 @@ def resting_currents(
         states = [(start, refs)]
         for change in changes:
             state, (P, Q) = states[-1]
-            P = P if change.P_pu is None else refs[0] + change.P_pu * S
-            Q = Q if change.Q_pu is None else refs[1] + change.Q_pu * S
+            P = P if change.P_ref is None else refs[0] + change.P_ref * S
+            Q = Q if change.Q_ref is None else refs[1] + change.Q_ref * S
             states.append((after(state, change), (P, Q)))
         asked = states if each else [states[0], states[-1]]
         found = [(state, rest_at(converter, state, *held)) for state, held in asked]
@@ -104,9 +105,10 @@ def resting_currents(
     return tuple(bridge_current(converter, point) for _, point in found)
 
 
-def after(state: GridState, change: Change) -> GridState:
+def after(state: GridState, change: Event) -> GridState:
     """The grid after a change; the powers of the state are left as they are."""
-    given = {name: getattr(change, name) for name in ("scr", "x_over_r", "V_g_pu", "df_hz")}
+    scr, x_over_r = (None, None) if change.place is None else (change.place.scr, change.place.x_over_r)
+    given = {"scr": scr, "x_over_r": x_over_r, "V_g_pu": change.V_g_rms, "df_hz": change.df_hz}
     return replace(state, **{name: value for name, value in given.items() if value is not None})
 
 
@@ -123,20 +125,20 @@ def bridge_current(converter: Converter, point: OperatingPoint) -> float:
     return rms_to_peak(abs(bridge_phasors(converter, point)[0])) / converter.study.converter.I_rated_pk
 
 
-def events_of(converter: Converter, start: GridState, changes: Sequence[Change]) -> tuple[Event, ...]:
+def events_of(converter: Converter, start: GridState, changes: Sequence[Event]) -> tuple[Event, ...]:
     """The changes as events of a study, with references in W and var."""
     c, refs = converter.study.converter, references(converter, start)
     return tuple(
         Event(
             t_s=one.t_s,
             name=f"change {k + 1}",
-            grid=None if one.scr is None else Place(one.scr, one.x_over_r or 0.0, BASIS).grid(c),
-            V_g_rms=None if one.V_g_pu is None else one.V_g_pu * c.V_rated_rms,
+            grid=None if one.place is None else one.place.grid(c),
+            V_g_rms=None if one.V_g_rms is None else one.V_g_rms * c.V_rated_rms,
             omega_g=None if one.df_hz is None else c.omega_n + 2.0 * math.pi * one.df_hz,
-            over=one.over_s,
+            over=one.over,
             phase_jump=math.radians(one.phase_deg),
-            P_ref=None if one.P_pu is None else refs[0] + one.P_pu * c.S_rated,
-            Q_ref=None if one.Q_pu is None else refs[1] + one.Q_pu * c.S_rated,
+            P_ref=None if one.P_ref is None else refs[0] + one.P_ref * c.S_rated,
+            Q_ref=None if one.Q_ref is None else refs[1] + one.Q_ref * c.S_rated,
         )
         for k, one in enumerate(changes)
     )

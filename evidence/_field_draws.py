@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from evidence._field_converters import ROOM_PU, Converter, resting_currents
-from vsgdesign.simulation.survival.cases import Change, GridState
+from vsgdesign.parameters.event import Event
+from vsgdesign.simulation.survival.cases import GridState
 
 EVENT_S = 1.5
 """Earliest instant of the first change, s: the estimator has learned its grid by then."""
@@ -59,7 +60,7 @@ class FieldDraw:
     seed: int
     start: GridState
     """P_pu and Q_pu are the powers at which it rests; the references follow from the droops."""
-    changes: tuple[Change, ...] = ()
+    changes: tuple[Event, ...] = ()
     """Times are those of the run. P_pu and Q_pu add to the references."""
     duration_s: float
     surroundings: Surroundings
@@ -67,13 +68,13 @@ class FieldDraw:
     @property
     def events_s(self) -> tuple[float, ...]:
         """Instants at which something changes suddenly, the end of a ramp among them."""
-        ends = [(one.t_s, one.t_s + one.over_s) for one in self.changes]
+        ends = [(one.t_s, one.end_s) for one in self.changes]
         return tuple(sorted({t for pair in ends for t in pair}))
 
     @property
     def jumps_s(self) -> tuple[float, ...]:
         """Instants at which the grid's impedance changes."""
-        return tuple(one.t_s for one in self.changes if one.scr is not None)
+        return tuple(one.t_s for one in self.changes if one.place is not None)
 
 
 @dataclass
@@ -82,7 +83,7 @@ class _Drawing:
 
     rng: np.random.Generator
     start: GridState
-    changes: tuple[Change, ...] = ()
+    changes: tuple[Event, ...] = ()
     surroundings: Surroundings = field(default_factory=Surroundings)
     duration_s: float | None = None
 
@@ -131,12 +132,12 @@ def _instant(rng: np.random.Generator) -> float:
     return round(EVENT_S + 0.02 * float(rng.random()), 6)
 
 
-def _jump(rng: np.random.Generator, start: GridState, t_s: float) -> Change | None:
+def _jump(rng: np.random.Generator, start: GridState, t_s: float) -> Event | None:
     """To another grid whose impedance differs by LEAST_RATIO or more."""
     scr = log_uniform(rng, 1.5, SCR[1])
     x_over_r = log_uniform(rng, *X_OVER_R) if rng.random() < 0.5 else start.x_over_r
     ratio = scr / start.scr
-    return Change(t_s=t_s, scr=scr, x_over_r=x_over_r) if max(ratio, 1.0 / ratio) >= LEAST_RATIO else None
+    return Event.of_pu(t_s, scr=scr, x_over_r=x_over_r) if max(ratio, 1.0 / ratio) >= LEAST_RATIO else None
 
 
 def _step_of_source(rng: np.random.Generator, start: GridState) -> dict[str, float]:
@@ -212,7 +213,7 @@ def _small_jump(rng: np.random.Generator) -> _Drawing | None:
     drawing = _drawing(rng)
     factor = 1.0 + uniform(rng, 0.1, 0.5)
     scr = float(f"{drawing.start.scr * (factor if rng.random() < 0.5 else 1.0 / factor):.5g}")
-    drawing.changes = (Change(t_s=_instant(rng), scr=scr, x_over_r=drawing.start.x_over_r),)
+    drawing.changes = (Event.of_pu(_instant(rng), scr=scr, x_over_r=drawing.start.x_over_r),)
     return drawing if SCR[0] <= scr <= SCR[1] else None
 
 
@@ -228,20 +229,20 @@ def _grid_step(rng: np.random.Generator) -> _Drawing:
     drawing, t_s = _drawing(rng), _instant(rng)
     start, kind = drawing.start, rng.random()
     if kind < 0.6:
-        drawing.changes = (Change(t_s=t_s, **_step_of_source(rng, start)),)
+        drawing.changes = (Event.of_pu(t_s, **_step_of_source(rng, start)),)
     elif kind < 0.8:
         rate = uniform(rng, 0.5, 2.0) * (1.0 if rng.random() < 0.5 else -1.0)
-        drawing.changes = (Change(t_s=t_s, df_hz=round(start.df_hz + 0.5 * rate, 5), over_s=0.5),)
+        drawing.changes = (Event.of_pu(t_s, df_hz=round(start.df_hz + 0.5 * rate, 5), over_s=0.5),)
     else:
         length = uniform(rng, 0.05, 0.3)
-        sag = Change(t_s=t_s, V_g_pu=round(start.V_g_pu * uniform(rng, 0.5, 0.9), 5))
-        drawing.changes = (sag, Change(t_s=round(t_s + length, 6), V_g_pu=start.V_g_pu))
+        sag = Event.of_pu(t_s, V_g_pu=round(start.V_g_pu * uniform(rng, 0.5, 0.9), 5))
+        drawing.changes = (sag, Event.of_pu(round(t_s + length, 6), V_g_pu=start.V_g_pu))
     return drawing
 
 
 def _power_step(rng: np.random.Generator) -> _Drawing:
     drawing = _drawing(rng)
-    step = Change(t_s=_instant(rng), P_pu=uniform(rng, -0.3, 0.3), Q_pu=uniform(rng, -0.1, 0.1))
+    step = Event.of_pu(_instant(rng), P_pu=uniform(rng, -0.3, 0.3), Q_pu=uniform(rng, -0.1, 0.1))
     drawing.changes = (step,)
     return drawing
 
@@ -270,7 +271,7 @@ def field_draw(converter: Converter, group: str, seed: int) -> FieldDraw:
         drawing = GROUPS[group](rng)
         if drawing is None:
             continue
-        last = max((one.t_s + one.over_s for one in drawing.changes), default=0.0)
+        last = max((one.end_s for one in drawing.changes), default=0.0)
         draw = FieldDraw(
             group=group,
             converter=converter.name,

@@ -26,6 +26,7 @@ from vsgdesign.metrics.answers import (
     valid_and_wrong,
 )
 from vsgdesign.parameters.background import BackgroundSpec, draw_background
+from vsgdesign.parameters.event import BASIS
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.sensors import SensorSpec, draw_sensors
 from vsgdesign.parameters.source import GridSource
@@ -33,7 +34,6 @@ from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.survival.cases import BASIS
 
 REST_FROM_S = 2.0
 """From here on a run without events counts as rest, s: the estimator has forgotten what it learned from first."""
@@ -140,13 +140,13 @@ def figures_of(draw: FieldDraw, answers: Answers, cycle_s: float) -> dict[str, A
     """
     currents = resting_currents(converter_of(draw.converter), draw.start, draw.changes) or (math.nan, math.nan)
     begin, end = REST_FROM_S, draw.duration_s
-    last_grid = next((one for one in reversed(draw.changes) if one.scr is not None), None)
+    last = next((one.place for one in reversed(draw.changes) if one.place is not None), None)
     found: dict[str, Any] = {
         "group": draw.group,
         "converter": draw.converter,
         "seed": draw.seed,
-        "scr": [draw.start.scr, draw.start.scr if last_grid is None else last_grid.scr],
-        "x_over_r": [draw.start.x_over_r, draw.start.x_over_r if last_grid is None else last_grid.x_over_r],
+        "scr": [draw.start.scr, draw.start.scr if last is None else last.scr],
+        "x_over_r": [draw.start.x_over_r, draw.start.x_over_r if last is None else last.x_over_r],
         "current_pu": [round(one, 4) for one in (currents[0], currents[-1])],
         "duration_s": draw.duration_s,
         "cycle_s": cycle_s,

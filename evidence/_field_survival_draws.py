@@ -14,7 +14,8 @@ import numpy as np
 
 from evidence._field_converters import ROOM_PU, Converter, resting_currents
 from evidence._field_draws import SCR, X_OVER_R, FieldDraw, Surroundings, log_uniform, uniform
-from vsgdesign.simulation.survival.cases import Change, GridState
+from vsgdesign.parameters.event import Event
+from vsgdesign.simulation.survival.cases import GridState
 
 EVENT_S = 1.6
 """Earliest instant of a disturbance, s."""
@@ -30,7 +31,7 @@ class Disturbance:
     """Changes with times after the beginning of the disturbance, and whether every state in between is asked to have a
     rest."""
 
-    changes: tuple[Change, ...]
+    changes: tuple[Event, ...]
     rests_between: bool = True
 
 
@@ -49,16 +50,16 @@ def _other(rng: np.random.Generator, start: GridState) -> float | None:
 
 def _jump(rng: np.random.Generator, start: GridState) -> Disturbance | None:
     scr = _other(rng, start)
-    return Disturbance((Change(t_s=0.0, scr=scr, x_over_r=start.x_over_r),)) if scr else None
+    return Disturbance((Event.of_pu(0.0, scr=scr, x_over_r=start.x_over_r),)) if scr else None
 
 
 def _jump_of_both(rng: np.random.Generator, start: GridState) -> Disturbance | None:
     scr = _other(rng, start)
-    return Disturbance((Change(t_s=0.0, scr=scr, x_over_r=log_uniform(rng, *X_OVER_R)),)) if scr else None
+    return Disturbance((Event.of_pu(0.0, scr=scr, x_over_r=log_uniform(rng, *X_OVER_R)),)) if scr else None
 
 
 def _phase(rng: np.random.Generator, _: GridState) -> Disturbance:
-    return Disturbance((Change(t_s=0.0, phase_deg=_sign(rng) * uniform(rng, 5.0, 60.0)),))
+    return Disturbance((Event.of_pu(0.0, phase_deg=_sign(rng) * uniform(rng, 5.0, 60.0)),))
 
 
 def _dip_to(rng: np.random.Generator, start: GridState) -> float:
@@ -67,7 +68,7 @@ def _dip_to(rng: np.random.Generator, start: GridState) -> float:
 
 def _dip(rng: np.random.Generator, start: GridState) -> Disturbance:
     length = uniform(rng, 0.15, 0.5)
-    begun, over = Change(t_s=0.0, V_g_pu=_dip_to(rng, start)), Change(t_s=length, V_g_pu=start.V_g_pu)
+    begun, over = Event.of_pu(0.0, V_g_pu=_dip_to(rng, start)), Event.of_pu(length, V_g_pu=start.V_g_pu)
     return Disturbance((begun, over), rests_between=False)
 
 
@@ -75,30 +76,30 @@ def _dip_and_jump(rng: np.random.Generator, start: GridState) -> Disturbance | N
     scr, phase = _other(rng, start), uniform(rng, -15.0, 15.0)
     if scr is None:
         return None
-    begun = Change(t_s=0.0, V_g_pu=_dip_to(rng, start))
-    over = Change(t_s=uniform(rng, 0.1, 0.3), V_g_pu=start.V_g_pu, scr=scr, x_over_r=start.x_over_r, phase_deg=phase)
+    begun = Event.of_pu(0.0, V_g_pu=_dip_to(rng, start))
+    over = Event.of_pu(uniform(rng, 0.1, 0.3), V_g_pu=start.V_g_pu, scr=scr, x_over_r=start.x_over_r, phase_deg=phase)
     return Disturbance((begun, over), rests_between=False)
 
 
 def _ramp(rng: np.random.Generator, start: GridState) -> Disturbance:
     by = _sign(rng) * uniform(rng, 0.5, 2.0)
-    away = Change(t_s=0.0, df_hz=round(start.df_hz + by, 5), over_s=1.0)
-    return Disturbance((away, Change(t_s=1.8, df_hz=start.df_hz, over_s=1.0)))
+    away = Event.of_pu(0.0, df_hz=round(start.df_hz + by, 5), over_s=1.0)
+    return Disturbance((away, Event.of_pu(1.8, df_hz=start.df_hz, over_s=1.0)))
 
 
 def _frequency(rng: np.random.Generator, start: GridState) -> Disturbance:
     by = _sign(rng) * uniform(rng, 0.1, 0.5)
-    return Disturbance((Change(t_s=0.0, df_hz=round(start.df_hz + by, 5)),))
+    return Disturbance((Event.of_pu(0.0, df_hz=round(start.df_hz + by, 5)),))
 
 
 def _power(rng: np.random.Generator, start: GridState) -> Disturbance:
     step = -uniform(rng, 0.2, 1.2) if start.P_pu > 0.0 else uniform(rng, 0.2, 1.2)
-    return Disturbance((Change(t_s=0.0, P_pu=step),))
+    return Disturbance((Event.of_pu(0.0, P_pu=step),))
 
 
 def _overload(rng: np.random.Generator, start: GridState) -> Disturbance:
     sign = 1.0 if start.P_pu > 0.0 else -1.0
-    over, back = Change(t_s=0.0, P_pu=sign * uniform(rng, 0.5, 1.0)), Change(t_s=1.0, P_pu=0.0)
+    over, back = Event.of_pu(0.0, P_pu=sign * uniform(rng, 0.5, 1.0)), Event.of_pu(1.0, P_pu=0.0)
     return Disturbance((over, back), rests_between=False)
 
 
@@ -106,8 +107,8 @@ def _there_and_back(rng: np.random.Generator, start: GridState) -> Disturbance |
     scr = _other(rng, start)
     if scr is None:
         return None
-    there = Change(t_s=0.0, scr=scr, x_over_r=start.x_over_r)
-    back = Change(t_s=uniform(rng, 0.06, 0.3), scr=start.scr, x_over_r=start.x_over_r)
+    there = Event.of_pu(0.0, scr=scr, x_over_r=start.x_over_r)
+    back = Event.of_pu(uniform(rng, 0.06, 0.3), scr=start.scr, x_over_r=start.x_over_r)
     return Disturbance((there, back))
 
 
@@ -115,8 +116,8 @@ def _three_dips(rng: np.random.Generator, start: GridState) -> Disturbance:
     apart, to = uniform(rng, 0.3, 0.4), _dip_to(rng, start)
     changes = []
     for k in range(3):
-        changes.append(Change(t_s=round(apart * k, 5), V_g_pu=to))
-        changes.append(Change(t_s=round(apart * k + 0.15, 5), V_g_pu=start.V_g_pu))
+        changes.append(Event.of_pu(round(apart * k, 5), V_g_pu=to))
+        changes.append(Event.of_pu(round(apart * k + 0.15, 5), V_g_pu=start.V_g_pu))
     return Disturbance(tuple(changes), rests_between=False)
 
 
@@ -126,7 +127,7 @@ def _all_at_once(rng: np.random.Generator, start: GridState) -> Disturbance | No
         return None
     phase, by = _sign(rng) * uniform(rng, 5.0, 20.0), _sign(rng) * uniform(rng, 0.1, 0.3)
     df = round(start.df_hz + by, 5)
-    return Disturbance((Change(t_s=0.0, scr=scr, x_over_r=start.x_over_r, phase_deg=phase, df_hz=df),))
+    return Disturbance((Event.of_pu(0.0, scr=scr, x_over_r=start.x_over_r, phase_deg=phase, df_hz=df),))
 
 
 KINDS: dict[str, tuple[int, Kind]] = {
@@ -171,14 +172,14 @@ def survival_draw(converter: Converter, seed: int) -> FieldDraw:
         currents = resting_currents(converter, start, found.changes, each=found.rests_between)
         if currents is None or max(currents) > ROOM_PU:
             continue
-        changes = tuple(Change(**{**vars(one), "t_s": round(at_s + one.t_s, 6)}) for one in found.changes)
+        changes = tuple(Event.of_pu(**{**vars(one), "t_s": round(at_s + one.t_s, 6)}) for one in found.changes)
         return FieldDraw(
             group=group,
             converter=converter.name,
             seed=seed,
             start=start,
             changes=changes,
-            duration_s=round(max(one.t_s + one.over_s for one in changes) + AFTER_S, 6),
+            duration_s=round(max(one.end_s for one in changes) + AFTER_S, 6),
             surroundings=Surroundings(seed=int(rng.integers(1 << 31))),
         )
     raise ValueError(f"{converter.name}, seed {seed}: no draw in {_ATTEMPTS} attempts rests with room for harmonics.")

@@ -118,7 +118,7 @@ def _told(timeline: Timeline) -> tuple[tuple[float, Grid | None], ...]:
 def judged(converter: Converter, draw: FieldDraw, study: Study, simulation: Simulation) -> Survival:
     """The verdict: as on a clean grid, with a wider band and for a share of the time."""
     c, last = study.converter, draw.changes[-1]
-    cleared_s, T_s = last.t_s + last.over_s, c.T_s
+    cleared_s, T_s = last.end_s, c.T_s
     log, t_s = simulation.log, simulation.t_s
     counted = simulation.column("limited_samples")
     record = SurvivalRecord(
@@ -131,7 +131,7 @@ def judged(converter: Converter, draw: FieldDraw, study: Study, simulation: Simu
         diverged=simulation.divergence is not None,
     )
     late = grid_over(simulation.timeline, cleared_s + AT_REST_AFTER_S, study.simulation.duration, T_s)
-    scr = next((one.scr for one in reversed(draw.changes) if one.scr is not None), draw.start.scr)
+    scr = next((one.place.scr for one in reversed(draw.changes) if one.place is not None), draw.start.scr)
     demand = replace(
         demand_of(c, 1.0, cycle_s=MEAN_S),
         settling_times=AT_REST_AFTER_S,
@@ -205,9 +205,9 @@ def sensor_gains(study: Study) -> tuple[float, float]:
 def answered(draw: FieldDraw, answers: Answers) -> dict[str, Any]:
     """What the estimator said from the disturbance on."""
     events, end = draw.events_s, draw.duration_s
-    cleared_s = draw.changes[-1].t_s + draw.changes[-1].over_s
-    of_grid = [one.t_s for one in draw.changes if one.scr is not None]
-    of_voltage = [one.t_s for one in draw.changes if one.V_g_pu is not None]
+    cleared_s = draw.changes[-1].end_s
+    of_grid = [one.t_s for one in draw.changes if one.place is not None]
+    of_voltage = [one.t_s for one in draw.changes if one.V_g_rms is not None]
     since = max([*of_grid, *of_voltage], default=events[0])
     found_s = time_to_stay(answers, since, end)
     wrong = valid_and_wrong(answers, events[0], end, events)

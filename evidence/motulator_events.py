@@ -33,8 +33,9 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.parameters import study_from_text
 from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.event import BASIS
 from vsgdesign.parameters.grid import Place
-from vsgdesign.simulation.survival.cases import BASIS, GridKnowledge, GridState, SurvivalCase
+from vsgdesign.simulation.survival.cases import GridKnowledge, GridState, SurvivalCase
 from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.simulation.survival.sets import fixed_set
 
@@ -83,7 +84,7 @@ def cases() -> tuple[SurvivalCase, ...]:
 
 def _runs(case: SurvivalCase) -> bool:
     nominal = case.start.Q_pu == 0.0 and case.start.df_hz == 0.0
-    steps = all(change.df_hz is None and change.over_s == 0.0 and not change.Q_pu for change in case.changes)
+    steps = all(change.df_hz is None and change.over == 0.0 and not change.Q_ref for change in case.changes)
     return nominal and steps and not case.for_ever and case.knowledge.exact
 
 
@@ -151,13 +152,13 @@ def run(plant: Plant, case: SurvivalCase) -> Survival:
     for change in case.changes:
         simulation.simulate(LEAD_S + change.t_s - 0.5 * SAMPLING_S)  # up to the sample after this time
         instants.append(controller.t)
-        if change.scr is not None and change.x_over_r is not None:
-            grid = Place(change.scr, change.x_over_r, BASIS).grid(c)
+        if change.place is not None:
+            grid = change.place.grid(c)
             ac_filter.L_g, ac_filter.R_g = grid.L_g, grid.R_g
-        if change.V_g_pu is not None:
-            source.e_g = change.V_g_pu * u
-        if change.P_pu is not None:
-            controller.set_power_ref(change.P_pu * c.S_rated)
+        if change.V_g_rms is not None:
+            source.e_g = change.V_g_rms * u
+        if change.P_ref is not None:
+            controller.set_power_ref(change.P_ref * c.S_rated)
         source.phi += math.radians(change.phase_deg)
         sources.append((source.e_g, source.phi))
     result = simulation.simulate(instants[-1] + demand.needed_s + SAMPLING_S)

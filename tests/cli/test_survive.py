@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from tests.cli.small_studies import call, failure
+from vsgdesign.parameters.event import Event
 from vsgdesign.simulation import survival
-from vsgdesign.simulation.survival import Change, GridState, SurvivalCase, many
+from vsgdesign.simulation.survival import GridState, SurvivalCase, many
 
 TEXT = """
 base = "case:hoang2025_5kva"
@@ -46,10 +47,10 @@ def few(monkeypatch: pytest.MonkeyPatch) -> tuple[SurvivalCase, ...]:
     """Four systematic disturbances: two small, one too large for a circular limit, one without a rest."""
     start = GridState(scr=5.0, x_over_r=3.0, P_pu=0.4, Q_pu=0.0)
     events = (
-        ("phase", Change(t_s=0.0, phase_deg=3.0)),
-        ("phase", Change(t_s=0.0, phase_deg=-3.0)),
-        ("overload", Change(t_s=0.0, phase_deg=170.0)),
-        ("jump", Change(t_s=0.0, scr=0.2, x_over_r=3.0)),
+        ("phase", Event.of_pu(0.0, phase_deg=3.0)),
+        ("phase", Event.of_pu(0.0, phase_deg=-3.0)),
+        ("overload", Event.of_pu(0.0, phase_deg=170.0)),
+        ("jump", Event.of_pu(0.0, scr=0.2, x_over_r=3.0)),
     )
     cases = tuple(SurvivalCase(group=group, start=start, changes=(one,), cleared_s=0.0) for group, one in events)
     monkeypatch.setattr(survival, "fixed_set", lambda: cases)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from tests.compliance.made_runs import SOURCE
-from vsgdesign.compliance.subject import Subject
-from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
+from vsgdesign.compliance.case import Subject
+from vsgdesign.compliance.suite import SuiteTest
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.parameters.study import Study
 
@@ -49,7 +50,7 @@ def subject(name: str = "damped", case: str = "hoang2025_5kva") -> Subject:
     return Subject(study=study, spec=next(spec for spec in study.controllers if spec.name == name))
 
 
-def suite_test(*events: SuiteEvent, **given: Any) -> SuiteTest:
+def suite_test(*events: Event, **given: Any) -> SuiteTest:
     """A test with these events."""
     usual = {"id": "made", "group": "made", "title": "made", "source": SOURCE, "scr": 5.0, "x_over_r": 5.0}
     return SuiteTest(events=events, **(usual | given))

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.compliance.measures import MeasureInput, Ratings
-from vsgdesign.compliance.suite import OURS, Source, SuiteEvent, SuiteTest
+from vsgdesign.compliance.suite import OURS, Source, SuiteTest
 from vsgdesign.compliance.trace import Trace
+from vsgdesign.parameters.event import Event
 
 Array = NDArray[np.float64]
 
@@ -39,9 +40,7 @@ def made_trace(t: Array, f_n: float = 50.0, **signals: Any) -> Trace:
     return Trace(t_s=t, **{name: np.broadcast_to(value, t.shape) for name, value in (rest | signals).items()})
 
 
-def made_run(
-    trace: Trace, *events: SuiteEvent, f_n: float = 50.0, limit: float | None = 1.2, **more: Any
-) -> MeasureInput:
+def made_run(trace: Trace, *events: Event, f_n: float = 50.0, limit: float | None = 1.2, **more: Any) -> MeasureInput:
     """A run of a test with these events."""
     test = SuiteTest(id="made", group="made", title="made", source=SOURCE, scr=5.0, x_over_r=10.0, events=events)
     ratings = Ratings(S_rated=5e3, V_rated_rms=110.0, f_n_hz=f_n, i_limit_pu=limit)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -12,12 +11,13 @@ import numpy as np
 from tests.compliance.made_runs import SOURCE
 from vsgdesign.compliance.linear import nfp_of
 from vsgdesign.compliance.measures import MeasureInput, Ratings
-from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
+from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.compliance.tracing import trace_of
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.parameters.study import Event, Study
+from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run import simulate
@@ -51,7 +51,7 @@ def real_run(study: Study, test: SuiteTest, gains: PowerLoopGains | None = None)
     last = test.events[-1]
     simulation = replace(
         study.simulation,
-        duration=last.t_s + last.over_s + (test.duration_s or 1.0),
+        duration=last.end_s + (test.duration_s or 1.0),
         bridge="averaged",
         start="steady_state",
         log_interval=c.T_s,
@@ -59,7 +59,7 @@ def real_run(study: Study, test: SuiteTest, gains: PowerLoopGains | None = None)
         Q_ref=Q_ref,
     )
     own = replace(
-        study.undisturbed, grid=grid, simulation=simulation, events=tuple(_event(study, e) for e in test.events)
+        study.undisturbed, grid=grid, simulation=simulation, events=tuple(event.on(c) for event in test.events)
     )
     run = simulate(own, [GainChange(0.0, gains)]).to_its_end()
     trace = trace_of(own, run, max(round(INTERVAL_S / c.T_s), 1), 0.0)
@@ -67,18 +67,6 @@ def real_run(study: Study, test: SuiteTest, gains: PowerLoopGains | None = None)
     return MeasureInput(test=test, trace=trace, ratings=ratings, gains=gains, nfp=nfp_of(own, gains)), gains
 
 
-def _event(study: Study, event: SuiteEvent) -> Event:
-    c = study.converter
-    return Event(
-        t_s=event.t_s,
-        name="event",
-        V_g_rms=None if event.V_g_pu is None else event.V_g_pu * c.V_rated_rms,
-        omega_g=None if event.df_hz is None else c.omega_n + 2.0 * math.pi * event.df_hz,
-        over=event.over_s,
-        phase_jump=math.radians(event.phase_deg),
-    )
-
-
-def grid_test(*events: SuiteEvent, **more: Any) -> SuiteTest:
+def grid_test(*events: Event, **more: Any) -> SuiteTest:
     """A test of these events."""
     return SuiteTest(id="real", group="real", title="real", source=SOURCE, events=events, **more)

@@ -10,31 +10,32 @@ import numpy as np
 import pytest
 
 from tests.compliance.bench_studies import TEXT, subject, suite_test
-from vsgdesign.compliance.case import case_of
+from vsgdesign.compliance.case import Subject, case_of, case_text
 from vsgdesign.compliance.evidence import Evidence
 from vsgdesign.compliance.matrix import judged_test, network_in_words, summary_of
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
 from vsgdesign.compliance.run import run_test
-from vsgdesign.compliance.subject import Subject
-from vsgdesign.compliance.suite import Criterion, Suite, SuiteEvent, SuiteTest
+from vsgdesign.compliance.suite import Criterion, Suite, SuiteTest
 from vsgdesign.compliance.thinning import thinned
 from vsgdesign.explore.session import start_of
 from vsgdesign.explore.state import state_of
 from vsgdesign.frames import SPACE_VECTOR_POWER
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.parameters.network import Fault, Load, SynchroCheck
 from vsgdesign.parameters.source import Sag
 from vsgdesign.pipeline.explorer_links import explorer_link
 
-JUMP = SuiteEvent(t_s=0.0, phase_deg=30.0)
+JUMP = Event.of_pu(0.0, phase_deg=30.0)
 SURVIVED = Criterion(measure="survived", at_least=1.0)
 
 
 @pytest.mark.parametrize("case", ["hoang2025_5kva", "utility_1mva_60hz"])
 def test_a_study_says_a_test_in_si(case: str) -> None:
     one = subject(case=case)
-    events = SuiteEvent(t_s=0.01, df_hz=-0.5, over_s=0.5), SuiteEvent(t_s=1.0, scr=2.0, x_over_r=10.0, P_pu=0.2)
-    study, text = case_of(one, suite_test(*events, scr=4.0, x_over_r=3.0, P_pu=0.6, Q_pu=-0.1, V_g_pu=0.97, df_hz=0.2))
+    events = Event.of_pu(0.01, df_hz=-0.5, over_s=0.5), Event.of_pu(1.0, scr=2.0, x_over_r=10.0, P_pu=0.2)
+    test = suite_test(*events, scr=4.0, x_over_r=3.0, P_pu=0.6, Q_pu=-0.1, V_g_pu=0.97, df_hz=0.2)
+    study, text = case_of(one, test), case_text(one, test, name="case", folder=".")
     c = study.converter
     assert math.hypot(study.grid.R_g, c.omega_n * study.grid.L_g) == pytest.approx(c.Z_base / 4.0, rel=1e-12)
     assert c.omega_n * study.grid.L_g / study.grid.R_g == pytest.approx(3.0)
@@ -58,13 +59,13 @@ def test_a_study_says_a_test_in_si(case: str) -> None:
 
 
 def test_the_schedule_is_told_late() -> None:
-    study, _ = case_of(subject(), suite_test(JUMP, silent_s=0.7))
+    study = case_of(subject(), suite_test(JUMP, silent_s=0.7))
     assert study.controllers[0].knowledge is not None
     assert study.controllers[0].knowledge.silent_s == 0.7
-    forever, _ = case_of(subject(), suite_test(JUMP, silent_s=math.inf))
+    forever = case_of(subject(), suite_test(JUMP, silent_s=math.inf))
     assert forever.controllers[0].knowledge is not None
     assert forever.controllers[0].knowledge.silent_s > forever.simulation.duration
-    fixed, _ = case_of(subject("fixed"), suite_test(JUMP))
+    fixed = case_of(subject("fixed"), suite_test(JUMP))
     assert fixed.controllers[0].knowledge is None
 
 
@@ -122,7 +123,7 @@ def test_each_verdict_has_its_reason() -> None:
 
 def test_a_circuit_that_cannot_be_followed_does_not_apply() -> None:
     fault = Fault(R=1e-9)
-    test = suite_test(SuiteEvent(t_s=0.0, fault=fault), SuiteEvent(t_s=0.1, fault_cleared=True), criteria=(SURVIVED,))
+    test = suite_test(Event.of_pu(0.0, fault=fault), Event.of_pu(0.1, fault="cleared"), criteria=(SURVIVED,))
     row = judged_test(subject(), Suite(name="made", title="Made", source=test.source, tests=(test,)), test).row
     assert row.verdict == NOT_APPLICABLE
     assert row.why.startswith("it cannot be simulated with this converter: three-phase fault at the PCC")
@@ -138,7 +139,7 @@ def test_a_start_that_the_grid_cannot_carry_fails_without_a_limit() -> None:
 
 
 def test_an_island_is_judged_by_its_own_rest() -> None:
-    opens = SuiteEvent(t_s=0.0, connected=False)
+    opens = Event.of_pu(0.0, breaker="open")
     load = Load(R_parallel=1.0 / 0.6)
     good = run_test(subject(), suite_test(opens, load=load))
     assert good.survival.status == "survived"
@@ -150,7 +151,7 @@ def test_an_island_is_judged_by_its_own_rest() -> None:
 def test_an_island_of_a_wrong_frequency_is_lost() -> None:
     soft = study_from_text(TEXT.replace("CASE", "hoang2025_5kva").replace('P_droop = "5 %"', 'P_droop = "10 %"'))
     one = Subject(study=soft, spec=soft.controllers[0])
-    test = suite_test(SuiteEvent(t_s=0.0, connected=False), load=Load(R_parallel=20.0), P_pu=0.9)
+    test = suite_test(Event.of_pu(0.0, breaker="open"), load=Load(R_parallel=20.0), P_pu=0.9)
     found = run_test(one, test).survival
     assert found.status == "not at rest"
     assert found.reason is not None
@@ -159,20 +160,20 @@ def test_an_island_of_a_wrong_frequency_is_lost() -> None:
 
 def test_a_synchro_check_waits_for_both_sides() -> None:
     check = SynchroCheck(angle=math.radians(10.0), V_pu=0.1, omega=2.0 * math.pi * 2.0)
-    opens = SuiteEvent(t_s=0.0, connected=False)
-    closes = SuiteEvent(t_s=0.5, connected=True, synchro_check=check)
+    opens = Event.of_pu(0.0, breaker="open")
+    closes = Event.of_pu(0.5, breaker="closed", synchro_check=check)
     load = Load(R_parallel=1.0 / 0.8)
     run = run_test(subject(), suite_test(opens, closes, load=load))
     assert run.survival.status == "survived"
     assert run.test.events[1].t_s > 0.5
-    never = SuiteEvent(t_s=0.5, connected=True, synchro_check=replace(check, omega=2.0 * math.pi * 0.3))
+    never = Event.of_pu(0.5, breaker="closed", synchro_check=replace(check, omega=2.0 * math.pi * 0.3))
     lost = run_test(subject(), suite_test(opens, never, load=load)).survival
     assert lost.status == "not at rest"
     assert "so the breaker stays open" in str(lost.reason)
 
 
 def test_a_rest_at_the_limit_is_held_and_said() -> None:
-    run = run_test(subject(), suite_test(SuiteEvent(t_s=0.0, V_g_pu=0.6), scr=10.0, x_over_r=10.0))
+    run = run_test(subject(), suite_test(Event.of_pu(0.0, V_g_pu=0.6), scr=10.0, x_over_r=10.0))
     assert run.survival.status == "survived"
     assert run.survival.reason is not None
     assert run.survival.reason.startswith("it comes to a rest of its own (the rest needs")
@@ -182,14 +183,14 @@ def test_a_rest_at_the_limit_is_held_and_said() -> None:
     ("events", "kind"),
     [
         ((JUMP,), "phase"),
-        ((SuiteEvent(t_s=0.0, V_g_pu=0.2), SuiteEvent(t_s=0.15, V_g_pu=1.0)), "sag"),
-        ((SuiteEvent(t_s=0.0, sag=Sag(kind="A", V_pu=0.2)), SuiteEvent(t_s=0.15, V_g_pu=1.0)), "sag"),
-        ((SuiteEvent(t_s=0.0, df_hz=-1.0, over_s=0.5),), "ramp"),
-        ((SuiteEvent(t_s=0.0, scr=2.0, x_over_r=3.0),), "grid"),
-        ((SuiteEvent(t_s=0.0, P_pu=0.7),), "step"),
+        ((Event.of_pu(0.0, V_g_pu=0.2), Event.of_pu(0.15, V_g_pu=1.0)), "sag"),
+        ((Event.of_pu(0.0, sag=Sag(kind="A", V_pu=0.2)), Event.of_pu(0.15, V_g_pu=1.0)), "sag"),
+        ((Event.of_pu(0.0, df_hz=-1.0, over_s=0.5),), "ramp"),
+        ((Event.of_pu(0.0, scr=2.0, x_over_r=3.0),), "grid"),
+        ((Event.of_pu(0.0, P_pu=0.7),), "step"),
     ],
 )
-def test_a_link_shows_the_test_in_the_explorer(events: tuple[SuiteEvent, ...], kind: str) -> None:
+def test_a_link_shows_the_test_in_the_explorer(events: tuple[Event, ...], kind: str) -> None:
     one = subject()
     link = explorer_link(one.study, {}, suite_test(*events, scr=8.0, x_over_r=3.0), "damped")
     assert link is not None
@@ -203,13 +204,13 @@ def test_a_link_shows_the_test_in_the_explorer(events: tuple[SuiteEvent, ...], k
 @pytest.mark.parametrize(
     "events",
     [
-        (SuiteEvent(t_s=0.0, connected=False),),
-        (JUMP, SuiteEvent(t_s=1.0, P_pu=0.2)),
-        (SuiteEvent(t_s=0.0, V_g_pu=0.0), SuiteEvent(t_s=0.15, V_g_pu=1.0)),
-        (SuiteEvent(t_s=0.0, sag=Sag(kind="C", V_pu=0.5)), SuiteEvent(t_s=0.15, V_g_pu=1.0)),
+        (Event.of_pu(0.0, breaker="open"),),
+        (JUMP, Event.of_pu(1.0, P_pu=0.2)),
+        (Event.of_pu(0.0, V_g_pu=0.0), Event.of_pu(0.15, V_g_pu=1.0)),
+        (Event.of_pu(0.0, sag=Sag(kind="C", V_pu=0.5)), Event.of_pu(0.15, V_g_pu=1.0)),
     ],
 )
-def test_of_an_event_that_the_explorer_does_not_have_the_grid_is_shown(events: tuple[SuiteEvent, ...]) -> None:
+def test_of_an_event_that_the_explorer_does_not_have_the_grid_is_shown(events: tuple[Event, ...]) -> None:
     one = subject()
     link = explorer_link(one.study, {}, suite_test(*events, x_over_r=3.0), "damped")
     assert link is not None

@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.compliance import closing
+from vsgdesign.compliance import case
+from vsgdesign.compliance.case import Subject
 from vsgdesign.compliance.reading import suite_from_text
 from vsgdesign.compliance.run import run_test
-from vsgdesign.compliance.subject import Subject
 from vsgdesign.errors import StudyError
 from vsgdesign.parameters.loading import study_from_text
+from vsgdesign.parameters.network import Fault
 
 STUDY = study_from_text(
     """
@@ -40,7 +41,7 @@ def test_the_breaker_closes_at_the_angle_that_is_asked_for() -> None:
     test = suite_from_text(SUITE.replace("LOAD", "0.2")).tests[0]
     run = run_test(Subject(study=STUDY, spec=STUDY.controllers[0]), test)
     last = run.test.events[-1]
-    assert last.connected is True
+    assert last.switched.breaker == "closed"
     assert last.synchro_check is None
     assert 0.2 < last.t_s < 5.0
     assert run.trace is not None
@@ -53,7 +54,7 @@ def test_the_breaker_closes_at_the_angle_that_is_asked_for() -> None:
 
 def test_an_island_that_never_comes_near_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     """At 0.5 pu of load and reference the island keeps the grid's frequency, so the angle stays where it was."""
-    monkeypatch.setattr(closing, "WAIT_S", 0.5)
+    monkeypatch.setattr(case, "WAIT_S", 0.5)
     test = suite_from_text(SUITE.replace("LOAD", "0.5")).tests[0]
     with pytest.raises(StudyError, match=r"synchro_check: both sides are never near enough within 0\.5 s"):
         run_test(Subject(study=STUDY, spec=STUDY.controllers[0]), test)
@@ -83,8 +84,9 @@ def test_a_fault_ends_at_the_zeros_of_its_currents() -> None:
     assert timeline.network_at(end_s - 1e-6).fault is not None
     assert 0.12 < end_s - subject.lead_s < 0.14
     assert run.test.events[0].t_s == 0.0
-    assert run.test.events[1].fault is not None
-    assert run.test.events[1].fault.kind == "phase_to_phase"
+    left = run.test.events[1].switched.fault
+    assert isinstance(left, Fault)
+    assert left.kind == "phase_to_phase"
     assert {event.t_s for event in run.test.events[2:]} == {end_s - subject.lead_s}
     assert run.trace is not None
     after = run.trace.t_s > 0.12

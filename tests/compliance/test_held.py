@@ -8,18 +8,18 @@ import numpy as np
 
 from tests.compliance.bench_studies import subject, suite_test
 from vsgdesign.compliance.run import run_test
-from vsgdesign.compliance.suite import SuiteEvent
 from vsgdesign.metrics.survival import ExpectedRest
+from vsgdesign.parameters.event import Event
 from vsgdesign.simulation.loop import LOG_COLUMNS
 from vsgdesign.simulation.survival.held import held_fault
 
-SLOW_RAMP = SuiteEvent(t_s=0.0, df_hz=-0.6, over_s=0.3)
+SLOW_RAMP = Event.of_pu(0.0, df_hz=-0.6, over_s=0.3)
 """The droop of 5 % asks for 0.24 pu more."""
 
 
 def test_a_start_near_the_limit_is_judged() -> None:
     """A rest at 1.11 of 1.2 pu before the test was refused as "rest over limit", and the row failed for it."""
-    jump = SuiteEvent(t_s=0.0, phase_deg=10.0)
+    jump = Event.of_pu(0.0, phase_deg=10.0)
     found = run_test(subject(), suite_test(jump, scr=20.0, x_over_r=10.0, P_pu=1.1)).survival
     assert found.status == "survived"
     assert found.reason is not None

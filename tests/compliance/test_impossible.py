@@ -12,10 +12,11 @@ from tests.compliance.bench_studies import subject, suite_test
 from vsgdesign.compliance.applies import not_applicable
 from vsgdesign.compliance.impossible import impossible, largest_power
 from vsgdesign.compliance.run import run_test
-from vsgdesign.compliance.suite import Criterion, SuiteEvent
+from vsgdesign.compliance.suite import Criterion
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.network import Fault, Load
 
-DROP = SuiteEvent(t_s=0.0, P_pu=0.1)
+DROP = Event.of_pu(0.0, P_pu=0.1)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -39,7 +40,7 @@ def test_a_power_beyond_the_grid_is_impossible_before_or_after() -> None:
     assert before is not None
     assert before.startswith("Before the test P_ref = 1.5 pu is asked for")
     back = Criterion(measure="P_back_s", at_most=1.0)
-    after = impossible(study, suite_test(SuiteEvent(t_s=0.0, V_g_pu=0.4), P_pu=0.9, criteria=(back,)))
+    after = impossible(study, suite_test(Event.of_pu(0.0, V_g_pu=0.4), P_pu=0.9, criteria=(back,)))
     assert after is not None
     assert after.startswith("After the test P_ref = 0.9 pu")
     assert "V_g·I + R·I² = 0.4·" in after
@@ -47,7 +48,7 @@ def test_a_power_beyond_the_grid_is_impossible_before_or_after() -> None:
 
 def test_a_converter_survives_at_its_limit_what_the_grid_does_not_carry() -> None:
     """Such rows were called impossible for any converter, and this one is at rest with 97 % of what there is."""
-    weaker = SuiteEvent(t_s=0.0, scr=1.5, x_over_r=2.0)
+    weaker = Event.of_pu(0.0, scr=1.5, x_over_r=2.0)
     test = suite_test(weaker, scr=20.0, x_over_r=2.0, P_pu=-0.9, criteria=(Criterion(measure="survived", at_least=1),))
     assert impossible(subject().own_study, test) is None
     run = run_test(subject(), test)
@@ -59,15 +60,15 @@ def test_a_converter_survives_at_its_limit_what_the_grid_does_not_carry() -> Non
 
 
 def test_a_grid_at_another_frequency_asks_a_droop_for_less() -> None:
-    event, back = SuiteEvent(t_s=0.0, V_g_pu=0.4, df_hz=0.5), Criterion(measure="P_back_s", at_most=1.0)
+    event, back = Event.of_pu(0.0, V_g_pu=0.4, df_hz=0.5), Criterion(measure="P_back_s", at_most=1.0)
     assert impossible(subject().own_study, suite_test(event, P_pu=0.9, criteria=(back,))) is None
 
 
 def test_a_fault_that_is_cleared_is_possible() -> None:
     study = subject().own_study
-    cleared = SuiteEvent(t_s=0.2, fault_cleared=True)
-    assert impossible(study, suite_test(SuiteEvent(t_s=0.0, fault=Fault()), cleared)) is None
-    assert impossible(study, suite_test(SuiteEvent(t_s=0.0, V_g_pu=0.0), SuiteEvent(t_s=0.2, V_g_pu=1.0))) is None
+    cleared = Event.of_pu(0.2, fault="cleared")
+    assert impossible(study, suite_test(Event.of_pu(0.0, fault=Fault()), cleared)) is None
+    assert impossible(study, suite_test(Event.of_pu(0.0, V_g_pu=0.0), Event.of_pu(0.2, V_g_pu=1.0))) is None
 
 
 def test_charging_beyond_the_current_is_impossible() -> None:
@@ -78,14 +79,14 @@ def test_charging_beyond_the_current_is_impossible() -> None:
 
 def test_an_island_larger_than_the_current_is_impossible() -> None:
     study = subject().own_study
-    opens = SuiteEvent(t_s=0.0, connected=False)
+    opens = Event.of_pu(0.0, breaker="open")
     load = Load(R_parallel=1.0 / 1.6)
     words = impossible(study, suite_test(opens, load=load))
     assert words is not None
     assert "takes 1.6 pu at the nominal voltage, which is 1.6·0.85 = 1.36 pu" in words
     assert impossible(study, suite_test(opens, load=Load(R_parallel=1.0))) is None
     # It is connected again: the grid takes over.
-    assert impossible(study, suite_test(opens, SuiteEvent(t_s=1.0, connected=True), load=load)) is None
+    assert impossible(study, suite_test(opens, Event.of_pu(1.0, breaker="closed"), load=load)) is None
 
 
 def test_without_a_limit_nothing_is_impossible() -> None:

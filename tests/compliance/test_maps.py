@@ -15,8 +15,9 @@ from vsgdesign.compliance import maps
 from vsgdesign.compliance.maps import KINDS, Mapped, SurvivalMap, clearing_times_of, survival_map
 from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.parameters import load_study
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.network import Load, Network
-from vsgdesign.simulation.survival import Change, GridKnowledge, GridState, Subject, SurvivalCase, run_case
+from vsgdesign.simulation.survival import GridKnowledge, GridState, Subject, SurvivalCase, run_case
 
 
 @functools.cache
@@ -30,7 +31,7 @@ def drawn(kind: str, controller: int = 2) -> SurvivalMap:
     return survival_map(kind, mapped(controller))
 
 
-def alone(scr: float, x_over_r: float, *changes: Change, controller: int = 2) -> tuple[str, float]:
+def alone(scr: float, x_over_r: float, *changes: Event, controller: int = 2) -> tuple[str, float]:
     """Status and recovery time of one case, by the runs of :mod:`vsgdesign.simulation.survival`."""
     one = mapped(controller)
     case = SurvivalCase(
@@ -49,7 +50,7 @@ def alone(scr: float, x_over_r: float, *changes: Change, controller: int = 2) ->
 def test_a_sag_is_the_run_of_its_cell(row: int, column: int, controller: int) -> None:
     found = drawn("sag", controller)
     V, length = found.y.values[row], found.x.values[column]
-    changes = Change(t_s=0.0, V_g_pu=V), Change(t_s=length, V_g_pu=1.0)
+    changes = Event.of_pu(0.0, V_g_pu=V), Event.of_pu(length, V_g_pu=1.0)
     status, recovery_s = alone(maps.SAG_SCR, maps.X_OVER_R_OF_MAPS, *changes, controller=controller)
     assert found.status[row][column] == status
     if status == SURVIVED:
@@ -59,7 +60,7 @@ def test_a_sag_is_the_run_of_its_cell(row: int, column: int, controller: int) ->
 @pytest.mark.parametrize(("row", "column"), [(0, 0), (9, 7)])
 def test_a_phase_jump_is_the_run_of_its_cell(row: int, column: int) -> None:
     found = drawn("phase")
-    jump = Change(t_s=0.0, phase_deg=found.y.values[row])
+    jump = Event.of_pu(0.0, phase_deg=found.y.values[row])
     status, recovery_s = alone(found.x.values[column], maps.X_OVER_R_OF_MAPS, jump)
     assert (found.status[row][column], found.values[row][column]) == (status, pytest.approx(recovery_s, rel=1e-3))
 
@@ -70,7 +71,7 @@ def test_a_fault_of_the_critical_length_is_survived_and_a_longer_one_is_not() ->
     assert times.bounded.all()
     longest = float(times.longest_s[0])
     for length, expected in ((longest, True), (longest + 0.005, False)):
-        status, _ = alone(1.2, 20.0, Change(t_s=0.0, V_g_pu=0.0), Change(t_s=length, V_g_pu=1.0))
+        status, _ = alone(1.2, 20.0, Event.of_pu(0.0, V_g_pu=0.0), Event.of_pu(length, V_g_pu=1.0))
         assert (status == SURVIVED) is expected
 
 

@@ -10,11 +10,11 @@ import pytest
 from tests.compliance.made_runs import STEP_S, made_run, made_trace, times
 from vsgdesign.compliance.measures import MEASURES
 from vsgdesign.compliance.reading import suite_from_text
-from vsgdesign.compliance.suite import SuiteEvent
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.survival import LATCHED, NO_REST, SURVIVED, Survival
+from vsgdesign.parameters.event import Event
 
-JUMP = SuiteEvent(t_s=0.1, phase_deg=10.0)
+JUMP = Event.of_pu(0.1, phase_deg=10.0)
 
 
 def test_every_entry_says_what_it_is() -> None:
@@ -119,7 +119,7 @@ def test_energy_and_power_of_the_dc_link() -> None:
 def test_frequency_of_a_ramp() -> None:
     t = times(3.1)
     f = 50.0 + np.clip(t - 0.1, 0.0, 1.0) * -2.0
-    run = made_run(made_trace(t, f_hz=f), SuiteEvent(t_s=0.1, df_hz=-2.0, over_s=1.0))
+    run = made_run(made_trace(t, f_hz=f), Event.of_pu(0.1, df_hz=-2.0, over_s=1.0))
     assert MEASURES["f_min_hz"].of(run).value == pytest.approx(48.0)
     assert MEASURES["f_max_hz"].of(run).value == pytest.approx(50.0)
     assert MEASURES["rocof_hz_s"].of(run).value == pytest.approx(2.0, rel=1e-9)

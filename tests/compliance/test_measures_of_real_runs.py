@@ -11,20 +11,21 @@ import numpy as np
 import pytest
 
 from tests.compliance.real_runs import grid_test, real_run, study_of
+from vsgdesign.compliance.case import Subject
 from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings
 from vsgdesign.compliance.run import run_test
-from vsgdesign.compliance.subject import Subject
-from vsgdesign.compliance.suite import Sag, SuiteEvent
 from vsgdesign.equations.structures import effective_inertia, steady_droops
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.metrics.sequences import frame_angle, last_sequences
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.loading import load_study
+from vsgdesign.parameters.source import Sag
 from vsgdesign.simulation.steps import references_at
 
 LABORATORY = Path(__file__).resolve().parents[2] / "studies" / "survival" / "laboratory.toml"
-SMALL_JUMP = SuiteEvent(t_s=0.1, phase_deg=-1.0)
+SMALL_JUMP = Event.of_pu(0.1, phase_deg=-1.0)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +44,7 @@ def test_inertia_and_droop_are_those_of_the_gains(case: str, structure: str, df_
     the slowest mode after 2 s.
     """
     study = study_of(structure, case)
-    test = grid_test(SuiteEvent(t_s=0.1, df_hz=df_hz, over_s=over_s), scr=5.0, x_over_r=5.0, duration_s=2.0)
+    test = grid_test(Event.of_pu(0.1, df_hz=df_hz, over_s=over_s), scr=5.0, x_over_r=5.0, duration_s=2.0)
     run, gains = real_run(study, test)
     c = study.converter
     H = float(effective_inertia(gains, c.S_rated, c.omega_n))
@@ -66,7 +67,7 @@ def test_inertia_of_a_schedule_that_moves_during_the_ramp() -> None:
     subject = Subject(study=study, spec=next(c for c in study.controllers if c.name == "angle_damped"))
     c = study.converter
     for scr, df_hz, known in ((5.0, 1.0, True), (5.0, -1.0, True), (1.5, -1.0, False)):
-        test = grid_test(SuiteEvent(t_s=0.0, df_hz=df_hz, over_s=1.0), scr=scr, x_over_r=10.0)
+        test = grid_test(Event.of_pu(0.0, df_hz=df_hz, over_s=1.0), scr=scr, x_over_r=10.0)
         run = run_test(subject, test)
         assert run.trace is not None
         assert run.simulation is not None
@@ -102,8 +103,8 @@ def test_damping_is_that_of_the_eigenvalue(case: str, scr: float, x_over_r: floa
     assert MEASURES["oscillation_hz"].of(run).value == pytest.approx(least.imag / (2.0 * math.pi), rel=2e-3)
 
 
-@pytest.mark.parametrize("event", [SMALL_JUMP, SuiteEvent(t_s=0.1, df_hz=0.02, over_s=0.25)])
-def test_nfp_of_the_run_is_that_of_the_linear_model(event: SuiteEvent) -> None:
+@pytest.mark.parametrize("event", [SMALL_JUMP, Event.of_pu(0.1, df_hz=0.02, over_s=0.25)])
+def test_nfp_of_the_run_is_that_of_the_linear_model(event: Event) -> None:
     """Within 0.1 dB: steps of 0.25 Hz at the peak, and 1° is not quite small."""
     study = study_of("angle_damped", "utility_1mva_60hz")
     test = grid_test(event, scr=5.0, x_over_r=5.0, duration_s=2.0)
@@ -120,7 +121,7 @@ def test_effective_impedance_is_the_transient_one(R_pu: float, X_pu: float) -> N
     Z = base.converter.Z_base
     loops = base.inner_gains._replace(R_t=R_pu * Z, X_t=X_pu * Z)
     study = replace(base, inner_gains=loops, omega_t=2.0)
-    test = grid_test(SuiteEvent(t_s=0.1, phase_deg=-2.0), scr=3.0, x_over_r=5.0, duration_s=0.05)
+    test = grid_test(Event.of_pu(0.1, phase_deg=-2.0), scr=3.0, x_over_r=5.0, duration_s=0.05)
     run, _ = real_run(study, test)
     assert MEASURES["Z_effective_pu"].of(run).value == pytest.approx(math.hypot(R_pu, X_pu), rel=0.04)
 
@@ -148,8 +149,8 @@ def test_sequences_of_a_sag_are_those_of_its_source(remaining: float) -> None:
     """
     study = load_study(LABORATORY)
     subject = Subject(study=study, spec=next(c for c in study.controllers if c.name == "angle_damped"))
-    sag = SuiteEvent(t_s=0.0, sag=Sag(kind="C", V_pu=remaining))
-    test = grid_test(sag, SuiteEvent(t_s=0.25, V_g_pu=1.0), scr=5.0, x_over_r=10.0)
+    sag = Event.of_pu(0.0, sag=Sag(kind="C", V_pu=remaining))
+    test = grid_test(sag, Event.of_pu(0.25, V_g_pu=1.0), scr=5.0, x_over_r=10.0)
     run = run_test(subject, test)
     assert run.trace is not None
     given = MeasureInput(test=test, trace=run.trace, ratings=Ratings.of(run.study, run.spec))

@@ -10,14 +10,14 @@ import pytest
 
 from tests.compliance.made_runs import made_run, made_trace, times
 from vsgdesign.compliance.measures import MEASURES
-from vsgdesign.compliance.suite import SuiteEvent
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.network import Fault
 
 W = 2.0 * math.pi * 50.0
-JUMP = SuiteEvent(t_s=0.1, phase_deg=-10.0)
+JUMP = Event.of_pu(0.1, phase_deg=-10.0)
 FAULT = (
-    SuiteEvent(t_s=0.1, fault=Fault(kind="phase_to_phase")),
-    SuiteEvent(t_s=0.3, fault_cleared=True),
+    Event.of_pu(0.1, fault=Fault(kind="phase_to_phase")),
+    Event.of_pu(0.3, fault="cleared"),
 )
 
 
@@ -51,20 +51,20 @@ def test_power_after_a_jump_counts_against_the_jump() -> None:
     P = 0.5 + np.where((t >= 0.1 - 1e-9) & (t < 0.16), 0.3, 0.0) - np.where(t >= 0.3, 0.9, 0.0)
     trace = made_trace(t, P_pu=P)
     assert value("dP_pu", made_run(trace, JUMP)) == pytest.approx(0.3)
-    assert value("dP_pu", made_run(trace, SuiteEvent(t_s=0.1, phase_deg=10.0))) == pytest.approx(0.0, abs=1e-12)
+    assert value("dP_pu", made_run(trace, Event.of_pu(0.1, phase_deg=10.0))) == pytest.approx(0.0, abs=1e-12)
     assert value("dP_pu", made_run(trace, JUMP), within_s=0.01) == pytest.approx(0.3 * 21 / 40)
-    assert value("dP_pu", made_run(trace, SuiteEvent(t_s=0.1, df_hz=-0.5))) == pytest.approx(0.3)
-    assert MEASURES["dP_pu"].of(made_run(trace, SuiteEvent(t_s=0.1, P_pu=0.6))).value is None
+    assert value("dP_pu", made_run(trace, Event.of_pu(0.1, df_hz=-0.5))) == pytest.approx(0.3)
+    assert MEASURES["dP_pu"].of(made_run(trace, Event.of_pu(0.1, P_pu=0.6))).value is None
 
 
 def test_droop_is_the_change_of_frequency_over_that_of_power() -> None:
     t = times(3.1)
     share = 1.0 - np.exp(-np.clip(t - 0.1, 0.0, None) / 0.1)
     trace = made_trace(t, P_pu=0.5 + 0.2 * share, f_hz=50.0 - 0.5 * share)
-    assert value("droop_pu", made_run(trace, SuiteEvent(t_s=0.1, df_hz=-0.5))) == pytest.approx(0.05, rel=1e-6)
-    still = made_run(made_trace(t, f_hz=50.0 - 0.5 * share), SuiteEvent(t_s=0.1, df_hz=-0.5))
+    assert value("droop_pu", made_run(trace, Event.of_pu(0.1, df_hz=-0.5))) == pytest.approx(0.05, rel=1e-6)
+    still = made_run(made_trace(t, f_hz=50.0 - 0.5 * share), Event.of_pu(0.1, df_hz=-0.5))
     assert "no droop" in MEASURES["droop_pu"].of(still).why
-    moving = made_run(made_trace(t, P_pu=0.5 + 0.1 * t), SuiteEvent(t_s=0.1, df_hz=-0.5))
+    moving = made_run(made_trace(t, P_pu=0.5 + 0.1 * t), Event.of_pu(0.1, df_hz=-0.5))
     assert "rest" in MEASURES["droop_pu"].of(moving).why
 
 
@@ -76,12 +76,12 @@ def test_a_ramp_of_a_pure_inertia() -> None:
         (t >= 0.1 - 1e-9) & (t < 1.1), 0.4 * math.pi * np.cos((t - 0.1) * 2.0 * math.pi), 0.0
     )
     P = 0.5 - 2.0 * 4.0 / 50.0 * rate - 20.0 * (f - 50.0) / 50.0
-    run = made_run(made_trace(t, P_pu=P, f_hz=f), SuiteEvent(t_s=0.1, df_hz=-0.5, over_s=0.5))
+    run = made_run(made_trace(t, P_pu=P, f_hz=f), Event.of_pu(0.1, df_hz=-0.5, over_s=0.5))
     assert value("H_s", run) == pytest.approx(4.0, rel=0.01)
     assert value("inertial_power_pu", run) == pytest.approx(2.0 * 4.0 / 50.0 * 1.0, rel=0.01)
-    limited = made_run(made_trace(t, P_pu=P, f_hz=f, limited=0.5), SuiteEvent(t_s=0.1, df_hz=-0.5, over_s=0.5))
+    limited = made_run(made_trace(t, P_pu=P, f_hz=f, limited=0.5), Event.of_pu(0.1, df_hz=-0.5, over_s=0.5))
     assert "limiter" in MEASURES["H_s"].of(limited).why
-    clipped = made_run(made_trace(t, P_pu=np.clip(P, 0.45, 0.6), f_hz=f), SuiteEvent(t_s=0.1, df_hz=-0.5, over_s=0.5))
+    clipped = made_run(made_trace(t, P_pu=np.clip(P, 0.45, 0.6), f_hz=f), Event.of_pu(0.1, df_hz=-0.5, over_s=0.5))
     assert "unexplained" in MEASURES["H_s"].of(clipped).why
 
 
@@ -115,7 +115,7 @@ def test_reactive_current_arrives_a_cycle_s_share_after_a_step() -> None:
     inside = (t >= 0.1 - 1e-9) & (t < 0.3 - 1e-9)
     v, i = np.exp(1j * W * t), np.where(inside, 0.5 - 0.6j, 0.5) * np.exp(1j * W * t)
     trace = made_trace(t, **of_vectors(v, i))
-    sag = (SuiteEvent(t_s=0.1, V_g_pu=0.5), SuiteEvent(t_s=0.3, V_g_pu=1.0))
+    sag = (Event.of_pu(0.1, V_g_pu=0.5), Event.of_pu(0.3, V_g_pu=1.0))
     assert value("Iq_90_ms", made_run(trace, *sag)) == pytest.approx(18.0, abs=1.0)
     dead = made_trace(t, **of_vectors(0.0 * v, i))
     assert "no reference" in MEASURES["Iq_90_ms"].of(made_run(dead, *sag)).why
@@ -123,7 +123,7 @@ def test_reactive_current_arrives_a_cycle_s_share_after_a_step() -> None:
 
 
 def test_a_fault_of_less_than_a_cycle_has_no_phasors() -> None:
-    short = (FAULT[0], SuiteEvent(t_s=0.11, fault_cleared=True))
+    short = (FAULT[0], Event.of_pu(0.11, fault="cleared"))
     assert "less than a cycle" in MEASURES["V1_pu"].of(made_run(made_trace(times(0.5)), *short)).why
 
 
@@ -173,7 +173,7 @@ def test_nfp_of_a_first_order_response() -> None:
     t = times(2.0)
     since = np.clip(t - 0.1, 0.0, None)
     P = 0.5 + K * 0.1 / 50.0 * (1.0 - np.exp(-since / tau))
-    run = made_run(made_trace(t, P_pu=P), SuiteEvent(t_s=0.1, df_hz=-0.1), nfp=lambda w: -K / (1.0 + 1j * w * tau))
+    run = made_run(made_trace(t, P_pu=P), Event.of_pu(0.1, df_hz=-0.1), nfp=lambda w: -K / (1.0 + 1j * w * tau))
     assert value("nfp_peak_db", run) == pytest.approx(20.0 * math.log10(K), abs=0.01)
     assert value("nfp_at_hz", run) == pytest.approx(0.1, rel=1e-6)
     at = 1.0 / (2.0 * math.pi * tau)

@@ -9,13 +9,13 @@ import pytest
 from tests.compliance.bench_studies import subject, suite_test
 from vsgdesign.compliance.case import case_of
 from vsgdesign.compliance.run import run_test
-from vsgdesign.compliance.suite import SuiteEvent
+from vsgdesign.parameters.event import Event
 from vsgdesign.simulation.scenario import run_scenario
-from vsgdesign.simulation.survival import Change, GridKnowledge, GridState, SurvivalCase
+from vsgdesign.simulation.survival import GridKnowledge, GridState, SurvivalCase
 from vsgdesign.simulation.survival.demand import settling_times_asked
 from vsgdesign.simulation.survival.running import Subject, run_case
 
-WEAKER = suite_test(SuiteEvent(t_s=0.0, scr=2.0, x_over_r=5.0), scr=10.0, P_pu=0.5, silent_s=math.inf)
+WEAKER = suite_test(Event.of_pu(0.0, scr=2.0, x_over_r=5.0), scr=10.0, P_pu=0.5, silent_s=math.inf)
 """T is 0.3 s: at rest after 0.91 s, between the deadlines of 0.8 s and 1.1 s."""
 
 
@@ -25,12 +25,12 @@ def test_every_way_to_run_it_allows_3_T() -> None:
     assert row.status == "survived"
     assert row.recovery_s is not None
     assert 0.8 < row.recovery_s < 1.1
-    study = run_scenario(case_of(one, WEAKER)[0]).controllers[0].survival
+    study = run_scenario(case_of(one, WEAKER)).controllers[0].survival
     assert study == row
     case = SurvivalCase(
         group="jump",
         start=GridState(scr=10.0, x_over_r=5.0, P_pu=0.5, Q_pu=0.0),
-        changes=(Change(t_s=0.0, scr=2.0, x_over_r=5.0),),
+        changes=(Event.of_pu(0.0, scr=2.0, x_over_r=5.0),),
         cleared_s=0.0,
         knowledge=GridKnowledge(silent_s=math.inf),
     )

@@ -7,8 +7,10 @@ import math
 import pytest
 
 from vsgdesign.compliance.reading import SUITES, suite_from_text, suite_named
-from vsgdesign.compliance.suite import Criterion, SuiteEvent
+from vsgdesign.compliance.suite import Criterion
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.event import BASIS, Event
+from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.network import Fault as ShortCircuit
 from vsgdesign.parameters.network import Load
 from vsgdesign.parameters.source import Sag
@@ -21,7 +23,7 @@ x_over_r = 5
 """
 
 
-def one_event(text: str) -> tuple[SuiteEvent, ...]:
+def one_event(text: str) -> tuple[Event, ...]:
     return suite_from_text(f"{ONE}\nevents = [{text}]").tests[0].events
 
 
@@ -49,29 +51,29 @@ def test_a_list_makes_one_test_per_value_with_an_id_that_says_it() -> None:
     ]
     last = suite.tests[-1]
     assert (last.scr, last.x_over_r, last.P_pu, last.Q_pu) == (10.0, 5.0, 0.7, 0.0)
-    assert last.events == (SuiteEvent(t_s=0.0, phase_deg=-30.0),)
+    assert last.events == (Event.of_pu(0.0, phase_deg=-30.0),)
     assert last.criteria == (Criterion(measure="survived", at_least=1.0),)
     assert (last.source.document, last.source.confidence) == ("Mine", "user")
 
 
 def test_what_lasts_is_undone_and_the_rest_stays() -> None:
     assert one_event('{ time = "1 s", sag = { type = "C", V_pu = 0.3 }, phase_jump = "5 deg", lasts = "150 ms" }') == (
-        SuiteEvent(t_s=1.0, sag=Sag(kind="C", V_pu=0.3), phase_deg=5.0),
-        SuiteEvent(t_s=1.15, V_g_pu=1.0),
+        Event.of_pu(1.0, sag=Sag(kind="C", V_pu=0.3), phase_deg=5.0),
+        Event.of_pu(1.15, V_g_pu=1.0),
     )
     assert one_event('{ fault = { kind = "phase_to_phase", R_pu = 0.1, at = "50 %" }, lasts = "0.2 s" }') == (
-        SuiteEvent(t_s=0.0, fault=ShortCircuit(kind="phase_to_phase", R=0.1, at=0.5)),
-        SuiteEvent(t_s=0.2, fault_cleared=True),
+        Event.of_pu(0.0, fault=ShortCircuit(kind="phase_to_phase", R=0.1, at=0.5)),
+        Event.of_pu(0.2, fault="cleared"),
     )
     assert one_event('{ breaker = "open", load = { P_pu = 0.5 }, lasts = "2 s" }') == (
-        SuiteEvent(t_s=0.0, connected=False, load=Load(R_parallel=2.0)),
-        SuiteEvent(t_s=2.0, connected=True, load_off=True),
+        Event.of_pu(0.0, breaker="open", load=Load(R_parallel=2.0)),
+        Event.of_pu(2.0, breaker="closed", load="none"),
     )
 
 
 def test_a_voltage_that_lasts_returns_to_the_one_before() -> None:
     events = one_event('{ V_g_pu = 0.9 }, { time = "1 s", V_g_pu = 0.5, lasts = "1 s" }')
-    assert [(event.t_s, event.V_g_pu) for event in events] == [(0.0, 0.9), (1.0, 0.5), (2.0, 0.9)]
+    assert [(event.t_s, event.V_g_rms) for event in events] == [(0.0, 0.9), (1.0, 0.5), (2.0, 0.9)]
 
 
 def test_what_an_end_would_undo_is_a_fault() -> None:
@@ -93,12 +95,12 @@ def test_a_wrong_duration_is_one_fault() -> None:
 
 def test_a_rate_becomes_the_duration_of_a_ramp_from_the_frequency_before() -> None:
     events = one_event('{ df = "1 Hz", df_per_s = 4 }, { time = "2 s", df = "-1 Hz", df_per_s = "0.5 Hz/s" }')
-    assert [(event.df_hz, event.over_s) for event in events] == [(1.0, 0.25), (-1.0, 4.0)]
+    assert [(event.df_hz, event.over) for event in events] == [(1.0, 0.25), (-1.0, 4.0)]
 
 
 def test_a_load_in_power_draws_that_power_at_nominal_voltage() -> None:
-    load = one_event("{ load = { P_pu = 0.8, Q_pu = -0.25 } }")[0].load
-    assert load is not None
+    load = one_event("{ load = { P_pu = 0.8, Q_pu = -0.25 } }")[0].switched.load
+    assert isinstance(load, Load)
     assert load.R_parallel is not None
     assert load.C_parallel is not None
     assert 1.0 / complex(load.R_parallel).conjugate() + 1.0 / complex(0.0, -load.C_parallel).conjugate() == 0.8 - 0.25j
@@ -106,7 +108,7 @@ def test_a_load_in_power_draws_that_power_at_nominal_voltage() -> None:
 
 def test_an_event_that_says_only_the_scr_keeps_the_ratio_before_it() -> None:
     events = one_event('{ scr = 2, x_over_r = 1 }, { time = "1 s", scr = 20 }')
-    assert [(event.scr, event.x_over_r) for event in events] == [(2.0, 1.0), (20.0, 1.0)]
+    assert [event.place for event in events] == [Place(2.0, 1.0, BASIS), Place(20.0, 1.0, BASIS)]
 
 
 def test_every_fault_is_told_at_once() -> None:
@@ -236,7 +238,7 @@ def test_a_packaged_suite_is_whole(name: str) -> None:
 def test_a_synchro_check_closes_one_breaker() -> None:
     check = 'breaker = "closed", synchro_check = { angle = "5 deg", around = "60 deg" }'
     last = one_event(f'{{ breaker = "open" }}, {{ time = "1 s", {check} }}')[-1]
-    assert last.connected is True
+    assert last.switched.breaker == "closed"
     assert last.synchro_check is not None
     assert math.degrees(last.synchro_check.around) == pytest.approx(60.0)
     found = faults_of(f'{ONE}events = [{{ breaker = "open", synchro_check = {{}} }}]')

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from tests.compliance.bench_studies import subject, suite_test
-from vsgdesign.compliance.case import case_of
+from vsgdesign.compliance.case import Subject, case_of
 from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings
 from vsgdesign.compliance.run import TestRun, run_test
-from vsgdesign.compliance.subject import Subject
-from vsgdesign.compliance.suite import SuiteEvent
 from vsgdesign.frames import SPACE_VECTOR_POWER
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.simulation.scenario import run_scenario, series_at_pcc
 from vsgdesign.simulation.survival.running import record_of
@@ -34,7 +33,7 @@ def stiff() -> Subject:
 
 @pytest.fixture(scope="module", params=CASES)
 def run(request: pytest.FixtureRequest) -> TestRun:
-    sag = SuiteEvent(t_s=0.0, V_g_pu=0.6), SuiteEvent(t_s=0.15, V_g_pu=1.0)
+    sag = Event.of_pu(0.0, V_g_pu=0.6), Event.of_pu(0.15, V_g_pu=1.0)
     return run_test(subject(case=request.param), suite_test(*sag, scr=3.0, x_over_r=5.0, P_pu=0.6))
 
 
@@ -70,17 +69,17 @@ def test_the_time_in_the_limiter_is_that_of_the_judge(run: TestRun) -> None:
 @pytest.mark.parametrize(
     ("one", "P_pu", "event", "status"),
     [
-        (subject(), 0.5, SuiteEvent(t_s=0.0, phase_deg=30.0), "survived"),
-        (subject(), 1.1, SuiteEvent(t_s=0.0, phase_deg=10.0), "survived"),  # begins near its limit
-        (subject(), 0.5, SuiteEvent(t_s=0.0, V_g_pu=0.6), "survived"),  # comes to a rest of its own at its limit
-        (stiff(), 0.0, SuiteEvent(t_s=0.0, df_hz=0.5, over_s=0.5), "latched"),
+        (subject(), 0.5, Event.of_pu(0.0, phase_deg=30.0), "survived"),
+        (subject(), 1.1, Event.of_pu(0.0, phase_deg=10.0), "survived"),  # begins near its limit
+        (subject(), 0.5, Event.of_pu(0.0, V_g_pu=0.6), "survived"),  # comes to a rest of its own at its limit
+        (stiff(), 0.0, Event.of_pu(0.0, df_hz=0.5, over_s=0.5), "latched"),
     ],
 )
-def test_simulate_says_of_a_case_what_the_row_says(one: Subject, P_pu: float, event: SuiteEvent, status: str) -> None:
+def test_simulate_says_of_a_case_what_the_row_says(one: Subject, P_pu: float, event: Event, status: str) -> None:
     """The case of a row that began or ended near its limit was not judged by `simulate`."""
     test = suite_test(event, P_pu=P_pu, scr=10.0 if status == "survived" else 3.0)
     row = run_test(one, test).survival
-    again = run_scenario(case_of(one, test)[0]).controllers[0].survival
+    again = run_scenario(case_of(one, test)).controllers[0].survival
     assert row.status == status
     assert again == row
 

@@ -19,7 +19,8 @@ from vsgdesign.equations.limiters.projection import ProjectionMemory, grid_volta
 from vsgdesign.equations.power_loops import References
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.simulation.survival import Change, GridState, Subject, SurvivalCase, run_case
+from vsgdesign.parameters.event import Event
+from vsgdesign.simulation.survival import GridState, Subject, SurvivalCase, run_case
 
 STUDY = with_limiter(lc_study, "projection")
 SETTINGS = STUDY.controller_settings()._replace(omega_C=0.0)
@@ -190,7 +191,7 @@ def test_a_jump_by_half_a_turn_does_not_hold_it_at_a_closed_gate(degrees: float)
     case = SurvivalCase(
         group="phase",
         start=GridState(scr=1.2, x_over_r=10.0, P_pu=0.4, Q_pu=0.0),
-        changes=(Change(t_s=0.0, phase_deg=degrees),),
+        changes=(Event.of_pu(0.0, phase_deg=degrees),),
         cleared_s=0.0,
     )
     verdict = run_case(subject, case).verdict

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from vsgdesign.compliance.subject import Subject
+from vsgdesign.compliance.case import Subject
 from vsgdesign.compliance.suite import SuiteTest
 
 

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from vsgdesign.parameters.event import EVENT_KINDS
 from vsgdesign.parameters.reader import TableReader
 
 MOST_TESTS = 2000
@@ -28,16 +29,16 @@ _OF_EVENT = {
     "time": "at {}",
     "scr": "to SCR {}",
     "x_over_r": "to X/R {}",
-    "V_g_pu": "V_g {} pu",
-    "df": "{:+}",
+    "V_g_pu": "",
+    "df": "",
     "df_per_s": "{}",
     "over": "within {}",
     "lasts": "{}",
-    "phase_jump": "{:+}",
+    "phase_jump": "",
     "breaker": "breaker {}",
-    "P_pu": "P to {} pu",
-    "Q_pu": "Q to {} pu",
 }
+"""The same of an event, in the order in which they stand in an id. The words of a quantity are those of its kind
+(:data:`vsgdesign.parameters.event.EVENT_KINDS`); kinds that are not listed follow."""
 _NESTED = {
     "sag": {"type": "type {}", "V_pu": "{} pu", "angle": "{:+}"},
     "synchro_check": {"around": "around {}"},
@@ -57,7 +58,6 @@ _BARE_UNITS = {
     "silent": "s",
     "df": "Hz",
     "df_per_s": "Hz/s",
-    "phase_jump": "rad",
 }
 
 
@@ -76,12 +76,17 @@ class Axis(NamedTuple):
     def words(self, value: Any) -> str:
         """What a value adds to the id of its test."""
         text = f"{value:g}" if isinstance(value, float) else str(value).strip()
-        unit = _BARE_UNITS.get(str(self.way[-1]))
+        unit = (_BARE_UNITS | _units_of_kinds()).get(str(self.way[-1]))
         if unit is not None and not isinstance(value, str):
             text = f"{text} {unit}"
         if "{:+}" in self.label:
             return self.label.replace("{:+}", text if text.startswith(("-", "+")) else f"+{text}")
         return self.label.format(text.replace("_", " "))
+
+
+def _units_of_kinds() -> dict[str, str]:
+    fields = (kind.of_suite for kind in EVENT_KINDS.values())
+    return {field.name: field.unit for field in fields if field.unit != "1"}
 
 
 def axes_of(table: TableReader) -> list[Axis]:
@@ -91,10 +96,11 @@ def axes_of(table: TableReader) -> list[Axis]:
     """
     found: list[Axis] = []
     events = table.table.get("events")
+    of_event = _OF_EVENT | {kind.of_suite.name: kind.of_suite.words for kind in EVENT_KINDS.values()}
     if isinstance(events, list):
         for k, event in enumerate(events):
             if isinstance(event, dict):
-                _collect(table, found, event, ("events", k), f"events[{k}].", _OF_EVENT)
+                _collect(table, found, event, ("events", k), f"events[{k}].", of_event)
     _collect(table, found, table.table, (), "", _OF_TEST)
     return found
 

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from vsgdesign.frames import phase_to_ll
+from vsgdesign.parameters.event import BASIS
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.survival.cases import BASIS
 
 
 def identity_of(study: Study) -> dict[str, Any]:

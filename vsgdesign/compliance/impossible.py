@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.network import Load
+from vsgdesign.parameters.network import Network
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.survival.cases import BASIS
 
 BACK = ("P_back_s",)
 """Measures that ask for the power of before: no converter has it again where the grid no longer carries it."""
@@ -19,14 +18,11 @@ class _State(NamedTuple):
     """What a test asks for before its first event, or after its last one."""
 
     when: str
-    scr: float
-    x_over_r: float
+    place: Place
     V_g_pu: float
     df_hz: float
     P_pu: float
-    load: Load | None
-    fault: bool
-    connected: bool
+    network: Network
     distorted: bool
 
 
@@ -48,7 +44,7 @@ def impossible(study: Study, test: SuiteTest) -> str | None:
     before, after = _states(test)
     back = any(one.measure in BACK and not one.informational for one in test.criteria)
     for state in (before, after):
-        if not state.connected:
+        if not state.network.connected:
             why = _overloaded_island(study, state, limit_pu)
         else:
             why = _too_much(study, state, limit_pu) if state is before or back else None
@@ -89,38 +85,32 @@ def largest_power(V_g: float, R: float, X: float, current: float, V_max: float) 
 def _states(test: SuiteTest) -> tuple[_State, _State]:
     before = _State(
         when="Before the test",
-        scr=test.scr,
-        x_over_r=test.x_over_r,
+        place=test.place,
         V_g_pu=test.V_g_pu,
         df_hz=test.df_hz,
         P_pu=test.P_pu,
-        load=test.load,
-        fault=False,
-        connected=True,
+        network=Network(load=test.load),
         distorted=False,
     )
     after = before._replace(when="After the test")
     for event in test.events:
         after = after._replace(
-            scr=after.scr if event.scr is None else event.scr,
-            x_over_r=after.x_over_r if event.x_over_r is None else event.x_over_r,
-            V_g_pu=after.V_g_pu if event.V_g_pu is None else event.V_g_pu,
+            place=event.place or after.place,
+            V_g_pu=after.V_g_pu if event.V_g_rms is None else event.V_g_rms,
             df_hz=after.df_hz if event.df_hz is None else event.df_hz,
-            P_pu=after.P_pu if event.P_pu is None else event.P_pu,
-            load=None if event.load_off else after.load if event.load is None else event.load,
-            fault=(after.fault or event.fault is not None) and not event.fault_cleared,
-            connected=after.connected if event.connected is None else event.connected,
-            distorted=event.sag is not None or (after.distorted and event.V_g_pu is None),
+            P_pu=after.P_pu if event.P_ref is None else event.P_ref,
+            network=event.switched.on(after.network),
+            distorted=event.sag is not None or (after.distorted and event.V_g_rms is None),
         )
     return before, after
 
 
 def _too_much(study: Study, state: _State, limit_pu: float) -> str | None:
     """The power that is asked for against what the grid carries with this current."""
-    if state.load is not None or state.fault or state.distorted or state.df_hz != 0.0:
+    if not state.network.plain or state.distorted or state.df_hz != 0.0:
         return None
     c, f = study.converter, study.filter
-    grid = Place(state.scr, state.x_over_r, BASIS).grid(c)
+    grid = state.place.grid(c)
     R, X = ((part / c.Z_base) for part in study.path_to_grid(grid, c.omega_n))
     B = c.omega_n * f.C * c.Z_base
     current = limit_pu + B * c.V_max_pu
@@ -130,7 +120,7 @@ def _too_much(study: Study, state: _State, limit_pu: float) -> str | None:
         most, words = _largest_taken(state.V_g_pu, R, current)
     if abs(state.P_pu) <= most:
         return None
-    place = f"SCR {state.scr:.4g}, X/R {state.x_over_r:.4g} and V_g = {state.V_g_pu:.4g} pu"
+    place = f"SCR {state.place.scr:.4g}, X/R {state.place.x_over_r:.4g} and V_g = {state.V_g_pu:.4g} pu"
     of_both = f"{limit_pu:.4g} pu of the converter and {B * c.V_max_pu:.3g} pu of the filter capacitor"
     return (
         f"P_ref = {state.P_pu:.4g} pu is asked for, and at {place} no converter with I = {current:.4g} pu ({of_both}) "
@@ -147,11 +137,12 @@ def _largest_taken(V_g: float, R: float, current: float) -> tuple[float, str]:
 
 def _overloaded_island(study: Study, state: _State, limit_pu: float) -> str | None:
     """The current of an island's load at the least voltage against that of the converter."""
-    if state.load is None or state.fault:
+    load = state.network.load
+    if load is None or state.network.fault is not None:
         return None
     c = study.converter
     Y, of_capacitor = (
-        abs(state.load.in_si(1.0, 1.0).admittance(1.0)),
+        abs(load.in_si(1.0, 1.0).admittance(1.0)),
         c.omega_n * study.filter.C * c.Z_base * c.V_min_pu,
     )
     needed, there = Y * c.V_min_pu, limit_pu + of_capacitor

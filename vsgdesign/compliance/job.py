@@ -13,10 +13,10 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.compliance.case import Subject
 from vsgdesign.compliance.evidence import csv_path, write_evidence
 from vsgdesign.compliance.maps import Mapped, survival_map
 from vsgdesign.compliance.matrix import judged_test
-from vsgdesign.compliance.subject import Subject
 from vsgdesign.compliance.suite import Suite, SuiteTest
 from vsgdesign.compliance.thinning import thinned
 from vsgdesign.errors import InfeasibleStudyError
@@ -131,7 +131,7 @@ def _drawn(job: SuiteJob, kind: str, controller: int) -> dict[str, Any]:
 
 def _instants(test: SuiteTest) -> list[float]:
     """When something changes suddenly, and when a ramp ends, s."""
-    return sorted({t for event in test.events for t in (event.t_s, event.t_s + event.over_s)})
+    return sorted({t for event in test.events for t in (event.t_s, event.end_s)})
 
 
 def in_order(whole: dict[str, Any], name: str) -> list[Any]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.survival import SURVIVED
+from vsgdesign.parameters.event import BASIS
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.network import PLAIN
 from vsgdesign.parameters.source import GridSource
@@ -23,7 +24,7 @@ from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, Lan
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.lanes.telling import learns, told_controller
-from vsgdesign.simulation.survival.cases import BASIS, LEAD_S, LEARNING_S
+from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.clearing import LENGTHS_S, ClearingTimes, Verdicts, critical_clearing_times
 
 Array = NDArray[np.float64]

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
+from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.compliance.trace import Trace
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics.survival import Survival
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -143,7 +144,7 @@ class MeasureInput:
             return float(values[0])
         return float(np.mean(values[max(self.first_row(t_s - 1.0 / self.ratings.f_n_hz), 0) : stop]))
 
-    def event_with(self, has: Callable[[SuiteEvent], bool]) -> tuple[SuiteEvent, float] | None:
+    def event_with(self, has: Callable[[Event], bool]) -> tuple[Event, float] | None:
         """The first event of a kind, and when the next event comes (infinity after the last). None: there is none."""
         for event, after in zip(self.test.events, [*self.test.events[1:], None], strict=True):
             if has(event):

@@ -11,10 +11,11 @@ from typing import Any
 from vsgdesign.compliance.applies import NEEDS
 from vsgdesign.compliance.expanding import MOST_TESTS, axes_of, combinations, size_in_words, size_of
 from vsgdesign.compliance.reading_criteria import read_criteria
-from vsgdesign.compliance.reading_events import LONGEST_S, MOST_DF_HZ, MOST_POWER_PU, read_events
+from vsgdesign.compliance.reading_events import LONGEST_S, read_events
 from vsgdesign.compliance.suite import CONFIDENCES, USER, Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
+from vsgdesign.parameters.event import BASIS, MOST_DF_HZ, MOST_POWER_PU
+from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, Place
 from vsgdesign.parameters.network_fields import read_load
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.toml_file import parse_toml, read_toml
@@ -144,7 +145,7 @@ def _read_test(
         V_g_pu=V_g_pu,
         df_hz=df_hz,
         load=load,
-        events=read_events(table.children("events"), scr, x_over_r, V_g_pu, df_hz, load),
+        events=read_events(table.children("events"), Place(scr, x_over_r, BASIS), V_g_pu, df_hz, load),
         duration_s=table.quantity("duration", "s", 1e-3, LONGEST_S, default=None),
         silent_s=table.quantity("silent", "s", 0.0, LONGEST_S, default=SuiteTest.silent_s),
         criteria=read_criteria(given) if table.has("criteria") else criteria,

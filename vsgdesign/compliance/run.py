@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vsgdesign.compliance.case import case_of
-from vsgdesign.compliance.closing import closed_test, test_as_run
-from vsgdesign.compliance.subject import Subject
+from vsgdesign.compliance.case import Subject, case_of, closed_test, test_as_run
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.compliance.trace import Trace
 from vsgdesign.compliance.tracing import trace_of
@@ -49,14 +47,14 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
     and where an island does not drift to the angle at which its breaker is to close out of phase; CircuitError where
     the simulation cannot follow the circuit.
     """
-    study, _ = case_of(subject, test)
+    study = case_of(subject, test)
     spec = study.controllers[0]
     study = study.with_limit_of(spec)
     try:
         closed = closed_test(subject, test)
         if closed is not test:
             test = closed
-            study = case_of(subject, test)[0].with_limit_of(spec)
+            study = case_of(subject, test).with_limit_of(spec)
         found = with_instants(study, spec, subject.ready)
         if found is not study:
             test, study = test_as_run(test, study, found, subject.lead_s), found

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vsgdesign.parameters.network import Fault, Load, SynchroCheck
-from vsgdesign.parameters.source import Sag
+from vsgdesign.parameters.event import BASIS, Event
+from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.network import Load
 
 READ, SECONDARY, OURS, USER = "read", "secondary", "ours", "user"
 CONFIDENCES = (READ, SECONDARY, OURS, USER)
@@ -25,37 +26,6 @@ class Source:
     confidence: str
     """A name of :data:`CONFIDENCES`."""
     note: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SuiteEvent:
-    """What changes at one instant of a test, per unit of the converter. None: does not change."""
-
-    t_s: float
-    """After the beginning of the test, s. Before, the converter is at rest."""
-    scr: float | None = None
-    x_over_r: float | None = None
-    V_g_pu: float | None = None
-    """Ends a sag, too."""
-    sag: Sag | None = None
-    """An unbalanced or balanced dip from now on, in place of V_g_pu."""
-    df_hz: float | None = None
-    """New frequency above nominal, Hz."""
-    over_s: float = 0.0
-    """Duration of a linear ramp of V_g_pu and df_hz, s."""
-    phase_deg: float = 0.0
-    P_pu: float | None = None
-    Q_pu: float | None = None
-    fault: Fault | None = None
-    """A short circuit from now on; its R is in pu of the base impedance."""
-    fault_cleared: bool = False
-    load: Load | None = None
-    """Load from now on; elements in pu of the base impedance at the nominal frequency (R, ωL, 1/(ωC))."""
-    load_off: bool = False
-    connected: bool | None = None
-    """The breaker to the grid."""
-    synchro_check: SynchroCheck | None = None
-    """The breaker closes at the first instant from t_s on at which both of its sides are near each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,9 +70,9 @@ class SuiteTest:
     df_hz: float = 0.0
     """Frequency of the grid above nominal before the test, Hz."""
     load: Load | None = None
-    """Before the test; elements per unit as in :class:`SuiteEvent`."""
-    events: tuple[SuiteEvent, ...] = ()
-    """In the order of time."""
+    """Before the test; elements in pu of the base impedance at the nominal frequency (R, ωL, 1/(ωC))."""
+    events: tuple[Event, ...] = ()
+    """Per unit, in the order of time after the beginning of the test. Before, the converter is at rest."""
     duration_s: float | None = None
     """After the last event; None: as long as the controller's settling time asks for."""
     silent_s: float = 0.2
@@ -112,9 +82,14 @@ class SuiteTest:
     """Why the test may not apply: ``storage`` and others that ``compliance.applies`` knows."""
 
     @property
+    def place(self) -> Place:
+        """The grid before the test."""
+        return Place(self.scr, self.x_over_r, BASIS)
+
+    @property
     def cleared_s(self) -> float:
         """When the last event, with its ramp, is over, s."""
-        return max((event.t_s + event.over_s for event in self.events), default=0.0)
+        return max((event.end_s for event in self.events), default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from typing import Any
 from vsgdesign.compliance.envelopes import ENVELOPES
 from vsgdesign.compliance.measures import MEASURES
 from vsgdesign.compliance.suite import OURS, READ, SECONDARY, USER, Criterion, Source, Suite, SuiteTest
+from vsgdesign.parameters.event import EVENT_KINDS
 from vsgdesign.parameters.network import PHASE_TO_PHASE, THREE_PHASE
 
 CONFIDENCE_WORDS = {
@@ -122,8 +123,9 @@ def _event_words(event: Mapping[str, Any]) -> list[str]:
         words.append(f"{_kinds(fault['kind'])} {where}{R}")
     if "scr" in event:
         words.append(f"SCR to {_values(event['scr'])}")
-    if "P_pu" in event:
-        words.append(f"P_ref to {_values(event['P_pu'])} pu")
+    for field in (kind.of_suite for kind in EVENT_KINDS.values() if kind.of_controller):
+        if field.name in event:
+            words.append(field.sentence.format(_values(event[field.name], sign=field.signed)))
     if "breaker" in event:
         words.append(f"breaker {event['breaker']}{_check_words(event)}")
     if "lasts" in event:

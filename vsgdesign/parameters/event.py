@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from vsgdesign.equations.power_loops import References
-from vsgdesign.errors import Fault, UnknownNameError
+from vsgdesign.errors import UnknownNameError
 from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.parameters.network import Network, SynchroCheck
@@ -27,8 +27,10 @@ from vsgdesign.parameters.network_fields import (
     synchro_check_document,
 )
 from vsgdesign.parameters.source import Sag, SourceComponent
-from vsgdesign.parameters.units import format_quantity
 
+BASIS = "impedance"
+"""Basis of every short-circuit ratio of an event per unit: then |Z| does not depend on X/R, and X/R may go down to
+zero."""
 MOST_DF_HZ = 12.0
 """Largest distance from the nominal frequency in a suite, Hz."""
 MOST_POWER_PU = 2.0
@@ -73,6 +75,50 @@ class Event:
     switched: Said = NOTHING_SAID
     """What is connected or taken away of load, fault and breaker. In a study it has become ``network``."""
     per_unit: bool = False
+
+    @classmethod
+    def of_pu(
+        cls,
+        t_s: float,
+        *,
+        scr: float | None = None,
+        x_over_r: float | None = None,
+        df_hz: float | None = None,
+        over_s: float = 0.0,
+        phase_deg: float = 0.0,
+        **values: Any,
+    ) -> Event:
+        """An event per unit of any converter.
+
+        ``scr`` and ``x_over_r``: of the grid, both or none. ``df_hz``: new frequency above nominal. ``values``: other
+        quantities by their names in a suite (V_g_pu, P_pu, …), ``load``, ``fault`` and ``breaker`` with elements in pu
+        or with the words of a study file, and fields of this class.
+        """
+        if (scr is None) != (x_over_r is None):
+            raise ValueError("scr and x_over_r of an event: give both or none.")
+        place = None if scr is None or x_over_r is None else Place(scr, x_over_r, BASIS)
+        given = {kind.quantity: values.pop(kind.of_suite.name, kind.nothing) for kind in EVENT_KINDS.values()}
+        given |= {"omega_g": df_hz, "phase_jump": math.radians(phase_deg)}
+        switched = Said(*(values.pop(name, None) for name in Said._fields))
+        return cls(t_s, place=place, over=over_s, switched=switched, per_unit=True, **given, **values)
+
+    @property
+    def df_hz(self) -> float | None:
+        """New frequency above nominal, Hz, of an event per unit."""
+        return self.omega_g
+
+    @property
+    def phase_deg(self) -> float:
+        """The jump of the phase in degrees, to twelve digits: 30 is 30 again."""
+        return float(f"{math.degrees(self.phase_jump):.12g}")
+
+    @property
+    def words_pu(self) -> str:
+        """An event per unit in words, such as ``SCR 20, X/R 3, phase +30°``."""
+        ramp = f" over {self.over:.3g} s" if self.over > 0.0 else ""
+        parts = [] if self.place is None else [f"SCR {self.place.scr:.3g}, X/R {self.place.x_over_r:.3g}"]
+        parts += [f"{kind.of_suite.short(kind.value(self))}{ramp if kind.ramps else ''}" for kind in self.changed]
+        return ", ".join(parts)
 
     @property
     def set_points(self) -> dict[str, float]:
@@ -140,16 +186,6 @@ class Event:
             found["synchro_check"] = synchro_check_document(self.synchro_check)
         return found
 
-    def faults(self, converter: Converter, reference_limit_pu: float) -> list[Fault]:
-        """What of an event in SI is beyond the limits that a study has for it."""
-        found = []
-        for kind in self.changed:
-            value, (low, high) = kind.written(self, converter), kind.limits(converter, reference_limit_pu)
-            if not low <= value <= high:
-                ends = f"must be between {format_quantity(low, kind.unit)} and {format_quantity(high, kind.unit)}"
-                found.append(Fault(kind.name, format_quantity(value, kind.unit), ends, "Ask for less."))
-        return found
-
 
 Limits = Callable[[Converter, float], tuple[float, float]]
 """Function of a converter and of the largest reference, pu, that returns the least and the largest value."""
@@ -172,8 +208,10 @@ class OfSuite:
     """The same in the description of a suite, such as ``voltage {} pu``."""
     signed: bool = False
     """Whether the sentence shows the sign."""
-    short: Callable[[float], str]
+    short: Callable[[Any], str]
     """A suite's value in words, such as ``V_g 0.5 pu``."""
+    read: Callable[[float], float] = float
+    """What is kept of a value that was read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,11 +320,6 @@ def _f_n(converter: Converter) -> float:
     return converter.omega_n / (2.0 * math.pi)
 
 
-def _degrees(value: float) -> float:
-    """To twelve digits: 30° is 30 again."""
-    return float(f"{math.degrees(value):.12g}")
-
-
 _VOLTAGE = EventKind(
     name="V_g_pu",
     quantity="V_g_rms",
@@ -339,7 +372,8 @@ _PHASE = EventKind(
         words="{:+}",
         sentence="phase {}",
         signed=True,
-        short=lambda jump: f"phase {_degrees(jump):+.3g}°",
+        short=lambda jump: f"phase {math.degrees(jump):+.3g}°",
+        read=lambda jump: math.radians(float(f"{math.degrees(jump):.12g}")),  # "30 deg" is 30° again
     ),
 )
 

@@ -301,8 +301,7 @@ def _case_name(row: Mapping[str, Any]) -> str:
 def _write_cases(job: SuiteJob, chosen: Sequence[Mapping[str, Any]], folder: str, place: str) -> None:
     """Study files that repeat rows with ``vsgdesign simulate``, and the gain tables that they name, in ``folder``,
     which will be at ``place``."""
-    from vsgdesign.compliance.case import case_of
-    from vsgdesign.compliance.closing import closed_test
+    from vsgdesign.compliance.case import case_text, closed_test
 
     if not chosen:
         return
@@ -318,7 +317,7 @@ def _write_cases(job: SuiteJob, chosen: Sequence[Mapping[str, Any]], folder: str
         table = f"{row['controller']}.table.json" if row["controller"] in job.tables else None
         subject = job.subject(places[row["controller"]])
         test = closed_test(subject, tests[row["suite"], row["test"]])
-        _, text = case_of(subject, test, name=_study_name(name), folder=Path(place) / "cases", table=table)
+        text = case_text(subject, test, name=_study_name(name), folder=Path(place) / "cases", table=table)
         write_text(cases / f"{name}.toml", text)
 
 

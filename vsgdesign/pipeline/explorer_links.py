@@ -9,11 +9,12 @@ from contextlib import suppress
 from typing import Any
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.compliance.suite import SuiteEvent, SuiteTest
+from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.explore.state import StateError, state_of
-from vsgdesign.parameters.grid import Place
+from vsgdesign.parameters.event import Event
+from vsgdesign.parameters.network_fields import NOTHING_SAID
+from vsgdesign.parameters.source import Sag
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.survival.cases import BASIS
 
 
 def explorer_link(study: Study, tables: Mapping[str, GainTable], test: SuiteTest, controller: str) -> str | None:
@@ -23,7 +24,7 @@ def explorer_link(study: Study, tables: Mapping[str, GainTable], test: SuiteTest
     spec = next(one for one in study.controllers if one.name == controller)
     if test.load is not None or (spec.schedule == "table" and controller not in tables):
         return None
-    place = Place(test.scr, test.x_over_r, BASIS).grid(c).place(c, study.scr_basis)
+    place = test.place.grid(c).place(c, study.scr_basis)
     state = {
         "scr": _short(place.scr),
         "x_over_r": _short(place.x_over_r),
@@ -49,47 +50,45 @@ def _event(study: Study, test: SuiteTest) -> dict[str, Any] | None:
         return None
     first, *more = test.events
     changed = _changed(first)
-    if len(more) == 1 and changed == _changed(more[0]) == {"V_g_pu"} and more[0].V_g_pu == test.V_g_pu:
+    if len(more) == 1 and changed == _changed(more[0]) == {"V_g_pu"} and more[0].V_g_rms == test.V_g_pu:
         left = _left(first, test)
-        if left is None or first.over_s or more[0].over_s:
+        if left is None or first.over or more[0].over:
             return None
         return {"kind": "sag", "size": _short(1.0 - left), "length_s": _short(more[0].t_s - first.t_s)}
     if more:
         return None
-    if changed == {"phase_deg"}:
+    if changed == {"phase_jump"}:
         return {"kind": "phase", "size": first.phase_deg}
-    if changed == {"df_hz"} and first.df_hz is not None and first.over_s > 0.0:
-        return {"kind": "ramp", "size": _short(first.df_hz - test.df_hz), "length_s": first.over_s}
-    if changed == {"scr"} and first.scr is not None and first.x_over_r is not None:
+    if changed == {"df"} and first.df_hz is not None and first.over > 0.0:
+        return {"kind": "ramp", "size": _short(first.df_hz - test.df_hz), "length_s": first.over}
+    if changed == {"grid"} and first.place is not None:
         c = study.converter
-        to = Place(first.scr, first.x_over_r, BASIS).grid(c).place(c, study.scr_basis)
+        to = first.place.grid(c).place(c, study.scr_basis)
         return {"kind": "grid", "to_scr": _short(to.scr), "to_x_over_r": _short(to.x_over_r)}
-    if changed == {"P_pu"} and first.P_pu is not None:
-        return {"kind": "step", "signal": "P", "size": _short(first.P_pu - test.P_pu)}
-    if changed == {"Q_pu"} and first.Q_pu is not None:
-        return {"kind": "step", "signal": "Q", "size": _short(first.Q_pu - test.Q_pu)}
+    if changed == {"P_pu"} and first.P_ref is not None:
+        return {"kind": "step", "signal": "P", "size": _short(first.P_ref - test.P_pu)}
+    if changed == {"Q_pu"} and first.Q_ref is not None:
+        return {"kind": "step", "signal": "Q", "size": _short(first.Q_ref - test.Q_pu)}
     return None
 
 
-def _beyond(event: SuiteEvent) -> bool:
+def _beyond(event: Event) -> bool:
     """Whether an event has what the explorer does not know: unbalanced dips, faults, loads, the breaker."""
     sag = event.sag
-    unbalanced = sag is not None and (sag.kind != "A" or sag.angle != 0.0)
-    named = (event.fault, event.load, event.connected)
-    return unbalanced or any(one is not None for one in named) or event.fault_cleared or event.load_off
+    unbalanced = isinstance(sag, Sag) and (sag.kind != "A" or sag.angle != 0.0)
+    return unbalanced or event.switched != NOTHING_SAID
 
 
-def _left(event: SuiteEvent, test: SuiteTest) -> float | None:
+def _left(event: Event, test: SuiteTest) -> float | None:
     """What a balanced dip leaves of the voltage before it, as a share."""
-    if event.sag is not None:
+    if isinstance(event.sag, Sag):
         return event.sag.V_pu
-    return event.V_g_pu / test.V_g_pu if event.V_g_pu is not None and test.V_g_pu else None
+    return event.V_g_rms / test.V_g_pu if event.V_g_rms is not None and test.V_g_pu else None
 
 
-def _changed(event: SuiteEvent) -> set[str]:
-    names = {name for name in ("scr", "V_g_pu", "df_hz", "P_pu", "Q_pu") if getattr(event, name) is not None}
-    names |= {"V_g_pu"} if event.sag is not None else set()
-    return names | ({"phase_deg"} if event.phase_deg else set())
+def _changed(event: Event) -> set[str]:
+    names = {kind.of_suite.name for kind in event.changed} | ({"grid"} if event.place is not None else set())
+    return names | ({"V_g_pu"} if event.sag is not None else set())
 
 
 def _short(value: float) -> float:

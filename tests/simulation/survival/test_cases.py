@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from tests.simulation.survival.subjects import subject
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.survival import (
     FOR_EVER,
-    Change,
     GridKnowledge,
     GridState,
     SurvivalCase,
@@ -24,10 +24,10 @@ from vsgdesign.simulation.survival import (
 from vsgdesign.simulation.survival.cases import LEAD_S
 
 START = GridState(scr=2.0, x_over_r=3.0, P_pu=0.5, Q_pu=-0.1)
-JUMP = Change(t_s=0.0, scr=20.0, x_over_r=1.0)
+JUMP = Event.of_pu(0.0, scr=20.0, x_over_r=1.0)
 
 
-def case(*changes: Change, cleared_s: float = 1.0, **knowledge: float) -> SurvivalCase:
+def case(*changes: Event, cleared_s: float = 1.0, **knowledge: float) -> SurvivalCase:
     return SurvivalCase(
         group="test",
         start=START,
@@ -38,8 +38,8 @@ def case(*changes: Change, cleared_s: float = 1.0, **knowledge: float) -> Surviv
 
 
 def test_a_case_is_a_study_with_its_events() -> None:
-    sag = Change(t_s=0.2, V_g_pu=0.5, phase_deg=-30.0)
-    ramp = Change(t_s=0.4, df_hz=-1.0, over_s=0.5, P_pu=0.9, Q_pu=0.2)
+    sag = Event.of_pu(0.2, V_g_pu=0.5, phase_deg=-30.0)
+    ramp = Event.of_pu(0.4, df_hz=-1.0, over_s=0.5, P_pu=0.9, Q_pu=0.2)
     study = subject().study
     c = study.converter
     made = case(JUMP, sag, ramp, cleared_s=0.9).study(study, 2.0)
@@ -61,7 +61,7 @@ def test_a_case_is_a_study_with_its_events() -> None:
 
 @pytest.mark.parametrize("silent_s", [0.02, FOR_EVER])
 def test_a_document_is_the_same_case(silent_s: float) -> None:
-    one = case(JUMP, Change(t_s=0.1, V_g_pu=0.0), silent_s=silent_s, magnitude=0.8, angle_deg=10.0)
+    one = case(JUMP, Event.of_pu(0.1, V_g_pu=0.0), silent_s=silent_s, magnitude=0.8, angle_deg=10.0)
     assert case_from_document(json.loads(json.dumps(asdict(one)))) == one
 
 
@@ -76,13 +76,13 @@ def test_a_wrong_document_is_refused(document: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: case(Change(t_s=0.0)), "changes nothing"),
-        (lambda: case(Change(t_s=0.0, scr=20.0)), "give both"),
-        (lambda: case(Change(t_s=0.5, P_pu=0.1), JUMP), "in the order of time"),
-        (lambda: case(Change(t_s=0.9, df_hz=1.0, over_s=0.5)), "cleared_s = 1 s"),
+        (lambda: case(Event.of_pu(0.0)), "changes nothing"),
+        (lambda: case(Event.of_pu(0.0, scr=20.0)), "give both"),
+        (lambda: case(Event.of_pu(0.5, P_pu=0.1), JUMP), "in the order of time"),
+        (lambda: case(Event.of_pu(0.9, df_hz=1.0, over_s=0.5)), "cleared_s = 1 s"),
         (lambda: case(silent_s=-1.0), "silent_s = -1.0"),
         (lambda: case(magnitude=math.nan, silent_s=math.nan), "magnitude = nan"),
-        (lambda: case(Change(t_s=0.0, scr=-2.0, x_over_r=1.0)), "SCR -2"),
+        (lambda: case(Event.of_pu(0.0, scr=-2.0, x_over_r=1.0)), "SCR -2"),
     ],
 )
 def test_a_case_that_cannot_be_is_refused(make: Any, words: str) -> None:
@@ -91,7 +91,7 @@ def test_a_case_that_cannot_be_is_refused(make: Any, words: str) -> None:
 
 
 def test_the_name_says_everything() -> None:
-    name = case(JUMP, Change(t_s=0.2, phase_deg=30.0), silent_s=FOR_EVER, magnitude=1.2, angle_deg=-10.0).name
+    name = case(JUMP, Event.of_pu(0.2, phase_deg=30.0), silent_s=FOR_EVER, magnitude=1.2, angle_deg=-10.0).name
     for word in ("SCR 2, X/R 3, P 0.5, Q -0.1", "SCR 20, X/R 1 at 0 s", "phase +30°", "for ever", "× 1.2", "-10°"):
         assert word in name
 
@@ -102,8 +102,8 @@ def told(one: SurvivalCase) -> list[tuple[float, Grid | None]]:
 
 
 def test_an_estimator_is_silent_after_every_change_of_the_grid_or_its_source() -> None:
-    sag, end = Change(t_s=0.0, V_g_pu=0.2), Change(t_s=0.5, V_g_pu=1.0, scr=20.0, x_over_r=1.0)
-    step = Change(t_s=0.7, P_pu=0.9)
+    sag, end = Event.of_pu(0.0, V_g_pu=0.2), Event.of_pu(0.5, V_g_pu=1.0, scr=20.0, x_over_r=1.0)
+    step = Event.of_pu(0.7, P_pu=0.9)
     said = told(case(sag, end, step, silent_s=0.2))
     assert [t for t, _ in said] == pytest.approx([0.0, 0.1, 0.3, 0.6, 0.8])
     assert [grid is None for _, grid in said] == [False, True, False, True, False]
@@ -113,7 +113,7 @@ def test_an_estimator_is_silent_after_every_change_of_the_grid_or_its_source() -
 
 
 def test_a_second_change_within_its_silence_keeps_it_silent() -> None:
-    said = told(case(JUMP, Change(t_s=0.1, V_g_pu=0.9), silent_s=0.2))
+    said = told(case(JUMP, Event.of_pu(0.1, V_g_pu=0.9), silent_s=0.2))
     assert [t for t, _ in said] == pytest.approx([0.0, 0.1, 0.2, 0.4])
     assert [grid is None for _, grid in said] == [False, True, True, False]
 

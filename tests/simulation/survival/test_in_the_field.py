@@ -9,10 +9,11 @@ import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.parameters import study_from_text
+from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.study import Study
 from vsgdesign.pipeline.survival import subjects_of, survival_cases
 from vsgdesign.simulation import build_timeline
-from vsgdesign.simulation.survival import CaseRun, Change, GridState, Subject, SurvivalCase, field_cases, trace_case
+from vsgdesign.simulation.survival import CaseRun, GridState, Subject, SurvivalCase, field_cases, trace_case
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.field import at_asked_powers, late_grid
 
@@ -34,7 +35,7 @@ START = GridState(scr=3.0, x_over_r=2.0, P_pu=0.4, Q_pu=0.0)
 
 
 def case(**values: float) -> SurvivalCase:
-    return SurvivalCase(group="one", start=START, changes=(Change(t_s=0.0, **values),), cleared_s=0.0)
+    return SurvivalCase(group="one", start=START, changes=(Event.of_pu(0.0, **values),), cleared_s=0.0)
 
 
 def subjects(study: Study) -> dict[str, Subject]:

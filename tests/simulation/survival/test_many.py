@@ -11,9 +11,9 @@ import pytest
 from tests.simulation.survival.subjects import subject
 from vsgdesign.errors import ArtifactError
 from vsgdesign.metrics.survival import NO_REST, NOT_AT_REST, SURVIVED, Survival
+from vsgdesign.parameters.event import Event
 from vsgdesign.simulation.survival import (
     CaseResult,
-    Change,
     GridState,
     SurvivalCase,
     by_group,
@@ -26,7 +26,7 @@ START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.3, Q_pu=0.0)
 
 
 def case(phase: float, group: str = "phase") -> SurvivalCase:
-    return SurvivalCase(group=group, start=START, changes=(Change(t_s=0.0, phase_deg=phase),), cleared_s=0.0)
+    return SurvivalCase(group=group, start=START, changes=(Event.of_pu(0.0, phase_deg=phase),), cleared_s=0.0)
 
 
 CASES = tuple(case(float(phase)) for phase in range(1, 11))

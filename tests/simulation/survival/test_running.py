@@ -13,12 +13,12 @@ from tests.simulation.survival.subjects import TEXT, subject
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, OVER_LIMIT, SURVIVED
 from vsgdesign.operating_point.equilibrium import solve_with_droop
 from vsgdesign.parameters import load_study
+from vsgdesign.parameters.event import Event
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.late import LateSchedule
 from vsgdesign.simulation.survival import (
     FOR_EVER,
     CaseRun,
-    Change,
     GridKnowledge,
     GridState,
     Subject,
@@ -30,12 +30,12 @@ from vsgdesign.simulation.survival.cases import LEAD_S
 from vsgdesign.stability.safe_place import closed_form_place
 
 START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.5, Q_pu=0.0)
-SMALL = Change(t_s=0.0, phase_deg=4.0)
+SMALL = Event.of_pu(0.0, phase_deg=4.0)
 
 
-def case(*changes: Change, start: GridState = START, **knowledge: float) -> SurvivalCase:
+def case(*changes: Event, start: GridState = START, **knowledge: float) -> SurvivalCase:
     changes = changes or (SMALL,)
-    cleared = max(change.t_s + change.over_s for change in changes)
+    cleared = max(change.end_s for change in changes)
     return SurvivalCase(
         group="test", start=start, changes=changes, cleared_s=cleared, knowledge=GridKnowledge(**knowledge)
     )
@@ -61,7 +61,7 @@ def test_the_rest_is_where_grid_and_droops_agree() -> None:
     """Against the operating point's own solver, with P and Q moved along their droops."""
     of = subject(TEXT.replace("current_limit_pu = 1.2", ""))
     c = of.study.converter
-    one = case(Change(t_s=0.0, scr=8.0, x_over_r=1.0, df_hz=-0.2, V_g_pu=0.97, P_pu=0.4, Q_pu=0.1))
+    one = case(Event.of_pu(0.0, scr=8.0, x_over_r=1.0, df_hz=-0.2, V_g_pu=0.97, P_pu=0.4, Q_pu=0.1))
     run = traced(of, one)
     D_p, D_q = c.S_rated / (0.05 * c.omega_n), c.S_rated / (0.05 * c.V_rated_rms)
     omega = c.omega_n - 0.4 * math.pi
@@ -89,7 +89,7 @@ def test_the_current_of_the_rest_contains_the_capacitor() -> None:
 
 
 def test_what_has_no_rest_is_left_out() -> None:
-    weak = run_case(subject(), case(Change(t_s=0.0, scr=0.3, x_over_r=3.0))).verdict
+    weak = run_case(subject(), case(Event.of_pu(0.0, scr=0.3, x_over_r=3.0))).verdict
     assert (weak.status, weak.judged) == (NO_REST, False)
     assert "after the event" in str(weak.reason)
     loaded = run_case(subject(), case(start=replace(START, P_pu=1.1))).verdict
@@ -109,7 +109,7 @@ def test_a_converter_that_is_unstable_at_rest_does_not_survive() -> None:
     text = TEXT.replace("current_limit_pu = 1.2", "").replace(
         "transient_resistance_pu = 0.08", "transient_resistance_pu = 0.0"
     )
-    stiff = case(Change(t_s=0.0, scr=60.0, x_over_r=20.0))
+    stiff = case(Event.of_pu(0.0, scr=60.0, x_over_r=20.0))
     verdict = run_case(subject(text), stiff).verdict
     assert verdict.judged
     assert not verdict.survived
@@ -125,13 +125,13 @@ def test_for_ever_has_the_later_deadline() -> None:
 def test_the_cycle_is_that_of_the_grid_at_the_end() -> None:
     of = subject()
     assert of.demand(case()).cycle_s == pytest.approx(1.0 / 50.0)
-    ramp = Change(t_s=0.0, df_hz=1.0, over_s=0.5)
+    ramp = Event.of_pu(0.0, df_hz=1.0, over_s=0.5)
     assert of.demand(case(ramp)).cycle_s == pytest.approx(1.0 / 51.0)
     assert of.demand(case(start=replace(START, df_hz=-0.5))).cycle_s == pytest.approx(1.0 / 49.5)
 
 
 def test_gains_change_when_the_estimator_answers() -> None:
-    jump = Change(t_s=0.0, scr=10.0, x_over_r=3.0)
+    jump = Event.of_pu(0.0, scr=10.0, x_over_r=3.0)
     run = traced(subject(), case(jump, silent_s=0.3))
     gains = run.simulation.gain_changes
     # |Z| is half, and the gains of the closed form go with it; powers move them by little.
@@ -155,7 +155,7 @@ def test_fixed_gains_know_nothing() -> None:
 
 def test_a_stale_closed_form_goes_to_the_safe_place_of_its_specification() -> None:
     asked = TEXT + "[specification]\nscr = [1.2, 5, 20]\nx_over_r = [0.3, 3, 20]\n"
-    of, jump = subject(asked), case(Change(t_s=0.0, scr=10.0, x_over_r=3.0), silent_s=FOR_EVER)
+    of, jump = subject(asked), case(Event.of_pu(0.0, scr=10.0, x_over_r=3.0), silent_s=FOR_EVER)
     safe, place = of.safe, closed_form_place(of.study, of.spec)
     assert safe is not None
     assert place is not None
@@ -175,7 +175,7 @@ def test_a_jump_to_a_very_weak_grid_that_nobody_tells_of_is_survived() -> None:
     jump = SurvivalCase(
         group="jump",
         start=GridState(scr=20.0, x_over_r=10.0, P_pu=0.9, Q_pu=0.0),
-        changes=(Change(t_s=0.0, scr=1.2, x_over_r=10.0),),
+        changes=(Event.of_pu(0.0, scr=1.2, x_over_r=10.0),),
         cleared_s=0.0,
         knowledge=GridKnowledge(silent_s=FOR_EVER),
     )
@@ -196,7 +196,7 @@ def test_a_schedule_that_is_told_nothing_at_first_is_refused() -> None:
 def test_the_row_of_an_event_is_after_it(f_sw: str) -> None:
     """At 6 kHz the 600th sample's time is rounded to a hair before 0.1 s."""
     of = subject(TEXT.replace("[converter]", f'[converter]\nf_sw = "{f_sw}"'))
-    run = traced(of, case(Change(t_s=0.0, phase_deg=20.0)))
+    run = traced(of, case(Event.of_pu(0.0, phase_deg=20.0)))
     row = round(LEAD_S / of.study.converter.T_s)
     turned = np.exp(1j * (run.record.delta[row - 1 : row + 1] - run.rest.delta))
     before, after = np.angle(turned, deg=True)
@@ -204,7 +204,7 @@ def test_the_row_of_an_event_is_after_it(f_sw: str) -> None:
 
 
 def test_a_run_is_the_same_every_time() -> None:
-    one = case(Change(t_s=0.0, scr=20.0, x_over_r=3.0), silent_s=0.2)
+    one = case(Event.of_pu(0.0, scr=20.0, x_over_r=3.0), silent_s=0.2)
     assert run_case(subject(), one).verdict == run_case(subject(), one).verdict
 
 
@@ -213,7 +213,7 @@ def test_a_late_schedule_that_is_not_late_is_the_known_grid() -> None:
     from vsgdesign.simulation import gain_feed, simulate
 
     of = subject()
-    run = traced(of, case(Change(t_s=0.0, scr=8.0, x_over_r=3.0), silent_s=0.0))
+    run = traced(of, case(Event.of_pu(0.0, scr=8.0, x_over_r=3.0), silent_s=0.0))
     study = run.study
     truth = simulate(study, gain_feed(study, of.spec, build_timeline(study)))
     assert np.array_equal(truth.log, run.simulation.log)

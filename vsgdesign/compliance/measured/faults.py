@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.compliance.measuring import Measured, MeasureInput, measure, not_known
-from vsgdesign.compliance.suite import SuiteEvent
 from vsgdesign.metrics.response import first_time
 from vsgdesign.metrics.sequences import Sequences, frame_angle, last_sequences, positive_sequence, sequences
 from vsgdesign.metrics.step_response import cycle_mean, settling_time
+from vsgdesign.parameters.event import Event
+from vsgdesign.parameters.network import Fault
 
 _NO_VOLTAGE = 0.02
 """Below this positive sequence, in pu, a voltage has no angle to which a current could be referred."""
@@ -152,12 +153,13 @@ def P_back_s(run: MeasureInput, band_pu: float = 0.05) -> Measured:
     return Measured(found, plus_minus=run.step_s)
 
 
-def _is_fault(event: SuiteEvent) -> bool:
+def _is_fault(event: Event) -> bool:
     """Whether an event begins a fault or a sag."""
-    return event.fault is not None or event.sag is not None or (event.V_g_pu is not None and event.V_g_pu < 0.9)
+    dips = event.V_g_rms is not None and event.V_g_rms < 0.9
+    return isinstance(event.switched.fault, Fault) or event.sag is not None or dips
 
 
-def _fault_of(run: MeasureInput) -> tuple[SuiteEvent, float] | None:
+def _fault_of(run: MeasureInput) -> tuple[Event, float] | None:
     """The first fault or sag, and when the next event comes, or the trace ends."""
     found = run.event_with(_is_fault)
     if found is None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from vsgdesign.compliance.measuring import Measured, MeasureInput, measure, not_known
-from vsgdesign.compliance.suite import SuiteEvent
 from vsgdesign.metrics.inertia import RampFit, fit_ramp
 from vsgdesign.metrics.step_response import cycle_mean
+from vsgdesign.parameters.event import Event
 
 _MISFIT = 0.02
 """Largest share of ΔP that an inertia and a droop may leave unexplained."""
@@ -63,7 +63,7 @@ def inertial_power_pu(run: MeasureInput) -> Measured:
     if isinstance(fit, str) or ramp is None:
         return not_known(str(fit))
     event = ramp[0]
-    rate = abs((event.df_hz or 0.0) + run.ratings.f_n_hz - run.grid_hz(event.t_s)) / event.over_s
+    rate = abs((event.df_hz or 0.0) + run.ratings.f_n_hz - run.grid_hz(event.t_s)) / event.over
     per_H = 2.0 * rate / run.ratings.f_n_hz
     return Measured(per_H * fit.H_s, plus_minus=per_H * fit.spread_s)
 
@@ -81,7 +81,7 @@ def droop_pu(run: MeasureInput, band_pu: float = 0.005) -> Measured:
         return not_known("the test has no change of the frequency")
     event, end_s = found
     # The last row would belong to the next event already.
-    rows = run.rows(event.t_s + event.over_s, end_s)
+    rows = run.rows(event.t_s + event.over, end_s)
     if rows.stop - rows.start < 10 * run.rows_per_cycle:
         return not_known("less than ten cycles follow the change of the frequency")
     last = slice(rows.stop - max((rows.stop - rows.start) // 5, run.rows_per_cycle), rows.stop)
@@ -98,12 +98,12 @@ def droop_pu(run: MeasureInput, band_pu: float = 0.005) -> Measured:
     return Measured(-df / run.ratings.f_n_hz / dP)
 
 
-def _frequency_changes(run: MeasureInput, event: SuiteEvent) -> bool:
+def _frequency_changes(run: MeasureInput, event: Event) -> bool:
     return event.df_hz is not None and event.df_hz != run.grid_hz(event.t_s) - run.ratings.f_n_hz
 
 
-def _ramps(run: MeasureInput, event: SuiteEvent) -> bool:
-    return _frequency_changes(run, event) and event.over_s > 0.0
+def _ramps(run: MeasureInput, event: Event) -> bool:
+    return _frequency_changes(run, event) and event.over > 0.0
 
 
 def _ramp_fit(run: MeasureInput) -> RampFit | str:

@@ -2,7 +2,6 @@
 
 from vsgdesign.simulation.survival.cases import (
     FOR_EVER,
-    Change,
     GridKnowledge,
     GridState,
     SurvivalCase,
@@ -19,7 +18,6 @@ __all__ = [
     "FOR_EVER",
     "CaseResult",
     "CaseRun",
-    "Change",
     "ClearingTimes",
     "GridKnowledge",
     "GridState",

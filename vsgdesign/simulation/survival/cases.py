@@ -7,14 +7,14 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 from vsgdesign.parameters.background import BackgroundSpec
+from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.event import BASIS, Event
 from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.parameters.network_fields import NOTHING_SAID, Said
 from vsgdesign.parameters.sensors import SensorSpec
 from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import Event, Study
+from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.timeline import Timeline
-
-BASIS = "impedance"
-"""Basis of every short-circuit ratio here: then |Z| does not depend on X/R, and X/R may go down to zero."""
 
 LEAD_S = 0.1
 """A run is at rest for this long before its disturbance begins, s."""
@@ -37,30 +37,6 @@ class GridState:
     V_g_pu: float = 1.0
     df_hz: float = 0.0
     """Frequency of the grid above nominal, Hz."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Change:
-    """What changes at one instant. None: does not change."""
-
-    t_s: float
-    """After the beginning of the disturbance, s."""
-    scr: float | None = None
-    x_over_r: float | None = None
-    """SCR and X/R change together: both or none are given."""
-    V_g_pu: float | None = None
-    df_hz: float | None = None
-    """New frequency of the grid above nominal, Hz."""
-    over_s: float = 0.0
-    """Duration of a linear ramp of voltage and frequency, s; zero means a step."""
-    phase_deg: float = 0.0
-    P_pu: float | None = None
-    Q_pu: float | None = None
-
-    @property
-    def of_grid(self) -> bool:
-        """Whether the grid or its source changes, and not only a reference."""
-        return any(value is not None for value in (self.scr, self.V_g_pu, self.df_hz)) or self.phase_deg != 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,8 +73,8 @@ class SurvivalCase:
     group: str
     """Which class of disturbances it belongs to, for the tables."""
     start: GridState
-    changes: tuple[Change, ...]
-    """In the order of time."""
+    changes: tuple[Event, ...]
+    """Per unit, in the order of time after the beginning of the disturbance."""
     cleared_s: float
     """When the last change is over, s after the beginning of the disturbance."""
     knowledge: GridKnowledge = GridKnowledge()
@@ -118,7 +94,7 @@ class SurvivalCase:
         s, k = self.start, self.knowledge
         head = f"SCR {s.scr:.3g}, X/R {s.x_over_r:.3g}, P {s.P_pu:.3g}, Q {s.Q_pu:.3g}"
         head += f", V_g {s.V_g_pu:.3g}" * (s.V_g_pu != 1.0) + f", {s.df_hz:+.3g} Hz" * (s.df_hz != 0.0)
-        parts = [f"{_in_words(change)} at {change.t_s:.4g} s" for change in self.changes]
+        parts = [f"{change.words_pu} at {change.t_s:.4g} s" for change in self.changes]
         known = "for ever" if math.isinf(k.silent_s) else f"{k.silent_s:.3g} s"
         error = "" if k.exact else f", |Z| × {k.magnitude:.3g}, arg Z {k.angle_deg:+.3g}°"
         return f"{head}: {'; '.join(parts)}; stale {known}{error}"
@@ -141,7 +117,7 @@ class SurvivalCase:
     @property
     def scr_at_the_end(self) -> float:
         """Short-circuit ratio after the last change."""
-        return next((change.scr for change in reversed(self.changes) if change.scr is not None), self.start.scr)
+        return next((one.place.scr for one in reversed(self.changes) if one.place is not None), self.start.scr)
 
     def study(self, study: Study, after_s: float) -> Study:
         """The study with the start and the events of this case, for ``after_s`` s after the clearing."""
@@ -152,7 +128,7 @@ class SurvivalCase:
             sensors=_redrawn(study.sensors, self.draw),
             grid=Place(s.scr, s.x_over_r, BASIS).grid(c),
             grid_source=GridSource(s.V_g_pu * c.V_rated_rms, c.omega_n + 2.0 * math.pi * s.df_hz),
-            events=tuple(_event(study, change, self.lead_s) for change in self.changes),
+            events=tuple(_event(c, change, self.lead_s) for change in self.changes),
             simulation=replace(
                 study.simulation,
                 duration=self.lead_s + self.cleared_s + after_s,
@@ -187,7 +163,7 @@ def case_from_document(document: dict[str, Any]) -> SurvivalCase:
         return SurvivalCase(
             group=str(document["group"]),
             start=GridState(**document["start"]),
-            changes=tuple(Change(**change) for change in document["changes"]),
+            changes=tuple(_change(change) for change in document["changes"]),
             cleared_s=float(document["cleared_s"]),
             knowledge=GridKnowledge(**document.get("knowledge", {})),
             lead_s=float(document.get("lead_s", LEAD_S)),
@@ -204,57 +180,35 @@ def _redrawn(spec: _Drawn, seed: int | None) -> _Drawn:
     return spec if spec is None or seed is None else spec.redrawn(seed)
 
 
-def _event(study: Study, change: Change, lead_s: float) -> Event:
-    c = study.converter
-    grid = None
-    if change.scr is not None and change.x_over_r is not None:
-        grid = Place(change.scr, change.x_over_r, BASIS).grid(c)
-    return Event(
-        t_s=lead_s + change.t_s,
-        name=_in_words(change),
-        grid=grid,
-        V_g_rms=None if change.V_g_pu is None else change.V_g_pu * c.V_rated_rms,
-        omega_g=None if change.df_hz is None else c.omega_n + 2.0 * math.pi * change.df_hz,
-        over=change.over_s,
-        phase_jump=math.radians(change.phase_deg),
-        P_ref=None if change.P_pu is None else change.P_pu * c.S_rated,
-        Q_ref=None if change.Q_pu is None else change.Q_pu * c.S_rated,
-    )
+def _change(document: dict[str, Any]) -> Event:
+    """An event of a document, as ``dataclasses.asdict`` makes one."""
+    given = dict(document)
+    place, switched = given.pop("place", None), given.pop("switched", None)
+    at = None if place is None else Place(**place)
+    return Event(**given, place=at, switched=NOTHING_SAID if switched is None else Said(*switched))
 
 
-def _in_words(change: Change) -> str:
-    ramp = f" over {change.over_s:.3g} s" if change.over_s > 0.0 else ""
-    parts = []
-    if change.scr is not None:
-        parts.append(f"SCR {change.scr:.3g}, X/R {change.x_over_r:.3g}")
-    if change.V_g_pu is not None:
-        parts.append(f"V_g {change.V_g_pu:.3g} pu{ramp}")
-    if change.df_hz is not None:
-        parts.append(f"{change.df_hz:+.3g} Hz{ramp}")
-    if change.phase_deg != 0.0:
-        parts.append(f"phase {change.phase_deg:+.3g}°")
-    if change.P_pu is not None:
-        parts.append(f"P_ref {change.P_pu:.3g} pu")
-    if change.Q_pu is not None:
-        parts.append(f"Q_ref {change.Q_pu:.3g} pu")
-    return ", ".join(parts)
+def _event(c: Converter, change: Event, lead_s: float) -> Event:
+    event = replace(change.on(c, lead_s), name=change.words_pu)
+    if change.df_hz is None:
+        return event
+    # The frequency has been rounded in this order in every measurement so far, which a study file does not.
+    return replace(event, omega_g=c.omega_n + 2.0 * math.pi * change.df_hz)
 
 
 def _faults(case: SurvivalCase) -> Any:
     times = [change.t_s for change in case.changes]
     if not times or times != sorted(times) or times[0] < 0.0:
         yield f"changes at {times} s: there must be at least one, in the order of time and not before zero."
-    elif case.cleared_s < max(change.t_s + change.over_s for change in case.changes):
+    elif case.cleared_s < max(change.end_s for change in case.changes):
         yield f"cleared_s = {case.cleared_s:g} s: must not be before the end of the last change."
     for change in case.changes:
-        if (change.scr is None) != (change.x_over_r is None):
-            yield "scr and x_over_r of a change: give both or none."
-        if not (change.of_grid or change.P_pu is not None or change.Q_pu is not None):
+        if not (change.of_grid or change.set_points):
             yield f"the change at {change.t_s:g} s changes nothing."
-    places = [(case.start.scr, case.start.x_over_r), *((c.scr, c.x_over_r) for c in case.changes if c.scr is not None)]
-    for scr, x_over_r in places:
-        if not (scr > 0.0 and x_over_r is not None and x_over_r >= 0.0):
-            yield f"SCR {scr}, X/R {x_over_r}: SCR must be above and X/R at or above zero."
+    start = Place(case.start.scr, case.start.x_over_r, BASIS)
+    for place in (start, *(change.place for change in case.changes if change.place is not None)):
+        if not (place.scr > 0.0 and place.x_over_r >= 0.0):
+            yield f"SCR {place.scr}, X/R {place.x_over_r}: SCR must be above and X/R at or above zero."
     if not case.lead_s > 0.0:
         yield f"lead_s = {case.lead_s}: must be positive."
     if not case.knowledge.silent_s >= 0.0:
@@ -264,11 +218,9 @@ def _faults(case: SurvivalCase) -> Any:
 
 
 __all__ = [
-    "BASIS",
     "FOR_EVER",
     "LEAD_S",
     "LEARNING_S",
-    "Change",
     "GridKnowledge",
     "GridState",
     "SurvivalCase",

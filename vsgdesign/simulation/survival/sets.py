@@ -9,10 +9,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from vsgdesign.simulation.survival.cases import FOR_EVER, Change, GridKnowledge, GridState, SurvivalCase
+from vsgdesign.parameters.event import Event
+from vsgdesign.simulation.survival.cases import FOR_EVER, GridKnowledge, GridState, SurvivalCase
 
 WEAK, STRONG = (1.2, 1.5, 2.0, 5.0), 20.0
 """Short-circuit ratios between which the grid jumps."""
@@ -60,19 +62,19 @@ def _start(scr: float, x_over_r: float, P_pu: float, Q_pu: float = 0.0) -> GridS
 
 
 def _case(
-    group: str, start: GridState, *changes: Change, silent_s: float = 0.2, error: tuple[float, float] = (1.0, 0.0)
+    group: str, start: GridState, *changes: Event, silent_s: float = 0.2, error: tuple[float, float] = (1.0, 0.0)
 ) -> SurvivalCase:
     return SurvivalCase(
         group=group,
         start=start,
         changes=changes,
-        cleared_s=max(change.t_s + change.over_s for change in changes),
+        cleared_s=max(change.end_s for change in changes),
         knowledge=GridKnowledge(silent_s=silent_s, magnitude=error[0], angle_deg=error[1]),
     )
 
 
-def _to(scr: float, x_over_r: float, t_s: float = 0.0, phase_deg: float = 0.0) -> Change:
-    return Change(t_s=t_s, scr=scr, x_over_r=x_over_r, phase_deg=phase_deg)
+def _to(scr: float, x_over_r: float, t_s: float = 0.0, phase_deg: float = 0.0) -> Event:
+    return Event.of_pu(t_s, scr=scr, x_over_r=x_over_r, phase_deg=phase_deg)
 
 
 def _jumps() -> Iterator[SurvivalCase]:
@@ -98,14 +100,14 @@ def _phase_jumps() -> Iterator[SurvivalCase]:
     for scr, (x, P), size in itertools.product((1.5, 5.0, 20.0), (*LOADS, (20.0, 0.2)), sizes):
         group = "phase to 60°" if size <= 60 else "phase 90–180°"
         for sign in (-1.0, 1.0) if size < 180 else (1.0,):
-            yield _case(group, _start(scr, x, P), Change(t_s=0.0, phase_deg=sign * size))
+            yield _case(group, _start(scr, x, P), Event.of_pu(0.0, phase_deg=sign * size))
 
 
-def _sag(V_g_pu: float, length_s: float, phase_deg: float = 0.0, t_s: float = 0.0) -> tuple[Change, Change]:
+def _sag(V_g_pu: float, length_s: float, phase_deg: float = 0.0, t_s: float = 0.0) -> tuple[Event, Event]:
     """A sag and its clearing. The jump of the phase goes back at the clearing."""
     return (
-        Change(t_s=t_s, V_g_pu=V_g_pu, phase_deg=phase_deg),
-        Change(t_s=t_s + length_s, V_g_pu=1.0, phase_deg=-phase_deg),
+        Event.of_pu(t_s, V_g_pu=V_g_pu, phase_deg=phase_deg),
+        Event.of_pu(t_s + length_s, V_g_pu=1.0, phase_deg=-phase_deg),
     )
 
 
@@ -121,9 +123,9 @@ def _composed_sags() -> Iterator[SurvivalCase]:
         for phase in (-30.0, 30.0):
             yield _case("sag with phase", start, *_sag(V, 0.25, phase))
         # Protection opens a line: the grid is weaker afterwards, and its angle is another.
-        begun, weaker = Change(t_s=0.0, V_g_pu=V), {2.0: 1.5, 5.0: 2.0, 20.0: 5.0}[scr]
+        begun, weaker = Event.of_pu(0.0, V_g_pu=V), {2.0: 1.5, 5.0: 2.0, 20.0: 5.0}[scr]
         for group, after, phase in (("sag with trip", weaker, -10.0), ("sag with jump up", STRONG, 15.0)):
-            cleared = Change(t_s=0.15, V_g_pu=1.0, scr=after, x_over_r=x, phase_deg=phase)
+            cleared = Event.of_pu(0.15, V_g_pu=1.0, scr=after, x_over_r=x, phase_deg=phase)
             yield _case(group, start, begun, cleared)
         three = [change for k in range(3) for change in _sag(V, 0.15, t_s=0.35 * k)]
         yield _case("repeated sags", start, *three)
@@ -138,20 +140,20 @@ def _frequencies() -> Iterator[SurvivalCase]:
     for scr, (x, P) in itertools.product((1.5, 5.0, 20.0), ((3.0, 0.5), (10.0, 0.2), (1.0, -0.5))):
         start = _start(scr, x, P)
         for df in (-0.5, 0.5):
-            yield _case("frequency", start, Change(t_s=0.0, df_hz=df))
+            yield _case("frequency", start, Event.of_pu(0.0, df_hz=df))
         for rate, sign in itertools.product((1.0, 2.0, 4.0), (-1.0, 1.0)):
-            away = Change(t_s=0.0, df_hz=sign, over_s=1.0 / rate)
-            back = Change(t_s=1.0 / rate + 1.0, df_hz=0.0, over_s=1.0 / rate)
+            away = Event.of_pu(0.0, df_hz=sign, over_s=1.0 / rate)
+            back = Event.of_pu(1.0 / rate + 1.0, df_hz=0.0, over_s=1.0 / rate)
             yield _case("frequency", start, away, back)
 
 
 def _references() -> Iterator[SurvivalCase]:
     for scr, x in itertools.product((1.5, 2.0, 5.0, 20.0), (1.0, 3.0, 10.0)):
         for sign in (-1.0, 1.0):
-            over, back = Change(t_s=0.0, P_pu=1.5 * sign), Change(t_s=1.5, P_pu=0.5 * sign)
+            over, back = Event.of_pu(0.0, P_pu=1.5 * sign), Event.of_pu(1.5, P_pu=0.5 * sign)
             yield _case("overload", _start(scr, x, 0.5 * sign), over, back)
-            yield _case("reference", _start(scr, x, 0.1 * sign), Change(t_s=0.0, P_pu=0.9 * sign))
-            yield _case("reference", _start(scr, x, -0.4 * sign), Change(t_s=0.0, P_pu=0.4 * sign, Q_pu=0.3 * sign))
+            yield _case("reference", _start(scr, x, 0.1 * sign), Event.of_pu(0.0, P_pu=0.9 * sign))
+            yield _case("reference", _start(scr, x, -0.4 * sign), Event.of_pu(0.0, P_pu=0.4 * sign, Q_pu=0.3 * sign))
 
 
 def _errors() -> Iterator[SurvivalCase]:
@@ -163,17 +165,17 @@ def _errors() -> Iterator[SurvivalCase]:
         for scr, V in ((2.0, 0.05), (2.0, 0.2), (20.0, 0.05)):
             yield _case("wrong estimate", _start(scr, x, P), *_sag(V, 0.25), error=error)
         for phase in (-60.0, 60.0):
-            yield _case("wrong estimate", _start(5.0, x, P), Change(t_s=0.0, phase_deg=phase), error=error)
+            yield _case("wrong estimate", _start(5.0, x, P), Event.of_pu(0.0, phase_deg=phase), error=error)
 
 
 RANDOM = "random"
 """Group of every random case."""
 
 
-def _drawn(rng: np.random.Generator, *changes: Change) -> SurvivalCase:
+def _drawn(rng: np.random.Generator, *changes: Event) -> SurvivalCase:
     """A random case of given changes: its start, its instant within a cycle, its delay and its error."""
     offset = _uniform(rng, 0.0, 0.02)
-    moved = tuple(Change(**{**vars(change), "t_s": round(change.t_s + offset, 6)}) for change in changes)
+    moved = tuple(replace(change, t_s=round(change.t_s + offset, 6)) for change in changes)
     scr, x_over_r = _place(rng)
     start = GridState(
         scr=scr,
@@ -184,7 +186,7 @@ def _drawn(rng: np.random.Generator, *changes: Change) -> SurvivalCase:
         df_hz=_uniform(rng, -0.2, 0.2),
     )
     # What begins beside nominal goes back there, not to nominal.
-    moved = tuple(Change(**{**vars(one), "V_g_pu": start.V_g_pu if one.V_g_pu == 1.0 else one.V_g_pu}) for one in moved)
+    moved = tuple(replace(one, V_g_rms=start.V_g_pu) if one.V_g_rms == 1.0 else one for one in moved)
     error = _uniform(rng, 0.8, 1.2), _uniform(rng, -10.0, 10.0)
     return _case(RANDOM, start, *moved, silent_s=_logarithmic(rng, 0.02, 1.0), error=error)
 
@@ -206,7 +208,7 @@ def _drawn_jump(rng: np.random.Generator) -> SurvivalCase:
 
 
 def _drawn_phase(rng: np.random.Generator) -> SurvivalCase:
-    return _drawn(rng, Change(t_s=0.0, phase_deg=_uniform(rng, -180.0, 180.0)))
+    return _drawn(rng, Event.of_pu(0.0, phase_deg=_uniform(rng, -180.0, 180.0)))
 
 
 def _drawn_sag(rng: np.random.Generator) -> SurvivalCase:
@@ -216,9 +218,9 @@ def _drawn_sag(rng: np.random.Generator) -> SurvivalCase:
 
 def _drawn_trip(rng: np.random.Generator) -> SurvivalCase:
     scr, x_over_r = _place(rng)
-    begun = Change(t_s=0.0, V_g_pu=_uniform(rng, 0.0, 0.8))
-    cleared = Change(
-        t_s=_logarithmic(rng, 0.05, 0.5), V_g_pu=1.0, scr=scr, x_over_r=x_over_r, phase_deg=_uniform(rng, -30.0, 30.0)
+    begun = Event.of_pu(0.0, V_g_pu=_uniform(rng, 0.0, 0.8))
+    cleared = Event.of_pu(
+        _logarithmic(rng, 0.05, 0.5), V_g_pu=1.0, scr=scr, x_over_r=x_over_r, phase_deg=_uniform(rng, -30.0, 30.0)
     )
     return _drawn(rng, begun, cleared)
 
@@ -240,12 +242,12 @@ def _drawn_swell(rng: np.random.Generator) -> SurvivalCase:
 
 def _drawn_ramp(rng: np.random.Generator) -> SurvivalCase:
     df, over = _uniform(rng, -1.0, 1.0), _uniform(rng, 0.25, 1.0)
-    away = Change(t_s=0.0, df_hz=df, over_s=over)
-    return _drawn(rng, away, Change(t_s=round(over + _uniform(rng, 0.0, 1.0), 6), df_hz=0.0, over_s=over))
+    away = Event.of_pu(0.0, df_hz=df, over_s=over)
+    return _drawn(rng, away, Event.of_pu(round(over + _uniform(rng, 0.0, 1.0), 6), df_hz=0.0, over_s=over))
 
 
 def _drawn_reference(rng: np.random.Generator) -> SurvivalCase:
-    return _drawn(rng, Change(t_s=0.0, P_pu=_uniform(rng, -0.9, 0.9), Q_pu=_uniform(rng, -0.3, 0.3)))
+    return _drawn(rng, Event.of_pu(0.0, P_pu=_uniform(rng, -0.9, 0.9), Q_pu=_uniform(rng, -0.3, 0.3)))
 
 
 _DRAWN: tuple[Callable[[np.random.Generator], SurvivalCase], ...] = (
