@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-import logging
 import os
 import re
 import subprocess
@@ -16,14 +14,13 @@ from urllib.parse import unquote
 import pytest
 
 from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
+from tests.report.pdf_texts import texts_of
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.errors import ArtifactError
 from vsgdesign.execution.progress import silent
 from vsgdesign.explore import static
 from vsgdesign.explore.static import StaticPage
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.pipeline import assess_study, margins
-from vsgdesign.report import write_pdf
 
 AXES = "\n[stability]\nscr = [2, 8]\nx_over_r = [1]\nerrors = [-0.1, 0, 0.1]\n"
 ONE = SMALL.replace('[[controllers]]\nname = "scheduled"\nkind = "scheduled"\n', "")
@@ -171,58 +168,21 @@ def test_a_fixed_design_that_does_not_exist(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
 
 
-def test_a_pdf_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "weasyprint", None)
-    message = failure(2, "report", study_file(tmp_path, ONE + AXES), "--out", tmp_path / "out", "--pdf")
-    assert message == (
-        'error: a PDF needs WeasyPrint, which is not installed: pip install "vsgdesign[pdf]", or leave --pdf out.\n'
-    )
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
-
-
-def test_a_pdf_without_pango(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = importlib.import_module
-
-    def broken(name: str, package: str | None = None) -> object:
-        if name == "weasyprint":
-            raise OSError("cannot load library 'libpango-1.0-0'")
-        return real(name, package)
-
-    monkeypatch.setattr("importlib.import_module", broken)
-    message = failure(2, "report", study_file(tmp_path, ONE + AXES), "--out", tmp_path / "out", "--pdf")
-    assert "does not find the Pango library" in message
-    assert "apt install libpango-1.0-0" in message
-    assert message.count("\n") == 1
-
-
-@pytest.mark.parametrize("complete", [True, False])
-def test_a_pdf(complete: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a stand-in for WeasyPrint: what it is given, and that a figure it leaves out is no success."""
-    given: list[str] = []
-
-    class Html:
-        def __init__(self, string: str, url_fetcher: list[str]) -> None:
-            given.append(string)
-            assert url_fetcher == ["data"]
-
-        def write_pdf(self, target: str) -> None:
-            if not complete:
-                logging.getLogger("weasyprint").error("Failed to render SVG image")
-            Path(target).write_bytes(b"%PDF-1.7")
-
-    stand_in = type(sys)("weasyprint")
-    stand_in.HTML = Html  # type: ignore[attr-defined]
-    stand_in.URLFetcher = lambda allowed_protocols: allowed_protocols  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "weasyprint", stand_in)
-    page, pdf = tmp_path / "report.html", tmp_path / "report.pdf"
-    page.write_text("<p>a page", encoding="utf-8")
-    if complete:
-        assert write_pdf(page, pdf).read_bytes() == b"%PDF-1.7"
-    else:
-        with pytest.raises(ArtifactError, match="the PDF would be incomplete: Failed to render SVG image"):
-            write_pdf(page, pdf)
-    assert given == ["<p>a page"]
-    assert logging.getLogger("weasyprint").handlers == []
+def test_a_pdf(tmp_path: Path) -> None:
+    """With the same page beside it: all of its headings, tables and figures."""
+    result = call("report", study_file(tmp_path, ONE + AXES), "--out", tmp_path / "out", "--pdf", "--no-explorer")
+    assert result.exit_code == 0, result.output
+    content = (tmp_path / "out" / "report.pdf").read_bytes()
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    shown = " ".join(texts_of(content))
+    headings = re.findall(r'<h2 id="part-\d">(.*?)</h2>', page)
+    assert len(headings) == 8
+    for heading in headings:
+        assert heading in shown
+    for row in ("Against the gates", "Worst cells of", "Version of numpy", "Limits of validity"):
+        assert row in shown
+    pictures = content.count(b"/Subtype /Image")
+    assert pictures == page.count('<figure class="drawing"')
 
 
 def test_help() -> None:

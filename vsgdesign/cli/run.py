@@ -56,10 +56,11 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
     name = study.name if report else f"{study.name}-simulation"
     folder = Path("out") / name if out is None else Path(out)
     blocks: list[Block] = []
+    show = None if as_json else blocks.extend
     with keeping(folder):
         with progress(quiet=as_json) as tell:
             results = run_study(
-                study, folder, bridge=bridge, report=report, progress=tell, warn=_warn, say=_say, show=blocks.extend
+                study, folder, bridge=bridge, report=report, progress=tell, warn=_warn, say=_say, show=show
             )
         if as_json:
             print_json(results)

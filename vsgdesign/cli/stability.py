@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from vsgdesign.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, load, print_json, progress, results_at, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.report.page.blocks import Block
 
 
 @click.command()
@@ -67,19 +70,20 @@ def margins(study_file: str, evidence: bool, as_json: bool) -> None:
 
     study = _on_the_grid_alone(load(study_file, left_tables=True))
     with progress(quiet=as_json) as tell:
-        document = stability_document(assess_study(study, evidence=evidence, progress=tell))
+        result = assess_study(study, evidence=evidence, progress=tell)
     if as_json:
-        print_json(document)
+        print_json(stability_document(result))
         return
-    from vsgdesign.cli.console.scenario import stability_tables
+    from vsgdesign.report.page.terminal import print_terminal
+    from vsgdesign.report.stability.page import terminal_blocks
 
-    stability_tables(document)
+    print_terminal(terminal_blocks(result))
 
 
 @click.command()
 @STUDY
 @click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-stability]")
-@click.option("--pdf", is_flag=True, help='Also write report.pdf (needs the extra "pdf").')
+@click.option("--pdf", is_flag=True, help="Also write report.pdf.")
 @click.option("--explorer/--no-explorer", default=True, help="Also write explorer.html.  [default: yes]")
 @JSON
 @verb
@@ -93,15 +97,18 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
 
     study = _on_the_grid_alone(load(study_file, left_tables=True))
     folder = Path("out") / f"{study.name}-stability" if out is None else Path(out)
+    blocks: list[Block] = []
     with results_at(folder):
         with progress(quiet=as_json) as tell:
-            document = report_stability(study, folder, pdf=pdf, explorer=explorer, progress=tell)
+            document = report_stability(
+                study, folder, pdf=pdf, explorer=explorer, progress=tell, show=None if as_json else blocks.extend
+            )
         if as_json:
             print_json(document)
             return
-        from vsgdesign.cli.console.scenario import stability_tables
+        from vsgdesign.report.page.terminal import print_terminal
 
-        stability_tables(document)
+        print_terminal(blocks)
         click.echo(f"report: {folder / 'report.html'}")
 
 

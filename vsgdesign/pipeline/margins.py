@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from vsgdesign.simulation.stability_result import StabilityResult, frequency_fil
 from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, assess
 from vsgdesign.stability.tables import VIEW_HEADER, map_header, map_rows, view_rows
 from vsgdesign.stability.verdict import clause_matrix, left_out, worst_cases
+
+if TYPE_CHECKING:
+    from vsgdesign.report.page.blocks import Block
 
 VERB = "vsgdesign report"
 EXPLORER_FILE = "explorer.html"
@@ -80,23 +83,25 @@ def report_stability(
     explorer: bool = True,
     workers: int | None = None,
     progress: Progress | None = None,
+    show: Callable[[list[Block]], None] | None = None,
 ) -> dict[str, Any]:
     """Assesses a study and writes figures, CSV files, results.json and report.html to ``out``.
 
-    With ``pdf`` it also writes report.pdf, which needs the extra of that name. With ``explorer`` it also writes
-    explorer.html, the page of ``vsgdesign explore --static``, which the report shows in a frame. Another process makes
-    it while the figures are drawn, unless ``workers`` is 1 (None means one per core). Returns the content of
-    results.json. The folder appears when everything is done. Raises the errors of :func:`assess_study` and
+    With ``pdf`` it also writes report.pdf. With ``explorer`` it also writes explorer.html, the page of ``vsgdesign
+    explore --static``, which the report shows in a frame. Another process makes it while the figures are drawn, unless
+    ``workers`` is 1 (None means one per core). ``show`` is given what a terminal prints of the result. Returns the
+    content of results.json. The folder appears when everything is done. Raises the errors of :func:`assess_study` and
     ArtifactError.
     """
-    from vsgdesign.report import require_pdf
-
     tell = progress or silent
-    if pdf:
-        require_pdf()
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
         result = assess_study(study, progress=progress)
-        return _write(result, folder, pdf, explorer, workers, tell)
+        document = _write(result, folder, pdf, explorer, workers, tell)
+        if show is not None:
+            from vsgdesign.report.stability.page import terminal_blocks
+
+            show(terminal_blocks(result))
+        return document
 
 
 def write_stability(
@@ -109,10 +114,6 @@ def write_stability(
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Writes the folder of :func:`report_stability` for an existing result. Raises ArtifactError."""
-    from vsgdesign.report import require_pdf
-
-    if pdf:
-        require_pdf()
     with staged_folder(out, VERB, inputs=result.study.input_files) as folder:
         return _write(result, folder, pdf, explorer, workers, progress or silent)
 
@@ -120,7 +121,7 @@ def write_stability(
 def _write(
     result: StabilityResult, folder: Path, pdf: bool, explorer: bool, workers: int | None, tell: Progress
 ) -> dict[str, Any]:
-    from vsgdesign.report import write_pdf, write_stability_figures, write_stability_report
+    from vsgdesign.report import write_stability_figures, write_stability_report
 
     begin = time.perf_counter()
     with _explorer_begun(result, workers) if explorer else nullcontext() as explored:
@@ -129,11 +130,7 @@ def _write(
         figures = write_stability_figures(result, folder / "figures")
         tell("draw figures", 1.0)
         page = None if explored is None else _write_explorer(explored, folder, tell)
-    write_stability_report(result, figures, folder / "report.html", page)
-    if pdf:
-        tell("print", 0.0)
-        write_pdf(folder / "report.html", folder / "report.pdf")
-        tell("print", 1.0)
+    write_stability_report(result, figures, folder / "report.html", page, folder / "report.pdf" if pdf else None)
     result.timing_s["report"] = time.perf_counter() - begin
     return write_record(folder, stability_document(result), VERB)
 

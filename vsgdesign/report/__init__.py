@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.report.figure_types import ExplorerFile, WrittenFigure
-from vsgdesign.report.page.printing import require_pdf, write_pdf
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
@@ -23,11 +22,9 @@ __all__ = [
     "ExplorerFile",
     "WrittenFigure",
     "begin_figures",
-    "require_pdf",
     "write_comparison_figures",
     "write_comparison_report",
     "write_figures",
-    "write_pdf",
     "write_report",
     "write_stability_figures",
     "write_stability_report",
@@ -93,14 +90,15 @@ def write_stability_report(
     figures: Sequence[WrittenFigure],
     out_path: str | Path,
     explorer: ExplorerFile | None = None,
+    pdf: Path | None = None,
 ) -> Path:
-    """Write the stability report: one HTML file with text, tables and the given figures.
+    """Write the stability report: one HTML file with text, tables and the given figures; with ``pdf`` this file, too.
 
     Its links lead to the CSV files of the same folder, and a frame shows the page of the ``explorer`` there.
     """
     from vsgdesign.report.stability.page import write_stability_page
 
-    return write_stability_page(result, figures, Path(out_path), explorer)
+    return write_stability_page(result, figures, Path(out_path), explorer, pdf)
 
 
 def write_table_figures(table: GainTable, folder: str | Path) -> list[WrittenFigure]:

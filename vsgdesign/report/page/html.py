@@ -44,8 +44,9 @@ from vsgdesign.report.quantities import typeset
 if TYPE_CHECKING:
     import jinja2
 
-_FEW_ROWS, _FEW_LETTERS = 14, 28
-"""A table of so many rows stays on one sheet of paper, a text of so many letters on one line."""
+_FEW_ROWS, _FEW_LETTERS, _FEW_TEXTS = 14, 28, 6
+"""A table of so many rows stays on one sheet of paper; a text of so many letters stays on one line, where so many
+columns have texts."""
 
 
 def print_html(page: Page, out_path: Path) -> Path:
@@ -56,7 +57,7 @@ def print_html(page: Page, out_path: Path) -> Path:
         .get_template("skeleton.html.j2")
         .render(
             title=page.title,
-            style=Markup(_file("style.css") + page.style),
+            style=Markup(text_file("style.css") + page.style),
             main=_set(blocks, blocks),
             origin=_line(page.origin),
             script=Markup(page.script),
@@ -155,7 +156,7 @@ def _row(table: Table, k: int) -> Markup:
     kinds = " ".join(kind for kind, rows in (("flagged", table.flagged), ("marked", table.marked)) if k in rows)
     cells = []
     for n, cell in enumerate(table.rows[k]):
-        brief = " brief" if len(plain_text(cell)) <= _FEW_LETTERS else ""
+        brief = " brief" if len(plain_text(cell)) <= _FEW_LETTERS and table.texts <= _FEW_TEXTS else ""
         look = Markup(' class="text{}"').format(brief) if n < table.texts else ""
         link = table.links[k] if table.links and n == 0 else ""
         shown = Markup('<a href="{}">{}</a>').format(link, _line(cell)) if link else _line(cell)
@@ -238,7 +239,8 @@ _PRINTERS: dict[type[Block], Callable[[Any], Markup]] = {
 }
 
 
-def _file(name: str) -> str:
+def text_file(name: str) -> str:
+    """A file of the room ``templates``."""
     return (resources.files("vsgdesign.report") / "templates" / name).read_text(encoding="utf-8")
 
 
@@ -247,7 +249,7 @@ def environment() -> jinja2.Environment:
     import jinja2
 
     found = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_file),
+        loader=jinja2.FunctionLoader(text_file),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,

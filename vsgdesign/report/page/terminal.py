@@ -93,13 +93,11 @@ def _table(console: Console, table: Table) -> None:
 
     stars = bool(table.flagged)
     columns = [k for k, name in enumerate(table.head) if name not in table.left_out]
-    shown = new_table(table.title)
+    shown, heads = new_table(table.title), _heads(table)
     if stars:
         shown.add_column("")
     for k in columns:
-        shown.add_column(
-            escape(typeset(table.head[k])), justify="left" if k < table.texts else "right", overflow="fold"
-        )
+        shown.add_column(escape(typeset(heads[k])), justify="left" if k < table.texts else "right", overflow="fold")
     rows = table.rows if table.most is None else table.rows[: table.most]
     for k, row in enumerate(rows):
         cells = [escape(_text(row[n])) for n in columns]
@@ -110,6 +108,16 @@ def _table(console: Console, table: Table) -> None:
         _say(console, f"… and {len(table.rows) - len(rows)} more on the page{reasons}")
     for note in table.notes:
         _say(console, _text(note))
+
+
+def _heads(table: Table) -> list[str]:
+    """The heads of the columns; where two are the same, below the label of their group."""
+    labels = [label for label, span in table.groups for _ in range(span)]
+    repeated = {name for name in table.head if table.head.count(name) > 1}
+    return [
+        f"{labels[k]}\n{name}" if labels and labels[k] and name in repeated else name
+        for k, name in enumerate(table.head)
+    ]
 
 
 def new_table(title: str) -> rich.table.Table:

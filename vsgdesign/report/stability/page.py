@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote
 
+from markupsafe import Markup
+
 from vsgdesign.report.figure_types import ExplorerFile, WrittenFigure
+from vsgdesign.report.page.blocks import (
+    BULLETS,
+    HEADLINE,
+    SOURCE,
+    Block,
+    Box,
+    Contents,
+    Heading,
+    Line,
+    Live,
+    Note,
+    Page,
+    Side,
+    Span,
+    Table,
+    Where,
+    drawings,
+    opening,
+    words,
+)
 from vsgdesign.report.page.converter import converter_table, filter_table, specs_table
-from vsgdesign.report.page.html import write_html
-from vsgdesign.report.quantities import plain_quantity
+from vsgdesign.report.page.html import print_html, text_file
+from vsgdesign.report.quantities import DASH, plain_quantity
 from vsgdesign.report.stability import tables as made
 from vsgdesign.report.stability.answer import stability_answer, stability_headline
 from vsgdesign.report.stability.hover import hover_json
@@ -22,8 +44,7 @@ from vsgdesign.simulation.stability_result import (
     maps_of,
     step_file,
 )
-
-_MINUS = re.compile(r"(?<!\w)-(?=\d)")
+from vsgdesign.stability.verdict import FAIL
 
 _MAP_CONTENT = {
     "reduced": "margins of the reduced model over SCR × X/R × (P, Q)",
@@ -34,48 +55,212 @@ _MAP_CONTENT = {
 
 
 def write_stability_page(
-    result: StabilityResult, figures: Sequence[WrittenFigure], out_path: Path, explorer: ExplorerFile | None = None
+    result: StabilityResult,
+    figures: Sequence[WrittenFigure],
+    out_path: Path,
+    explorer: ExplorerFile | None = None,
+    pdf: Path | None = None,
 ) -> Path:
-    """Write the page of a stability assessment, with the figures' SVG text as it lies on disk.
+    """Write the page of a stability assessment, with the figures' SVG text as it lies on disk, perhaps as a PDF, too.
 
     ``explorer`` is a page in the same folder, which this page shows in a frame. With None nothing is said of it.
     """
-    from markupsafe import Markup
+    page = stability_page(result, figures, explorer)
+    if pdf is not None:
+        from vsgdesign.report.page.pdf import print_pdf
 
-    study = result.study
-    return write_html(
-        out_path,
-        "stability.html.j2",
-        figures,
-        study=study,
-        largest=figures[0].name if figures else "",
-        headline=stability_headline(result),
-        summary=stability_answer(result),
-        verdict=verdict_text(result),
-        verdicts=[(row, _MINUS.sub("−", row.value), link_of(result, row.evidence)) for row in result.verdicts],
-        identity=made.identity_table(result),
-        setting=(converter_table(result), filter_table(result)),
-        controllers=specs_table(result, [a.spec for a in result.assessments]),
-        errors=made.error_table(result),
-        limits=limits_of_validity(result),
-        worst=[made.worst_table(result, a) for a in result.assessments],
-        faults=made.faults_table(result),
-        has_schedule=any(a.spec.kind == "scheduled" for a in result.assessments),
-        focus=[a for a in result.assessments if a.focus],
-        focus_tables=[
-            (made.focus_table(a), made.participation_table(a), made.sensitivity_table(a))
-            for a in result.assessments
-            if a.focus
-        ],
-        between=made.between_table(result.assessments),
-        x_over_r_limit=made.limit_table(result.assessments) if any(a.focus for a in result.assessments) else None,
-        steps=made.steps_table(result),
-        unsimulated=unsimulated(result),
-        files=csv_files(result),
-        explorer=explorer,
-        quote=quote,
-        hover=Markup(hover_json(result)),
+        print_pdf(page, pdf)
+    return print_html(page, out_path)
+
+
+def stability_page(
+    result: StabilityResult, figures: Sequence[WrittenFigure], explorer: ExplorerFile | None = None
+) -> Page:
+    """The page: the answer, the clause matrix, the model, margins over the grids, modes, loops and small steps."""
+    study, rest = result.study, figures[1:]
+    blocks: list[Block | None] = [
+        words(f"Parameters: {study.source}" if study.source else "", style=SOURCE),
+        *opening(stability_headline(result), [stability_answer(result)], figures),
+        Heading("In words"),
+        Box([words(*verdict_text(result))]),
+        _to_the_explorer(explorer),
+        Contents(),
+        Heading("Clause matrix", numbered=True),
+        words(_ABOUT_CLAUSES),
+        _clauses(result),
+        *_identity(result),
+        Heading("Margins over the grids", numbered=True),
+        *drawings(rest, 3),
+        *(made.worst_table(result, a) for a in result.assessments),
+        made.faults_table(result),
+        Heading("Stale and wrong schedules", numbered=True),
+        *_stale(result, rest),
+        Heading("Modes", numbered=True),
+        *drawings(rest, 5, otherwise="No eigenvalue could be drawn: no grid of the axes has a steady state."),
+        *_modes(result),
+        Heading("Loops and impedance over frequency", numbered=True),
+        *drawings(rest, 6, otherwise=_NO_LOOPS),
+        Heading("Time responses", numbered=True),
+        words(_SMALL_STEPS),
+        *drawings(rest, 7, otherwise="No small step was simulated, so there are no responses to show."),
+        made.steps_table(result),
+        *([Note(f"Not simulated: {'; '.join(missing)}.")] if (missing := unsimulated(result)) else []),
+        *_explorer(result, explorer),
+        Heading("Files", numbered=True),
+        words(_ABOUT_FILES),
+        _files(result),
+    ]
+    named = ", SHA-256 of its resolved document "
+    origin = ("Study ", Span(study.name, code=True), named, Span(study.hash, code=True))
+    return Page(
+        f"{study.title}: stability margins",
+        [block for block in blocks if block is not None],
+        (*origin, "."),
+        style=text_file("stability.css"),
+        script=Markup(
+            '<div id="readout" hidden></div>\n<script type="application/json" id="hover-data">{}</script>\n'
+            "<script>\n{}</script>"
+        ).format(Markup(hover_json(result)), Markup(text_file("readout.js"))),
     )
+
+
+def terminal_blocks(result: StabilityResult) -> list[Block]:
+    """What a terminal prints: the answer, the worst cells over the maps, and the study's own grids in detail."""
+    verdicts = [row.verdict for row in result.verdicts]
+    counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
+    focus = [a for a in result.assessments if a.focus]
+    found: list[Block | None] = [
+        words(stability_headline(result), style=HEADLINE),
+        words(f"{result.study.title}: worst cells over the maps (SCR on the {result.study.scr_basis} basis)"),
+        *(made.worst_table(result, a) for a in result.assessments),
+        made.faults_table(result),
+        *(replace(made.focus_table(a), left_out=frozenset({"at [Hz]", "DM [ms]"})) for a in focus),
+        *(made.participation_table(a) for a in focus),
+        words(f"gates (ours, no grid code): {counts}"),
+    ]
+    return [replace(block, on=Where.BOTH) for block in found if block is not None]
+
+
+_ABOUT_CLAUSES = (
+    "Rows with a blue edge are internal gates of vsgdesign. They are set in the study and do not come from a grid "
+    "code. “Informational” does not mean “pass”: no limit of that source was applied. The confidence says whether the "
+    "text was ",
+    Span("read", italic=True),
+    " in the source itself, taken from a ",
+    Span("secondary", italic=True),
+    " summary, or ",
+    Span("recalled", italic=True),
+    "; a recalled text must be checked before it is quoted.",
+)
+_NO_LOOPS = (
+    "No grid of the scenario could be analysed in detail. There is therefore no perturbation plot, no Nichols plot, no "
+    "admittance and no Nyquist plot."
+)
+_SMALL_STEPS = (
+    "Only small steps of the references are simulated. Envelopes of grid-code tests (phase jumps, sags, frequency "
+    "ramps) and peak currents are not assessed."
+)
+_ABOUT_FILES = (
+    "The folder of this page also contains results.json with the verdicts, worst cells, modes and margins, figures/ "
+    "with every figure as SVG and PNG, and the following CSV files. Each has one header line with units."
+)
+
+
+def _clauses(result: StabilityResult) -> Table:
+    rows: list[tuple[Line, ...]] = []
+    for row in result.verdicts:
+        link = link_of(result, row.evidence)
+        rows.append(
+            (
+                row.controller,
+                row.source,
+                row.confidence or "ours",
+                row.test,
+                row.value or DASH,
+                row.limit or DASH,
+                (Span(row.verdict, bold=True),),
+                (Span(row.evidence, link=link or ""),),
+            )
+        )
+    head = ("Controller", "Source", "Confidence", "Test", "Value", "Limit", "Verdict", "Evidence")
+    ours = frozenset(k for k, row in enumerate(result.verdicts) if not row.confidence)
+    fails = frozenset(k for k, row in enumerate(result.verdicts) if row.verdict == FAIL)
+    return Table("", head, tuple(rows), texts=8, flagged=fails, marked=ours, anchor="clauses")
+
+
+def _identity(result: StabilityResult) -> list[Block]:
+    """The model that was assessed, and what it leaves out."""
+    no_errors = (
+        "This report does not know the error of the linear models against EMT, because no small step was simulated."
+    )
+    return [
+        Heading("Identity of the model", numbered=True),
+        made.identity_table(result),
+        Side((converter_table(result), filter_table(result))),
+        specs_table(result, [a.spec for a in result.assessments]),
+        made.error_table(result) or words(no_errors),
+        Heading("Limits of validity", 3),
+        words(*limits_of_validity(result), style=BULLETS),
+    ]
+
+
+def _stale(result: StabilityResult, figures: Sequence[WrittenFigure]) -> list[Block]:
+    if any(a.spec.kind == "scheduled" for a in result.assessments):
+        return drawings(figures, 4)
+    empty = "This part is empty. No controller of the study is scheduled, so that no gains can be late or made from a "
+    return [words(f"{empty}wrong estimate.")]
+
+
+def _modes(result: StabilityResult) -> list[Block]:
+    """Tables of the modes, and of what takes part in them."""
+    focus = [a for a in result.assessments if a.focus]
+    if not focus:
+        none = (
+            "No grid of the scenario could be analysed in detail, because none carries the power of the maps with "
+            "gains for it. There are therefore no participation factors and no sensitivities."
+        )
+        return [made.between_table(result.assessments), words(none)]
+    tables = [
+        table for a in focus for table in (made.focus_table(a), made.participation_table(a), made.sensitivity_table(a))
+    ]
+    return [made.between_table(result.assessments), made.limit_table(result.assessments), *tables]
+
+
+def _to_the_explorer(explorer: ExplorerFile | None) -> Block | None:
+    if explorer is None or not explorer.name:
+        return None
+    watch = " you can drag the grid yourself, and watch modes, margins and EMT responses."
+    return words(("In ", Span("part 8", link="#part-8"), watch))
+
+
+def _explorer(result: StabilityResult, explorer: ExplorerFile | None) -> list[Block]:
+    """The explorer in a frame, or why there is none."""
+    if explorer is None:
+        return []
+    heading = Heading("Explorer", numbered=True)
+    if not explorer.name:
+        return [heading, words(f"There is no explorer. {explorer.why}")]
+    link = quote(explorer.name)
+    hold = " Tick “Hold the gains of this grid” to see why gains are scheduled."
+    scheduled = any(a.spec.kind == "scheduled" for a in result.assessments)
+    frame = '<div id="explorer"><iframe src="{}" title="Explorer: {}" loading="lazy"></iframe></div>'
+    return [
+        heading,
+        words(
+            (
+                f"Drag the ring on the map to another grid, or click there.{hold if scheduled else ''} The powers and "
+                "the event are those with which the study’s explorer begins. The explorer is the file ",
+                Span(explorer.name, link=link),
+                f" ({explorer.megabytes}) beside this page: if you send this page, send the file, too.",
+            )
+        ),
+        Live(Markup(frame).format(link, result.study.title)),
+    ]
+
+
+def _files(result: StabilityResult) -> Table:
+    rows = tuple(((Span(name, link=quote(name)),), content) for name, content in csv_files(result))
+    return Table("", ("File", "Content"), rows, texts=2, anchor="files")
 
 
 def link_of(result: StabilityResult, evidence: str) -> str | None:
