@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 from tests.estimator.phasor_data import OMEGA, phasor_data
 from tests.estimator.phasors import phasor_windows
 from vsgdesign.artifacts.network_weights import fit_scaling
-from vsgdesign.estimator.network import NetworkProblem, Shape, initial_parameters, outputs, with_ones
-from vsgdesign.estimator.projection import principal_components
+from vsgdesign.estimator.network import (
+    NetworkProblem,
+    Shape,
+    initial_parameters,
+    outputs,
+    principal_components,
+    with_ones,
+)
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,11 @@ import pytest
 
 from vsgdesign.errors import StudyError
 from vsgdesign.estimator.recipe_fields import one_of
-from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED
-from vsgdesign.estimator.sampling import (
+from vsgdesign.estimator.recipes import (
+    CONTINUOUS,
     MOST_CYCLES,
     NEAR,
+    PUBLISHED,
     describe_sampling,
     missed_cycles,
     turn_per_window,

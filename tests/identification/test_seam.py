@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from vsgdesign.errors import ArtifactError, StudyError
-from vsgdesign.estimator.comparison import ComparisonSettings, compare_methods
+from vsgdesign.estimator.comparison import compare_methods
+from vsgdesign.estimator.methods import ComparisonSettings
 from vsgdesign.identification import ESTIMATORS, Estimate, EstimatorKind, Installation, Needs, Probe, Samples
 from vsgdesign.parameters import load_study, study_from_text
 from vsgdesign.pipeline.run import run_study

@@ -47,7 +47,7 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, how
 
     The same command continues after an interruption.
     """
-    from vsgdesign.estimator.sampling import describe_sampling, sampling_document, with_sampling
+    from vsgdesign.estimator.recipes import describe_sampling, sampling_document, with_sampling
     from vsgdesign.estimator.scenarios import describe_draws
     from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
     from vsgdesign.parameters.estimator import EstimatorSpec

@@ -8,83 +8,42 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
-from vsgdesign.errors import ArtifactError
+from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_window_bound, windows_bound
 from vsgdesign.estimator.data_set import check_enough
-from vsgdesign.estimator.in_the_loop import LINE_ORDERS, has_surroundings, surroundings_in_words
-from vsgdesign.estimator.methods import Estimates, Method, all_methods
-from vsgdesign.estimator.recipe_fields import check_recipe, one_of
+from vsgdesign.estimator.methods import (
+    BEFORE,
+    JUDGED,
+    ComparisonSettings,
+    Estimates,
+    Method,
+    comparison_recipe,
+    methods_of,
+    probe_name,
+    runnable_settings,
+    window_of,
+    with_sensors,
+)
+from vsgdesign.estimator.recipe_fields import one_of
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe
-from vsgdesign.estimator.record import Record, Run, measure, run_case
-from vsgdesign.estimator.runnable import runnable_settings
-from vsgdesign.estimator.sampling import with_sampling
+from vsgdesign.estimator.record import (
+    LINE_ORDERS,
+    Record,
+    Run,
+    has_surroundings,
+    measure,
+    run_case,
+    surroundings_in_words,
+)
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.identification import GUESS_SCR
 from vsgdesign.identification.interface import ProbeLines
 from vsgdesign.identification.two_windows import TwoWindows
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]
 
-BEFORE, AFTER = 10, 40
-"""Windows before and after the change; the last JUDGED of them are what a method is judged by."""
-JUDGED = 20
-SETTLE = 60
-"""Windows before these. During them a switched bridge makes the power drift, and the converter's frequency with it."""
-
 WITHIN = 0.10
 """Error of |Z| that counts as found again after a change of grid."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComparisonSettings:
-    """Grids and sensors of a comparison. Powers are per unit of the rating."""
-
-    scr: tuple[float, ...] = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
-    x_over_r: float = 1.0
-    grid_steps: tuple[tuple[float, float], ...] = ((2.0, 8.0), (8.0, 20.0))
-    guess_scr: float = GUESS_SCR
-    P_pu: float = 0.5
-    Q_pu: float = 0.2
-    P_step_pu: float = 0.1
-    noise: float = 1e-3
-    """White noise of every sample, relative to the rated peak."""
-    adc_bits: int = 12
-    draws: int = 4
-    """Of the sensors' noise, on every run."""
-    seed: int = 0
-
-    def recipe(self, window: WindowFormat | None = None) -> WindowRecipe:
-        """The recipe of runs that begin at rest and have a power step, from which a passive method can learn.
-
-        Windows are sampled as in ``window``; with None the sampling follows from the converter. Raises StudyError for
-        values that make no recipe.
-        """
-        made = replace(
-            PUBLISHED,
-            name="comparison",
-            scr=one_of(*self.scr),
-            x_over_r=one_of(self.x_over_r),
-            P_pu=one_of(self.P_pu),
-            Q_pu=one_of(self.Q_pu),
-            P_step_pu=one_of(self.P_step_pu),
-            Q_step_pu=one_of(0.0),
-            settle=SETTLE,
-            before=BEFORE,
-            after=AFTER,
-            every=1,
-            skip=0,
-            noise_v=one_of(self.noise),
-            noise_i=one_of(self.noise),
-            adc_bits=self.adc_bits,
-            scenarios=len(self.scr),
-            samples=0 if window is None else window.samples,
-            sample_interval=0.0 if window is None else window.sample_interval,
-        )
-        return check_recipe(made, "comparison")
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,37 +98,6 @@ class Comparison:
     """A sentence for each grid on which the converter cannot run. ``settings`` do not contain these grids."""
     around: str = ""
     """Background and sensors of the runs in words; empty where sensors came after them."""
-
-
-def window_of(recipe: WindowRecipe, converter: Converter) -> WindowFormat:
-    """The format of the windows of a recipe on a converter."""
-    sampled = with_sampling(recipe, converter)
-    return WindowFormat(sampled.samples, sampled.sample_interval, sampled.channels, sampled.synchronised)
-
-
-def comparison_recipe(study: Study, settings: ComparisonSettings, windows: dict[str, WindowFormat]) -> WindowRecipe:
-    """The recipe of the runs, with the windows that the networks take. Raises ArtifactError if their windows differ."""
-    kinds = {(one.samples, one.sample_interval) for one in windows.values()}
-    if len(kinds) > 1:
-        taken = "; ".join(
-            f"{name}: {one.samples} samples every {one.sample_interval * 1e6:g} µs" for name, one in windows.items()
-        )
-        raise ArtifactError(
-            f"networks of different windows cannot be compared on the same ones ({taken}). Compare them in two calls, "
-            "or train them with the same samples and sample_interval."
-        )
-    return with_sampling(settings.recipe(next(iter(windows.values()), None)), study.converter)
-
-
-def with_sensors(recipe: WindowRecipe, settings: ComparisonSettings) -> WindowRecipe:
-    """A recipe with the sensors of a comparison, so that a network is trained with their noise."""
-    return replace(
-        recipe,
-        name=f"{recipe.name}_sensors",
-        noise_v=one_of(settings.noise),
-        noise_i=one_of(settings.noise),
-        adc_bits=settings.adc_bits,
-    )
 
 
 def train_networks(
@@ -234,19 +162,6 @@ def compare_methods(
     )
     hashes = {name: weights.hash for name, weights in networks.items()}
     return Comparison(settings, accuracy, disturbances, steps, hashes, left_out, surroundings_in_words(study))
-
-
-def methods_of(
-    study: Study, networks: dict[str, NetworkWeights], recipe: WindowRecipe, settings: ComparisonSettings
-) -> tuple[Method, ...]:
-    """The methods of a comparison on the windows of a sampled recipe, with the guess of its settings."""
-    guess = Place(settings.guess_scr, 1.0, "reactance").grid(study.converter)
-    return all_methods(study.converter, networks, recipe, guess)
-
-
-def probe_name(method: Method) -> str:
-    """The name of the runs with a method's probe; empty for a method without a probe."""
-    return method.name if method.probes else ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +14,7 @@ from vsgdesign.equations.field_fusion import CHI_SQUARE_95, Posterior, posterior
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.estimator.data_set import FieldCycles, Split
 from vsgdesign.estimator.scores import evaluate
+from vsgdesign.estimator.training import torch_threads
 from vsgdesign.execution.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -68,7 +67,8 @@ def train_layers(
     """
     settings = FieldTrainingSettings() if settings is None else settings
     _check(cycles, split, settings, seed)
-    with _one_thread():
+    # Matrices of 24 × 24: threads would cost more than they save, and the order of their sums would decide the bits.
+    with torch_threads(1):
         return _train(cycles, split, settings, seed, progress)
 
 
@@ -156,17 +156,6 @@ def conformal_radii(layers: FieldLayers, cycles: FieldCycles, rows: NDArray[np.i
         part = distance[cycles.mode[rows] == code]
         found[name] = float(np.quantile(part, 0.95)) if len(part) >= 100 else of_all
     return found
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    # Matrices of 24 × 24: threads would cost more than they save, and the order of their sums would decide the bits.
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _check(cycles: FieldCycles, split: Split, settings: FieldTrainingSettings, seed: int) -> None:

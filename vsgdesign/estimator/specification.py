@@ -25,11 +25,9 @@ from vsgdesign.estimator.data_set import (
     check_enough,
     write_data_set,
 )
-from vsgdesign.estimator.field_runs import cycles_header, run_cycles
-from vsgdesign.estimator.field_scenarios import draw_field_scenarios
+from vsgdesign.estimator.field_runs import cycles_header, draw_field_scenarios, run_cycles
 from vsgdesign.estimator.recipe_fields import Library, Recipe, check_recipe
-from vsgdesign.estimator.recipes import FIELD_RECIPES, WINDOW_RECIPES, FieldRecipe, WindowRecipe
-from vsgdesign.estimator.sampling import with_sampling
+from vsgdesign.estimator.recipes import FIELD_RECIPES, WINDOW_RECIPES, FieldRecipe, WindowRecipe, with_sampling
 from vsgdesign.estimator.scenarios import check_draws, draw_scenarios
 from vsgdesign.estimator.trained import (
     Trained,

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights
-from vsgdesign.estimator.comparison import (
+from vsgdesign.estimator.comparison import judged, probed_runs, relative_errors
+from vsgdesign.estimator.methods import (
     ComparisonSettings,
     comparison_recipe,
-    judged,
     methods_of,
+    nominal_settings,
     probe_name,
-    probed_runs,
-    relative_errors,
+    runnable_settings,
+    runnable_values,
 )
-from vsgdesign.estimator.in_the_loop import surroundings_in_words
 from vsgdesign.estimator.recipe_fields import one_of
 from vsgdesign.estimator.recipes import WindowRecipe
-from vsgdesign.estimator.runnable import nominal_settings, runnable_settings, runnable_values
+from vsgdesign.estimator.record import surroundings_in_words
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 

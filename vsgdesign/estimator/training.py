@@ -20,8 +20,15 @@ from vsgdesign.artifacts.network_weights import Network, fit_scaling
 from vsgdesign.errors import ArtifactError, Fault, StudyError, counted
 from vsgdesign.estimator.data_set import Split
 from vsgdesign.estimator.levenberg_marquardt import Damping, Epoch, Fit, State, minimise
-from vsgdesign.estimator.network import NetworkProblem, Shape, initial_parameters, mean_squared_error, with_ones
-from vsgdesign.estimator.projection import Projection, principal_components
+from vsgdesign.estimator.network import (
+    NetworkProblem,
+    Projection,
+    Shape,
+    initial_parameters,
+    mean_squared_error,
+    principal_components,
+    with_ones,
+)
 from vsgdesign.execution.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -109,12 +116,13 @@ def train_network(
     _check(inputs, targets, split, settings, seed)
     # Components are few: on a busy machine, threads that wait for each other cost a hundredfold of what they
     # save. And on one thread the same seed gives the same bits on any number of cores.
-    with _threads(1 if settings.form == "components" else torch.get_num_threads()):
+    with torch_threads(1 if settings.form == "components" else torch.get_num_threads()):
         return _train(inputs, targets, split, settings, seed, progress, resume)
 
 
 @contextmanager
-def _threads(count: int) -> Iterator[None]:
+def torch_threads(count: int) -> Iterator[None]:
+    """PyTorch on so many threads within the block of ``with``."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.estimator.data_set import Array, Arrays
-from vsgdesign.estimator.recipes import WindowRecipe
-from vsgdesign.estimator.sampling import turn_per_window
+from vsgdesign.estimator.recipes import WindowRecipe, turn_per_window
 from vsgdesign.estimator.scenarios import Scenario
 from vsgdesign.frames import clarke, clarke_inverse, rms_to_peak, rotate, rotate_back
 from vsgdesign.identification import Estimator, Probe

@@ -16,7 +16,8 @@ from vsgdesign.pipeline.training import network_document
 from vsgdesign.simulation.estimated import weights_faults
 
 if TYPE_CHECKING:
-    from vsgdesign.estimator.comparison import Comparison, ComparisonSettings
+    from vsgdesign.estimator.comparison import Comparison
+    from vsgdesign.estimator.methods import ComparisonSettings
     from vsgdesign.estimator.stress import Stress
 
 T = TypeVar("T")
@@ -40,7 +41,8 @@ def report_comparison(
     training data are trained. The folder appears when everything is done. Raises the errors of
     :func:`vsgdesign.estimator.comparison.compare_methods`, and ArtifactError.
     """
-    from vsgdesign.estimator.comparison import ComparisonSettings, compare_methods
+    from vsgdesign.estimator.comparison import compare_methods
+    from vsgdesign.estimator.methods import ComparisonSettings
     from vsgdesign.report.estimator.figures import comparison_figures
     from vsgdesign.report.estimator.page import write_comparison_page
 
@@ -72,7 +74,7 @@ def report_stress(
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Does the same as :func:`report_comparison` for the stress test."""
-    from vsgdesign.estimator.runnable import nominal_settings
+    from vsgdesign.estimator.methods import nominal_settings
     from vsgdesign.estimator.stress import STRESS_SETTINGS, stress_methods
     from vsgdesign.report.estimator.figures import stress_figures
     from vsgdesign.report.estimator.page import write_stress_page
@@ -110,7 +112,7 @@ def _report(
     figures_of: Callable[[T], Any],
     write_page: Callable[..., Any],
 ) -> dict[str, Any]:
-    from vsgdesign.estimator.runnable import runnable_settings
+    from vsgdesign.estimator.methods import runnable_settings
     from vsgdesign.report.estimator.figures import write_all
 
     tell = progress or silent

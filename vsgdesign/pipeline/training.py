@@ -80,7 +80,7 @@ def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
                 "Give a recipe with a range of phase, or set grid_phase = true to use the simulator's own phase.",
             )
         )
-    from vsgdesign.estimator.sampling import describe_sampling, with_sampling
+    from vsgdesign.estimator.recipes import describe_sampling, with_sampling
 
     sampled = with_sampling(recipe, study.converter)
     for controller in study.controllers:
@@ -154,7 +154,7 @@ def train_weights_file(
 
 def _trained_document(study: Study, recipe: Any, trained: TrainedEstimator | TrainedFieldNetwork) -> dict[str, Any]:
     """Network and training in JSON's types."""
-    from vsgdesign.estimator.sampling import sampling_document, with_sampling
+    from vsgdesign.estimator.recipes import sampling_document, with_sampling
     from vsgdesign.estimator.scores import scores_document, verdict
     from vsgdesign.estimator.trained import TrainedEstimator
 
