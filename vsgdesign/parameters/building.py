@@ -47,6 +47,7 @@ from vsgdesign.parameters.fields import (
 )
 from vsgdesign.parameters.grid import Grid, Impedance, basis_field, read_grid
 from vsgdesign.parameters.inner_loops import INNER_LOOPS, InnerLoopSource, read_inner_loops, request_of
+from vsgdesign.parameters.network_fields import NetworkFields
 from vsgdesign.parameters.reader import REQUIRED, Asked, TableReader
 from vsgdesign.parameters.replay import read_replay
 from vsgdesign.parameters.scenario import (
@@ -131,7 +132,7 @@ class Sections:
     """Voltage and current loop."""
     grid: Any = subtable(GRID, default=REQUIRED)
     """Grid at t = 0."""
-    network: Any = subtable((), shown="plain")
+    network: Any = subtable(NetworkFields, shown="plain")
     """Load, fault and breaker at t = 0."""
     power_loops: Any = subtable(POWER_LOOPS, shown="all defaults")
     """Structure and design target of the power loops."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.parameters.fields import number, section
 
 THREE_PHASE = "three_phase"
 PHASE_TO_PHASE = "phase_to_phase"
@@ -100,18 +102,18 @@ class Network:
 PLAIN = Network()
 
 
-@dataclass(frozen=True, kw_only=True)
+@section
 class SynchroCheck:
     """How near the voltages on both sides of an open breaker have to be before it closes (:eq:`synchro-check`)."""
 
-    angle: float
-    """Largest difference of the angles, rad."""
-    V_pu: float
-    """Largest difference of the amplitudes, over the rated voltage."""
-    omega: float
-    """Largest difference of the frequencies, rad/s."""
-    around: float = 0.0
-    """Angle by which the converter's side leads at the middle of the range, rad. Not zero: out of phase on purpose."""
+    angle: float = number("rad", math.radians(0.1), 0.5 * math.pi, default=math.radians(10.0))
+    """Largest difference of the angles."""
+    V_pu: float = number("1", 0.001, 1.0, default=0.1)
+    """Largest difference of the amplitudes, pu of rated."""
+    omega: float = number("Hz", 0.001, 10.0, default=0.3, name="df", scale=2.0 * math.pi)
+    """Largest difference of the frequencies."""
+    around: float = number("rad", -math.pi, math.pi, default=0.0)
+    """By how much the converter's side leads in the middle of the range of angles; not zero: out of phase on purpose."""
 
 
 def only_a_grid(network: Network, what: str) -> None:

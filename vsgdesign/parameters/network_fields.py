@@ -1,4 +1,4 @@
-"""Load, fault, breaker and sag of a document: read, described in words, and written back."""
+"""Load, fault, breaker and sag of a document: their fields, read, described in words, and written back."""
 
 from __future__ import annotations
 
@@ -6,8 +6,23 @@ import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from vsgdesign.equations.sags import SAG_TYPES
 from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.fields import (
+    C_BASE,
+    L_BASE,
+    S_RATED,
+    Z_BASE,
+    Scope,
+    at,
+    document,
+    number,
+    picked,
+    read,
+    subtable,
+    take,
+    values,
+    word,
+)
 from vsgdesign.parameters.network import FAULT_KINDS, PHASE_PAIRS, THREE_PHASE, Fault, Load, Network, SynchroCheck
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import Sag
@@ -16,16 +31,9 @@ from vsgdesign.parameters.units import format_quantity
 NONE, CLEARED, OPEN, CLOSED = "none", "cleared", "open", "closed"
 """Words that stand in the place of a load or a sag, of a fault, and the two states of the breaker."""
 
-_LOAD = (0.01, 1e3)
-_MOST_POWER = 1.0 / _LOAD[0]
-_SERIES_R, _SERIES_X = (0.0, 1e3), (1e-4, 1e3)
-"""Limits of a load's elements, pu. Less than the first is a short circuit."""
-
-_MOST_FAULT_R = 100.0
-"""Largest resistance of a fault, pu."""
-
-_WIDEST_ANGLE = 0.5 * math.pi
-"""Largest phase-angle jump of a sag's characteristic voltage, rad."""
+_LEAST, _MOST, _LEAST_X, _MOST_POWER, _MOST_FAULT_R = 0.01, 1e3, 1e-4, 100.0, 100.0
+"""Limits in pu: of a parallel element and of a branch in series, of its elements, of a power, and of a resistance in a
+fault. Less than the first is a short circuit."""
 
 
 class Base(NamedTuple):
@@ -40,11 +48,87 @@ class Base(NamedTuple):
         """That of a converter."""
         return cls(converter.Z_base, converter.omega_n, converter.S_rated)
 
+    @property
+    def scope(self) -> Scope:
+        """What limits in SI follow from."""
+        bases = {S_RATED: self.S, Z_BASE: self.Z, L_BASE: self.Z / self.omega, C_BASE: 1.0 / (self.omega * self.Z)}
+        return {times.of: value for times, value in bases.items()}
+
+
+class SeriesFields:
+    """The fields of a load's branch in series."""
+
+    R: float | None = number("ohm", 0.0, _MOST * Z_BASE, default=None)
+    """Resistance in series."""
+    R_pu: float | None = number("1", 0.0, _MOST, default=None, scale=Z_BASE)
+    """The same, pu of Z_base."""
+    L: float | None = number("H", _LEAST_X * L_BASE, _MOST * L_BASE, default=None)
+    """Inductance in series."""
+    X_L_pu: float | None = number("1", _LEAST_X, _MOST, default=None, scale=L_BASE)
+    """Its reactance at nominal frequency, pu of Z_base."""
+    C: float | None = number("F", 1.0 / _MOST * C_BASE, 1.0 / _LEAST_X * C_BASE, default=None)
+    """Capacitance in series."""
+    X_C_pu: float | None = number("1", _LEAST_X, _MOST, default=None, scale=C_BASE)
+    """Its reactance at nominal frequency, pu of Z_base."""
+
+
+class LoadFields:
+    """The fields of a load."""
+
+    P: float | None = number("W", 0.0, _MOST_POWER * S_RATED, default=None)
+    """Power at nominal voltage: a resistance in parallel."""
+    P_pu: float | None = number("1", 0.0, _MOST_POWER, default=None, scale=S_RATED)
+    """The same, pu of S_rated."""
+    Q: float | None = number("var", -_MOST_POWER * S_RATED, _MOST_POWER * S_RATED, default=None)
+    """Reactive power at nominal voltage and frequency: an inductance in parallel, or a capacitance if it is negative."""
+    Q_pu: float | None = number("1", -_MOST_POWER, _MOST_POWER, default=None, scale=S_RATED)
+    """The same, pu of S_rated."""
+    R: float | None = number("ohm", _LEAST * Z_BASE, _MOST * Z_BASE, default=None)
+    """Resistance in parallel."""
+    R_pu: float | None = number("1", _LEAST, _MOST, default=None, scale=Z_BASE)
+    """The same, pu of Z_base."""
+    L: float | None = number("H", _LEAST * L_BASE, _MOST * L_BASE, default=None)
+    """Inductance in parallel."""
+    X_L_pu: float | None = number("1", _LEAST, _MOST, default=None, scale=L_BASE)
+    """Its reactance at nominal frequency, pu of Z_base."""
+    C: float | None = number("F", 1.0 / _MOST * C_BASE, 1.0 / _LEAST * C_BASE, default=None)
+    """Capacitance in parallel."""
+    X_C_pu: float | None = number("1", _LEAST, _MOST, default=None, scale=C_BASE)
+    """Its reactance at nominal frequency, pu of Z_base."""
+    series: Any = subtable(SeriesFields)
+    """A further branch in parallel, of elements in series."""
+
+
+class FaultFields:
+    """The fields of a short circuit."""
+
+    kind: str = word(FAULT_KINDS, default=THREE_PHASE)
+    """Between which wires."""
+    at: float = number("1", 0.0, 1.0, default=0.0)
+    """Share of the grid's impedance between the PCC and the fault; less than 1."""
+    R: float | None = number("ohm", 0.0, _MOST_FAULT_R * Z_BASE, default=None)
+    """Resistance: of each phase to the common point, or between the two phases; none, or 0: bolted."""
+    R_pu: float | None = number("1", 0.0, _MOST_FAULT_R, default=None, scale=Z_BASE)
+    """The same, pu of Z_base."""
+    phases: str = word(PHASE_PAIRS, default=Fault.phases)
+    """The two phases; not for `three_phase`."""
+
+
+class NetworkFields:
+    """The fields that say what is connected at the PCC."""
+
+    load: Any = subtable(LoadFields)
+    """A balanced load."""
+    fault: Any = subtable(FaultFields)
+    """A short circuit."""
+    breaker: str | None = word((OPEN, CLOSED), default=None, shown="closed")
+    """The breaker between the PCC and the grid."""
+
 
 def read_load(table: TableReader, base: Base | None) -> Load:
     """A load by its powers at nominal voltage or by its elements: in SI or pu with a base, and then in SI. Without a
     base in pu alone, as R, ωL and 1/(ωC) over the base impedance."""
-    R, L, C = _elements(table, base, _LOAD, _LOAD)
+    R, L, C = _elements(table, LoadFields, base)
     R, L, C = _by_powers(table, base, R, L, C)
     branch = table.child("series")
     series: tuple[float | None, ...] = (None, None, None)
@@ -62,9 +146,7 @@ def _by_powers(
     table: TableReader, base: Base | None, R: float | None, L: float | None, C: float | None
 ) -> tuple[float | None, float | None, float | None]:
     """The parallel elements with those that powers at nominal voltage stand for: R for P, L or C for Q."""
-    S = None if base is None else base.S
-    P = _either(table, "P", "P_pu", "W", (0.0, _MOST_POWER), S)
-    Q = _either(table, "Q", "Q_pu", "var", (-_MOST_POWER, _MOST_POWER), S)
+    P, Q = _either(table, LoadFields, "P", "P_pu", base), _either(table, LoadFields, "Q", "Q_pu", base)
     for power, elements in (("P", ("R",)), ("Q", ("X_L", "X_C", "L", "C"))):
         for name in (f"{element}{unit}" for element in elements for unit in ("", "_pu")):
             if name in table.table and (power in table.table or f"{power}_pu" in table.table):
@@ -79,46 +161,33 @@ def _by_powers(
     return R, L, C
 
 
-def _elements(
-    table: TableReader, base: Base | None, R_pu: tuple[float, float], X_pu: tuple[float, float]
-) -> tuple[float | None, float | None, float | None]:
+def _elements(table: TableReader, of: type, base: Base | None) -> tuple[float | None, float | None, float | None]:
     """Resistance, inductance and capacitance of a branch; None for what it does not have."""
-    R = _either(table, "R", "R_pu", "ohm", R_pu, None if base is None else base.Z)
-    L = _either(table, "L", "X_L_pu", "H", X_pu, None if base is None else base.Z / base.omega)
-    C = _either(table, "C", "X_C_pu", "F", X_pu, None if base is None else 1.0 / (base.omega * base.Z), inverse=True)
-    return R, L, C
+    R, L = _either(table, of, "R", "R_pu", base), _either(table, of, "L", "X_L_pu", base)
+    return R, L, _either(table, of, "C", "X_C_pu", base, inverse=True)
 
 
 def _either(
-    table: TableReader,
-    field: str,
-    field_pu: str,
-    unit: str,
-    limits_pu: tuple[float, float],
-    one_pu: float | None,
-    *,
-    inverse: bool = False,
-    default: float | None = None,
+    table: TableReader, of: type, name: str, name_pu: str, base: Base | None, *, inverse: bool = False
 ) -> float | None:
-    """A quantity with its unit or in pu. ``one_pu``: what 1 pu is in SI; None: pu alone. ``inverse``: the quantity is
-    one over that of pu."""
-    value = table.quantity(field_pu, "1", *limits_pu, default=None)
-    if one_pu is None:
-        return default if value is None else value
-    limits = [one_pu / limit if inverse else limit * one_pu for limit in limits_pu]
-    given = table.quantity(field, unit, min(limits), max(limits), default=None)
+    """A quantity with its unit or in pu; without a base in pu alone. ``inverse``: the quantity is one over that of
+    pu."""
+    field, per_unit = picked(of, name, name_pu)
+    value = take(table, per_unit, {}, None)
+    if base is None:
+        return value
+    given = take(table, field, base.scope, None)
     if value is not None and given is not None:
-        table.fault("", None, f"gives both {field} and {field_pu}", "Give one of them.")
-    if given is not None:
+        table.fault("", None, f"gives both {name} and {name_pu}", "Give one of them.")
+    if given is not None or value is None:
         return given
-    if value is None:
-        return default
+    one_pu = at(per_unit.scale, base.scope)
     return one_pu / value if inverse else value * one_pu
 
 
 def _series(table: TableReader, base: Base | None) -> tuple[float | None, float | None, float | None]:
     """The elements of a series branch; none where they are faulty."""
-    R, L, C = _elements(table, base, _SERIES_R, _SERIES_X)
+    R, L, C = _elements(table, SeriesFields, base)
     if not table.table:
         table.fault("", None, "has no element", "Give R_pu, X_L_pu or X_C_pu, or leave series out.")
     if (R, L, C) == (None, None, None):
@@ -127,51 +196,35 @@ def _series(table: TableReader, base: Base | None) -> tuple[float | None, float 
         Z = complex(R or 0.0, (L or 0.0) - (C or 0.0))
     else:
         Z = Load(R_series=R, L_series=L, C_series=C).series_impedance(base.omega) / base.Z
-    if abs(Z) >= _LOAD[0]:
+    if abs(Z) >= _LEAST:
         return R, L, C
     if not math.isnan(abs(Z)):  # NaN has had its own fault
-        problem = f"its impedance at nominal frequency is {abs(Z):.3g} pu, less than {_LOAD[0]:g} pu"
+        problem = f"its impedance at nominal frequency is {abs(Z):.3g} pu, less than {_LEAST:g} pu"
         table.fault("", None, problem, "Give more. A short circuit is a fault: fault = { … }")
     return None, None, None
 
 
 def read_fault(table: TableReader, base: Base | None) -> Fault:
     """A short circuit; its resistance in Ω, or in pu without a base."""
-    kind = table.choice("kind", FAULT_KINDS, default=THREE_PHASE)
-    at = table.quantity("at", "1", 0.0, 1.0, default=0.0)
-    if at == 1.0:
+    found = values(picked(FaultFields, "kind", "at"), table)
+    if found["at"] == 1.0:
         table.fault("at", table.table["at"], "would short the source itself", "Give less than 1.")
-    R = _either(table, "R", "R_pu", "ohm", (0.0, _MOST_FAULT_R), None if base is None else base.Z, default=0.0)
-    phases = table.choice("phases", PHASE_PAIRS, default=Fault.phases)
-    if kind == THREE_PHASE and table.has("phases"):
+    R = _either(table, FaultFields, "R", "R_pu", base)
+    phases = values(picked(FaultFields, "phases"), table)
+    if found["kind"] == THREE_PHASE and table.has("phases"):
         table.fault("phases", table.table["phases"], "a three-phase fault has no pair of phases", "Leave it out.")
-    return _finished(table, Fault(kind=kind, at=at, R=R or 0.0, phases=phases))
+    table.finish()
+    return Fault(**found, **phases, R=R or 0.0)
 
 
 def read_sag(table: TableReader) -> Sag:
     """A voltage sag."""
-    sag = Sag(
-        kind=table.choice("type", tuple(SAG_TYPES)),
-        V_pu=table.quantity("V_pu", "1", 0.0, 1.0),
-        angle=table.quantity("angle", "rad", -_WIDEST_ANGLE, _WIDEST_ANGLE, default=0.0),
-    )
-    return _finished(table, sag)
-
-
-def _finished(table: TableReader, found: Any) -> Any:
-    table.finish()
-    return found
+    return read(Sag, table)
 
 
 def read_synchro_check(table: TableReader) -> SynchroCheck:
     """The limits of a synchro-check."""
-    check = SynchroCheck(
-        angle=table.quantity("angle", "rad", math.radians(0.1), 0.5 * math.pi, default=math.radians(10.0)),
-        V_pu=table.quantity("V_pu", "1", 0.001, 1.0, default=0.1),
-        omega=2.0 * math.pi * table.quantity("df", "Hz", 0.001, 10.0, default=0.3),
-        around=table.quantity("around", "rad", -math.pi, math.pi, default=0.0),
-    )
-    return _finished(table, check)
+    return read(SynchroCheck, table)
 
 
 class Said(NamedTuple):
@@ -196,7 +249,7 @@ NOTHING_SAID = Said(None, None, None)
 def read_said(table: TableReader, base: Base | None) -> Said:
     """``load``, ``fault`` and ``breaker`` of a table."""
     load, fault = table.child_or_word("load", NONE), table.child_or_word("fault", CLEARED)
-    breaker = table.choice("breaker", (OPEN, CLOSED), default=None)
+    breaker = values(picked(NetworkFields, "breaker"), table)["breaker"]
     return Said(
         load=read_load(load, base) if isinstance(load, TableReader) else load,
         fault=read_fault(fault, base) if isinstance(fault, TableReader) else fault,
@@ -294,14 +347,12 @@ def fault_document(fault: Fault, *, per_unit: bool = False) -> dict[str, Any]:
 
 def sag_document(sag: Sag) -> dict[str, Any]:
     """The table of a sag, as :func:`read_sag` reads it."""
-    found: dict[str, Any] = {"type": sag.kind, "V_pu": sag.V_pu}
-    return found if sag.angle == 0.0 else found | {"angle": sag.angle}
+    return document(sag, "type", "V_pu") if sag.angle == 0.0 else document(sag)
 
 
 def synchro_check_document(check: SynchroCheck) -> dict[str, Any]:
     """The table of a synchro-check, as :func:`read_synchro_check` reads it."""
-    df = check.omega / (2.0 * math.pi)
-    return {"angle": check.angle, "V_pu": check.V_pu, "df": df, "around": check.around}
+    return document(check)
 
 
 def fault_in_si(fault: Fault, Z_base: float) -> Fault:

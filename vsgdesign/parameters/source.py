@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import cmath
+import math
 from dataclasses import dataclass
 
-from vsgdesign.equations.sags import sag_sequences
+from vsgdesign.equations.sags import SAG_TYPES, sag_sequences
+from vsgdesign.parameters.fields import number, section, word
 
 
 @dataclass(frozen=True)
@@ -31,16 +33,17 @@ class GridSource:
     """What its voltage contains besides the positive sequence of the fundamental."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@section
 class Sag:
     """A voltage sag (dip) by its type, A to G, with the voltage that remains (:eq:`sag-types`)."""
 
-    kind: str
-    """A name of :data:`vsgdesign.equations.sags.SAG_TYPES`."""
-    V_pu: float
-    """Characteristic voltage over the voltage before, 0 to 1."""
-    angle: float = 0.0
-    """Phase-angle jump of the characteristic voltage, rad."""
+    kind: str = word(tuple(SAG_TYPES), name="type")
+    """Type after Bollen, with phase a as the phase of symmetry. `A` is balanced; `E` and `G` are the same without a zero
+    sequence."""
+    V_pu: float = number("1", 0.0, 1.0)
+    """Characteristic voltage, a share of the voltage before."""
+    angle: float = number("rad", -0.5 * math.pi, 0.5 * math.pi, default=0.0)
+    """Phase-angle jump of the characteristic voltage."""
 
 
 NEGATIVE_SEQUENCE = -1.0
