@@ -30,7 +30,7 @@ from vsgdesign.parameters.converter import (
     scope_of,
 )
 from vsgdesign.parameters.estimator import EstimatorSpec, read_estimator
-from vsgdesign.parameters.events import read_events
+from vsgdesign.parameters.events import event_fields, read_events
 from vsgdesign.parameters.fields import (
     DURATION,
     F_N,
@@ -49,14 +49,13 @@ from vsgdesign.parameters.grid import Grid, Impedance, basis_field, read_grid
 from vsgdesign.parameters.inner_loops import INNER_LOOPS, InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.parameters.network_fields import NetworkFields
 from vsgdesign.parameters.reader import REQUIRED, Asked, TableReader
-from vsgdesign.parameters.replay import read_replay
+from vsgdesign.parameters.replay import ReplayFields, read_replay
 from vsgdesign.parameters.scenario import (
     Component,
     SimulationSpec,
     read_components,
     read_network,
     read_simulation,
-    with_reference_limit,
 )
 from vsgdesign.parameters.sensors import SENSORS, read_sensors
 from vsgdesign.parameters.source import GridSource
@@ -140,7 +139,7 @@ class Sections:
     """One EMT run."""
     controllers: Any = subtable(CONTROLLER, kind="tables", default=REQUIRED, limits="at least one")
     """What to simulate and compare."""
-    events: Any = subtable((), kind="tables")
+    events: Any = subtable(event_fields, kind="tables")
     """What changes, and when."""
     stability: Any = subtable(StabilitySpec, shown=_BELOW)
     """Axes of the margin maps, and gates."""
@@ -156,7 +155,7 @@ class Sections:
     """What the voltage of a real grid does besides the events."""
     sensors: Any = subtable(SENSORS, shown="ideal")
     """Noise, bits and errors between the circuit and the controller."""
-    replay: Any = subtable(())
+    replay: Any = subtable(ReplayFields)
     """A recorded voltage as the source."""
 
 
@@ -192,10 +191,10 @@ def build_study(
         power.fault("notch_damping", power.table["notch_damping"], "there is no notch", 'Add power_filter = "notch".')
     target = read_target(power, scope)
     power.finish()
-    simulation = read_simulation(root.section("simulation"), scope)
-    scope = {**with_reference_limit(scope, simulation.reference_limit_pu), DURATION.of: simulation.duration}
+    simulation = read_simulation(root.section("simulation"), converter)
+    scope = scope_of(converter, simulation.reference_limit_pu) | {DURATION.of: simulation.duration}
     network = read_network(root.child("network"), converter)
-    events = read_events(root.children("events"), grid, basis, converter, simulation, source_, network)
+    events = read_events(root.children("events"), scope, grid, basis, converter, source_, network)
     _check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
     controllers = read_controllers(
         root, scope, target, grid, basis, converter, filter_, (current_limiter, limiter_given)

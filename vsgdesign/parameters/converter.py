@@ -13,10 +13,15 @@ from vsgdesign.parameters.fields import (
     C_BASE,
     F_N,
     L_BASE,
+    MOST_REFERENCE,
     S_RATED,
     T_S,
+    V_MAX,
+    V_MIN,
     V_RATED,
     Z_BASE,
+    Field,
+    Times,
     fields_of,
     inserted,
     number,
@@ -157,12 +162,30 @@ class _LineToLine:
     """Rated line-to-line voltage."""
 
 
+def limiter_fields() -> tuple[Field, ...]:
+    """The parameters of all current limiters."""
+    return tuple(
+        Field(
+            kind="number",
+            name=one.name,
+            unit=one.unit,
+            low=Times(1.0, one.low.words) if one.low.value is None else one.low.value,
+            high=Times(1.0, one.high.words) if one.high.value is None else one.high.value,
+            default=one.default.value,
+            shown=one.default.words,
+            explained=f"`{limiter.name}`: {one.meaning}",
+        )
+        for limiter in LIMITERS.values()
+        for one in limiter.parameters
+    )
+
+
 class LimiterChoice:
     """The fields of [converter] that name its current limiter."""
 
     current_limiter: str = word(lambda: tuple(LIMITERS), default=CIRCULAR.name)
     """How that limit acts ([laws](theory/limiters.md)); a controller may have its own."""
-    limiter: Any = subtable(())
+    limiter: Any = subtable(limiter_fields)
     """[`[converter.limiter]`](#converterlimiter)."""
 
 
@@ -172,10 +195,16 @@ CONVERTER = inserted(
 """The fields of [converter]."""
 
 
-def scope_of(converter: Converter) -> dict[str, float]:
-    """What limits of other sections follow from, by the names of :mod:`vsgdesign.parameters.fields`."""
+def scope_of(converter: Converter, reference_limit_pu: float = math.nan) -> dict[str, float]:
+    """What limits of other sections follow from, by the names of :mod:`vsgdesign.parameters.fields`.
+
+    ``reference_limit_pu``: the largest reference of a study, over the rating.
+    """
     Z, omega = converter.Z_base, converter.omega_n
     return {
+        MOST_REFERENCE.of: reference_limit_pu * converter.S_rated,
+        V_MIN.of: converter.V_min_pu,
+        V_MAX.of: converter.V_max_pu,
         S_RATED.of: converter.S_rated,
         V_RATED.of: converter.V_rated_rms,
         F_N.of: omega / (2.0 * math.pi),

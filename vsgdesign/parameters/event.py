@@ -15,6 +15,7 @@ from typing import Any
 from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import UnknownNameError
 from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.fields import F_N, MOST_REFERENCE, Field, Limit
 from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.parameters.network import Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
@@ -187,10 +188,6 @@ class Event:
         return found
 
 
-Limits = Callable[[Converter, float], tuple[float, float]]
-"""Function of a converter and of the largest reference, pu, that returns the least and the largest value."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class OfSuite:
     """How a suite of grid-code tests writes a quantity, so that it serves every converter."""
@@ -242,8 +239,11 @@ class EventKind:
     """The field of :class:`Event` that it sets: a set point (P_ref, Q_ref, omega_0, V_n), or of the source V_g_rms,
     omega_g or phase_jump."""
     unit: str
-    limits: Limits
+    low: Limit
+    high: Limit
     """Least and largest value in a study, in ``unit``."""
+    meaning: str
+    """What it is, as docs/study-file.md says it."""
     one: Callable[[Converter], float] = lambda _: 1.0
     """What 1 ``unit`` of a study's field is in SI."""
     words: Callable[[float, Converter], str]
@@ -260,6 +260,22 @@ class EventKind:
     :class:`vsgdesign.equations.power_loops.PowerLoopGains`; empty: every controller answers."""
     needs: str = ""
     """What such a controller lacks, in words, such as ``Q–V droop``."""
+
+    @property
+    def field(self) -> Field:
+        """The field of a study's [[events]]."""
+        unchanged = "unchanged" if self.nothing is None else ""
+        return Field(
+            kind="number",
+            name=self.name,
+            attribute=self.quantity,
+            unit=self.unit,
+            low=self.low,
+            high=self.high,
+            default=self.nothing,
+            shown=unchanged,
+            explained=self.meaning,
+        )
 
     @property
     def of_controller(self) -> bool:
@@ -324,7 +340,9 @@ _VOLTAGE = EventKind(
     name="V_g_pu",
     quantity="V_g_rms",
     unit="1",
-    limits=lambda *_: (0.0, 2.0),
+    low=0.0,
+    high=2.0,
+    meaning="source voltage, pu of rated",
     one=lambda c: c.V_rated_rms,
     words=lambda V, c: f"V_g {V / c.V_rated_rms:.3g} pu",
     of_suite=OfSuite(
@@ -342,7 +360,9 @@ _FREQUENCY = EventKind(
     name="f_g",
     quantity="omega_g",
     unit="Hz",
-    limits=lambda c, _: (0.8 * _f_n(c), 1.2 * _f_n(c)),
+    low=0.8 * F_N,
+    high=1.2 * F_N,
+    meaning="source frequency",
     one=lambda _: 2.0 * math.pi,
     words=lambda omega, _: f"f_g {omega / (2.0 * math.pi):.4g} Hz",
     of_suite=OfSuite(
@@ -361,7 +381,10 @@ _PHASE = EventKind(
     name="phase_jump",
     quantity="phase_jump",
     unit="rad",
-    limits=lambda *_: (-math.pi, math.pi),
+    low=-math.pi,
+    high=math.pi,
+    meaning="jump of the source's phase, positive: ahead. A component of order n jumps by n times as much: the whole "
+    "waveform moves",
     nothing=0.0,
     words=lambda jump, _: f"phase {math.degrees(jump):+.3g}°",
     of_suite=OfSuite(
@@ -384,7 +407,9 @@ def _power(signal: str, unit: str) -> EventKind:
         name=name,
         quantity=name,
         unit=unit,
-        limits=lambda c, limit_pu: (-limit_pu * c.S_rated, limit_pu * c.S_rated),
+        low=-1.0 * MOST_REFERENCE,
+        high=MOST_REFERENCE,
+        meaning="set point",
         words=lambda power, _: f"{name} {power / 1e3:.4g} k{unit}",
         of_suite=OfSuite(
             name=f"{signal}_pu",

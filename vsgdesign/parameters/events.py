@@ -7,15 +7,33 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vsgdesign.parameters.converter import Converter, scope_of
+from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.event import EVENT_KINDS, Event
-from vsgdesign.parameters.grid import Grid, read_grid
+from vsgdesign.parameters.fields import (
+    DURATION,
+    Field,
+    Scope,
+    fields_of,
+    flag,
+    inserted,
+    number,
+    picked,
+    subtable,
+    take,
+    text,
+    values,
+    word,
+)
+from vsgdesign.parameters.grid import Grid, Impedance, read_grid
 from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
     CLOSED,
     NONE,
     NOTHING_SAID,
+    OPEN,
     Base,
+    FaultFields,
+    LoadFields,
     Said,
     check_said,
     network_words,
@@ -26,7 +44,7 @@ from vsgdesign.parameters.network_fields import (
     synchro_check_words,
 )
 from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.scenario import SimulationSpec, read_components
+from vsgdesign.parameters.scenario import Component, read_components
 from vsgdesign.parameters.source import GridSource, Sag, SourceComponent, sagged
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
@@ -54,12 +72,56 @@ class _Present:
         return _with_sag(replace(event, sag=None), event.sag, self, converter)
 
 
+_UNCHANGED = "unchanged"
+
+_GRID = tuple(
+    replace(one, shown="value before the event") if one.name in ("scr", "x_over_r") else one
+    for one in fields_of(Impedance)
+)
+
+
+class EventFields:
+    """The fields of [[events]] beside the quantities of :data:`vsgdesign.parameters.event.EVENT_KINDS`."""
+
+    time: float = number("s", 0.0, DURATION, hint="Events must lie within simulation.duration.")
+    """Instant."""
+    name: str = text(limits="not empty", shown="a description of the change")
+    """Label in reports."""
+    grid: Any = subtable(_GRID, shown=_UNCHANGED)
+    """New grid impedance."""
+    over: float = number("s", 0.0, DURATION, default=0.0)
+    """Ramps `V_g_pu` and `f_g` linearly over this time."""
+    components: Any = subtable(Component, kind="tables", shown=_UNCHANGED)
+    """The source's negative sequence and harmonics from now on, in place of all earlier ones; `[]`: none."""
+    sag: Any = subtable(Sag, shown=_UNCHANGED)
+    """An unbalanced or balanced voltage sag from now on; `"none"` ends it."""
+    load: Any = subtable(LoadFields, shown=_UNCHANGED)
+    """The load at the PCC from now on; `"none"`: no load."""
+    fault: Any = subtable(FaultFields, shown=_UNCHANGED)
+    """The short circuit from now on; `"cleared"` ends it, phase by phase at the next zeros of its currents
+    ([theory](theory/networks.md#clearing-at-zeros))."""
+    breaker: str | None = word((OPEN, CLOSED), default=None, shown=_UNCHANGED)
+    """The breaker between the PCC and the grid."""
+    synchro_check: Any = subtable(SynchroCheck, shown="at once")
+    """With `breaker = "closed"`: the breaker waits until both sides are near each other."""
+    synchronise: bool = flag(default=False)
+    """With `breaker = "closed"`: the converter sets itself to the grid behind the breaker, which closes when it has
+    been in step for 0.2 s."""
+
+
+def event_fields() -> tuple[Field, ...]:
+    """All fields of [[events]]."""
+    kinds = [kind.field for kind in EVENT_KINDS.values() if not kind.of_controller]
+    set_points = [kind.field for kind in EVENT_KINDS.values() if kind.of_controller]
+    return (*inserted(fields_of(EventFields), "grid", *kinds), *set_points)
+
+
 def read_events(
     tables: list[TableReader],
+    scope: Scope,
     grid: Grid,
     basis: str,
     converter: Converter,
-    spec: SimulationSpec,
     source: GridSource,
     network: Network = PLAIN,
 ) -> tuple[Event, ...]:
@@ -71,25 +133,25 @@ def read_events(
     before, before_s = replace(present), -math.inf  # at the end of the instant before
     waiting: TableReader | None = None  # of the event whose breaker waits to close
     for table in sorted(tables, key=_time_or_last):
-        t_s = table.quantity("time", "s", 0.0, spec.duration, hint="Events must lie within simulation.duration.")
+        t_s = values(picked(EventFields, "time"), table, scope)["time"]
         if not abs(t_s - before_s) <= SAME_INSTANT:
             before, before_s = replace(present), t_s
-        event = _read_source(table, Event(t_s), present, basis, converter, spec)
+        event = _read_source(table, scope, Event(t_s), present, basis, converter)
         event = _read_network(table, event, before, present, waiting, converter)
         if event.synchro_check is not None or event.synchronised_until is not None:
             waiting = table
         if event.sag is not None:
             _check_sag(table, event, event.sag, before)
         given = _given(table, event, converter, basis) | _given_objects(table, event)
-        for earlier_t, earlier, values in said:
+        for earlier_t, earlier, earlier_values in said:
             if abs(t_s - earlier_t) <= SAME_INSTANT:
-                _check_agreement(table, given, earlier, values, t_s)
+                _check_agreement(table, given, earlier, earlier_values, t_s)
         said.append((t_s, table, given))
         described = describe(event, converter, basis)
         if not described:
             names = ", ".join(["grid", *EVENT_KINDS, "components", "sag", "load", "fault"])
             table.fault("", None, "changes nothing", f"Give {names} or breaker.")
-        name = table.text("name", default=described)
+        name = values(picked(EventFields, "name"), table, defaults={"name": described})["name"]
         events.append(present.settle(replace(event, name=name), converter))
         table.finish()
     return tuple(events)
@@ -106,23 +168,22 @@ def settled(
 
 
 def _read_source(
-    table: TableReader, event: Event, present: _Present, basis: str, converter: Converter, spec: SimulationSpec
+    table: TableReader, scope: Scope, event: Event, present: _Present, basis: str, converter: Converter
 ) -> Event:
     """Grid, source and set points of an event."""
-    values: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     grid_table = table.child("grid")
     if grid_table is not None:
-        present.grid = values["grid"] = read_grid(grid_table, scope_of(converter), converter, basis, present.grid)
+        present.grid = found["grid"] = read_grid(grid_table, scope, converter, basis, present.grid)
         grid_table.finish()
     for kind in EVENT_KINDS.values():
-        low, high = kind.limits(converter, spec.reference_limit_pu)
-        value = table.quantity(kind.name, kind.unit, low, high, default=kind.nothing)
+        value = take(table, kind.field, scope, kind.nothing)
         if value is not None:
-            values[kind.quantity] = kind.one(converter) * value
-    over = table.quantity("over", "s", 0.0, spec.duration, default=0.0)
+            found[kind.quantity] = kind.one(converter) * value
+    over = values(picked(EventFields, "over"), table, scope)["over"]
     components = read_components(table.children("components")) if table.has("components") else None
     table.skip("components")
-    event = replace(event, **values, over=over, components=components)
+    event = replace(event, **found, over=over, components=components)
     ramped = [kind.name for kind in EVENT_KINDS.values() if kind.ramps]
     if over > 0.0 and not any(kind.ramps for kind in event.changed):
         advice = f"Use it with {' or '.join(ramped)}."
@@ -143,7 +204,7 @@ def _read_network(
     check_said(table, said if waiting is None else said._replace(breaker=None), before.network)
     check_table = table.child("synchro_check")
     check = None if check_table is None else read_synchro_check(check_table)
-    synchronise = table.flag("synchronise", default=False)
+    synchronise = values(picked(EventFields, "synchronise"), table)["synchronise"]
     _check_waiting(table, said, check, synchronise, waiting, present.network)
     sag_table = table.child_or_word("sag", NONE)
     sag = read_sag(sag_table) if isinstance(sag_table, TableReader) else sag_table

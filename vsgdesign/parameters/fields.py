@@ -40,6 +40,7 @@ class Times:
 
 S_RATED, V_RATED, F_N, T_S = Times(1.0, "S_rated"), Times(1.0, "V_rated"), Times(1.0, "f_n"), Times(1.0, "T_s")
 Z_BASE, L_BASE, C_BASE = Times(1.0, "Z_base"), Times(1.0, "Z_base/ω_n"), Times(1.0, "1/(ω_n Z_base)")
+V_MIN, V_MAX = Times(1.0, "`V_min_pu`"), Times(1.0, "`V_max_pu`")
 DURATION, MOST_REFERENCE = Times(1.0, "`duration`"), Times(1.0, "`reference_limit_pu` S_rated")
 
 T = TypeVar("T")
@@ -82,10 +83,15 @@ class Field:
     """Whether a list must increase."""
     hint: str = ""
     """What to do with a value beyond the limits."""
+    counts: tuple[int, ...] = ()
+    example: str = ""
+    """Of a list of names: how many there may be, and what it may look like."""
     of: Any = ()
-    """The fields of a table, or the class that has them."""
+    """The fields of a table, the class that has them, or a function where more can be registered later."""
     home: type | None = None
     """The class that has it as an attribute."""
+    explained: str = ""
+    """The meaning of a field that is no attribute of a class."""
 
     @property
     def required(self) -> bool:
@@ -100,12 +106,12 @@ class Field:
     @property
     def meaning(self) -> str:
         """The first paragraph of the attribute's docstring; empty without one."""
-        return "" if self.home is None else _meanings(self.home).get(self.attribute, "")
+        return self.explained if self.home is None else _meanings(self.home).get(self.attribute, "")
 
     @property
     def fields(self) -> tuple[Field, ...]:
         """The fields of a table."""
-        return fields_of(self.of)
+        return fields_of(self.of if isinstance(self.of, tuple | type) else self.of())
 
 
 _KEY = "field of a study"
@@ -155,6 +161,11 @@ def text(*, default: Any = REQUIRED, kind: str = "text", **more: Any) -> Any:
     return _specifier(Field(kind=kind, default=default, **more))
 
 
+def names(counts: tuple[int, ...], example: str, *, default: Any = REQUIRED, **more: Any) -> Any:
+    """A list of texts. ``counts``: how many there may be; ``example``: of such a list, for messages."""
+    return _specifier(Field(kind="names", counts=counts, example=example, default=default, **more))
+
+
 def subtable(of: Any, *, kind: str = "table", default: Any = None, **more: Any) -> Any:
     """A table with the fields of ``of``. ``kind``: ``tables`` for a list of them."""
     return _specifier(Field(kind=kind, of=of, default=default, **more))
@@ -163,7 +174,7 @@ def subtable(of: Any, *, kind: str = "table", default: Any = None, **more: Any) 
 @dataclass_transform(
     kw_only_default=True,
     frozen_default=True,
-    field_specifiers=(dataclasses.field, number, drawn, numbers, whole, word, flag, text, subtable),
+    field_specifiers=(dataclasses.field, number, drawn, numbers, whole, word, flag, text, names, subtable),
 )
 def section(cls: type[T]) -> type[T]:
     """A frozen dataclass whose attributes are given by name and may be fields of a study."""
@@ -238,6 +249,8 @@ def take(table: TableReader, one: Field, scope: Scope, default: Any) -> Any:
         return table.identifier(one.name, default=default)
     if one.kind == "text":
         return table.text(one.name, default=default)
+    if one.kind == "names":
+        return table.names(one.name, one.counts, one.example)
     child = table.child(one.name)
     return default if child is None else read(one.of, child, scope)
 

@@ -113,7 +113,8 @@ class SynchroCheck:
     omega: float = number("Hz", 0.001, 10.0, default=0.3, name="df", scale=2.0 * math.pi)
     """Largest difference of the frequencies."""
     around: float = number("rad", -math.pi, math.pi, default=0.0)
-    """By how much the converter's side leads in the middle of the range of angles; not zero: out of phase on purpose."""
+    """By how much the converter's side leads in the middle of the range of angles; not zero: out of phase on
+    purpose."""
 
 
 def only_a_grid(network: Network, what: str) -> None:

@@ -80,7 +80,8 @@ class LoadFields:
     P_pu: float | None = number("1", 0.0, _MOST_POWER, default=None, scale=S_RATED)
     """The same, pu of S_rated."""
     Q: float | None = number("var", -_MOST_POWER * S_RATED, _MOST_POWER * S_RATED, default=None)
-    """Reactive power at nominal voltage and frequency: an inductance in parallel, or a capacitance if it is negative."""
+    """Reactive power at nominal voltage and frequency: an inductance in parallel, or a capacitance if it is
+    negative."""
     Q_pu: float | None = number("1", -_MOST_POWER, _MOST_POWER, default=None, scale=S_RATED)
     """The same, pu of S_rated."""
     R: float | None = number("ohm", _LEAST * Z_BASE, _MOST * Z_BASE, default=None)

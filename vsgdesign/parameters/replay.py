@@ -1,4 +1,4 @@
-"""Reads the [replay] section: a recorded voltage that takes the place of the grid's source."""
+"""The [replay] section: a recorded voltage that takes the place of the grid's source."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.frames import clarke, peak_to_rms
 from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.fields import names, number, picked, text, values
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.record import Record, RecordError, read_record
 
@@ -68,6 +69,28 @@ class ReplaySpec:
         }
 
 
+_ALL, _EXAMPLE = "all of the file", '["v_a", "v_b", "v_c"]'
+
+
+class ReplayFields:
+    """The fields of [replay]."""
+
+    file: str = text(limits=".csv, .txt, .wav or .npz")
+    """The record, relative to the study file."""
+    columns: tuple[str, ...] | None = names(
+        (1, 3), '["v_a", "v_b", "v_c"]', default=None, limits="one or three", shown=_ALL
+    )
+    """The phases a, b, c by name or by number from 1 on. One phase stands for the other two a third and two thirds of a
+    cycle later."""
+    rate: float | None = number("Hz", 1.0, 1e8, default=None, shown="of the file", name="sampling_rate")
+    """Where the file does not say it: a CSV without a column of times, an npz without a number `sampling_rate`."""
+    scale: float = number("V", 1e-9, 1e9, hint=_SCALE, limits=f"1e-9 to 1e9, or `{RATED}`")
+    """V for one unit of the file, phase to neutral; `rated`: such that the fundamental at the beginning is the rated
+    voltage."""
+    begin: float = number("s", 0.0, 1e7, default=0.0)
+    """Where in the record the simulation begins, counted from the first instant that can be used."""
+
+
 def _margins(record: Record, omega: float) -> tuple[float, float]:
     """Seconds at the beginning and at the end of a record that cannot be used, with ω at least as given (rad/s).
 
@@ -115,7 +138,7 @@ def read_replay(table: TableReader | None, converter: Converter, duration: float
     if table is None:
         return None
     told = len(table.faults)
-    path = table.text("file")
+    path = values(picked(ReplayFields, "file"), table)["file"]
     f_n = converter.omega_n / (2.0 * math.pi)
     scale = None
     if not table.has("scale"):
@@ -123,14 +146,9 @@ def read_replay(table: TableReader | None, converter: Converter, duration: float
     if table.table.get("scale", RATED) == RATED:
         table.skip("scale")
     else:
-        scale = table.quantity("scale", "V", 1e-9, 1e9, hint=_SCALE)
-    spec = ReplaySpec(
-        file=path,
-        columns=table.names("columns", (1, 3), '["v_a", "v_b", "v_c"]'),
-        rate=table.quantity("sampling_rate", "Hz", 1.0, 1e8, default=None),
-        begin=table.quantity("begin", "s", 0.0, 1e7, default=0.0),
-        scale=1.0 if scale is None else scale,
-    )
+        scale = values(picked(ReplayFields, "scale"), table)["scale"]
+    rest = values(picked(ReplayFields, "columns", "sampling_rate", "begin"), table)
+    spec = ReplaySpec(file=path, **rest, scale=1.0 if scale is None else scale)
     table.finish()
     if not path:
         return None

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 
-from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.converter import Converter, scope_of
 from vsgdesign.parameters.fields import (
     MOST_REFERENCE,
-    S_RATED,
-    T_S,
-    Scope,
     fields_of,
     flag,
     number,
@@ -83,18 +80,13 @@ def read_components(tables: list[TableReader]) -> tuple[SourceComponent, ...]:
     return tuple(found)
 
 
-def with_reference_limit(scope: Scope, limit_pu: float) -> dict[str, float]:
-    """What limits follow from, with the largest reference of a study."""
-    return {**scope, MOST_REFERENCE.of: limit_pu * scope[S_RATED.of]}
-
-
-def read_simulation(table: TableReader, scope: Scope) -> SimulationSpec:
+def read_simulation(table: TableReader, converter: Converter) -> SimulationSpec:
     """The [simulation] section."""
-    T_s = scope[T_S.of]
+    T_s = converter.T_s
     # A droop adds to a reference where the source's voltage or frequency is not nominal.
     limit = values(picked(SimulationSpec, "reference_limit_pu"), table)
     default = math.nan if math.isnan(T_s) else max(round(200e-6 / T_s), 1) * T_s
-    scope = with_reference_limit(scope, limit["reference_limit_pu"])
+    scope = scope_of(converter, limit["reference_limit_pu"])
     rest = tuple(one for one in fields_of(SimulationSpec) if one.name not in limit)
     spec = SimulationSpec(**limit, **values(rest, table, scope, {"log_interval": default}))
     log_interval = spec.log_interval

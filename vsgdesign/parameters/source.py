@@ -38,8 +38,8 @@ class Sag:
     """A voltage sag (dip) by its type, A to G, with the voltage that remains (:eq:`sag-types`)."""
 
     kind: str = word(tuple(SAG_TYPES), name="type")
-    """Type after Bollen, with phase a as the phase of symmetry. `A` is balanced; `E` and `G` are the same without a zero
-    sequence."""
+    """Type after Bollen, with phase a as the phase of symmetry. `A` is balanced; `E` and `G` are the same without a
+    zero sequence."""
     V_pu: float = number("1", 0.0, 1.0)
     """Characteristic voltage, a share of the voltage before."""
     angle: float = number("rad", -0.5 * math.pi, 0.5 * math.pi, default=0.0)

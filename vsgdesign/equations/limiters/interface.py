@@ -107,12 +107,23 @@ class KnownRatings(NamedTuple):
     values: Mapping[str, float]
 
 
-Rule = Callable[[KnownRatings], float]
+@dataclass(frozen=True)
+class Rule:
+    """How a limit or a default of a parameter follows from the ratings and from other parameters."""
+
+    of: Callable[[KnownRatings], float]
+    words: str = ""
+    """The rule in words, for docs/study-file.md."""
+    value: float | None = None
+    """The number, where it is the same for every converter."""
+
+    def __call__(self, known: KnownRatings) -> float:
+        return self.of(known)
 
 
 def always(value: float) -> Rule:
     """The rule that gives the same number for every converter."""
-    return lambda _: value
+    return Rule(lambda _: value, value=value)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from vsgdesign.equations.limiters.interface import (
     LimiterParameter,
     LimiterRatings,
     LimiterView,
+    Rule,
     always,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains, References
@@ -120,9 +121,9 @@ THRESHOLD_IMPEDANCE = Limiter(
         LimiterParameter(
             "threshold_pu",
             "1",
-            low=lambda known: 0.3 * known.ratings.limit_pu,
-            high=lambda known: 0.95 * known.ratings.limit_pu,
-            default=lambda known: known.ratings.limit_pu / 1.2,
+            low=Rule(lambda known: 0.3 * known.ratings.limit_pu, "0.3 I_max"),
+            high=Rule(lambda known: 0.95 * known.ratings.limit_pu, "0.95 I_max"),
+            default=Rule(lambda known: known.ratings.limit_pu / 1.2, "I_max/1.2"),
             meaning="current above which the impedance acts, pu of the rated peak",
         ),
         LimiterParameter(
@@ -131,7 +132,7 @@ THRESHOLD_IMPEDANCE = Limiter(
             low=always(0.02),
             high=always(1.5),
             default=always(1.0),
-            meaning="voltage across the impedance at the limit of the current, pu",
+            meaning="voltage across the impedance at I_max, pu",
         ),
         LimiterParameter(
             "impedance_x_over_r",
@@ -147,7 +148,7 @@ THRESHOLD_IMPEDANCE = Limiter(
             low=always(0.0),
             high=always(0.05),
             default=always(5e-3),
-            meaning="time constant of the low-pass of the current that sees the impedance",
+            meaning="time constant of the low-pass of the current that sees the impedance; 0 means no filter",
         ),
     ),
 )
