@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from vsgdesign.cli.common import JSON, STUDY, keeping, load, print_json, progress, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.report.page.blocks import Block
 
 
 @click.command()
@@ -35,13 +40,15 @@ def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int
 
     study = load(study_file, left_tables=True)
     folder = Path("out") / f"{study.name}-comparison" if out is None else Path(out)
+    blocks: list[Block] = []
+    show = None if as_json else blocks.extend
     with keeping(folder):
         with progress(quiet=as_json) as tell:
-            document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell)
+            document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell, show=show)
         if as_json:
             print_json(document)
             return
-        from vsgdesign.cli.console.compare import comparison_table
+        from vsgdesign.report.page.terminal import print_terminal
 
-        comparison_table(document)
+        print_terminal(blocks)
         click.echo(f"report: {folder / 'report.html'}")

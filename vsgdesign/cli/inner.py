@@ -40,9 +40,11 @@ def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> Non
         if as_json:
             print_json(document)
             return
-        from vsgdesign.cli.console.inner import inner_tables
+        from vsgdesign.report.inner.page import inner_page
+        from vsgdesign.report.page.terminal import print_terminal
 
         kept = inner_loops_file(study_file)
-        inner_tables(document, str(kept) if found.designed and kept.exists() else None)
+        file = str(kept) if found.designed and kept.exists() else None
+        print_terminal(inner_page(document, file=file).blocks)
         if out is not None:
             click.echo(f"report: {out}/report.html")

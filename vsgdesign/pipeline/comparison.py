@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,7 @@ from vsgdesign.pipeline.table import make_tables
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares
     from vsgdesign.design.comparison import Compared, Comparison, Contender, EmtStep
+    from vsgdesign.report.page.blocks import Block
 
 VERB = "vsgdesign compare"
 
@@ -46,10 +47,12 @@ def report_comparison(
     seed: int = 0,
     workers: int | None = None,
     progress: Progress | None = None,
+    show: Callable[[Sequence[Block]], None] | None = None,
 ) -> dict[str, Any]:
     """Compares and writes results.json, comparison.csv, figures and report.html to ``out``; returns results.json.
 
-    Gain tables that the study asks for without naming a file are built first. The folder appears when everything is
+    Gain tables that the study asks for without naming a file are built first. ``show`` is given the blocks of the page,
+    some of which a terminal prints. The folder appears when everything is
     done. Raises the errors of :func:`compare_study` and ArtifactError.
     """
     from vsgdesign.report import write_comparison_figures, write_comparison_report
@@ -63,6 +66,10 @@ def report_comparison(
         figures = write_comparison_figures(comparison, folder / "figures")
         tell("draw figures", 1.0)
         write_comparison_report(comparison, figures, folder / "report.html")
+        if show is not None:
+            from vsgdesign.report.comparison.page import comparison_page
+
+            show(comparison_page(comparison).blocks)
         write_table(folder / "comparison.csv", CSV_HEADER, csv_rows(comparison))
         return write_record(folder, comparison_document(comparison), VERB)
 

@@ -106,7 +106,7 @@ def report_inner_loops(
         figures = write_inner_figures(found.score, folder / "figures")
         tell("draw figures", 1.0)
         document = inner_document(found)
-        write_inner_page(study, document, figures, folder / "report.html")
+        write_inner_page(document, figures, folder / "report.html")
         write_table(folder / "inner.csv", *_rows(found))
         write_record(folder, document | {"provenance": provenance()}, VERB)
     return found

@@ -128,9 +128,10 @@ def write_comparison_figures(comparison: Comparison, folder: str | Path) -> list
 
 def write_comparison_report(comparison: Comparison, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
     """Write the page of a comparison: one HTML file with text, tables and the given figures."""
-    from vsgdesign.report.comparison.page import write_comparison_page
+    from vsgdesign.report.comparison.page import comparison_page
+    from vsgdesign.report.page.html import print_html
 
-    return write_comparison_page(comparison, figures, Path(out_path))
+    return print_html(comparison_page(comparison, figures), Path(out_path))
 
 
 def write_verification_report(document: Mapping[str, Any], folder: str | Path) -> list[Path]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from vsgdesign.estimator.scores import AFTER, GROUP_WORDS, GROUPS, SEEN, WAYS, WINDOWS, verdict
+from vsgdesign.estimator.scores import AFTER, GROUP_WORDS, GROUPS, SEEN, WAYS, WINDOWS
 from vsgdesign.estimator.trained import TrainedFieldNetwork
 from vsgdesign.report.drawing.style import (
     COLUMN_IN,
@@ -20,10 +19,9 @@ from vsgdesign.report.drawing.style import (
     look,
     new_figure,
 )
-from vsgdesign.report.estimator.answer import WAY_WORDS, training_answer, training_headline
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.estimator.answer import WAY_WORDS
+from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.page.html import write_html
 from vsgdesign.report.quantities import DASH, number
 
 _TITLES = {
@@ -117,31 +115,8 @@ def _loss(trained: TrainedFieldNetwork) -> NamedFigure:
     return NamedFigure("training_loss", "Progress of the training", caption, figure, 3)
 
 
-def write_field_training_page(
-    study: str, trained: TrainedFieldNetwork, figures: Sequence[WrittenFigure], out_path: Path
-) -> Path:
-    """The page of a training: the verdict, the three ways by kind of change, and the loss."""
-    parts = (
-        ("After a change", [_score_table(trained, group) for group in GROUPS], 1, ()),
-        ("Coverage", [_coverage_table(trained)], 0, ()),
-        ("Training", [_runs_table(trained)], 3, ()),
-    )
-    return write_html(
-        out_path,
-        "estimator.html.j2",
-        figures,
-        title="The network of the field estimator",
-        study=study,
-        largest="after_a_change",
-        headline=training_headline(trained),
-        summary=training_answer(trained),
-        conclusion=verdict(trained.scores),
-        parts=parts,
-        weights={"This network": trained.weights.hash},
-    )
-
-
-def _score_table(trained: TrainedFieldNetwork, group: str) -> Table:
+def score_table(trained: TrainedFieldNetwork, group: str) -> Table:
+    """Errors, shares and times of the three ways of answering after one kind of change."""
     rows = []
     for way in WAYS:
         score = trained.scores[way][group]
@@ -167,7 +142,8 @@ def _score_table(trained: TrainedFieldNetwork, group: str) -> Table:
     return Table(f"{GROUP_WORDS[group]}: {count}", head, tuple(rows), groups=groups, notes=explained)
 
 
-def _coverage_table(trained: TrainedFieldNetwork) -> Table:
+def coverage_table(trained: TrainedFieldNetwork) -> Table:
+    """How often the truth is inside the ellipse of an answer."""
     rows = []
     for way in WAYS:
         for group in GROUPS:
@@ -181,7 +157,8 @@ def _coverage_table(trained: TrainedFieldNetwork) -> Table:
     return Table("Coverage of the 95 % ellipse [%]", head, tuple(rows), texts=2, notes=notes)
 
 
-def _runs_table(trained: TrainedFieldNetwork) -> Table:
+def runs_table(trained: TrainedFieldNetwork) -> Table:
+    """Runs and cycles of each part of the data."""
     rows = [(name, str(trained.runs[name]), str(trained.cycles[name])) for name in trained.runs]
     names = ", ".join(one["name"] for one in trained.weights.converters)
     notes = (f"Converters: {names}. All cycles of a run are in one part.",)

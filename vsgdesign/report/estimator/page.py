@@ -3,68 +3,104 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from vsgdesign.estimator.comparison import WITHIN, Comparison
+from vsgdesign.estimator.scores import GROUPS, verdict
 from vsgdesign.estimator.stress import Stress
+from vsgdesign.estimator.trained import TrainedFieldNetwork
 from vsgdesign.identification import SIGNAL_SETS
 from vsgdesign.report.estimator.answer import (
     comparison_answer,
     comparison_headline,
     stress_answer,
     stress_headline,
+    training_answer,
+    training_headline,
 )
+from vsgdesign.report.estimator.field_training import coverage_table, runs_table, score_table
 from vsgdesign.report.figure_types import WrittenFigure
-from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.page.html import write_html
+from vsgdesign.report.page.blocks import (
+    BULLETS,
+    NUMBERS,
+    Block,
+    Box,
+    Heading,
+    Page,
+    Span,
+    Table,
+    drawings,
+    opening,
+    words,
+)
+from vsgdesign.report.page.html import print_html
 from vsgdesign.report.quantities import DASH, number, plain
 
 
 def write_comparison_page(study: str, found: Comparison, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """The page of the comparison: error and bound, disturbance, delay."""
-    parts = (  # heading, tables, part of the figures (0: none), words
-        ("Error and bound", [accuracy_table(found)], 1, ()),
-        ("Disturbance", [], 2, ()),
-        ("After a change of grid", [delay_table(found)], 3, ()),
-    )
-    return write_html(
-        out_path,
-        "estimator.html.j2",
-        figures,
-        title="Impedance estimators compared",
-        study=study,
-        largest="estimator_accuracy",
-        headline=comparison_headline(found),
-        summary=comparison_answer(found),
-        conclusion=comparison_conclusion(found),
-        parts=parts,
-        weights=found.weights,
-    )
+    blocks = [
+        *opening(comparison_headline(found), [comparison_answer(found)], figures, "estimator_accuracy"),
+        *_in_words(comparison_conclusion(found)),
+        Heading("Error and bound", numbered=True),
+        accuracy_table(found),
+        *drawings(figures, 1, without="estimator_accuracy"),
+        Heading("Disturbance", numbered=True),
+        *drawings(figures, 2),
+        Heading("After a change of grid", numbered=True),
+        delay_table(found),
+        *drawings(figures, 3),
+    ]
+    return write_page("Impedance estimators compared", study, blocks, found.weights, out_path)
 
 
 def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """The page of the stress test: the error under everything that can disturb an estimator in the field."""
-    parts = (
-        ("Requirements for an estimator in the field", [], 0, needs()),
-        ("Where each method breaks", [], 1, ()),
-        ("Errors", [stress_table(found, k) for k in range(len(found.results))], 0, ()),
+    blocks = [
+        *opening(stress_headline(found), [stress_answer(found)], figures, "estimator_stress"),
+        *_in_words(stress_conclusion(found)),
+        Heading("Requirements for an estimator in the field", numbered=True),
+        words(*needs(), style=NUMBERS),
+        Heading("Where each method breaks", numbered=True),
+        *drawings(figures, 1, without="estimator_stress"),
+        Heading("Errors", numbered=True),
+        *(stress_table(found, k) for k in range(len(found.results))),
+    ]
+    return write_page("Impedance estimators under stress", study, blocks, found.weights, out_path)
+
+
+def write_field_training_page(
+    study: str, trained: TrainedFieldNetwork, figures: Sequence[WrittenFigure], out_path: Path
+) -> Path:
+    """The page of a training: the verdict, the three ways by kind of change, and the loss."""
+    blocks = [
+        *opening(training_headline(trained), [training_answer(trained)], figures, "after_a_change"),
+        *_in_words(verdict(trained.scores)),
+        Heading("After a change", numbered=True),
+        *(score_table(trained, group) for group in GROUPS),
+        *drawings(figures, 1, without="after_a_change"),
+        Heading("Coverage", numbered=True),
+        coverage_table(trained),
+        Heading("Training", numbered=True),
+        runs_table(trained),
+        *drawings(figures, 3),
+    ]
+    return write_page(
+        "The network of the field estimator", study, blocks, {"This network": trained.weights.hash}, out_path
     )
-    return write_html(
-        out_path,
-        "estimator.html.j2",
-        figures,
-        title="Impedance estimators under stress",
-        study=study,
-        largest="estimator_stress",
-        headline=stress_headline(found),
-        summary=stress_answer(found),
-        conclusion=stress_conclusion(found),
-        parts=parts,
-        weights=found.weights,
-    )
+
+
+def write_page(title: str, study: str, blocks: Sequence[Block], weights: Mapping[str, str], out_path: Path) -> Path:
+    """A page of the estimator, whose last line names the weights of its networks."""
+    named = [part for name, hash in weights.items() for part in (f"{name}: weights ", Span(hash[:16], code=True), ". ")]
+    return print_html(Page(title, [words(study), *blocks], tuple(named)), out_path)
+
+
+def _in_words(sentences: Sequence[str]) -> list[Block]:
+    return [Heading("In words"), Box([words(*sentences, style=BULLETS)])]
 
 
 def accuracy_table(found: Comparison) -> Table:

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.report.drawing.files import write_figure
-from vsgdesign.report.drawing.look import Cells, gate_scale
-from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.inner.words import (
     AT_MOST,
@@ -23,13 +21,26 @@ from vsgdesign.report.inner.words import (
     promise_rows,
     what_for,
 )
-from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.page.html import write_html
-from vsgdesign.report.quantities import plain
+from vsgdesign.report.page.blocks import (
+    BULLETS,
+    Block,
+    Box,
+    Heading,
+    Page,
+    Span,
+    Table,
+    Where,
+    drawings,
+    words,
+)
+from vsgdesign.report.page.html import print_html
+from vsgdesign.report.quantities import number, plain
+
+_SHOWN = 7
+"""The grids of each axis on the map of the terminal."""
 
 if TYPE_CHECKING:
     from vsgdesign.design.inner import InnerScore
-    from vsgdesign.parameters.study import Study
 
 
 def write_inner_figures(score: InnerScore, folder: Path) -> list[WrittenFigure]:
@@ -77,6 +88,9 @@ def _map(
     says: str,
     part: int,
 ) -> NamedFigure:
+    from vsgdesign.report.drawing.look import Cells, gate_scale
+    from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
+
     unstable = ~score.stable
     missing = np.isnan(values) & ~unstable
     nowhere = np.zeros(values.T.shape, dtype=bool)
@@ -104,8 +118,8 @@ def _map(
     return map_figure(frame, [[Panel("", cells)]], scale)
 
 
-def inner_part(document: dict[str, Any]) -> dict[str, Any]:
-    """The content of the page about inner loops, from results.json: the answer, sentences, requirements and gains."""
+def inner_tables(document: dict[str, Any], on: Where = Where.PAGE) -> tuple[Table, Table]:
+    """Requirements and gains, from results.json."""
     missed = frozenset(k for k, one in enumerate(document["promises"]) if not (one["score"] or 0.0) >= 1.0)
     promises = Table(
         "What the inner loops keep, at the worst grid",
@@ -114,17 +128,70 @@ def inner_part(document: dict[str, Any]) -> dict[str, Any]:
         texts=2,
         flagged=missed,
         notes=("A coloured row is not kept on every grid. The share is the worst value divided by the target.",),
+        on=on,
     )
-    gains = Table("Gains of the inner loops, SI, dq components peak", GAIN_HEAD, tuple(gain_rows(document)), texts=2)
-    return {
-        "headline": headline(document),
-        "what_for": what_for(document),
-        "explanation": explanation(document),
-        "promises": promises,
-        "gains": gains,
-    }
+    title = "Gains of the inner loops, SI, dq components peak"
+    return promises, Table(title, GAIN_HEAD, tuple(gain_rows(document)), texts=2, on=on)
 
 
-def write_inner_page(study: Study, document: dict[str, Any], figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+def inner_page(document: dict[str, Any], figures: Sequence[WrittenFigure] = (), file: str | None = None) -> Page:
+    """The page: the answer, what is kept and where, the gains, and each requirement over the grids.
+
+    ``file`` is where a verb keeps gains that it designed, for the terminal.
+    """
+    study = document["study"]
+    promises, gains = inner_tables(document, Where.BOTH)
+    kept_in = f" They are kept in {file}." if file else ""
+    blocks: list[Block] = [
+        Box(
+            (
+                words((Span(headline(document), bold=True), f" {what_for(document)}")),
+                words(*explanation(document), style=BULLETS),
+            )
+        ),
+        words(
+            f"{study['title']}: {headline(document)}",
+            what_for(document) + kept_in,
+            *explanation(document),
+            on=Where.TERMINAL,
+        ),
+        Heading("What is kept, and where", numbered=True),
+        promises,
+        *drawings(figures, 0),
+        Heading("Gains", numbered=True),
+        gains,
+        _score_table(document),
+        Heading("Each promise over the grids", numbered=True),
+        *drawings(figures, 1),
+        Heading("Limits of validity", numbered=True),
+        words(
+            "The power loops are held still: their angle and voltage are constant. The check with power loops in the "
+            "verdict uses the full-order model.",
+            "The results are for small deviations without any limit, an averaged bridge, and a balanced grid of R and "
+            "L. The EMT simulation is decisive.",
+            "The targets are those of this project, not of a grid code.",
+            style=BULLETS,
+        ),
+    ]
+    origin = ("Study ", Span(study["name"], code=True), ", SHA-256 ", Span(study["hash"], code=True), ".")
+    return Page(f"{study['title']}: inner loops", blocks, origin)
+
+
+def _score_table(document: dict[str, Any]) -> Table:
+    """The score on about seven grids of each axis, for a terminal."""
+    scr, x_over_r, score = (document["map"][name] for name in ("scr", "x_over_r", "score"))
+    rows, columns = _some(len(scr)), _some(len(x_over_r))
+    head = ("SCR \\ X/R", *(plain(x_over_r[j], 3) for j in columns))
+    texts = tuple((plain(scr[i], 3), *(number(score[i][j], 2) for j in columns)) for i in reversed(rows))
+    return Table("Score over the grids (1 is asked)", head, texts, texts=0, on=Where.TERMINAL)
+
+
+def _some(count: int) -> list[int]:
+    """About seven indices from the first to the last."""
+    step = max((count - 1) // (_SHOWN - 1), 1)
+    return sorted({*range(0, count, step), count - 1})
+
+
+def write_inner_page(document: dict[str, Any], figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """Write the page from results.json, with the SVG text of the figures as it is in the files."""
-    return write_html(out_path, "inner.html.j2", figures, study=study, **inner_part(document))
+    return print_html(inner_page(document, figures), out_path)

@@ -111,12 +111,11 @@ def _table(console: Console, table: Table) -> None:
 
 
 def _heads(table: Table) -> list[str]:
-    """The heads of the columns; where two are the same, below the label of their group."""
-    labels = [label for label, span in table.groups for _ in range(span)]
-    repeated = {name for name in table.head if table.head.count(name) > 1}
+    """The heads of the columns, below the label of their group where they mean nothing without it."""
+    groups = [group for group in table.groups for _ in range(group[1])] or [("", 1)] * len(table.head)
     return [
-        f"{labels[k]}\n{name}" if labels and labels[k] and name in repeated else name
-        for k, name in enumerate(table.head)
+        f"{label}\n{name}".strip() if label and (span == 1 or not name or table.head.count(name) > 1) else name
+        for name, (label, span) in zip(table.head, groups, strict=True)
     ]
 
 

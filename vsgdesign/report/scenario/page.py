@@ -12,8 +12,9 @@ from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.identification.registry import why_no_c
 from vsgdesign.metrics import mean_in_words
 from vsgdesign.report.figure_types import WrittenFigure
-from vsgdesign.report.inner.page import inner_part
-from vsgdesign.report.inner.words import headline
+from vsgdesign.report.inner.page import inner_tables
+from vsgdesign.report.inner.words import explanation as explanation_of
+from vsgdesign.report.inner.words import headline, what_for
 from vsgdesign.report.page.blocks import (
     BULLETS,
     SOURCE,
@@ -68,7 +69,7 @@ def scenario_page(
     """The page: the answer, all figures, what was asked for, the system, and the response to each event."""
     study = result.study
     outcomes, kept, judged = step_outcomes(result), promises_kept(result), judge_estimates(result)
-    headline = scenario_headline(result, outcomes)
+    answer = scenario_headline(result, outcomes)
     answers = [scenario_answer(result, outcomes, kept, judged), steps_answer(result, outcomes)]
     said = [answers_text(result, controller) for _, controller in field_controllers(result)]
     said += [*verdict(result, outcomes), *promise_tables.promise_sentences(kept), *_designed(result, inner)]
@@ -77,9 +78,9 @@ def scenario_page(
         words(f"Parameters: {study.source}" if study.source else "", style=SOURCE),
         words(_scenario(result)),
         *_warnings(result),
-        *opening(headline, [one for one in answers if one is not None], figures),
+        *opening(answer, [one for one in answers if one is not None], figures),
         Heading("In words"),
-        Box([words(*(line for line in said if line != headline))]),
+        Box([words(*(line for line in said if line != answer))]),
         *([Heading("Why the closed form misses"), words(*why)] if why else []),
         tables.targets_table(outcomes) if outcomes else None,
         Heading("Figures"),
@@ -141,12 +142,8 @@ def _of_tables(result: ScenarioResult) -> Block | None:
 
 def _inner(document: dict[str, Any]) -> list[Block]:
     """What designed inner loops keep."""
-    part = inner_part(document)
-    return [
-        Heading("Inner loops"),
-        words((Span(part["headline"], bold=True), f" {part['what_for']}"), *part["explanation"]),
-        Side((part["promises"], part["gains"])),
-    ]
+    said = words((Span(headline(document), bold=True), f" {what_for(document)}"), *explanation_of(document))
+    return [Heading("Inner loops"), said, Side(inner_tables(document))]
 
 
 def _responses(result: ScenarioResult) -> list[Block]:
