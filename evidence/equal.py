@@ -32,8 +32,9 @@ CALL = [sys.executable, "-m", "vsgdesign.cli"]
 DONE = "exits.json"
 """A finished job has this file: the exit code of each of its calls."""
 
-NOT_COMPARED = {"provenance", "timing_s", "loop_s", "real_time_factor", "files", "hashes"}
-"""Keys of JSON documents that say when, where and by which version, at any depth; and keys that end in sha256."""
+NOT_COMPARED = {"provenance", "timing_s", "loop_s", "real_time_factor", "files", "hashes", "key"}
+"""Keys of JSON documents that say when, where and by which version, at any depth; and keys that end in sha256. The
+``key`` of a journal is a hash that holds the package's sources."""
 
 ONLY_THERE = {".html", ".svg", ".png", ".pdf", ".md", ".log"}
 IN_C = re.compile(r"sha256 [0-9a-f]+|vsgdesign [0-9][\w.]*")
