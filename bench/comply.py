@@ -11,7 +11,7 @@ from bench.timing import Row, figure, scaled
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.pipeline.comply import ALL, Asked, comply_study
-from vsgdesign.pipeline.kept_tables import kept_tables
+from vsgdesign.pipeline.study_tables import kept_tables
 
 STUDY = Path(__file__).resolve().parents[1] / "studies" / "gridcode" / "study.toml"
 """Fixed, scheduled and angle-damped gains: each test is three runs."""

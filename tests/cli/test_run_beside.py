@@ -20,8 +20,7 @@ from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_fil
 from vsgdesign.certificate import Region, refusal_record
 from vsgdesign.errors import ArtifactError, WorkerError
 from vsgdesign.parameters import Study, load_study
-from vsgdesign.pipeline import left_designs, making, run, run_study
-from vsgdesign.pipeline import table as table_pipeline
+from vsgdesign.pipeline import making, run, run_study, study_tables
 
 TABLED = """
 [[controllers]]
@@ -60,7 +59,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
     (tmp_path / "mine.toml").write_text(SMALL + TABLED, encoding="utf-8")
     found = load_study(tmp_path / "mine.toml")
     designed = table(base=base_of(found, "impedance"))
-    monkeypatch.setattr(table_pipeline, "_built_table", lambda *_: designed)
+    monkeypatch.setattr(study_tables, "_designed", lambda *_: designed)
     monkeypatch.setattr(making, "_proved", lambda *_: (RECORD, 0.1))
     return found
 
@@ -193,11 +192,11 @@ def test_finished_cells_are_kept_until_the_run_is_complete(
     designed = table(base=base_of(study, "impedance"))
 
     def build(_study: Study, _spec: Any, folder: Path, *_: Any) -> Any:
-        seen.append(sorted(path.name for path in folder.glob("*.json")))
-        (folder / "cell.json").write_text("{}", encoding="utf-8")
+        seen.append(sorted(path.name for path in folder.glob("*.jsonl")))
+        (folder / "cell.jsonl").write_text("{}", encoding="utf-8")
         return designed
 
-    monkeypatch.setattr(table_pipeline, "_built_table", build)
+    monkeypatch.setattr(study_tables, "_designed", build)
 
     def stop(what: str, _share: float) -> None:
         if what.startswith("simulate"):
@@ -206,21 +205,21 @@ def test_finished_cells_are_kept_until_the_run_is_complete(
     with pytest.raises(KeyboardInterrupt):
         run_study(study, tmp_path / "out", report=False, workers=1, progress=stop)
     run_study(study, tmp_path / "out", report=False, workers=1)
-    assert seen == [[], ["cell.json"]]
+    assert seen == [[], ["cell.jsonl"]]
     assert not list(tmp_path.glob(".out*"))
 
 
 def again(study: Study, out: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[dict[str, Any], list[str], int]:
     """What a run leaves in a folder that may have an earlier one's, what it says, and how many tables it designed."""
     said, designed = [], []
-    original = table_pipeline._built_table
+    original = study_tables._designed
 
     def counted(own: Study, *rest: Any) -> Any:
         designed.append(own)
         return replace(original(own, *rest), study=own.name, study_hash=own.hash)
 
     with monkeypatch.context() as patch:
-        patch.setattr(table_pipeline, "_built_table", counted)
+        patch.setattr(study_tables, "_designed", counted)
         run_study(study, out, report=False, workers=1, say=said.append)
     return contents(out), said, len(designed)
 
@@ -254,12 +253,12 @@ def test_another_design_is_made(case: str, study: Study, tmp_path: Path, monkeyp
     if case == "study":
         study = study.with_changes(specification={"settling_time": "1.4 s"})
     elif case == "program":
-        monkeypatch.setattr(left_designs, "package_hash", lambda: "of other sources")
+        monkeypatch.setattr(study_tables, "package_hash", lambda: "of other sources")
     elif case == "damaged":
         path.write_text(path.read_text(encoding="utf-8")[:-100], encoding="utf-8")
     else:
         write_table_file(replace(read_table_file(path), name="tabled by hand"), path)
     with nullcontext() if case in ("study", "program") else pytest.raises(ArtifactError, match="left untouched"):
         assert again(study, tmp_path / "out", monkeypatch)[1:] == ([], 1)
-    found = left_designs.left_designs(study, study.controllers, tmp_path / "out")
-    assert list(found) == (["tabled"] if case in ("study", "program") else [])
+    left, _, _ = study_tables._left(study_tables.left_by_run(tmp_path / "out"), study, study.controllers[0])
+    assert (left is not None) == (case in ("study", "program"))

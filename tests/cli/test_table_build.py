@@ -24,7 +24,7 @@ from vsgdesign.design.sweep import cells_file
 from vsgdesign.design.table import BuiltTable, build_table
 from vsgdesign.execution.journal import kept_count, kept_folder
 from vsgdesign.parameters import load_study
-from vsgdesign.pipeline.table import WORK
+from vsgdesign.pipeline.study_tables import CELLS
 from vsgdesign.stability.gain_table import check_table
 from vsgdesign.stability.safe_place import table_safe_place
 
@@ -103,7 +103,7 @@ def wait_for_cells(process: subprocess.Popen[Any], out: Path, count: int) -> Non
     """Until so many cells are finished, and the folder for them is there: an event, however busy the machine is."""
     end = time.monotonic() + 120.0
     while process.poll() is None and time.monotonic() < end:
-        if kept_folder(out, WORK).is_dir() and kept_count(out, WORK) >= count:
+        if kept_folder(out, CELLS).is_dir() and kept_count(out, CELLS) >= count:
             return
         time.sleep(0.01)
     pytest.fail(f"the build ended before {count} cells were finished, with {process.poll()}")
@@ -119,7 +119,7 @@ def test_killed_at_any_moment_it_ends_with_the_same_bytes(undisturbed: Path, stu
         process.kill()
         process.communicate(timeout=90.0)
         assert not out.exists()
-    with cells_file(kept_folder(out, WORK)).open("ab") as journal:
+    with cells_file(kept_folder(out, CELLS)).open("ab") as journal:
         journal.write(b'{"half')
     done = subprocess.run(command, capture_output=True, text=True, timeout=120.0)
     assert (done.returncode, done.stderr) == (0, "")
@@ -151,7 +151,7 @@ def test_interruption_keeps_finished_cells(
     wait_for_cells(process, out, 1)
     (os.killpg if whole else os.kill)(process.pid, number)
     stdout, stderr = process.communicate(timeout=90.0)
-    kept = kept_count(out, WORK)
+    kept = kept_count(out, CELLS)
     assert (process.returncode, stdout) == (code, "")
     cells = "1 finished cell is" if kept == 1 else f"{kept} finished cells are"
     assert stderr == f"{word}: {cells} kept; the same command continues there\n"
@@ -176,7 +176,7 @@ def test_as_json_and_over_a_table_of_before(
         between=replace(whole.between, points=(bad, *whole.between.points[1:])),
     )
     monkeypatch.setattr(
-        building, "build_table", lambda *_, **__: (kept_folder(undisturbed, WORK).mkdir(exist_ok=True), fake)[1]
+        building, "build_table", lambda *_, **__: (kept_folder(undisturbed, CELLS).mkdir(exist_ok=True), fake)[1]
     )
     before = undisturbed.read_bytes()
     document = as_json("table", "build", study_file, "--out", undisturbed, "--workers", "1")
@@ -197,8 +197,8 @@ def test_as_json_and_over_a_table_of_before(
 
 def test_fresh_does_not_look_at_old_cells(study_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "table.json"
-    kept_folder(out, WORK).mkdir()
-    old = cells_file(kept_folder(out, WORK))
+    kept_folder(out, CELLS).mkdir()
+    old = cells_file(kept_folder(out, CELLS))
     old.write_text(f"{hashlib.sha256(b'{}').hexdigest()[:32]} 1 {{}}\n")
 
     def look(*_: object, **__: object) -> None:

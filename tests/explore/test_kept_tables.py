@@ -13,9 +13,9 @@ from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import GainTable, base_of
 from vsgdesign.artifacts.ready import read_tables
 from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import Study
-from vsgdesign.pipeline import kept_tables as module
-from vsgdesign.pipeline.kept_tables import kept_tables, with_left_tables
+from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.pipeline import study_tables as module
+from vsgdesign.pipeline.study_tables import kept_tables, with_left_tables
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +36,11 @@ def design(monkeypatch: pytest.MonkeyPatch, made: GainTable) -> list[str]:
     """Names of controllers whose table is designed, which takes no time here."""
     asked: list[str] = []
 
-    def make_tables(study: Study, _out: Path, **_: object) -> dict[str, GainTable]:
-        asked.extend(spec.name for spec in study.controllers)
-        return {spec.name: made for spec in study.controllers}
+    def designed(_study: Study, spec: ControllerSpec, *_: object) -> GainTable:
+        asked.append(spec.name)
+        return made
 
-    monkeypatch.setattr(module, "make_tables", make_tables)
+    monkeypatch.setattr(module, "_designed", designed)
     return asked
 
 

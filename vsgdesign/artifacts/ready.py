@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # reading a table reads no study files
 class Ready:
     """The gain tables and the network that a study's controllers run with.
 
-    :func:`vsgdesign.pipeline.ready.make_ready` reads what the study names as files, and designs and trains what it
+    :func:`vsgdesign.pipeline.making.make_ready` reads what the study names as files, and designs and trains what it
     leaves open. A study whose controllers are all fixed, or scheduled in closed form from the
     true grid, needs nothing of it (:data:`NOTHING`).
     """

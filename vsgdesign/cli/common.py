@@ -185,7 +185,7 @@ def load(study_file: str, quiet: bool = False, *, left_tables: bool = False) -> 
     with progress(quiet) as report:
         study = open_study(study_file, progress=report, say=echo_aside)
     if left_tables:
-        from vsgdesign.pipeline.kept_tables import with_left_tables
+        from vsgdesign.pipeline.study_tables import with_left_tables
 
         study = with_left_tables(study, say=echo_aside)
     return study

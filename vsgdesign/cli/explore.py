@@ -148,7 +148,7 @@ def _session(
 
     show(doing[0])
     study = load(file if study_file is None else study_file)
-    from vsgdesign.pipeline.kept_tables import kept_tables
+    from vsgdesign.pipeline.study_tables import kept_tables
 
     if study_file is not None:
         from vsgdesign.pipeline.verify import with_table

@@ -196,13 +196,13 @@ def certify(
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import Certificate, certify, region_of, with_steps
     from vsgdesign.certificate.swing import large_signal
-    from vsgdesign.pipeline.table import make_tables
+    from vsgdesign.pipeline.study_tables import study_tables
 
     study = _on_the_grid_alone(load(study_file, left_tables=True))
     named = Ready(tables=read_tables(study))
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
     with progress(quiet=as_json) as tell:
-        ready = Ready(tables=make_tables(replace(study, controllers=(spec,)), progress=tell))
+        ready = study_tables(replace(study, controllers=(spec,)), progress=tell).ready
         found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
         found = with_steps(study, spec, found, ready=ready, budget=boxes, progress=tell)
         swing = large_signal(study, spec, region, ready=ready, budget=boxes, progress=tell)

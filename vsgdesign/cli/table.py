@@ -75,13 +75,14 @@ def build(
     """
     from pathlib import Path
 
-    from vsgdesign.pipeline.table import WORK, build_table_file
+    from vsgdesign.pipeline.study_tables import CELLS
+    from vsgdesign.pipeline.table import build_table_file
 
     study = load(study_file)
     default = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
     file = default if out is None else Path(out)
 
-    with results_at(file, lambda: kept_words(file, WORK, "cell")):
+    with results_at(file, lambda: kept_words(file, CELLS, "cell")):
         with progress(quiet=as_json) as tell:
             document = build_table_file(
                 study,

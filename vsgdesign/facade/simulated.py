@@ -88,13 +88,13 @@ def simulate(
     """Simulates every controller of a study through its events, in memory.
 
     ``bridge`` is ``averaged`` or ``pwm`` and replaces that of the study. ``ready`` holds gain tables and the network
-    from an earlier call of :func:`vsgdesign.pipeline.ready.make_ready`. Without it, those that the study asks for are
+    from an earlier call of :func:`vsgdesign.pipeline.making.make_ready`. Without it, those that the study asks for are
     read, or designed and trained first (on ``workers`` processes). ``warn`` is called with one sentence for each
     controller that is unstable by the linear model. Raises StudyError, InfeasibleStudyError, ArtifactError and
     SimulationDivergedError.
     """
     from vsgdesign.execution.progress import silent
-    from vsgdesign.pipeline.ready import make_ready
+    from vsgdesign.pipeline.making import make_ready
     from vsgdesign.simulation import run_scenario
 
     tell = progress or silent

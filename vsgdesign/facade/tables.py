@@ -150,7 +150,7 @@ def certify(
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import certify as prove
     from vsgdesign.certificate import region_of, with_steps
-    from vsgdesign.pipeline.table import make_tables
+    from vsgdesign.pipeline.study_tables import study_tables
 
     given = table.table if isinstance(table, DesignedTable) else table
     tables = read_tables(study)
@@ -159,7 +159,7 @@ def certify(
     asked: dict[str, Any] = {"scr": None, "x_over_r": None} | region
     spec, chosen = region_of(study, controller, **asked, ready=Ready(tables=tables))
     if spec.name not in tables:
-        tables |= make_tables(replace(study, controllers=(spec,)), progress=progress)
+        tables |= study_tables(replace(study, controllers=(spec,)), progress=progress).tables
     ready = Ready(tables=tables)
     found = prove(study, spec, chosen, ready=ready, decay=decay, progress=progress)
     return Proof(with_steps(study, spec, found, ready=ready, progress=progress))

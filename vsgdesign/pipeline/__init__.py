@@ -6,15 +6,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from vsgdesign.pipeline.making import make_ready
     from vsgdesign.pipeline.margins import StabilityResult, assess_study, report_stability, stability_document
     from vsgdesign.pipeline.opening import open_study
-    from vsgdesign.pipeline.ready import make_ready
     from vsgdesign.pipeline.run import results_document, run_study
 
 _HOMES = {
     "StabilityResult": "margins",
     "assess_study": "margins",
-    "make_ready": "ready",
+    "make_ready": "making",
     "open_study": "opening",
     "report_stability": "margins",
     "results_document": "run",

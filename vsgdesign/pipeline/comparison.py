@@ -18,7 +18,7 @@ from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Study
-from vsgdesign.pipeline.table import make_tables
+from vsgdesign.pipeline.study_tables import study_tables
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares
     from vsgdesign.design.comparison import Compared, Comparison, Contender, EmtStep
@@ -60,7 +60,7 @@ def report_comparison(
     tell = progress or silent
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
         # Nothing here asks for the tables' certificates, and a refused one takes longest.
-        ready = Ready(tables=make_tables(study, out, workers=workers, certificates=False, progress=progress))
+        ready = study_tables(study, out, workers=workers, certificates=False, progress=progress).ready
         comparison = compare_study(study, ready, emt=emt, seed=seed, progress=progress)
         tell("draw figures", 0.0)
         figures = write_comparison_figures(comparison, folder / "figures")
@@ -81,8 +81,8 @@ def compare_study(
 
     The coupled model is evaluated at the nodes of the specification and between them, and averaged EMT simulates steps
     on a few grids. ``ready`` holds the gain tables that the controllers ask for
-    (:func:`vsgdesign.pipeline.table.make_tables`). Raises InfeasibleStudyError if there is no specification with the
-    aim ``settling`` or if a table is missing.
+    (:func:`vsgdesign.pipeline.study_tables.study_tables`). Raises InfeasibleStudyError if there is no specification
+    with the aim ``settling`` or if a table is missing.
     """
     from vsgdesign.design.comparison import (
         BEST_FIXED,

@@ -179,7 +179,7 @@ def _tables(
     progress: Progress | None,
     say: Callable[[str], None] | None,
 ) -> dict[str, GainTable]:
-    from vsgdesign.pipeline.kept_tables import kept_tables
+    from vsgdesign.pipeline.study_tables import kept_tables
 
     if ready is not None:
         return {spec.name: table for spec in study.controllers if (table := ready.table(spec)) is not None}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -20,12 +20,13 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.executors import executor_of
+from vsgdesign.execution.jobs import begun
+from vsgdesign.execution.journal import work_folder
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.pipeline.left_designs import left_designs, made_from
-from vsgdesign.pipeline.table import make_tables
+from vsgdesign.pipeline.study_tables import left_by_run, made_from, study_tables
 from vsgdesign.pipeline.training import make_network, recipe_of, trains
-from vsgdesign.pipeline.verify import verified_tables
+from vsgdesign.pipeline.verify import WORK, verified_table
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.certificate_record import CertificateRecord
@@ -49,7 +50,7 @@ class Made:
     executor: Executor | None
     """Worker processes that are there anyway."""
     made_from: dict[str, str]
-    """What the designs of its own tables were made from (:func:`vsgdesign.pipeline.left_designs.made_from`)."""
+    """What the designs of its own tables were made from (:func:`vsgdesign.pipeline.study_tables.made_from`)."""
     timing_s: dict[str, float]
     """Wall time of ``tables``, ``estimator`` and, once they are there, ``certificates`` and ``verification``. They may
     overlap."""
@@ -58,6 +59,25 @@ class Made:
 def nothing_to_make(ready: Ready) -> Made:
     """What is there already."""
     return Made(ready=ready, trained=None, late=None, verified=lambda: ready, executor=None, made_from={}, timing_s={})
+
+
+def make_ready(
+    study: Study,
+    out: str | Path | None = None,
+    *,
+    bridge: str | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Ready:
+    """The gain tables and the network that a study's controllers ask for.
+
+    Whatever the study names as a file is read. A table without a file is designed to the specification, and a network
+    without a file is trained on windows with the ``bridge`` of the run (None means that of the study). ``out``,
+    ``workers`` and errors are those of :func:`vsgdesign.pipeline.study_tables.study_tables` and
+    :func:`vsgdesign.pipeline.training.make_network`.
+    """
+    tables = study_tables(study, out, workers=workers, progress=progress).tables
+    return Ready(tables=tables, network=make_network(study, bridge=bridge, progress=progress)[0])
 
 
 @contextmanager
@@ -76,7 +96,7 @@ def made(
     tables that are verified as the study's [verification] says.
 
     ``workers`` processes design tables (None means one per core; 1 makes everything here, one after another). They
-    are there until the block ends. Raises the errors of :func:`vsgdesign.pipeline.table.make_tables` and of
+    are there until the block ends. Raises the errors of :func:`vsgdesign.pipeline.study_tables.study_tables` and of
     :func:`vsgdesign.pipeline.training.make_network`.
     """
     tell, timing = progress or silent, {}
@@ -86,18 +106,26 @@ def made(
         executor = held.enter_context(executor_of(workers)) if specs else None
         network = _training(study, bridge, executor, progress=progress)
         begin = time.perf_counter()
-        left = left_designs(study, specs, out, say)
         if executor is not None:
             from vsgdesign.design.table import compiled_ahead
-            from vsgdesign.execution.jobs import begun
 
             # One worker compiles this while the other compiles what designs need, instead of both the same.
             begun(executor, compiled_ahead)
-        others = replace(study, controllers=tuple(spec for spec in study.controllers if spec.name not in left))
-        tables = make_tables(
-            others, out, executor=executor, workers=1, certificates=False, keep=held, progress=progress
+        found = study_tables(
+            study,
+            out,
+            left=left_by_run(out),
+            executor=executor,
+            workers=1,
+            certificates=False,
+            keep=held,
+            progress=progress,
+            say=say,
         )
-        tables = {spec.name: (left | tables)[spec.name] for spec in study.controllers if spec.schedule == "table"}
+        tables = dict(found.tables)
+        for spec in specs:  # certificate and verification depend on more than the design
+            own = {"study": study.name, "study_hash": study.hash, "certificate": None, "verification": None}
+            tables[spec.name] = replace(tables[spec.name], **own)
         if tables:
             timing["tables"] = time.perf_counter() - begin
         certificates = _Certificates(study, specs, tables, executor, timing, tell)
@@ -181,7 +209,6 @@ class _Certificates:
         return replace(ready, tables=whole)
 
     def _begun(self, function: Callable[..., Any], spec: ControllerSpec, *rest: Any) -> Callable[[], tuple[Any, float]]:
-        from vsgdesign.execution.jobs import begun
 
         study, table = self._study.with_limit_of(spec), self._tables[spec.name]
         return begun(self._executor, function, study, spec, table, *rest)
@@ -190,6 +217,38 @@ class _Certificates:
         found, seconds = wait()
         self._timing["certificates"] = self._timing.get("certificates", 0.0) + seconds
         return found
+
+
+def verified_tables(
+    study: Study,
+    tables: Mapping[str, GainTable],
+    out: str | Path,
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, GainTable]:
+    """The gain tables of a study's controllers, each verified in the ``with_run`` cases of its [verification].
+
+    A table whose file says that it was verified in as many is taken as it is. Finished blocks are kept beside ``out``
+    until all are done. An ``executor`` that is there is used instead of ``workers`` processes. Raises StudyError and
+    WorkerError.
+    """
+    runs = 0 if study.verification is None else study.verification.with_run
+    waiting = {
+        spec.name: spec
+        for spec in study.controllers
+        if runs and spec.name in tables and (tables[spec.name].verification or {}).get("runs", 0) < runs
+    }
+    if not waiting:
+        return dict(tables)
+    with ExitStack() as held:
+        folder = held.enter_context(work_folder(out, WORK))
+        executor = executor or held.enter_context(executor_of(workers))
+        return dict(tables) | {
+            name: verified_table(study, spec, tables[name], runs, folder, executor=executor, progress=progress)
+            for name, spec in waiting.items()
+        }
 
 
 def _training(
@@ -201,7 +260,6 @@ def _training(
     if study.estimator is None or executor is None or not trains(study):
         return lambda: make_network(study, bridge=bridge, progress=progress)
     recipe_of(study, study.estimator, bridge)  # its faults are said before the work begins
-    from vsgdesign.execution.jobs import begun
 
     waits = begun(executor, make_network, study, bridge=bridge)
 

@@ -23,7 +23,7 @@ from vsgdesign.explore.static import StaticPage, static_page_of
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import ControllerSpec
-from vsgdesign.pipeline.table import make_tables
+from vsgdesign.pipeline.study_tables import study_tables
 from vsgdesign.report.figure_types import ExplorerFile
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
@@ -47,7 +47,7 @@ def assess_study(
     """
     tell = progress or silent
     if ready is None:
-        ready = Ready(tables=make_tables(study, progress=progress))
+        ready = study_tables(study, progress=progress).ready
     begin = time.perf_counter()
     assessments = tuple(
         assess(study, spec, ready, lambda what, share: tell(f"assess {what}", share))

@@ -7,17 +7,14 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.artifacts import provenance, read_table_file, room_for, staged_folder, write_record, write_table_file
-from vsgdesign.artifacts.design_inputs import study_differences
-from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.tables import write_table
 from vsgdesign.equations.limiters import LIMITERS as KNOWN
-from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress
 from vsgdesign.identification import estimator_kind
-from vsgdesign.parameters.study import NO_LIMITER, ControllerSpec, Study
-from vsgdesign.runtime.guards import lacks_safe_place
+from vsgdesign.parameters.study import NO_LIMITER, Study
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
     from vsgdesign.simulation.survival import CaseResult, Subject, SurvivalCase
@@ -95,35 +92,12 @@ def survival_tables(
 
     A table that ``folder`` has is read if it was designed from this study and has a safe place. Any other is designed
     and kept there, without its certificate, which no run needs. Raises the errors of
-    :func:`vsgdesign.pipeline.table.make_tables`.
+    :func:`vsgdesign.pipeline.study_tables.study_tables`.
     """
-    from vsgdesign.pipeline.table import make_tables
+    from vsgdesign.pipeline.study_tables import kept_beside, study_tables
 
-    folder = Path(folder)
-    kept: dict[str, GainTable] = {}
-    for spec in study.controllers:
-        path = _table_path(folder, study, spec)
-        if spec.schedule == "table" and spec.table_file is None and path.exists():
-            try:
-                table = read_table_file(path)
-            except ArtifactError:
-                continue
-            if not study_differences(table, study) and not lacks_safe_place(table):
-                kept[spec.name] = table
-    missing = [spec for spec in study.controllers if spec.schedule == "table" and spec.name not in kept]
-    if missing:
-        folder.mkdir(parents=True, exist_ok=True)
-        part = replace(study, controllers=tuple(missing))
-        for name, table in make_tables(part, folder, workers=workers, certificates=False, progress=progress).items():
-            kept[name] = table
-            spec = next(one for one in missing if one.name == name)
-            if spec.table_file is None:
-                write_table_file(table, _table_path(folder, study, spec))
-    return Ready(tables=kept)
-
-
-def _table_path(folder: Path, study: Study, spec: ControllerSpec) -> Path:
-    return folder / f"{study.name}.{spec.name}.table.json"
+    left = kept_beside(folder)
+    return study_tables(study, folder, left=left, workers=workers, certificates=False, progress=progress).ready
 
 
 def subjects_of(

@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import Executor
-from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
-from vsgdesign.artifacts.ready import read_named_table
 from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.journal import begins_again, kept_elsewhere, work_folder
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.pipeline.study_tables import CELLS
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds
     from vsgdesign.design.table import BuiltTable
 
 STATUSES = ("met", "relaxed", "outside")
 REPORT = "vsgdesign table report"
-WORK = "cells"
-"""Names the folder beside a table that keeps finished cells until the table is complete."""
 
 
 def build_table_file(
@@ -67,7 +61,7 @@ def build_table_file(
 
     if verify:
         check_verifiable(study, Asked(controller=spec.name))
-    with work_folder(out, WORK, own=True, fresh=fresh) as folder:
+    with work_folder(out, CELLS, own=True, fresh=fresh) as folder:
         if say is not None and kept_elsewhere(folder, cells_file(folder)):
             say(begins_again(out))
         with executor_of(workers, cluster) as executor:
@@ -171,58 +165,3 @@ def report_table(
             "figures": [figure.name for figure in figures],
         }
         return write_record(folder, document, REPORT)
-
-
-def make_tables(
-    study: Study,
-    out: str | Path | None = None,
-    *,
-    workers: int | None = None,
-    executor: Executor | None = None,
-    certificates: bool = True,
-    keep: ExitStack | None = None,
-    progress: Progress | None = None,
-) -> dict[str, GainTable]:
-    """The gain table of every controller that asks for one, by the controller's name.
-
-    A table is read if the study names a file, otherwise it is built. Finished cells are kept beside ``out`` during a
-    build, and until ``keep`` is closed if it is given. With None they are in a temporary folder, and an interrupted
-    build starts again. An ``executor`` is used instead of processes of its own, ``workers`` of them. ``certificates``
-    says whether built tables are certified. Raises ArtifactError for a file that is not a table of this converter, and
-    the errors of :func:`vsgdesign.design.table.build_table`.
-    """
-    tables = {}
-    with ExitStack() as own:
-        held = own if keep is None else keep
-        for spec in study.controllers:
-            if spec.schedule != "table":
-                continue
-            table = read_named_table(study, spec)
-            if table is None:
-                if out is None:
-                    out = Path(held.enter_context(TemporaryDirectory())) / study.name
-                if executor is None:
-                    executor = own.enter_context(executor_of(workers))
-                place = Path(os.path.realpath(out))
-                cells = place.with_name(f"{place.name}.{spec.name}")
-                what = f'the table of controller {spec.name} for "{out}"'
-                folder = held.enter_context(work_folder(cells, WORK, what=what, own=True))
-                table = _built_table(study, spec, folder, executor, certificates, progress)
-            tables[spec.name] = table
-    return tables
-
-
-def _built_table(
-    study: Study,
-    spec: ControllerSpec,
-    folder: Path,
-    executor: Executor | None,
-    certificates: bool,
-    progress: Progress | None,
-) -> GainTable:
-    from vsgdesign.design.table import build_table
-
-    built = build_table(
-        study.with_limit_of(spec), spec, folder, executor=executor, certificate=certificates, progress=progress
-    )
-    return built.table

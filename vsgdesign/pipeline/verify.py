@@ -261,41 +261,6 @@ def verified_table(
     return replace(table, verification=verification_record(plain(document)))
 
 
-def verified_tables(
-    study: Study,
-    tables: Mapping[str, GainTable],
-    out: str | Path,
-    *,
-    executor: Executor | None = None,
-    workers: int | None = None,
-    progress: Progress | None = None,
-) -> dict[str, GainTable]:
-    """The gain tables of a study's controllers, each verified in the ``with_run`` cases of its [verification].
-
-    A table whose file says that it was verified in as many is taken as it is. Finished blocks are kept beside ``out``
-    until all are done. An ``executor`` that is there is used instead of ``workers`` processes. Raises StudyError and
-    WorkerError.
-    """
-    runs = 0 if study.verification is None else study.verification.with_run
-    waiting = {
-        spec.name: spec
-        for spec in study.controllers
-        if runs and spec.name in tables and (tables[spec.name].verification or {}).get("runs", 0) < runs
-    }
-    if not waiting:
-        return dict(tables)
-    from vsgdesign.execution.executors import executor_of
-    from vsgdesign.execution.journal import work_folder
-
-    with ExitStack() as held:
-        folder = held.enter_context(work_folder(out, WORK))
-        executor = executor or held.enter_context(executor_of(workers))
-        return dict(tables) | {
-            name: verified_table(study, spec, tables[name], runs, folder, executor=executor, progress=progress)
-            for name, spec in waiting.items()
-        }
-
-
 def _about(job: VerificationJob, confidence: float, summary: Summary, workers: int | str) -> dict[str, Any]:
     """The head of results.json."""
     from vsgdesign.verification.distributions import distributions
