@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.artifacts.certificate_record import StepRow, StepStatement
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.artifacts.step_record import StepRow, StepStatement
 from vsgdesign.certificate import Certificate, Region, certified_steps, certify, region_of
 from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.region import System, random_points

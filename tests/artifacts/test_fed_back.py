@@ -9,8 +9,7 @@ import pytest
 
 from tests.gain_tables import table
 from vsgdesign.artifacts import read_table_file, write_table_file
-from vsgdesign.artifacts.fed_back import fed_back_fault, largest_fed_back
-from vsgdesign.artifacts.gain_table_file import TABLE_FILE, table_document
+from vsgdesign.artifacts.gain_table_file import TABLE_FILE, fed_back_fault, largest_fed_back, table_document
 from vsgdesign.equations.power_loops import MOST_FED_BACK
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime import table_schedule

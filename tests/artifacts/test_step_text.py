@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from tests.gain_tables import table
+from vsgdesign.artifacts.certificate_record import StepRow, StepStatement, step_statement
 from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_file
-from vsgdesign.artifacts.step_record import StepRow, StepStatement, step_statement
-from vsgdesign.artifacts.step_text import STEP_HEAD, step_lines, step_rows, step_sentence
+from vsgdesign.artifacts.table_text import STEP_HEAD, step_lines, step_rows, step_sentence
 from vsgdesign.errors import ArtifactError
 from vsgdesign.report.gain_table.page import steps_table
 from vsgdesign.report.gain_table.words import heading

@@ -15,8 +15,13 @@ from tests.cli.small_studies import call
 from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.certificate_record import certificate_record
-from vsgdesign.artifacts.table_summary import table_lines
-from vsgdesign.artifacts.table_text import between_text, certificate_sentence, certificate_summary, error_text
+from vsgdesign.artifacts.table_text import (
+    between_text,
+    certificate_sentence,
+    certificate_summary,
+    error_text,
+    table_lines,
+)
 from vsgdesign.certificate.results import Counterexample, growing_mode
 from vsgdesign.export import export_c_files
 from vsgdesign.report.gain_table import figures

@@ -12,7 +12,7 @@ import pytest
 from tests.gain_tables import table
 from tests.verification_documents import document
 from vsgdesign.artifacts import read_table_file, write_table_file
-from vsgdesign.artifacts.verification_record import verification_faults, verification_record
+from vsgdesign.artifacts.gain_table_file import verification_faults, verification_record
 from vsgdesign.artifacts.verification_text import headline, promise_sentences
 from vsgdesign.errors import ArtifactError
 from vsgdesign.report import write_table_report

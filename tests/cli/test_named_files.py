@@ -18,7 +18,7 @@ from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.network_weights import read_network_weights, write_network_weights
 from vsgdesign.artifacts.ready import Ready, read_tables
-from vsgdesign.artifacts.table_summary import table_lines
+from vsgdesign.artifacts.table_text import table_lines
 from vsgdesign.certificate import region_of
 from vsgdesign.design import certify
 from vsgdesign.parameters import load_study

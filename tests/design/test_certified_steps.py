@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from scipy.optimize import fsolve
 
 from tests.gain_tables import table
-from vsgdesign.artifacts.step_record import StepStatement, step_statement
+from vsgdesign.artifacts.certificate_record import StepStatement, step_statement
 from vsgdesign.certificate import Certificate, Region, certified_steps, certify, step_proof
 from vsgdesign.certificate.level_set import largest_level_set
 from vsgdesign.certificate.region import System, nodes, random_points

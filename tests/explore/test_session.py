@@ -15,11 +15,12 @@ import pytest
 
 from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
+from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.ready import NOTHING, Ready, read_tables
 from vsgdesign.errors import StudyError
 from vsgdesign.explore import session as session_module
-from vsgdesign.explore.answer import Answer, as_bytes, json_value
+from vsgdesign.explore.answer import Answer, as_bytes
 from vsgdesign.explore.events import study_of
 from vsgdesign.explore.fields import changed_study
 from vsgdesign.explore.linear import linear_answer
@@ -135,7 +136,7 @@ def test_processes_of_their_own_give_the_same_emt(session: Session) -> None:
 
 
 def test_the_study_in_json(session: Session) -> None:
-    info = json.loads(json.dumps(json_value(session.info()), allow_nan=False))
+    info = json.loads(json.dumps(plain(session.info()), allow_nan=False))
     study = session.study
     (low, high), (left, right) = info["map"]["scr"], info["map"]["x_over_r"]
     grids = [study.grid, *(event.grid for event in study.events if event.grid is not None)]

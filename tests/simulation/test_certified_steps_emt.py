@@ -9,7 +9,7 @@ import functools
 from collections.abc import Iterator
 
 from evidence.certified_steps import SteppedRun, stated, stepped_run
-from vsgdesign.artifacts.step_record import StepStatement
+from vsgdesign.artifacts.certificate_record import StepStatement
 from vsgdesign.certificate.region import System
 from vsgdesign.parameters import Study
 

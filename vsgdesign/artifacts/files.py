@@ -7,12 +7,12 @@ import math
 import os
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from vsgdesign.artifacts.staging import cannot_write, check_writable, staged
+from vsgdesign.artifacts.staging import cannot_write, check_writable, hidden_prefix, staged
 from vsgdesign.errors import ArtifactError
 
 
@@ -66,23 +66,65 @@ def json_text(document: Any) -> str:
 
 def write_text(path: str | Path, text: str) -> None:
     """UTF-8 text, written to a neighbour, then renamed: the file appears whole or not at all."""
+    with _neighbour(Path(path), text) as name:
+        os.replace(name, path)
+
+
+def check_new(path: str | Path) -> Path:
+    """The path, if a file can be made there. Raises ArtifactError."""
     path = Path(path)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except ValueError as error:  # a NUL
+        raise ArtifactError(f'cannot write "{path}": {error}. Give another file.') from None
+    except OSError as error:  # a name too long, a folder that may not be entered
+        raise cannot_write(path, error) from None
+    if path.is_dir():
+        raise ArtifactError(f'"{path}" is a folder; give a file, for example {path / "study.toml"}.')
+    if path.exists() or path.is_symlink():
+        raise _left_untouched(path)
+    if not path.parent.is_dir():
+        raise ArtifactError(f'there is no folder "{path.parent}"; make it, or give a file in another one.')
+    check_writable(path.parent, path)
+    return path
+
+
+def write_new_text(path: str | Path, text: str) -> None:
+    """UTF-8 text into a file that must not be there yet, whole or not at all. Raises ArtifactError."""
+    path = check_new(path)
+    try:
+        with _neighbour(path, text) as name:
+            os.link(name, path)  # unlike a rename it fails where somebody else was quicker
+    except FileExistsError:
+        raise _left_untouched(path) from None
+    except OSError as error:
+        raise cannot_write(path, error) from None
+
+
+def _left_untouched(path: Path) -> ArtifactError:
+    return ArtifactError(f'"{path}" already exists and was left untouched; give another file.')
+
+
+@contextmanager
+def _neighbour(path: Path, text: str) -> Iterator[str]:
+    """A whole file with a text beside a path, under a name of its own; gone at the end of the block."""
+    handle, name = tempfile.mkstemp(prefix=hidden_prefix(path), dir=path.parent)
     try:
         with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
             stream.write(text)
         os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
+        yield name
+    finally:
         Path(name).unlink(missing_ok=True)
-        raise
 
 
 def plain(value: Any) -> Any:
     """The value in JSON's types: tuples and arrays to lists, NumPy scalars to numbers, what is not finite to null."""
     if hasattr(value, "tolist"):
         return plain(value.tolist())
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]

@@ -147,7 +147,7 @@ class GainTable:
     """SCR on the table's basis and X/R of the place at which a schedule waits without estimates (:eq:`safe-place`).
     None: that of the structure in the box (:func:`vsgdesign.runtime.guards.safe_scr`)."""
     verification: dict[str, Any] | None = None
-    """What random cases in EMT showed (:func:`vsgdesign.artifacts.verification_record.verification_record`); None: none
+    """What random cases in EMT showed (:func:`vsgdesign.artifacts.gain_table_file.verification_record`); None: none
     were simulated."""
 
     def __post_init__(self) -> None:

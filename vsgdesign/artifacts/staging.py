@@ -1,4 +1,4 @@
-"""Where results wait until they are whole: a hidden folder beside their place, locked by who writes it."""
+"""Where results wait until they are whole, in a hidden folder beside their place, and locks that die with a process."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from types import ModuleType
 
-from vsgdesign.artifacts.locks import LockedError, locked, locked_by_the_dead
 from vsgdesign.errors import ArtifactError
+
+fcntl: ModuleType | None
+try:
+    import fcntl
+except ImportError:  # not POSIX: nothing is locked there, and nothing is taken for dead
+    fcntl = None
 
 _SUFFIX = ".part"
 _NEW, _OLD, _LOCK = "new", "old", "lock"
@@ -95,7 +101,8 @@ def _put_back(space: Path, target: Path) -> None:
         os.replace(space / _OLD, target)
 
 
-def _prefix(target: Path) -> str:
+def hidden_prefix(target: Path) -> str:
+    """How the hidden name of what waits beside a target begins."""
     name = target.name
     if len(os.fsencode(name)) > _LONGEST:
         name = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
@@ -107,7 +114,7 @@ def _space(target: Path) -> Iterator[Path]:
     """A new hidden folder beside ``target``, on the same file system, locked; removed at the end."""
     with ExitStack() as held:
         while True:
-            space = Path(tempfile.mkdtemp(_SUFFIX, _prefix(target), target.parent))
+            space = Path(tempfile.mkdtemp(_SUFFIX, hidden_prefix(target), target.parent))
             try:
                 held.enter_context(locked(space / _LOCK))
                 break
@@ -121,7 +128,7 @@ def _space(target: Path) -> Iterator[Path]:
 
 def _sweep(target: Path) -> None:
     """Remove what dead processes left of this target. Another's, or what cannot be judged, stays."""
-    for space in sorted(target.parent.glob(f"{glob.escape(_prefix(target))}*{_SUFFIX}")):
+    for space in sorted(target.parent.glob(f"{glob.escape(hidden_prefix(target))}*{_SUFFIX}")):
         with locked_by_the_dead(space / _LOCK) as dead:
             if dead:
                 with suppress(OSError):
@@ -152,3 +159,62 @@ def parents_made(folder: Path) -> Iterator[None]:
             with suppress(OSError):
                 parent.rmdir()
         raise
+
+
+class LockedError(Exception):
+    """Another process holds the lock."""
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold the lock file ``path`` within this block; it is made where it is missing, and stays.
+
+    The kernel gives the lock back when the process ends, also when it is killed; a process that only started
+    beside it is never taken for it, as a process number could be. Raises LockedError at once where another holds it,
+    OSError where the file cannot be made. A file system without locks has none: the block is entered.
+    """
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        # The one who held it may have removed the file in between: then what was locked is no longer this path.
+        if _lock(handle) is False or not _is(handle, path):
+            raise LockedError(str(path))
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def locked_by_the_dead(path: Path) -> Iterator[bool]:
+    """Whether ``path`` is a lock file that nobody holds any more; within the block it is held here.
+
+    No where there is no such file, and where the file system cannot say.
+    """
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    except OSError:
+        yield False
+        return
+    try:
+        yield _lock(handle) is True and _is(handle, path)
+    finally:
+        os.close(handle)
+
+
+def _lock(handle: int) -> bool | None:
+    """Yes, no, or None where the file system has no locks."""
+    if fcntl is None:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+def _is(handle: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(handle), os.stat(path))
+    except OSError:
+        return False

@@ -1,13 +1,29 @@
-"""The description of a gain table in words, which is the same in every place that shows it."""
+"""The description of a gain table in words, which is the same in every place that shows it: its cells, its certificate,
+and the steps for which no limit acts."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, TypeGuard
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeGuard
 
-from vsgdesign.artifacts.certificate_record import CertificateCell, CertificateRecord, CertificateRegion
+import numpy as np
+
+from vsgdesign.artifacts.certificate_record import (
+    CertificateCell,
+    CertificateRecord,
+    CertificateRegion,
+    Pair,
+    StepRow,
+    StepStatement,
+)
+from vsgdesign.artifacts.design_inputs import study_differences
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.errors import counted
+
+if TYPE_CHECKING:  # reading a table reads no study files
+    from vsgdesign.parameters.study import Study
 
 Document = Mapping[str, Any]
 
@@ -206,3 +222,114 @@ def _text(value: float, digits: int = 4) -> str:
     if "e" in text and 1.0 <= abs(value) < 1e6:  # 11000, not 1.1e+04
         text = f"{float(text):.0f}"
     return text.replace("-", "−")
+
+
+def table_summary(study: Study, table: GainTable) -> dict[str, Any]:
+    """A table of a study in JSON's types: hashes, proof, look between the nodes, causes, cells by status."""
+    statuses, counts = np.unique(table.status, return_counts=True)
+    return {
+        "sha256": table.sha256,
+        "design_hash": table.design_hash,
+        "certificate": certificate_summary(table.certificate),
+        "between": table.between,
+        "causes": table.causes,
+        "verification": table.verification,
+        "not_of_this_study": study_differences(table, study),
+        "nodes": list(table.shape),
+        "status": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
+    }
+
+
+def table_lines(name: str, table: dict[str, Any]) -> Iterator[str]:
+    """The same in words: what is proved (first where that failed), its cells, the look between its nodes, and where it
+    was designed from something else than this study."""
+    proof = table["certificate"]
+    if proof["certified"] is False:
+        yield f"{name}: {proof['text']}"
+    yield f"{name}: gain table of {table['nodes'][0]} SCR × {table['nodes'][1]} X/R, {status_text(table['status'])}"
+    if table["causes"]:
+        yield f"why cells are relaxed: {causes_text(table['causes'])} (table show has each)"
+    yield between_text(table["between"])
+    if proof["certified"] is not False:
+        yield proof["text"]
+    if table.get("verification") is not None:  # summaries of before have none
+        yield from table_verification(table["verification"])
+    if table["not_of_this_study"]:
+        yield f"the table was not designed from this study: {'; '.join(table['not_of_this_study'])}"
+
+
+STEP_HEAD = ("SCR", "P [kW]", "Q [kvar]", "P_ref [kW]", "Q_ref [kvar]", "phase [°]", "V_g [V]", "f_g [Hz]", "proof")
+
+
+def step_sentence(found: StepStatement) -> str:
+    """The limits that are meant, and what the numbers of the table are."""
+    V = f"{_number(found.V_low_pu)} and {_number(found.V_high_pu)} pu"
+    if found.current_pu is None:
+        first = "The converter has no current limit, so no limit acts after any step."
+        asked = f"V stays between {V}"
+    else:
+        kind = "soft limit" if found.soft else "limit"
+        first = f'The current limiter "{found.limiter}" begins to act at {_number(found.current_pu)} pu, its {kind}'
+        first += f", and it clips V at {V}." if found.clips_V else "."
+        asked = "no limit acts"
+    if found.reason is not None:
+        return f"{first} No step is certified, because {found.reason}."
+    decay = "" if found.decay is None else f" decays at {_number(found.decay)} 1/s or faster ({found.proof})"
+    points = any(row.possible and row.proof != "gap-free" for row in found.rows)
+    grade = ' A "gridded" row is verified at points, with a margin of 20 %, and not between them.' if points else ""
+    return (
+        f"{first} In the linear model, it is certified that {asked} after a step of the sizes in the table, each "
+        f"alone, on a grid and to P and Q of the row. Their Lyapunov function{decay}.{grade}"
+    )
+
+
+def step_rows(found: StepStatement) -> list[tuple[str, ...]]:
+    """The rows of STEP_HEAD as text."""
+    return [_row(row, found) for row in found.rows]
+
+
+def step_lines(found: StepStatement) -> list[str]:
+    """The sentence and the table for a terminal."""
+    rows = [STEP_HEAD, *step_rows(found)] if found.rows else []
+    widths = [max(len(row[k]) for row in rows if len(row) > k) for k in range(len(STEP_HEAD))] if rows else []
+    lines = []
+    for row in rows:
+        cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=False)]
+        lines.append("  " + "  ".join(cells).rstrip())
+    return [step_sentence(found), *lines]
+
+
+def _row(row: StepRow, found: StepStatement) -> tuple[str, ...]:
+    place = (_range(row.scr), _range(row.P, 1e3), _range(row.Q, 1e3))
+    steps = (row.P_ref, row.Q_ref, row.phase, row.V_g, row.omega_g)
+    if any(step is None for step in steps):
+        return (*place, *("none",) * len(steps), _why_none(row, found))
+    scales = (1e3, 1e3, math.pi / 180.0, 1.0, 2.0 * math.pi)
+    return (*place, *(_down((step or 0.0) / scale) for step, scale in zip(steps, scales, strict=True)), row.proof)
+
+
+def _why_none(row: StepRow, found: StepStatement) -> str:
+    if row.rest_current_pu is None:
+        return "no operating point"
+    if found.current_pu is not None and row.rest_current_pu >= found.current_pu:
+        return f"current at rest up to {_number(row.rest_current_pu)} pu"
+    return "V at rest reaches its limit"
+
+
+def _range(pair: Pair, scale: float = 1.0) -> str:
+    low, high = (value / scale for value in pair)
+    if low == high:
+        return _number(low)
+    return f"±{_number(high)}" if low == -high else f"{_number(low)} to {_number(high)}"
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
+
+
+def _down(value: float) -> str:
+    """Three digits, rounded down: what is shown is certified, too."""
+    if value <= 0.0:
+        return "0"
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.3g}"

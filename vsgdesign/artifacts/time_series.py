@@ -1,9 +1,11 @@
-"""Time series as files: every logged sample in npz, a readable thinned copy in CSV."""
+"""Time series as files, every logged sample in npz and a readable thinned copy in CSV; and tables as CSV."""
 
 from __future__ import annotations
 
+import csv
+import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -66,3 +68,17 @@ def _texts(name: str, values: Array) -> tuple[str, list[Any]]:
     lengths = np.diff(starts, append=len(values)).tolist()
     pieces = [[form % value] * length for value, length in zip(values[starts].tolist(), lengths, strict=True)]
     return "%s", list(chain.from_iterable(pieces))
+
+
+def write_table(path: str | Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """One header line with units, then the rows; numbers to nine digits, what is not finite as an empty cell."""
+    with Path(path).open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows([_cell(value) for value in row] for row in rows)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.9g}" if math.isfinite(value) else ""
+    return "" if value is None else str(value)

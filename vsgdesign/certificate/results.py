@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.certificate_record import CertificateCell, CertificateRecord, certificate_record
+from vsgdesign.artifacts.certificate_record import CertificateCell, CertificateRecord, StepStatement, certificate_record
 from vsgdesign.artifacts.files import plain
-from vsgdesign.artifacts.step_record import StepStatement
 from vsgdesign.certificate.region import STATES, Region
 from vsgdesign.errors import InfeasibleStudyError
 

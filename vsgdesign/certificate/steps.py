@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.certificate_record import StepRow, StepStatement
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.artifacts.step_record import StepRow, StepStatement
 from vsgdesign.certificate.boxes import encloses
 from vsgdesign.certificate.certifying import prepared, proved_between
 from vsgdesign.certificate.level_set import largest_level_set

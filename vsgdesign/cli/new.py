@@ -44,7 +44,7 @@ def new(sheet_file: str | None, out: str, as_json: bool) -> None:
     left to be designed by `vsgdesign run`. Values that the datasheet does not give are assumed, listed here, and
     written into the study.
     """
-    from vsgdesign.artifacts.new_file import check_new, write_new_text
+    from vsgdesign.artifacts.files import check_new, write_new_text
     from vsgdesign.datasheet import read_sheet, resolve, study_text
 
     path = check_new(out)

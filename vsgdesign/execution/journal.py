@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, Generic
 
 from vsgdesign.artifacts.files import write_text
-from vsgdesign.artifacts.locks import LockedError, locked
-from vsgdesign.artifacts.staging import cannot_write, parents_made
+from vsgdesign.artifacts.staging import LockedError, cannot_write, locked, parents_made
 from vsgdesign.errors import ArtifactError
 from vsgdesign.execution.jobs import Block, Job, Part, parts_done
 from vsgdesign.execution.progress import Progress, silent

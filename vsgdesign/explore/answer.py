@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.files import plain
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,22 +41,7 @@ def as_bytes(answer: Answer, **more: Any) -> bytes:
         listed.append({"name": name, "shape": list(block.shape), "offset": offset})
         blocks.append(block.tobytes())
         offset += block.nbytes
-    document = json_value({**answer.header, **more, "arrays": listed})
+    document = plain({**answer.header, **more, "arrays": listed})
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % LENGTH_BYTES)
     return b"".join([len(text).to_bytes(LENGTH_BYTES, "little"), text, *blocks])
-
-
-def json_value(value: Any) -> Any:
-    """A value in JSON's types: NumPy's numbers as numbers, arrays and tuples as lists, what is not finite as null."""
-    if isinstance(value, Mapping):
-        return {str(key): json_value(item) for key, item in value.items()}
-    if value is None or isinstance(value, str | bool | int):
-        return value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, list | tuple):
-        return [json_value(item) for item in value]
-    if hasattr(value, "tolist"):
-        return json_value(value.tolist())
-    raise TypeError(f"{type(value).__name__} has no word in JSON: {value!r:.100}")

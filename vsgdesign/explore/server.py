@@ -15,8 +15,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from vsgdesign.artifacts.files import plain
 from vsgdesign.errors import VsgDesignError
-from vsgdesign.explore.answer import as_bytes, json_value
+from vsgdesign.explore.answer import as_bytes
 from vsgdesign.explore.latest import Latest
 from vsgdesign.explore.security import HOST, POLICY, Gate, RefusedError, body_length, wish_of
 
@@ -277,4 +278,4 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _json(document: Any) -> bytes:
-    return json.dumps(json_value(document), ensure_ascii=False, allow_nan=False).encode()
+    return json.dumps(plain(document), ensure_ascii=False, allow_nan=False).encode()

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.artifacts.files import staged_file
+from vsgdesign.artifacts.files import plain, staged_file
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import ArtifactError, VsgDesignError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
-from vsgdesign.explore.answer import Answer, as_bytes, json_value
+from vsgdesign.explore.answer import Answer, as_bytes
 from vsgdesign.explore.server import PAGE
 from vsgdesign.explore.session import Session
 from vsgdesign.explore.state import PlaceOfState, State
@@ -192,7 +192,7 @@ def page_text(kept: Mapping[str, Any], folder: Path = PAGE) -> str:
     """The page of a folder as one HTML text with its style, its scripts and what they show."""
     html = (folder / "index.html").read_text(encoding="utf-8")
     style = (folder / "style.css").read_text(encoding="utf-8")
-    data = json.dumps(json_value(kept), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    data = json.dumps(plain(kept), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
     parts = {
         r"<!doctype html>": f"<!doctype html>\n<!-- {MARK} -->",

@@ -12,7 +12,7 @@ import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.artifacts.tables import write_table
+from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.grid import Place

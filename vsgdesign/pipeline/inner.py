@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
-from vsgdesign.artifacts.tables import write_table
+from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.inner_loops import Reading, request_of
 from vsgdesign.parameters.study import InnerLoopRequest, Study

@@ -13,7 +13,7 @@ import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.artifacts.tables import write_table
+from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import WorkerError
 from vsgdesign.execution.executors import worker_count
 from vsgdesign.execution.jobs import begun

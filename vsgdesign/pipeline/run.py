@@ -22,7 +22,7 @@ from vsgdesign.artifacts import (
 )
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.artifacts.table_summary import table_summary
+from vsgdesign.artifacts.table_text import table_summary
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification.registry import needs_network, samples_itself, why_no_c
 from vsgdesign.metrics import EventMetrics

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.artifacts.tables import write_table
+from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.equations.limiters import LIMITERS as KNOWN
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress

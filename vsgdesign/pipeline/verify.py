@@ -247,7 +247,7 @@ def verified_table(
 
     Finished blocks are kept in the folder ``kept`` until all are done. Raises StudyError and WorkerError.
     """
-    from vsgdesign.artifacts.verification_record import verification_record
+    from vsgdesign.artifacts.gain_table_file import verification_record
     from vsgdesign.execution.journal import Journal, run_job
     from vsgdesign.verification.document import counts_document
 

@@ -12,14 +12,16 @@ import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.measured_errors import shipped_errors
-from vsgdesign.artifacts.step_text import STEP_HEAD, step_rows, step_sentence
 from vsgdesign.artifacts.table_text import (
+    STEP_HEAD,
     between_text,
     causes_text,
     certificate_failed,
     certificate_sentence,
     error_text,
     missed_text,
+    step_rows,
+    step_sentence,
 )
 from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.equations.structures import STRUCTURES

@@ -8,7 +8,6 @@ from typing import Any
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.measured_errors import shipped_errors
-from vsgdesign.artifacts.step_text import step_lines
 from vsgdesign.artifacts.table_text import (
     between_text,
     cause_text,
@@ -18,6 +17,7 @@ from vsgdesign.artifacts.table_text import (
     error_text,
     inner_loops_text,
     status_text,
+    step_lines,
 )
 from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.certificate import Certificate, Counterexample

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.table_summary import table_lines, table_summary
-from vsgdesign.artifacts.table_text import certificate_sentence
+from vsgdesign.artifacts.table_text import certificate_sentence, table_lines, table_summary
 from vsgdesign.identification.registry import why_no_c
 from vsgdesign.metrics import mean_in_words
 from vsgdesign.report.figure_types import WrittenFigure
