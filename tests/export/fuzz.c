@@ -65,7 +65,7 @@ int main(int count, char **arguments)
     unsigned long moved = 0UL;
     double R = 2.0;
     double L = 6e-3;
-    const double factor = (1.0 + (double)VSG_LONGEST_TICKS * (double)VSG_RATE_PER_TICK) * (1.0 + 1e-6);
+    const double factor = (1.0 + (double)vsg_limits.longest_ticks * (double)vsg_limits.rate_per_tick) * (1.0 + 1e-6);
     FILE *answers = (count == 4) ? fopen(arguments[3], "wb") : NULL;
     if (answers == NULL) {
         fail(0UL, "three arguments");
@@ -119,9 +119,10 @@ int main(int count, char **arguments)
             }
             vsg_update_pushed(&s, &w, P, Q, V, ticks, &a);
         }
-        if (!(a.scr >= VSG_SCR_LOW && a.scr <= VSG_SCR_HIGH && a.r_over_x >= VSG_R_OVER_X_LOW &&
-              a.r_over_x <= VSG_R_OVER_X_HIGH && s.P >= VSG_P_LOW && s.P <= VSG_P_HIGH && s.Q >= VSG_Q_LOW &&
-              s.Q <= VSG_Q_HIGH && s.V_rms >= VSG_V_LOW && s.V_rms <= VSG_V_HIGH)) {
+        if (!(a.scr >= vsg_limits.scr_low && a.scr <= vsg_limits.scr_high && a.r_over_x >= vsg_limits.r_over_x_low &&
+              a.r_over_x <= vsg_limits.r_over_x_high && s.P >= vsg_limits.P_low && s.P <= vsg_limits.P_high &&
+              s.Q >= vsg_limits.Q_low && s.Q <= vsg_limits.Q_high && s.V_rms >= vsg_limits.V_low &&
+              s.V_rms <= vsg_limits.V_high)) {
             fail(k, "outside the certified box");
         }
         if ((double)a.scr > (double)before.scr * factor || (double)a.scr * factor < (double)before.scr ||

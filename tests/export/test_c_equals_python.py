@@ -254,7 +254,7 @@ def test_a_structure_that_was_added_has_its_c(tmp_path: Path) -> None:
     try:
         table_file, _ = written(tmp_path, DIAGONAL.name)
         compiled = built(export_c_files(table_file, tmp_path / "c").folder, True)
-        assert "vsg_diagonal_gains(" in (tmp_path / "c" / "vsg.c").read_text(encoding="utf-8")
+        assert "vsg_diagonal_gains(" in (tmp_path / "c" / "vsg_laws.h").read_text(encoding="utf-8")
         assert compiled.selftest() == 0
         scheduler = load_scheduler(table_file)
         difference = compare(scheduler, compiled, random_calls(scheduler, 500, seed=14))

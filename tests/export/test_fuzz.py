@@ -47,18 +47,22 @@ def test_no_input_leads_out_of_the_box(double: bool, tolerance: float, folder: P
 @pytest.mark.parametrize(
     ("line", "instead", "seen"),
     [
-        ("vsg_clip(s->goal_scr, s->scr / factor, s->scr * factor)", "s->goal_scr", "a step above the rate"),
-        ("vsg_clip(scr, VSG_SCR_LOW, VSG_SCR_HIGH)", "scr", "outside the certified box"),
-        ("P = vsg_clip(P_now, VSG_P_LOW, VSG_P_HIGH)", "P = P_now", "outside the certified box"),
-        ("status | VSG_FRESH", "status", "a status that cannot be"),
+        (
+            "vsg_clip(goal, present / factor, present * factor)",
+            "goal + 0 * present * factor",
+            "a step above the rate",
+        ),
+        ("vsg_clip(scr, limits->scr_low, limits->scr_high)", "scr", "outside the certified box"),
+        ("vsg_clip(P, limits->P_low, limits->P_high)", "P", "outside the certified box"),
+        (" | VSG_FRESH", "", "a status that cannot be"),
     ],
 )
 def test_what_is_broken_is_seen(line: str, instead: str, seen: str, folder: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken"
     shutil.copytree(folder, broken)
-    code = (broken / "vsg.c").read_text(encoding="utf-8")
+    code = (broken / "vsg_laws.h").read_text(encoding="utf-8")
     assert line in code
-    (broken / "vsg.c").write_text(code.replace(line, instead), encoding="utf-8")
+    (broken / "vsg_laws.h").write_text(code.replace(line, instead), encoding="utf-8")
     failed, said, _ = run_fuzz(build_fuzz(broken, tmp_path, double=True), 20_000, seed=7)
     assert (failed, seen in said) == (1, True), said
 

@@ -38,12 +38,14 @@ int main(void)
     static vsg_real_t v[VSG_WINDOW], i[VSG_WINDOW];
     vsg_scheduler_t s;
     vsg_answer_t a;
-    vsg_real_t n[6];
+    vsg_normalised_t n;
+    uint32_t designed;
     unsigned j;
     for (j = 0U; j < 256U; ++j) {
-        scr[j] = VSG_SCR_LOW + (VSG_SCR_HIGH - VSG_SCR_LOW) * (vsg_real_t)((j * 97U) % 256U) / (vsg_real_t)256;
-        ratio[j] = VSG_R_OVER_X_LOW + (VSG_R_OVER_X_HIGH - VSG_R_OVER_X_LOW) * (vsg_real_t)((j * 61U) % 256U) /
-                   (vsg_real_t)256;
+        scr[j] = vsg_limits.scr_low +
+                 (vsg_limits.scr_high - vsg_limits.scr_low) * (vsg_real_t)((j * 97U) % 256U) / (vsg_real_t)256;
+        ratio[j] = vsg_limits.r_over_x_low + (vsg_limits.r_over_x_high - vsg_limits.r_over_x_low) *
+                                                 (vsg_real_t)((j * 61U) % 256U) / (vsg_real_t)256;
         R[j] = (vsg_real_t)1.3 + (vsg_real_t)0.001 * (vsg_real_t)j;
         L[j] = (vsg_real_t)4e-3;
     }
@@ -52,7 +54,8 @@ int main(void)
         i[j] = (vsg_real_t)0.2 * (vsg_real_t)((53U * j) % 97U) - (vsg_real_t)10;
     }
     vsg_init(&s);
-    TIME(200000U, (void)vsg_normalised(scr[k & 255U], ratio[k & 255U], n); sink = n[0] + n[1] + n[2] + n[3] + n[4] + n[5]);
+    TIME(200000U, vsg_normalised_at(&vsg_table, scr[k & 255U], ratio[k & 255U], &n, &designed);
+         sink = n.k_1_or_H + n.d_1_or_zeta + n.k_2 + n.q + n.share_P + n.share_Q);
     TIME(200000U, vsg_update_estimate(&s, R[k & 255U], L[0], (vsg_real_t)3000, (vsg_real_t)500, (vsg_real_t)112,
                                       k * 20000U, &a);
          sink = a.gains.K_ip);

@@ -84,6 +84,7 @@ def c_functions(
     names: Mapping[type, str] | None = None,
     kinds: Mapping[Any, Mapping[str, Any]] | None = None,
     prefix: str = "",
+    macros: Mapping[str, str] | None = None,
 ) -> CText:
     """C99 of functions of the restricted language, and of all that they call.
 
@@ -91,13 +92,14 @@ def c_functions(
     away. ``names``: what a NamedTuple is called in C, ``gains`` for ``vsg_gains_t``; else its own name in lower case.
     ``kinds``: NamedTuples in fields whose hint says Any, where it is not that of the default. ``prefix``: what
     begins the names of records without such a name, and in capitals those of constants: ``field_`` for
-    ``vsg_field_lock_in_t`` and ``VSG_FIELD_TURN``. Two headers of one folder then have no name in common.
+    ``vsg_field_lock_in_t`` and ``VSG_FIELD_TURN``. Two headers of one folder then have no name in common. ``macros``:
+    constants that the target has already, and what it calls them.
 
     A function is ``vsg_`` and its name. Its arguments come in their order, then what compensated sums keep
     (``…_lost``), then its results, unless it has one scalar result, which is returned. An output may be the place of
     an input. Raises UntranslatableError with file, line and what to write instead.
     """
-    library = Library(names, kinds, prefix)
+    library = Library(names, kinds, prefix, macros)
     fixed = dict(fixed or {})
     unused = set(fixed)
     for function in functions:

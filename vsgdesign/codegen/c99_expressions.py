@@ -45,6 +45,13 @@ static inline vsg_real_t vsg_min(vsg_real_t a, vsg_real_t b)
     return ((a <= b) || (a != a)) ? a : b;
 }
 """
+_CLIP = """/* x, drawn to between two limits; NaN where x is. */
+static inline vsg_real_t vsg_clip(vsg_real_t x, vsg_real_t low, vsg_real_t high)
+{
+    const vsg_real_t y = ((x >= low) || (x != x)) ? x : low;
+    return ((y <= high) || (y != y)) ? y : high;
+}
+"""
 _ADVANCED = """\
 /* The integrator x after its change dx of one sample. In single precision T_s times a rate may be less than the
  * last digit of x: what a sum leaves out is kept in lost for the next one (Kahan). In double it is x + dx. */
@@ -89,8 +96,14 @@ static inline uint32_t vsg_not_above(vsg_numbers_t row, vsg_real_t x)
 }
 """
 _HELPERS = {
-    "max": _MAX, "min": _MIN, "max_count": _MAX_COUNT, "min_count": _MIN_COUNT, "search": _SEARCH, ADVANCED: _ADVANCED
-}  # fmt: skip
+    "max": _MAX,
+    "min": _MIN,
+    "clip": _CLIP,
+    "max_count": _MAX_COUNT,
+    "min_count": _MIN_COUNT,
+    "search": _SEARCH,
+    ADVANCED: _ADVANCED,
+}
 _OF_COUNTS = ("to real", "length", "read", "search", *BITS.values())
 
 ROW_OF_NUMBERS = """/* A row of constants, and how many they are. */
@@ -143,6 +156,9 @@ class ExpressionPrinter:
             text = f"{self.enclosed(condition)} ? {self.expression(one, 2)} : {self.expression(other, 2)}"
         elif e.name in _SYMBOLS:
             text = f" {_SYMBOLS[e.name]} ".join(self.enclosed(argument) for argument in _chain(e))
+        elif (limits := _clipped(e)) is not None:
+            self.used.add("clip")
+            text = f"vsg_clip({', '.join(self.expression(one) for one in limits)})"
         elif precedence == _ATOM:
             if e.name not in ("max", "min"):
                 self.used.add(e.name)
@@ -184,6 +200,8 @@ class ExpressionPrinter:
             return str(int(number.value))
         if not math.isfinite(number.value):
             raise UntranslatableError(f"constant {number.name or number.value}: is not finite. Give a large number.")
+        if number.name in self.library.macros:
+            return self.library.macros[number.name]
         if number.name:
             name = f"{self.library.prefix}{number.name}".upper()
             if self.constants.setdefault(name, number.value) != number.value:
@@ -230,6 +248,14 @@ class ExpressionPrinter:
             text += f"#define VSG_{name} {_literal(value)}\n"
         text += "\n" if self.constants else ""
         return text + "\n".join(helper for name, helper in _HELPERS.items() if name in self.used)
+
+
+def _clipped(e: Operation) -> tuple[Expression, ...] | None:
+    """A number and the limits to between which it is drawn; None of anything else."""
+    inner = e.arguments[0]
+    if e.name == "min" and isinstance(inner, Operation) and inner.name == "max" and kind_of(e) != COUNT:
+        return *inner.arguments, e.arguments[1]
+    return None
 
 
 def _literal(value: float) -> str:

@@ -51,7 +51,9 @@ class Library:
         names: Mapping[type, str] | None = None,
         kinds: Mapping[Any, Mapping[str, Any]] | None = None,
         prefix: str = "",
+        macros: Mapping[str, str] | None = None,
     ) -> None:
+        self.macros = dict(macros or {})
         self.names, self.kinds, self.prefix = dict(names or {}), Kinds(kinds or {}), prefix
         self.functions: list[Function] = []
         self._found: dict[Any, Function] = {}

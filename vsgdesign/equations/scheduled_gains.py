@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ def place_of(table: ScheduleTable, R_g: Any, L_g: Any, law: ScheduleLaw) -> tupl
     return scr, R_g / (table.omega * L_g)
 
 
-def grid_of(table: ScheduleTable, scr: Any, r_over_x: Any, law: ScheduleLaw) -> tuple[Any, Any]:
+def grid_at(table: ScheduleTable, scr: Any, r_over_x: Any, law: ScheduleLaw) -> tuple[Any, Any]:
     """Returns (R_g, L_g) of a place in Ω and H (:eq:`scr`)."""
     R_g, L_g = law.grid(scr, 1.0 / r_over_x, table.Z_base, table.omega)
     return R_g, L_g
@@ -37,9 +37,30 @@ def interval(axis: Numbers, value: Any) -> tuple[Count, Count, Any]:
     return low, high, (inside - axis[low]) / width
 
 
-def blend(w00: Any, w01: Any, w10: Any, w11: Any, v00: Any, v01: Any, v10: Any, v11: Any) -> Any:
-    """The weighted sum of four corners (:eq:`bilinear`)."""
-    return ((w00 * v00 + w01 * v01) + w10 * v10) + w11 * v11
+class Corners(NamedTuple):
+    """The corners of the cell around a place: where their numbers begin, and their weights (:eq:`bilinear`)."""
+
+    low_low: Count
+    low_high: Count
+    high_low: Count
+    high_high: Count
+    """The first word is the row, the second the column."""
+    w00: Any
+    w01: Any
+    w10: Any
+    w11: Any
+    """Weights in the same order."""
+
+
+def blend(nodes: Numbers, at: Corners, column: Count) -> Any:
+    """The weighted sum of the corners in a column of the table (:eq:`bilinear`)."""
+    low = at.w00 * nodes[at.low_low + column] + at.w01 * nodes[at.low_high + column]
+    return (low + at.w10 * nodes[at.high_low + column]) + at.w11 * nodes[at.high_high + column]
+
+
+def outside(nodes: Numbers, corner: Count, weight: Any) -> bool:
+    """Whether a corner has a weight, but no design."""
+    return nodes[corner] < 0.0 and weight > 0.0
 
 
 def normalised_at(table: ScheduleTable, scr: Any, r_over_x: Any) -> tuple[NormalisedGains, Count]:
@@ -48,19 +69,20 @@ def normalised_at(table: ScheduleTable, scr: Any, r_over_x: Any) -> tuple[Normal
     row, next_row, r = interval(table.scr, scr)
     column, next_column, c = interval(table.r_over_x, r_over_x)
     w00, w01, w10, w11 = (1.0 - r) * (1.0 - c), (1.0 - r) * c, r * (1.0 - c), r * c
-    columns, v = len(table.r_over_x), table.nodes
+    columns, nodes = len(table.r_over_x), table.nodes
     a, b = (row * columns + column) * 6, (row * columns + next_column) * 6
     d, e = (next_row * columns + column) * 6, (next_row * columns + next_column) * 6
+    at = Corners(a, b, d, e, w00, w01, w10, w11)
     normalised = NormalisedGains(
-        k_1_or_H=blend(w00, w01, w10, w11, v[a], v[b], v[d], v[e]),
-        d_1_or_zeta=blend(w00, w01, w10, w11, v[a + 1], v[b + 1], v[d + 1], v[e + 1]),
-        k_2=blend(w00, w01, w10, w11, v[a + 2], v[b + 2], v[d + 2], v[e + 2]),
-        q=blend(w00, w01, w10, w11, v[a + 3], v[b + 3], v[d + 3], v[e + 3]),
-        share_P=blend(w00, w01, w10, w11, v[a + 4], v[b + 4], v[d + 4], v[e + 4]),
-        share_Q=blend(w00, w01, w10, w11, v[a + 5], v[b + 5], v[d + 5], v[e + 5]),
+        k_1_or_H=blend(nodes, at, 0),
+        d_1_or_zeta=blend(nodes, at, 1),
+        k_2=blend(nodes, at, 2),
+        q=blend(nodes, at, 3),
+        share_P=blend(nodes, at, 4),
+        share_Q=blend(nodes, at, 5),
     )
-    low = (v[a] < 0.0 and w00 > 0.0) or (v[b] < 0.0 and w01 > 0.0)
-    high = (v[d] < 0.0 and w10 > 0.0) or (v[e] < 0.0 and w11 > 0.0)
+    low = outside(nodes, a, w00) or outside(nodes, b, w01)
+    high = outside(nodes, d, w10) or outside(nodes, e, w11)
     designed = 0 if low or high else 1
     return normalised, designed
 
@@ -76,7 +98,7 @@ def gains_at(
     law: ScheduleLaw,
 ) -> PowerLoopGains:
     """Gains on the grid of a place at measured powers and voltage (:eq:`structure-gains`). Returns (gains)."""
-    R_g, L_g = grid_of(table, scr, r_over_x, law)
+    R_g, L_g = grid_at(table, scr, r_over_x, law)
     R, X = R_g + table.R_2, table.omega * (L_g + table.L_2)
     A, B, C, D = scheduled_jacobian(P, Q, V_rms, R, X)
     return law.gains(A, B, C, D, normalised, table.D_p, table.D_q, table.S_rated, table.omega, law.by_inertia)

@@ -13,8 +13,7 @@ import numpy as np
 from vsgdesign.equations.following import part_of_the_way, share_that_fits
 from vsgdesign.equations.grid import error_half_widths
 from vsgdesign.equations.notation import WHOLE, Count
-from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.scheduled_gains import gains_at, grid_of, place_of
+from vsgdesign.equations.scheduled_gains import gains_at, grid_at, place_of
 from vsgdesign.equations.scheduler_data import (
     CLAMPED,
     DOUBT,
@@ -150,7 +149,7 @@ def followed_share(
     The half-widths are those of the error set at the place of the estimate, drawn into the box.
     """
     at_scr, at_r_over_x = drawn_in(scr, r_over_x, limits)
-    R, L = grid_of(table, at_scr, at_r_over_x, law)
+    R, L = grid_at(table, at_scr, at_r_over_x, law)
     h_R, h_X = error_half_widths(R, table.omega * L, limits.error_R, limits.error_X, limits.error_Z)
     return share_that_fits(h_R, h_X, given.var_R, table.omega * table.omega * given.var_L)
 
@@ -329,9 +328,14 @@ def told_state(s: SchedulerState, told: Count) -> SchedulerState:
 
 
 def state_at(
-    table: ScheduleTable, limits: SchedulerLimits, scr: Any, r_over_x: Any, age: Count, gains: PowerLoopGains
+    table: ScheduleTable, limits: SchedulerLimits, scr: Any, r_over_x: Any, age: Count, law: ScheduleLaw
 ) -> SchedulerState:
-    """The state at a place without load, before any update. Returns (first)."""
+    """The state at a place with a design, without load, before any update. Returns (first)."""
+    P = np.clip(0.0, limits.P_low, limits.P_high)
+    Q = np.clip(0.0, limits.Q_low, limits.Q_high)
+    V_rms = np.clip(table.V_n, limits.V_low, limits.V_high)
+    normalised, _ = law.normalised(table, scr, r_over_x)
+    gains = gains_at(table, normalised, scr, r_over_x, P, Q, V_rms, law)
     return SchedulerState(
         started=0,
         ticks=0,
@@ -348,24 +352,21 @@ def state_at(
         candidate_r_over_x=limits.safe_r_over_x,
         left_scr=limits.safe_scr,
         left_r_over_x=limits.safe_r_over_x,
-        P=np.clip(0.0, limits.P_low, limits.P_high),
-        Q=np.clip(0.0, limits.Q_low, limits.Q_high),
-        V_rms=np.clip(table.V_n, limits.V_low, limits.V_high),
+        P=P,
+        Q=Q,
+        V_rms=V_rms,
         gains=gains,
     )
 
 
-def begun(
+def start_place(
     table: ScheduleTable, limits: SchedulerLimits, R_g: Any, L_g: Any, nearest: bool, law: ScheduleLaw
-) -> tuple[SchedulerState, Count]:
-    """Begins on a known grid. Returns (first, known).
+) -> tuple[Any, Any, Count]:
+    """Returns (scr, r_over_x, known) of a grid on which a scheduler is to begin.
 
-    known is 0 where the grid is not in the box: the state is then at the safe place, stale. With nearest, a grid
-    outside the box is taken for the nearest place in it.
+    known is 0 where the grid is not in the box: the place is then the safe one. With nearest, a grid outside the box is
+    taken for the nearest place in it.
     """
-    P = np.clip(0.0, limits.P_low, limits.P_high)
-    Q = np.clip(0.0, limits.Q_low, limits.Q_high)
-    V_rms = np.clip(table.V_n, limits.V_low, limits.V_high)
     scr, r_over_x, known = limits.safe_scr, limits.safe_r_over_x, 0
     if finite(R_g + L_g) and L_g > 0.0:
         at_scr, at_r = place_of(table, R_g, L_g, law)
@@ -375,10 +376,17 @@ def begun(
         _, designed = law.normalised(table, at_scr, at_r)
         if inside and designed != 0:
             scr, r_over_x, known = at_scr, at_r, 1
-    normalised, _ = law.normalised(table, scr, r_over_x)
-    gains = gains_at(table, normalised, scr, r_over_x, P, Q, V_rms, law)
+    return scr, r_over_x, known
+
+
+def begun(
+    table: ScheduleTable, limits: SchedulerLimits, R_g: Any, L_g: Any, nearest: bool, law: ScheduleLaw
+) -> tuple[SchedulerState, Count]:
+    """Begins on a grid (:func:`start_place`), or stale at the safe place. Returns (first, known)."""
+    scr, r_over_x, known = start_place(table, limits, R_g, L_g, nearest, law)
     age = 0 if known != 0 else limits.lost_ticks + 1
-    return state_at(table, limits, scr, r_over_x, age, gains), known
+    first = state_at(table, limits, scr, r_over_x, age, law)
+    return first, known
 
 
 def told_and_updated(

@@ -13,12 +13,11 @@ from vsgdesign import __version__
 from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.equations.field_fusion import FIRST_GATE
 from vsgdesign.equations.limiters import CIRCULAR, limiter_named
-from vsgdesign.equations.scheduling import ARRIVED, ROUNDED_CORRELATION
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.field import ConverterConstants, field_content
 from vsgdesign.export.known_answers import known_answers, known_steps, known_windows
 from vsgdesign.export.known_cycles import known_cycles, known_posteriors
-from vsgdesign.export.laws import laws_content
+from vsgdesign.export.laws import REASON_NAMES, laws_content
 from vsgdesign.identification.field_network import FieldNetwork
 from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.runtime.guards import REASONS
@@ -28,17 +27,6 @@ from vsgdesign.runtime.scheduler import Scheduler
 if TYPE_CHECKING:
     from vsgdesign.runtime.lookup import GainLookup
 
-REASON_NAMES = (
-    "NONE",
-    "TIME",
-    "NOT_FINITE",
-    "RANGE",
-    "SATURATED",
-    "NO_ESTIMATE",
-    "IMPLAUSIBLE",
-    "JUMP",
-    "UNDESIGNED",
-)
 _BLOCK = 20
 """Samples that are summed before they join the whole: single precision keeps a digit more."""
 
@@ -80,7 +68,6 @@ def literal(value: float) -> str:
 
 def content_of(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
     lookup, c, estimator = scheduler.lookup, scheduler.settings, network_of(scheduler)
-    designed = [[node is not None for node in row] for row in lookup.nodes]
     known = known_answers(scheduler)
     content: dict[str, Any] = {
         "headline": _comment(
@@ -95,12 +82,13 @@ def content_of(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
         "update_text": f"{c.update_ticks * c.tick * 1e3:.6g} ms",
         "table_sha256": origin.table_sha256,
         "weights_sha256": origin.weights_sha256,
-        "some_undesigned": not all(map(all, designed)),
+        "some_undesigned": not all(node is not None for row in lookup.nodes for node in row),
         "constants": list(_constants(scheduler)),
-        "scr": braces(lookup.scr),
-        "r_over_x": braces(lookup.r_over_x),
-        "nodes": braces([[node or (0.0,) * 6 for node in row] for row in lookup.nodes]),
-        "designed": braces([[f"{int(good)}U" for good in row] for row in designed]),
+        "rows": {name: braces(list(getattr(lookup.table, name))) for name in ("scr", "r_over_x")},
+        "nodes": braces([list(lookup.table.nodes[at : at + 6]) for at in range(0, len(lookup.table.nodes), 6)]),
+        "node_count": len(lookup.table.nodes) // 6,
+        "table": _members(lookup.table),
+        "limits": _members(c.limits),
         "known": [
             {
                 "ticks": one.ticks,
@@ -131,26 +119,19 @@ def _x_over_r(lookup: GainLookup) -> list[float]:
     return [1.0 / ratio for ratio in lookup.r_over_x] if len(lookup.r_over_x) > 1 else []
 
 
+def _members(record: Any) -> list[tuple[str, str]]:
+    """The members of a record of constants and their values; those of rows of numbers are made of the rows."""
+    return [
+        (name, f"{value}UL" if isinstance(value, int) else f"VSG_C({literal(value)})")
+        for name, value in record._asdict().items()
+        if not isinstance(value, tuple)
+    ]
+
+
 def _constants(scheduler: Scheduler) -> Iterable[tuple[str, str]]:
-    lookup, c, estimator = scheduler.lookup, scheduler.settings, network_of(scheduler)
+    lookup, estimator = scheduler.lookup, network_of(scheduler)
     yield "ROWS", f"{len(lookup.scr)}U"
     yield "COLUMNS", f"{len(lookup.r_over_x)}U"
-    for name, value in (
-        ("Z_BASE", lookup.Z_base), ("OMEGA", lookup.omega), ("R_2", lookup.R_2), ("L_2", lookup.L_2),
-        ("S_RATED", lookup.S_rated), ("D_P", lookup.D_p), ("D_Q", lookup.D_q), ("V_N", lookup.V_n_rms),
-        ("SCR_LOW", c.scr[0]), ("SCR_HIGH", c.scr[1]), ("R_OVER_X_LOW", c.r_over_x[0]),
-        ("R_OVER_X_HIGH", c.r_over_x[1]), ("P_LOW", c.P[0]), ("P_HIGH", c.P[1]), ("Q_LOW", c.Q[0]),
-        ("Q_HIGH", c.Q[1]), ("V_LOW", c.V_rms[0]), ("V_HIGH", c.V_rms[1]), ("R_G_LOW", c.R_g[0]),
-        ("R_G_HIGH", c.R_g[1]), ("L_G_LOW", c.L_g[0]), ("L_G_HIGH", c.L_g[1]), ("POWER_RANGE", c.power_range),
-        ("VOLTAGE_RANGE", c.voltage_range), ("SAFE_SCR", c.safe_scr), ("SAFE_R_OVER_X", c.safe_r_over_x),
-        ("RATE_PER_TICK", c.rate_per_tick), ("HYSTERESIS", c.hysteresis), ("JUMP", c.jump),
-        ("RATIO_FLOOR", c.ratio_floor), ("ARRIVED", ARRIVED), ("ERROR_R", c.error_R), ("ERROR_X", c.error_X),
-        ("ERROR_Z", c.error_Z), ("ROUNDED_CORRELATION", ROUNDED_CORRELATION),
-    ):  # fmt: skip
-        yield name, f"VSG_C({literal(value)})"
-    yield "CONFIRM", f"((uint16_t){c.confirm}U)"
-    for name in ("update_ticks", "longest_ticks", "stale_ticks", "lost_ticks"):
-        yield name.upper(), f"((uint32_t){getattr(c, name)}UL)"
     if estimator is not None:
         yield "HIDDEN", f"{len(estimator.b_1)}U"
         yield "BLOCK", f"{_BLOCK}U"

@@ -91,7 +91,7 @@ def measure_footprint(folder: str | Path) -> Footprint:
         text_bytes, data, _ = map(int, run_compiler(["arm-none-eabi-size", str(program)]).split("\n")[1].split()[:3])
     held, step = _sizes(sizes), _sizes(control_sizes)
     deepest = ("vsg_update_pushed", "vsg_update", "vsg_estimate", "vsg_layer")
-    advance = ("vsg_update_pushed", "vsg_update", "vsg_advance", "vsg_gains_at")
+    advance = ("vsg_update_pushed", "vsg_update", "vsg_advance", "vsg_updated", "vsg_followed")
     stack = max(sum(stacks.get(name, 0) for name in chain) for chain in (deepest, advance))
     control = step["vsg_control_step"], step["c"], stacks["vsg_control_step"]
     return Footprint(text_bytes + data - held["main"], held["s"] + held["p"], held.get("w", 0), stack, control)

@@ -9,7 +9,7 @@ import numpy as np
 
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.scheduled_gains import gains_at, grid_of, normalised_at, place_of
+from vsgdesign.equations.scheduled_gains import gains_at, grid_at, normalised_at, place_of
 from vsgdesign.equations.scheduler_data import NO_DESIGN, ScheduleLaw, ScheduleTable
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.frames import base_impedance
@@ -19,7 +19,7 @@ from vsgdesign.runtime.table import TableSchedule
 
 _OUTSIDE = NO_DESIGN, 0.0, 0.0, 0.0, 0.0, 0.0
 _MOST_KEPT = 32
-_place_of, _grid_of = on_floats(place_of), on_floats(grid_of)
+_place_of, _grid_at = on_floats(place_of), on_floats(grid_at)
 _normalised_at, _gains_at = on_floats(normalised_at), on_floats(gains_at)
 
 
@@ -84,7 +84,7 @@ class GainLookup:
 
     def grid(self, scr: float, r_over_x: float) -> tuple[float, float]:
         """R_g (Ω) and L_g (H) of a place (:eq:`scr`)."""
-        return _grid_of(self.table, scr, r_over_x, self.functions_of_floats)
+        return _grid_at(self.table, scr, r_over_x, self.functions_of_floats)
 
     def coordinates(self, R_g: float, L_g: float) -> tuple[float, float]:
         """SCR on the table's basis and R/X of a grid with R_g (Ω) and L_g > 0 (H) (:eq:`scr`)."""

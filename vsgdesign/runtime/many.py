@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.scheduled_gains import grid_of
+from vsgdesign.equations.scheduled_gains import grid_at
 from vsgdesign.equations.scheduler_data import (
     NO_ESTIMATE,
     NO_REASON,
@@ -109,7 +109,7 @@ class ManySchedulers:
     @property
     def grid(self) -> tuple[Array, Array]:
         """R_g (Ω) and L_g (H) of the places for which the present gains are made."""
-        return grid_of(self._lookup.table, self._state.scr, self._state.r_over_x, self._lookup.functions)
+        return grid_at(self._lookup.table, self._state.scr, self._state.r_over_x, self._lookup.functions)
 
     @property
     def state(self) -> SchedulerState:

@@ -1,4 +1,5 @@
 #include <math.h>
+#include <stdint.h>
 
 /* Single precision unless VSG_DOUBLE is defined, for every file alike. */
 #ifdef VSG_DOUBLE
@@ -9,15 +10,61 @@ typedef float vsg_real_t;
 #define VSG_C(x) (x##F)
 #endif
 
-/* The parameters of a schedule for one grid. With the Jacobian they give the gains (eq. structure-gains). */
+/* A row of constants, and how many they are. */
 typedef struct {
-    vsg_real_t k_1_or_H;
-    vsg_real_t d_1_or_zeta;
-    vsg_real_t k_2;
-    vsg_real_t q;
-    vsg_real_t share_P;
-    vsg_real_t share_Q;
-} vsg_normalised_t;
+    const vsg_real_t *at;
+    uint32_t count;
+} vsg_numbers_t;
+
+/* What an update is given. */
+typedef struct {
+    uint32_t said; /* The reason why there is no estimate; NO_REASON: there is one. */
+    vsg_real_t R_g; /* The estimate of the grid's resistance, Ohm. */
+    vsg_real_t L_g; /* The estimate of the grid's inductance, H. */
+    uint32_t has_error; /* 1 where the covariance of the estimate's error is known, else 0. */
+    vsg_real_t var_R; /* Variance of R_g, Ohm^2. */
+    vsg_real_t cov_RL; /* Covariance of R_g and L_g, Ohm*H. */
+    vsg_real_t var_L; /* Variance of L_g, H^2. */
+    vsg_real_t P; /* Active power of the power loops, W. */
+    vsg_real_t Q; /* Reactive power of the power loops, var. */
+    vsg_real_t V_rms; /* Voltage of the power loops, V phase rms. */
+    uint32_t ticks; /* The caller's counter. */
+} vsg_scheduler_input_t;
+
+/* Limits of a scheduler. Single precision holds every one of them as it is. */
+typedef struct {
+    vsg_real_t scr_low; /* Least SCR of the certified box. */
+    vsg_real_t scr_high; /* Largest SCR of the certified box. */
+    vsg_real_t r_over_x_low; /* Least R/X of the certified box. */
+    vsg_real_t r_over_x_high; /* Largest R/X of the certified box. */
+    vsg_real_t P_low; /* Least active power of the certified box, W. */
+    vsg_real_t P_high; /* Largest active power of the certified box, W. */
+    vsg_real_t Q_low; /* Least reactive power of the certified box, var. */
+    vsg_real_t Q_high; /* Largest reactive power of the certified box, var. */
+    vsg_real_t V_low; /* Least voltage of the certified box, V phase rms. */
+    vsg_real_t V_high; /* Largest voltage of the certified box, V phase rms. */
+    vsg_real_t R_g_low; /* Least plausible resistance, Ohm. */
+    vsg_real_t R_g_high; /* Largest plausible resistance, Ohm. */
+    vsg_real_t L_g_low; /* Least plausible inductance, H. */
+    vsg_real_t L_g_high; /* Largest plausible inductance, H. */
+    vsg_real_t power_range; /* Largest magnitude of P and Q that can be measured, VA. */
+    vsg_real_t voltage_range; /* Largest voltage that can be measured, V. */
+    vsg_real_t safe_scr; /* SCR of the safe place (eq. safe-place). */
+    vsg_real_t safe_r_over_x; /* R/X of the safe place. */
+    vsg_real_t rate_per_tick; /* Largest relative change of SCR and of R/X of the place of the gains in a tick. */
+    vsg_real_t hysteresis; /* Relative change of SCR and R/X up to which an estimate does not move the goal. */
+    vsg_real_t jump; /* Relative change from which on an estimate must be confirmed. */
+    vsg_real_t ratio_floor; /* Where R/X is smaller than this, its changes are taken relative to this value. */
+    vsg_real_t error_R; /* Error of R for which the gains are designed, as a share of R. */
+    vsg_real_t error_X; /* Error of X for which the gains are designed, as a share of X. */
+    vsg_real_t error_Z; /* Error of R and of X for which the gains are designed, as a share of the impedance. */
+    uint32_t confirm; /* Number of windows that must agree on a jump. */
+    uint32_t update_ticks; /* Nominal time between two updates, ticks. */
+    uint32_t longest_ticks; /* Longest time for which a single update may move the place, ticks. */
+    uint32_t stale_ticks; /* How long a doubt may last before the place moves to the safe place, ticks. */
+    /* Age of the last good estimate from which on the place moves to the safe place without any doubt, ticks. */
+    uint32_t lost_ticks;
+} vsg_scheduler_limits_t;
 
 /* Gains of the power-loop law (eq. power-loop-law). The published structure uses the first four. */
 typedef struct {
@@ -30,6 +77,107 @@ typedef struct {
     vsg_real_t k_P; /* rad/(s*W) */
     vsg_real_t k_Q; /* rad/(s*var) */
 } vsg_gains_t;
+
+/* Everything, besides its inputs, on which the next answer depends. */
+typedef struct {
+    uint32_t started; /* Whether there was an update: 0 until the first one. */
+    uint32_t ticks; /* The caller's counter at the last update. */
+    uint32_t age; /* Ticks since the last estimate that was followed. */
+    /* Ticks since the grid may have changed, or since the last surprise, without an estimate that was followed. 0:
+     * there is no doubt. */
+    uint32_t doubt;
+    /* What was told since the last update: bits of TOLD_LIMITED, TOLD_SURPRISED and TOLD_CHANGED. The last one stays
+     * until an estimate is accepted. SURPRISED_BEFORE is kept here, too. */
+    uint32_t told;
+    /* Windows that agree on a jump so far. While a confirmed jump is followed in part, it stays at their limit. */
+    uint32_t agreed;
+    /* Ticks since the estimator decided that the grid has left its place. 0: that place may be returned to. */
+    uint32_t refuted;
+    /* The place for which the gains are made. */
+    vsg_real_t scr;
+    vsg_real_t r_over_x;
+    /* The goal: the place to which the present place moves. */
+    vsg_real_t goal_scr;
+    vsg_real_t goal_r_over_x;
+    /* A jump that waits to be confirmed, or is followed in part. */
+    vsg_real_t candidate_scr;
+    vsg_real_t candidate_r_over_x;
+    /* The place that the grid has left. */
+    vsg_real_t left_scr;
+    vsg_real_t left_r_over_x;
+    /* Last good measurement, within the box: W, var, V. */
+    vsg_real_t P;
+    vsg_real_t Q;
+    vsg_real_t V_rms;
+    vsg_gains_t gains;
+} vsg_scheduler_t;
+
+/* What is left of an update's inputs after the first guards. */
+typedef struct {
+    uint32_t elapsed; /* Ticks since the last update. */
+    uint32_t step; /* Ticks for which the place may move. */
+    uint32_t reason; /* Why there is no estimate to follow. */
+    uint32_t status; /* REFUSED, CLAMPED or 0. */
+    /* What the gains are made for, within the box. */
+    vsg_real_t P;
+    vsg_real_t Q;
+    vsg_real_t V_rms;
+} vsg_checked_input_t;
+
+/* Normalised gains over SCR and R/X, and the converter for which they are made. */
+typedef struct {
+    vsg_numbers_t scr; /* Nodes of SCR on the table's basis, ascending. */
+    vsg_numbers_t r_over_x; /* Nodes of R/X, ascending. */
+    /* k_1 or H, d_1 or zeta, k_2, q, share_P, share_Q of each node in SI: the nodes of R/X of the first SCR, then those
+     * of the next. NO_DESIGN where there is no design. */
+    vsg_numbers_t nodes;
+    vsg_real_t Z_base; /* Base impedance, Ohm. */
+    vsg_real_t omega; /* Nominal angular frequency, rad/s. */
+    vsg_real_t R_2; /* Resistance of the filter's grid side, Ohm. */
+    vsg_real_t L_2; /* Inductance of the filter's grid side, H. */
+    vsg_real_t S_rated; /* Rated power, VA. */
+    vsg_real_t D_p; /* P-f droop, W*s/rad; 0 where the gains determine it. */
+    vsg_real_t D_q; /* Q-V droop, var/V; 0 where the gains determine it. */
+    vsg_real_t V_n; /* Voltage that is assumed before the first measurement, V phase rms. */
+} vsg_schedule_table_t;
+
+/* What becomes of an estimate: the reason why it is not followed, and the goal. */
+typedef struct {
+    uint32_t reason; /* Why the estimate is not followed. */
+    vsg_real_t share; /* How much of the way to the estimate is gone; 1: all of it. */
+    /* The place to which the present place moves. */
+    vsg_real_t goal_scr;
+    vsg_real_t goal_r_over_x;
+    /* A jump that waits to be confirmed, or is followed in part. */
+    vsg_real_t candidate_scr;
+    vsg_real_t candidate_r_over_x;
+    uint32_t agreed; /* Windows that agree on the jump. */
+    uint32_t refuted; /* Ticks since the grid has left a place. */
+} vsg_followed_t;
+
+/* The corners of the cell around a place: where their numbers begin, and their weights (eq. bilinear). */
+typedef struct {
+    /* The first word is the row, the second the column. */
+    uint32_t low_low;
+    uint32_t low_high;
+    uint32_t high_low;
+    uint32_t high_high;
+    /* Weights in the same order. */
+    vsg_real_t w00;
+    vsg_real_t w01;
+    vsg_real_t w10;
+    vsg_real_t w11;
+} vsg_corners_t;
+
+/* The parameters of a schedule for one grid. With the Jacobian they give the gains (eq. structure-gains). */
+typedef struct {
+    vsg_real_t k_1_or_H;
+    vsg_real_t d_1_or_zeta;
+    vsg_real_t k_2;
+    vsg_real_t q;
+    vsg_real_t share_P;
+    vsg_real_t share_Q;
+} vsg_normalised_t;
 
 /* Set points of the power loops. They may be changed between two samples. */
 typedef struct {
@@ -216,10 +364,15 @@ typedef struct {
 #define VSG_SQRT sqrtf
 #endif
 
+#define VSG_HALF_RANGE ((uint32_t)2147483648UL)
+#define VSG_ROUNDED_CORRELATION VSG_C(1.001)
 #define VSG_CHI_SQUARE_95 VSG_C(5.991464547107979)
+#define VSG_OLDEST ((uint32_t)2147483647UL)
+#define VSG_SURPRISED_BEFORE 8U
 #define VSG_PHASES VSG_C(3.0)
 #define VSG_POWER_MARGIN VSG_C(1.3)
 #define VSG_LEAST_SHARE VSG_C(0.2)
+#define VSG_ARRIVED VSG_C(1e-05)
 #define VSG_TURN VSG_C(6.283185307179586)
 #define VSG_SPACE_VECTOR_POWER VSG_C(1.5)
 #define VSG_SQRT_2 VSG_C(1.4142135623730951)
@@ -246,6 +399,35 @@ static inline vsg_real_t vsg_min(vsg_real_t a, vsg_real_t b)
     return ((a <= b) || (a != a)) ? a : b;
 }
 
+/* x, drawn to between two limits; NaN where x is. */
+static inline vsg_real_t vsg_clip(vsg_real_t x, vsg_real_t low, vsg_real_t high)
+{
+    const vsg_real_t y = ((x >= low) || (x != x)) ? x : low;
+    return ((y <= high) || (y != y)) ? y : high;
+}
+
+/* The larger of two counts. */
+static inline uint32_t vsg_max_count(uint32_t a, uint32_t b)
+{
+    return (a >= b) ? a : b;
+}
+
+/* The smaller of two counts. */
+static inline uint32_t vsg_min_count(uint32_t a, uint32_t b)
+{
+    return (a <= b) ? a : b;
+}
+
+/* How many numbers of an ascending row are not above x. */
+static inline uint32_t vsg_not_above(vsg_numbers_t row, vsg_real_t x)
+{
+    uint32_t found = (uint32_t)0;
+    while ((found < row.count) && (row.at[found] <= x)) {
+        found = found + (uint32_t)1;
+    }
+    return found;
+}
+
 /* The integrator x after its change dx of one sample. In single precision T_s times a rate may be less than the
  * last digit of x: what a sum leaves out is kept in lost for the next one (Kahan). In double it is x + dx. */
 static inline vsg_real_t vsg_advanced(vsg_real_t x, vsg_real_t dx, vsg_real_t *lost)
@@ -261,10 +443,107 @@ static inline vsg_real_t vsg_advanced(vsg_real_t x, vsg_real_t dx, vsg_real_t *l
 #endif
 }
 
+/* Whether a number is neither infinite nor NaN. */
+static inline int vsg_finite(vsg_real_t x)
+{
+    return x - x == VSG_C(0.0);
+}
+
+/* Whether every number of an estimate is finite. */
+static inline int vsg_estimate_is_finite(const vsg_scheduler_input_t *given)
+{
+    const int known = vsg_finite(given->var_R) && vsg_finite(given->cov_RL) && vsg_finite(given->var_L);
+    return vsg_finite(given->R_g) && vsg_finite(given->L_g) && ((given->has_error == 0U) || known);
+}
+
+/* Time and inputs: a measurement that is refused is replaced by the last good one. */
+static inline void vsg_checked_input(const vsg_scheduler_limits_t *limits, const vsg_scheduler_t *s,
+    const vsg_scheduler_input_t *given, vsg_checked_input_t *checked_input)
+{
+    const vsg_real_t P = given->P;
+    const vsg_real_t Q = given->Q;
+    const vsg_real_t V_rms = given->V_rms;
+    const uint32_t said = given->said;
+    const uint32_t elapsed = (s->started != 0U) ? given->ticks - s->ticks : 0U;
+    const uint32_t step = vsg_min_count(elapsed, limits->longest_ticks);
+    const int backwards = elapsed >= VSG_HALF_RANGE;
+    const int numbers = vsg_finite(P) && vsg_finite(Q) && vsg_finite(V_rms);
+    const int powers = (VSG_ABS(P) <= limits->power_range) && (VSG_ABS(Q) <= limits->power_range);
+    const int in_range = powers && (V_rms >= VSG_C(0.0)) && (V_rms <= limits->voltage_range);
+    const int refused = !((said != VSG_REASON_NOT_FINITE) && (said != VSG_REASON_SATURATED));
+    const int spoilt = (said == VSG_REASON_NONE) && !vsg_estimate_is_finite(given);
+    const uint32_t elapsed_new = limits->update_ticks;
+    const int condition = !numbers;
+    const int condition_new = !in_range;
+    const uint32_t reason = spoilt ? VSG_REASON_NOT_FINITE : said;
+    const uint32_t status = spoilt ? VSG_REFUSED : 0U;
+    const uint32_t reason_new = refused ? said : reason;
+    const uint32_t status_new = refused ? VSG_REFUSED : status;
+    const uint32_t reason_new_2 = condition_new ? VSG_REASON_RANGE : reason_new;
+    const uint32_t status_new_2 = condition_new ? VSG_REFUSED : status_new;
+    const uint32_t reason_new_3 = condition ? VSG_REASON_NOT_FINITE : reason_new_2;
+    const uint32_t status_new_3 = condition ? VSG_REFUSED : status_new_2;
+    const uint32_t elapsed_new_2 = backwards ? elapsed_new : elapsed;
+    const uint32_t step_new = backwards ? 0U : step;
+    const uint32_t reason_new_4 = backwards ? VSG_REASON_TIME : reason_new_3;
+    const uint32_t status_new_4 = backwards ? VSG_REFUSED : status_new_3;
+    const int condition_new_2 = status_new_4 == VSG_REFUSED;
+    const vsg_real_t P_new = s->P;
+    const vsg_real_t Q_new = s->Q;
+    const vsg_real_t V_rms_new = s->V_rms;
+    const vsg_real_t P_new_2 = vsg_clip(P, limits->P_low, limits->P_high);
+    const vsg_real_t Q_new_2 = vsg_clip(Q, limits->Q_low, limits->Q_high);
+    const vsg_real_t V_rms_new_2 = vsg_clip(V_rms, limits->V_low, limits->V_high);
+    const uint32_t status_new_5 = ((P_new_2 != given->P) || (Q_new_2 != given->Q) || (V_rms_new_2 != given->V_rms))
+        ? VSG_CLAMPED : 0U;
+    const vsg_real_t P_new_3 = condition_new_2 ? P_new : P_new_2;
+    const vsg_real_t Q_new_3 = condition_new_2 ? Q_new : Q_new_2;
+    const vsg_real_t V_rms_new_3 = condition_new_2 ? V_rms_new : V_rms_new_2;
+    const uint32_t status_new_6 = condition_new_2 ? status_new_4 : status_new_5;
+    checked_input->elapsed = elapsed_new_2;
+    checked_input->step = step_new;
+    checked_input->reason = reason_new_4;
+    checked_input->status = status_new_6;
+    checked_input->P = P_new_3;
+    checked_input->Q = Q_new_3;
+    checked_input->V_rms = V_rms_new_3;
+}
+
+/* Whether an estimate can be one of a grid, and its covariance one of an error. */
+static inline int vsg_plausible_estimate(const vsg_scheduler_limits_t *limits, const vsg_scheduler_input_t *given)
+{
+    const vsg_real_t product = VSG_ROUNDED_CORRELATION * given->var_R * given->var_L;
+    const int possible = (given->var_R >= VSG_C(0.0)) && (given->var_L >= VSG_C(0.0)) && (given->cov_RL
+        * given->cov_RL <= product);
+    const int inside = (limits->R_g_low <= given->R_g) && (given->R_g <= limits->R_g_high)
+        && ((limits->L_g_low <= given->L_g) && (given->L_g <= limits->L_g_high));
+    return inside && ((given->has_error == 0U) || possible);
+}
+
 /* Short-circuit ratio of a grid, taken on |Z_g|. */
 static inline vsg_real_t vsg_scr_impedance(vsg_real_t R_g, vsg_real_t L_g, vsg_real_t Z_base, vsg_real_t omega)
 {
     return Z_base / VSG_HYPOT(R_g, omega * L_g);
+}
+
+/* Returns (scr, r_over_x) of a grid with L_g > 0 (eq. scr). */
+static inline void vsg_place_of(const vsg_schedule_table_t *table, vsg_real_t R_g, vsg_real_t L_g, vsg_real_t *scr_out,
+    vsg_real_t *r_over_x_out)
+{
+    const vsg_real_t scr = vsg_scr_impedance(R_g, L_g, table->Z_base, table->omega);
+    const vsg_real_t r_over_x = R_g / (table->omega * L_g);
+    *scr_out = scr;
+    *r_over_x_out = r_over_x;
+}
+
+/* Returns (drawn_scr, drawn_r_over_x): a place, drawn into the certified box. */
+static inline void vsg_drawn_in(vsg_real_t scr, vsg_real_t r_over_x, const vsg_scheduler_limits_t *limits,
+    vsg_real_t *drawn_scr_out, vsg_real_t *drawn_r_over_x_out)
+{
+    const vsg_real_t drawn_scr = vsg_clip(scr, limits->scr_low, limits->scr_high);
+    const vsg_real_t drawn_r_over_x = vsg_clip(r_over_x, limits->r_over_x_low, limits->r_over_x_high);
+    *drawn_scr_out = drawn_scr;
+    *drawn_r_over_x_out = drawn_r_over_x;
 }
 
 /* Returns (R_g, L_g) in Ohm and H for a ratio taken on |Z_g| (eq. scr). */
@@ -274,6 +553,13 @@ static inline void vsg_grid_from_scr_impedance(vsg_real_t scr, vsg_real_t x_over
     const vsg_real_t R_g = Z_base / scr / VSG_HYPOT(VSG_C(1.0), x_over_r);
     *R_g_out = R_g;
     *L_g = R_g * x_over_r / omega;
+}
+
+/* Returns (R_g, L_g) of a place in Ohm and H (eq. scr). */
+static inline void vsg_grid_at(const vsg_schedule_table_t *table, vsg_real_t scr, vsg_real_t r_over_x,
+    vsg_real_t *R_g_out, vsg_real_t *L_g)
+{
+    vsg_grid_from_scr_impedance(scr, VSG_C(1.0) / r_over_x, table->Z_base, table->omega, R_g_out, L_g);
 }
 
 /* Returns (h_R, h_X): by how much the estimate of a true grid R + jX may be off in R and in X (eq. error-set).
@@ -300,6 +586,30 @@ static inline vsg_real_t vsg_share_that_fits(vsg_real_t h_R, vsg_real_t h_X, vsg
     return vsg_min(h_R / vsg_max(reach_R, h_R), h_X / vsg_max(reach_X, h_X));
 }
 
+/* The share of the way to an estimate that its covariance allows (eq. share-that-fits). 1: the whole way.
+ *
+ * The half-widths are those of the error set at the place of the estimate, drawn into the box. */
+static inline vsg_real_t vsg_followed_share(const vsg_schedule_table_t *table, const vsg_scheduler_limits_t *limits,
+    vsg_real_t scr, vsg_real_t r_over_x, const vsg_scheduler_input_t *given)
+{
+    vsg_real_t at_scr, at_r_over_x;
+    vsg_drawn_in(scr, r_over_x, limits, &at_scr, &at_r_over_x);
+    vsg_real_t R, L;
+    vsg_grid_at(table, at_scr, at_r_over_x, &R, &L);
+    vsg_real_t h_R, h_X;
+    vsg_error_half_widths(R, table->omega * L, limits->error_R, limits->error_X, limits->error_Z, &h_R, &h_X);
+    return vsg_share_that_fits(h_R, h_X, given->var_R, table->omega * table->omega * given->var_L);
+}
+
+/* Whether a place differs from another by at most a relative share (eq. place-band). */
+static inline int vsg_near(vsg_real_t scr, vsg_real_t r_over_x, vsg_real_t of_scr, vsg_real_t of_r_over_x,
+    vsg_real_t share, vsg_real_t floor_)
+{
+    const vsg_real_t f = VSG_C(1.0) + share;
+    const vsg_real_t band = share * vsg_max(VSG_ABS(of_r_over_x), floor_);
+    return (scr <= of_scr * f) && (of_scr <= scr * f) && (VSG_ABS(r_over_x - of_r_over_x) <= band);
+}
+
 /* Returns (moved_scr, moved_r_over_x): the goal, moved by a share of the way to an estimate in (ln SCR, ln R/X) (eq.
  * partly-followed).
  *
@@ -315,6 +625,173 @@ static inline void vsg_part_of_the_way(vsg_real_t goal_scr, vsg_real_t goal_r_ov
     const vsg_real_t step = (towards > VSG_C(0.0)) ? VSG_C(0.0) : share;
     *moved_scr = goal_scr * VSG_EXP(step * way_scr);
     *moved_r_over_x = goal_r_over_x * VSG_EXP(step * way_r);
+}
+
+/* Plausibility, jump, hysteresis and the estimate's own error. */
+static inline void vsg_followed(const vsg_schedule_table_t *table, const vsg_scheduler_limits_t *limits,
+    const vsg_scheduler_t *s, const vsg_scheduler_input_t *given, const vsg_checked_input_t *checked,
+    vsg_followed_t *followed)
+{
+    const uint32_t reason = checked->reason;
+    const vsg_real_t floor_ = limits->ratio_floor;
+    const vsg_real_t goal_scr = s->goal_scr;
+    const vsg_real_t goal_r_over_x = s->goal_r_over_x;
+    const vsg_real_t candidate_scr = s->candidate_scr;
+    const vsg_real_t candidate_r_over_x = s->candidate_r_over_x;
+    const uint32_t refuted = (s->refuted > 0U) ? vsg_min_count(s->refuted + checked->elapsed, VSG_OLDEST) : 0U;
+    const uint32_t refuted_new = (refuted > limits->stale_ticks) ? 0U : refuted;
+    const int condition = (reason == VSG_REASON_NONE) && !vsg_plausible_estimate(limits, given);
+    const uint32_t reason_new = condition ? VSG_REASON_IMPLAUSIBLE : reason;
+    const int condition_new = (reason_new != VSG_REASON_NONE) && (s->agreed >= limits->confirm);
+    /* A confirmed jump that is followed in part waits for its next estimate. */
+    const uint32_t agreed = s->agreed;
+    const uint32_t agreed_new = condition_new ? agreed : 0U;
+    const int condition_new_2 = reason_new == VSG_REASON_NONE;
+    vsg_real_t scr, r_over_x;
+    vsg_place_of(table, given->R_g, given->L_g, &scr, &r_over_x);
+    const int condition_new_3 = given->has_error != 0U;
+    const vsg_real_t share = vsg_followed_share(table, limits, scr, r_over_x, given);
+    const vsg_real_t share_new = condition_new_3 ? share : VSG_C(1.0);
+    const int condition_new_4 = !vsg_near(scr, r_over_x, goal_scr, goal_r_over_x, limits->jump, floor_);
+    const int same = (s->agreed > 0U) && vsg_near(scr, r_over_x, candidate_scr, candidate_r_over_x, limits->jump,
+        floor_);
+    const uint32_t agreed_new_2 = same ? vsg_min_count(s->agreed + 1U, limits->confirm) : 1U;
+    const uint32_t agreed_new_3 = ((s->told & VSG_TOLD_CHANGED) != 0U) ? limits->confirm : agreed_new_2;
+    const int condition_new_5 = agreed_new_3 < limits->confirm;
+    const int condition_new_6 = share_new >= VSG_C(1.0);
+    const uint32_t agreed_new_4 = condition_new_6 ? 0U : agreed_new_3;
+    const uint32_t reason_new_2 = condition_new_5 ? VSG_REASON_JUMP : reason_new;
+    const uint32_t agreed_new_5 = condition_new_5 ? agreed_new_3 : agreed_new_4;
+    const uint32_t reason_new_3 = condition_new_4 ? reason_new_2 : reason_new;
+    const uint32_t agreed_new_6 = condition_new_4 ? agreed_new_5 : agreed_new;
+    const vsg_real_t candidate_scr_new = condition_new_4 ? scr : candidate_scr;
+    const vsg_real_t candidate_r_over_x_new = condition_new_4 ? r_over_x : candidate_r_over_x;
+    const int condition_new_7 = (reason_new_3 == VSG_REASON_NONE) && !vsg_near(scr, r_over_x, goal_scr, goal_r_over_x,
+        limits->hysteresis, floor_);
+    const int condition_new_8 = share_new >= VSG_C(1.0);
+    vsg_real_t from_scr, from_r;
+    vsg_drawn_in(goal_scr, goal_r_over_x, limits, &from_scr, &from_r);
+    vsg_real_t to_scr, to_r;
+    vsg_drawn_in(scr, r_over_x, limits, &to_scr, &to_r);
+    vsg_real_t left_scr, left_r;
+    vsg_drawn_in(s->left_scr, s->left_r_over_x, limits, &left_scr, &left_r);
+    const int condition_new_9 = refuted_new == 0U;
+    const vsg_real_t left_scr_new = condition_new_9 ? from_scr : left_scr;
+    const vsg_real_t left_r_new = condition_new_9 ? from_r : left_r;
+    vsg_real_t goal_scr_new, goal_r_over_x_new;
+    vsg_part_of_the_way(from_scr, from_r, to_scr, to_r, share_new, left_scr_new, left_r_new, &goal_scr_new,
+        &goal_r_over_x_new);
+    const vsg_real_t goal_scr_new_2 = condition_new_8 ? scr : goal_scr_new;
+    const vsg_real_t goal_r_over_x_new_2 = condition_new_8 ? r_over_x : goal_r_over_x_new;
+    const vsg_real_t goal_scr_new_3 = condition_new_7 ? goal_scr_new_2 : goal_scr;
+    const vsg_real_t goal_r_over_x_new_3 = condition_new_7 ? goal_r_over_x_new_2 : goal_r_over_x;
+    const int condition_new_10 = (reason_new_3 == VSG_REASON_NONE) && (share_new >= VSG_C(1.0));
+    const uint32_t refuted_new_2 = condition_new_10 ? 0U : refuted_new;
+    const uint32_t reason_new_4 = condition_new_2 ? reason_new_3 : reason_new;
+    const uint32_t agreed_new_7 = condition_new_2 ? agreed_new_6 : agreed_new;
+    const vsg_real_t share_new_2 = condition_new_2 ? share_new : VSG_C(1.0);
+    const vsg_real_t goal_scr_new_4 = condition_new_2 ? goal_scr_new_3 : goal_scr;
+    const vsg_real_t goal_r_over_x_new_4 = condition_new_2 ? goal_r_over_x_new_3 : goal_r_over_x;
+    const vsg_real_t candidate_scr_new_2 = condition_new_2 ? candidate_scr_new : candidate_scr;
+    const vsg_real_t candidate_r_over_x_new_2 = condition_new_2 ? candidate_r_over_x_new : candidate_r_over_x;
+    const uint32_t refuted_new_3 = condition_new_2 ? refuted_new_2 : refuted_new;
+    followed->reason = reason_new_4;
+    followed->share = share_new_2;
+    followed->goal_scr = goal_scr_new_4;
+    followed->goal_r_over_x = goal_r_over_x_new_4;
+    followed->candidate_scr = candidate_scr_new_2;
+    followed->candidate_r_over_x = candidate_r_over_x_new_2;
+    followed->agreed = agreed_new_7;
+    followed->refuted = refuted_new_3;
+}
+
+/* Ticks of doubt: they begin with a surprise, and anew with a new one. */
+static inline uint32_t vsg_doubt_after(const vsg_scheduler_t *s, uint32_t reason, uint32_t elapsed)
+{
+    const int surprised = (s->told & VSG_TOLD_SURPRISED) != 0U;
+    const int condition = (reason != VSG_REASON_NONE) && (s->doubt > 0U) && !(surprised
+        && ((s->told & VSG_SURPRISED_BEFORE) == 0U));
+    const uint32_t doubt = vsg_min_count(s->doubt + elapsed, VSG_OLDEST);
+    const int condition_new = (reason != VSG_REASON_NONE) && ((s->told != 0U) || (reason == VSG_REASON_JUMP));
+    const uint32_t doubt_new = condition_new ? 1U : 0U;
+    const uint32_t doubt_new_2 = condition ? doubt : doubt_new;
+    return doubt_new_2;
+}
+
+/* The goal, limited to at most a factor away from the present value (eq. place-rate). */
+static inline vsg_real_t vsg_limited(vsg_real_t goal, vsg_real_t present, vsg_real_t factor)
+{
+    return vsg_clip(goal, present / factor, present * factor);
+}
+
+/* Returns (low, high, fraction): between which nodes of an axis a value is, and how far on the way.
+ *
+ * Beyond the ends it is at the end. An axis with one node has this node for every value. */
+static inline void vsg_interval(vsg_numbers_t axis, vsg_real_t value, uint32_t *low_out, uint32_t *high_out,
+    vsg_real_t *fraction)
+{
+    const uint32_t low = vsg_min_count(vsg_max_count(vsg_not_above(axis, value), 1U), vsg_max_count(axis.count, 2U)
+        - 1U) - 1U;
+    const uint32_t high = vsg_min_count(low + 1U, axis.count - 1U);
+    const vsg_real_t width = (high > low) ? axis.at[high] - axis.at[low] : VSG_C(1.0);
+    const vsg_real_t inside = vsg_clip(value, axis.at[0U], axis.at[axis.count - 1U]);
+    *low_out = low;
+    *high_out = high;
+    *fraction = (inside - axis.at[low]) / width;
+}
+
+/* The weighted sum of the corners in a column of the table (eq. bilinear). */
+static inline vsg_real_t vsg_blend(vsg_numbers_t nodes, const vsg_corners_t *at, uint32_t column)
+{
+    const vsg_real_t low = at->w00 * nodes.at[at->low_low + column] + at->w01 * nodes.at[at->low_high + column];
+    return low + at->w10 * nodes.at[at->high_low + column] + at->w11 * nodes.at[at->high_high + column];
+}
+
+/* Whether a corner has a weight, but no design. */
+static inline int vsg_outside(vsg_numbers_t nodes, uint32_t corner, vsg_real_t weight)
+{
+    return (nodes.at[corner] < VSG_C(0.0)) && (weight > VSG_C(0.0));
+}
+
+/* Returns (normalised, designed) at a place (eq. bilinear). designed is 0 where a node with a weight has no design;
+ * then the first result means nothing. */
+static inline void vsg_normalised_at(const vsg_schedule_table_t *table, vsg_real_t scr, vsg_real_t r_over_x,
+    vsg_normalised_t *normalised, uint32_t *designed_out)
+{
+    uint32_t row, next_row;
+    vsg_real_t r;
+    vsg_interval(table->scr, scr, &row, &next_row, &r);
+    uint32_t column, next_column;
+    vsg_real_t c;
+    vsg_interval(table->r_over_x, r_over_x, &column, &next_column, &c);
+    const vsg_real_t w00 = (VSG_C(1.0) - r) * (VSG_C(1.0) - c);
+    const vsg_real_t w01 = (VSG_C(1.0) - r) * c;
+    const vsg_real_t w10 = r * (VSG_C(1.0) - c);
+    const vsg_real_t w11 = r * c;
+    const uint32_t columns = table->r_over_x.count;
+    const vsg_numbers_t nodes = table->nodes;
+    const uint32_t a = (row * columns + column) * 6U;
+    const uint32_t b = (row * columns + next_column) * 6U;
+    const uint32_t d = (next_row * columns + column) * 6U;
+    const uint32_t e = (next_row * columns + next_column) * 6U;
+    const vsg_corners_t at = {.low_low = a, .low_high = b, .high_low = d, .high_high = e, .w00 = w00, .w01 = w01,
+        .w10 = w10, .w11 = w11};
+    const vsg_real_t k_1_or_H = vsg_blend(nodes, &at, 0U);
+    const vsg_real_t d_1_or_zeta = vsg_blend(nodes, &at, 1U);
+    const vsg_real_t k_2 = vsg_blend(nodes, &at, 2U);
+    const vsg_real_t q = vsg_blend(nodes, &at, 3U);
+    const vsg_real_t share_P = vsg_blend(nodes, &at, 4U);
+    const vsg_real_t share_Q = vsg_blend(nodes, &at, 5U);
+    const int low = vsg_outside(nodes, a, w00) || vsg_outside(nodes, b, w01);
+    const int high = vsg_outside(nodes, d, w10) || vsg_outside(nodes, e, w11);
+    const uint32_t designed = (low || high) ? 0U : 1U;
+    normalised->k_1_or_H = k_1_or_H;
+    normalised->d_1_or_zeta = d_1_or_zeta;
+    normalised->k_2 = k_2;
+    normalised->q = q;
+    normalised->share_P = share_P;
+    normalised->share_Q = share_Q;
+    *designed_out = designed;
 }
 
 /* Largest share of an impedance, at most 1, that carries P and Q with POWER_MARGIN (eq. drawn-in). */
@@ -338,7 +815,7 @@ static inline void vsg_admittance(vsg_real_t V_rms, vsg_real_t R, vsg_real_t X, 
 static inline vsg_real_t vsg_well_posed_power(vsg_real_t Q, vsg_real_t b)
 {
     const vsg_real_t most = (VSG_C(1.0) - VSG_LEAST_SHARE) * b;
-    return vsg_min(vsg_max(Q, -most), most);
+    return vsg_clip(Q, -most, most);
 }
 
 /* The Jacobian of eq. jacobian-from-powers for b and g of admittance. Returns (A, B, C, D). */
@@ -439,6 +916,209 @@ static inline void vsg_angle_damped_gains(vsg_real_t A, vsg_real_t B, vsg_real_t
     gains->k_Q = k_d * w12;
     (void)S_rated;
     (void)omega_0;
+}
+
+/* Gains on the grid of a place at measured powers and voltage (eq. structure-gains). Returns (gains). */
+static inline void vsg_gains_at(const vsg_schedule_table_t *table, const vsg_normalised_t *normalised, vsg_real_t scr,
+    vsg_real_t r_over_x, vsg_real_t P, vsg_real_t Q, vsg_real_t V_rms, vsg_gains_t *gains)
+{
+    vsg_real_t R_g, L_g;
+    vsg_grid_at(table, scr, r_over_x, &R_g, &L_g);
+    const vsg_real_t R = R_g + table->R_2;
+    const vsg_real_t X = table->omega * (L_g + table->L_2);
+    vsg_real_t A, B, C, D;
+    vsg_scheduled_jacobian(P, Q, V_rms, R, X, &A, &B, &C, &D);
+    vsg_angle_damped_gains(A, B, C, D, normalised, table->D_p, table->D_q, table->S_rated, table->omega, gains);
+}
+
+/* Makes one update. Returns (following, status, reason).
+ *
+ * Whatever the inputs are, the gains are those of a place and of powers within the box. */
+static inline void vsg_updated(const vsg_schedule_table_t *table, const vsg_scheduler_limits_t *limits,
+    const vsg_scheduler_t *s, const vsg_scheduler_input_t *given, vsg_scheduler_t *following, uint32_t *status_out,
+    uint32_t *reason_out)
+{
+    vsg_checked_input_t checked;
+    vsg_checked_input(limits, s, given, &checked);
+    vsg_followed_t found;
+    vsg_followed(table, limits, s, given, &checked, &found);
+    const uint32_t reason = found.reason;
+    const uint32_t status = checked.status;
+    const vsg_real_t goal_scr = found.goal_scr;
+    const vsg_real_t goal_r_over_x = found.goal_r_over_x;
+    const uint32_t age = vsg_min_count(s->age + checked.elapsed, VSG_OLDEST);
+    const uint32_t doubt = vsg_doubt_after(s, reason, checked.elapsed);
+    const int stale = (reason != VSG_REASON_NONE) && ((age > limits->lost_ticks) || (doubt > limits->stale_ticks));
+    const vsg_real_t goal_scr_new = limits->safe_scr;
+    const vsg_real_t goal_r_over_x_new = limits->safe_r_over_x;
+    const vsg_real_t goal_scr_new_2 = stale ? goal_scr_new : goal_scr;
+    const vsg_real_t goal_r_over_x_new_2 = stale ? goal_r_over_x_new : goal_r_over_x;
+    const vsg_real_t factor = VSG_C(1.0) + (vsg_real_t)checked.step * limits->rate_per_tick;
+    const vsg_real_t moved_scr = vsg_limited(goal_scr_new_2, s->scr, factor);
+    const vsg_real_t moved_r = vsg_limited(goal_r_over_x_new_2, s->r_over_x, factor);
+    vsg_real_t scr, r_over_x;
+    vsg_drawn_in(moved_scr, moved_r, limits, &scr, &r_over_x);
+    vsg_real_t aim_scr, aim_r;
+    vsg_drawn_in(goal_scr_new_2, goal_r_over_x_new_2, limits, &aim_scr, &aim_r);
+    const uint32_t clamped = ((aim_scr != goal_scr_new_2) || (aim_r != goal_r_over_x_new_2)) ? VSG_CLAMPED : 0U;
+    const int far = (VSG_ABS(scr - aim_scr) > VSG_ARRIVED * aim_scr) || (VSG_ABS(r_over_x - aim_r) > VSG_ARRIVED
+        * aim_r);
+    const uint32_t moving = far ? (clamped | VSG_LIMITED) : clamped;
+    const vsg_real_t P = checked.P;
+    const vsg_real_t Q = checked.Q;
+    const vsg_real_t V_rms = checked.V_rms;
+    vsg_normalised_t normalised;
+    uint32_t designed;
+    vsg_normalised_at(table, scr, r_over_x, &normalised, &designed);
+    const int condition = designed == 0U;
+    const uint32_t reason_new = (reason == VSG_REASON_NONE) ? VSG_REASON_UNDESIGNED : reason;
+    const uint32_t status_new = status & VSG_REFUSED;
+    const vsg_real_t scr_new = s->scr;
+    const vsg_real_t r_over_x_new = s->r_over_x;
+    const vsg_real_t P_new = s->P;
+    const vsg_real_t Q_new = s->Q;
+    const vsg_real_t V_rms_new = s->V_rms;
+    const uint32_t status_new_2 = status | moving;
+    vsg_gains_t gains;
+    vsg_gains_at(table, &normalised, scr, r_over_x, P, Q, V_rms, &gains);
+    const uint32_t reason_new_2 = condition ? reason_new : reason;
+    const uint32_t status_new_3 = condition ? status_new : status_new_2;
+    const vsg_real_t scr_new_2 = condition ? scr_new : scr;
+    const vsg_real_t r_over_x_new_2 = condition ? r_over_x_new : r_over_x;
+    const vsg_real_t P_new_2 = condition ? P_new : P;
+    const vsg_real_t Q_new_2 = condition ? Q_new : Q;
+    const vsg_real_t V_rms_new_2 = condition ? V_rms_new : V_rms;
+    const vsg_gains_t gains_new = condition ? s->gains : gains;
+    const uint32_t status_new_4 = stale ? (status_new_3 | VSG_FALLBACK) : status_new_3;
+    const uint32_t status_new_5 = (doubt > 0U) ? (status_new_4 | VSG_DOUBT) : status_new_4;
+    const int condition_new = reason_new_2 == VSG_REASON_NONE;
+    const uint32_t status_new_6 = (found.share < VSG_C(1.0)) ? ((status_new_5 | VSG_FRESH) | VSG_PARTLY)
+        : (status_new_5 | VSG_FRESH);
+    const uint32_t status_new_7 = status_new_5 | VSG_HELD;
+    const uint32_t before = ((s->told & VSG_TOLD_SURPRISED) != 0U) ? VSG_SURPRISED_BEFORE : 0U;
+    const uint32_t told = (s->told & VSG_TOLD_CHANGED) | before;
+    const uint32_t status_new_8 = condition_new ? status_new_6 : status_new_7;
+    const uint32_t age_new = condition_new ? 0U : age;
+    const uint32_t told_new = condition_new ? 0U : told;
+    const uint32_t ticks = given->ticks;
+    following->started = 1U;
+    following->ticks = ticks;
+    following->age = age_new;
+    following->doubt = doubt;
+    following->told = told_new;
+    following->agreed = found.agreed;
+    following->refuted = found.refuted;
+    following->scr = scr_new_2;
+    following->r_over_x = r_over_x_new_2;
+    following->goal_scr = goal_scr_new_2;
+    following->goal_r_over_x = goal_r_over_x_new_2;
+    following->candidate_scr = found.candidate_scr;
+    following->candidate_r_over_x = found.candidate_r_over_x;
+    following->left_scr = s->left_scr;
+    following->left_r_over_x = s->left_r_over_x;
+    following->P = P_new_2;
+    following->Q = Q_new_2;
+    following->V_rms = V_rms_new_2;
+    following->gains = gains_new;
+    *status_out = status_new_8;
+    *reason_out = reason_new_2;
+}
+
+/* The state that was told something: bits of TOLD_LIMITED, TOLD_SURPRISED and TOLD_CHANGED. Returns (following).
+ *
+ * With TOLD_CHANGED, the goal of this moment is the place that the grid has left. */
+static inline void vsg_told_state(const vsg_scheduler_t *s, uint32_t told, vsg_scheduler_t *following)
+{
+    const int changed = ((told & VSG_TOLD_CHANGED) != 0U) && ((s->told & VSG_TOLD_CHANGED) == 0U);
+    const uint32_t told_new = s->told | told;
+    const uint32_t refuted = changed ? 1U : s->refuted;
+    const vsg_real_t left_scr = changed ? s->goal_scr : s->left_scr;
+    const vsg_real_t left_r_over_x = changed ? s->goal_r_over_x : s->left_r_over_x;
+    following->started = s->started;
+    following->ticks = s->ticks;
+    following->age = s->age;
+    following->doubt = s->doubt;
+    following->told = told_new;
+    following->agreed = s->agreed;
+    following->refuted = refuted;
+    following->scr = s->scr;
+    following->r_over_x = s->r_over_x;
+    following->goal_scr = s->goal_scr;
+    following->goal_r_over_x = s->goal_r_over_x;
+    following->candidate_scr = s->candidate_scr;
+    following->candidate_r_over_x = s->candidate_r_over_x;
+    following->left_scr = left_scr;
+    following->left_r_over_x = left_r_over_x;
+    following->P = s->P;
+    following->Q = s->Q;
+    following->V_rms = s->V_rms;
+    following->gains = s->gains;
+}
+
+/* Returns (scr, r_over_x, known) of a grid on which a scheduler is to begin.
+ *
+ * known is 0 where the grid is not in the box: the place is then the safe one. With nearest, a grid outside the box is
+ * taken for the nearest place in it. */
+static inline void vsg_start_place(const vsg_schedule_table_t *table, const vsg_scheduler_limits_t *limits,
+    vsg_real_t R_g, vsg_real_t L_g, vsg_real_t *scr_out, vsg_real_t *r_over_x_out, uint32_t *known_out)
+{
+    const vsg_real_t scr = limits->safe_scr;
+    const vsg_real_t r_over_x = limits->safe_r_over_x;
+    const int condition = vsg_finite(R_g + L_g) && (L_g > VSG_C(0.0));
+    vsg_real_t at_scr, at_r;
+    vsg_place_of(table, R_g, L_g, &at_scr, &at_r);
+    const int inside = (limits->scr_low <= at_scr) && (at_scr <= limits->scr_high) && ((limits->r_over_x_low <= at_r)
+        && (at_r <= limits->r_over_x_high));
+    vsg_normalised_t normalised;
+    uint32_t designed;
+    vsg_normalised_at(table, at_scr, at_r, &normalised, &designed);
+    const int condition_new = inside && (designed != 0U);
+    const vsg_real_t scr_new = condition_new ? at_scr : scr;
+    const vsg_real_t r_over_x_new = condition_new ? at_r : r_over_x;
+    const uint32_t known = condition_new ? 1U : 0U;
+    const vsg_real_t scr_new_2 = condition ? scr_new : scr;
+    const vsg_real_t r_over_x_new_2 = condition ? r_over_x_new : r_over_x;
+    const uint32_t known_new = condition ? known : 0U;
+    *scr_out = scr_new_2;
+    *r_over_x_out = r_over_x_new_2;
+    *known_out = known_new;
+}
+
+/* The state at a place with a design, without load, before any update. Returns (first). */
+static inline void vsg_state_at(const vsg_schedule_table_t *table, const vsg_scheduler_limits_t *limits, vsg_real_t scr,
+    vsg_real_t r_over_x, uint32_t age, vsg_scheduler_t *first)
+{
+    const vsg_real_t P = vsg_clip(VSG_C(0.0), limits->P_low, limits->P_high);
+    const vsg_real_t Q = vsg_clip(VSG_C(0.0), limits->Q_low, limits->Q_high);
+    const vsg_real_t V_rms = vsg_clip(table->V_n, limits->V_low, limits->V_high);
+    vsg_normalised_t normalised;
+    uint32_t designed;
+    vsg_normalised_at(table, scr, r_over_x, &normalised, &designed);
+    vsg_gains_t gains;
+    vsg_gains_at(table, &normalised, scr, r_over_x, P, Q, V_rms, &gains);
+    const vsg_real_t candidate_scr = limits->safe_scr;
+    const vsg_real_t candidate_r_over_x = limits->safe_r_over_x;
+    const vsg_real_t left_scr = limits->safe_scr;
+    const vsg_real_t left_r_over_x = limits->safe_r_over_x;
+    first->started = 0U;
+    first->ticks = 0U;
+    first->age = age;
+    first->doubt = 0U;
+    first->told = 0U;
+    first->agreed = 0U;
+    first->refuted = 0U;
+    first->scr = scr;
+    first->r_over_x = r_over_x;
+    first->goal_scr = scr;
+    first->goal_r_over_x = r_over_x;
+    first->candidate_scr = candidate_scr;
+    first->candidate_r_over_x = candidate_r_over_x;
+    first->left_scr = left_scr;
+    first->left_r_over_x = left_r_over_x;
+    first->P = P;
+    first->Q = Q;
+    first->V_rms = V_rms;
+    first->gains = gains;
 }
 
 /* Moves an angle in rad that has just passed +-2 pi back by one turn, so that it never loses digits. */
@@ -809,7 +1489,7 @@ static inline void vsg_skipped_step(const vsg_controller_state_t *state, const v
     vsg_power_loops(state->omega_i, state->V, state->P_f, state->Q_f, refs, gains, &omega, &domega_dt, &dV_dt);
     /* At most half a turn in a sample: gains that make no sense may ask for any frequency. */
     const vsg_real_t fastest = VSG_C(0.5) * VSG_TURN / settings->T_s;
-    const vsg_real_t omega_new = vsg_min(vsg_max(omega, -fastest), fastest);
+    const vsg_real_t omega_new = vsg_clip(omega, -fastest, fastest);
     const vsg_real_t turn = settings->T_s * omega_new;
     vsg_real_t u_alpha, u_beta;
     vsg_limit_length(state->u_alpha, state->u_beta, settings->v_max_pk, &u_alpha, &u_beta);
@@ -895,7 +1575,7 @@ static inline void vsg_watch_grid(const vsg_grid_watch_t *watch, vsg_real_t v_al
     const vsg_real_t highest = (VSG_C(1.0) + VSG_WATCH_RANGE) * refs->omega_0;
     grid_watch->v_alpha = ahead_alpha + share * e_alpha;
     grid_watch->v_beta = ahead_beta + share * e_beta;
-    grid_watch->omega = vsg_min(vsg_max(omega, lowest), highest);
+    grid_watch->omega = vsg_clip(omega, lowest, highest);
 }
 
 /* Phase peak to phase rms. */
