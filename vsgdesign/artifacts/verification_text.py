@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from vsgdesign.parameters.event import EVENT_KINDS
+
 Document = Mapping[str, Any]
 
 
@@ -57,6 +59,14 @@ FAMILIES = {
 """Heading of the families of cases, and what their cases are called."""
 
 
+def family_words(name: str) -> tuple[str, str]:
+    """Heading of a family of cases, and what its cases are called."""
+    if name in EVENT_KINDS.steps:
+        _, step = EVENT_KINDS.steps[name]
+        return step.title, step.noun
+    return FAMILIES.get(name, (_capital(name), f"cases of {name.replace('_', ' ')}"))
+
+
 def families_of(document: Document) -> list[tuple[str, Document]]:
     """The families by name, in the order of FAMILIES: a file may have sorted them."""
     return _in_order(document["families"], FAMILIES)
@@ -97,12 +107,12 @@ def promise_about(family: Document, key: str) -> tuple[str, Document] | None:
 
 def family_title(name: str, family: Document) -> str:
     """What a family of cases is called, as a heading."""
-    return str(family.get("title") or (FAMILIES[name][0] if name in FAMILIES else _capital(name)))
+    return str(family.get("title") or family_words(name)[0])
 
 
 def family_noun(name: str, family: Document) -> str:
     """What its cases are called, in the plural."""
-    return str(family.get("noun") or (FAMILIES[name][1] if name in FAMILIES else f"cases of {name.replace('_', ' ')}"))
+    return str(family.get("noun") or family_words(name)[1])
 
 
 def _capital(name: str) -> str:

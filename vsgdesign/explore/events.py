@@ -9,11 +9,12 @@ from typing import Any
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.explore.scene import Scene, Shown
-from vsgdesign.explore.state import EVENTS, EventOfState, State
+from vsgdesign.explore.state import EventOfState, State
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, WATCHED
+from vsgdesign.parameters.event import EVENT_KINDS, Event
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.knowledge import GridEstimate
-from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Event, Study
+from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
 from vsgdesign.simulation.steps import references_at
 from vsgdesign.simulation.survival.demand import settling_time_of
 
@@ -35,7 +36,11 @@ _LABELS = {
 def events_of(study: Study) -> list[dict[str, Any]]:  # noqa: ARG001 - as the session calls it
     """The kinds of events with the limits of their sizes, as the page lists them."""
     names = ("label", "unit", "low", "high", "step", "value")
-    return [{"kind": kind, **dict(zip(names, _LABELS[kind], strict=True))} for kind in EVENTS]
+    steps = {
+        name: (step.label, step.unit, -step.most, step.most, 0.02 * step.most, step.size[1])
+        for name, (_, step) in EVENT_KINDS.steps.items()
+    }
+    return [{"kind": kind, **dict(zip(names, row, strict=True))} for kind, row in (_LABELS | steps).items()]
 
 
 def study_of(scene: Scene, ready: Ready, state: State, k: int) -> Study:
@@ -60,7 +65,7 @@ def study_of(scene: Scene, ready: Ready, state: State, k: int) -> Study:
         Q_ref=Q_ref,
         survival=state.event.kind != "step",
     )
-    return replace(study, simulation=simulation, events=_events(study, state.event, lead_s, P_ref, Q_ref))
+    return replace(study, simulation=simulation, events=events_at(study, state.event, lead_s, P_ref, Q_ref))
 
 
 def run_spec(scene: Scene, ready: Ready, state: State, k: int) -> ControllerSpec:
@@ -106,7 +111,8 @@ def _whole(t_s: float, interval: float) -> float:
     return max(math.ceil(t_s / interval - 1e-6), 1) * interval
 
 
-def _events(study: Study, event: EventOfState, t_s: float, P_ref: float, Q_ref: float) -> tuple[Event, ...]:
+def events_at(study: Study, event: EventOfState, t_s: float, P_ref: float, Q_ref: float) -> tuple[Event, ...]:
+    """The page's event as events of a study. ``P_ref`` and ``Q_ref``: the references before it, W and var."""
     c, source = study.converter, study.grid_source
     if event.kind == "step":
         name = f"step of {event.signal}_ref by {event.size:+.3g} pu"
@@ -114,6 +120,10 @@ def _events(study: Study, event: EventOfState, t_s: float, P_ref: float, Q_ref: 
         if event.signal == "P":
             return (Event(t_s, name, P_ref=P_ref + size),)
         return (Event(t_s, name, Q_ref=Q_ref + size),)
+    if event.kind in EVENT_KINDS.steps:
+        kind, step = EVENT_KINDS.steps[event.kind]
+        name = f"{step.label} by {event.size:+.3g} {step.unit}"
+        return (replace(Event(t_s, name), **{kind.quantity: step.value(event.size, c)}),)
     if event.kind == "grid":
         place = Place(event.to_scr, event.to_x_over_r, study.scr_basis)
         name = f"SCR {event.to_scr:.3g}, X/R {event.to_x_over_r:.3g}"

@@ -11,13 +11,15 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError, VsgDesignError
 from vsgdesign.parameters.controllers import read_power_gains
+from vsgdesign.parameters.event import EVENT_KINDS
 from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.reader import Asked, TableReader
 from vsgdesign.parameters.study import Study
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
 EVENTS = ("step", "grid", "phase", "sag", "ramp")
-"""Kinds of events: step of a reference, jump of the impedance, phase jump, voltage sag, ramp of the frequency."""
+"""Events of the page: step of a reference, jump of the impedance, phase jump, voltage sag, ramp of the frequency. The
+kinds that have a step of their own follow (:attr:`vsgdesign.parameters.event.EventKinds.steps`)."""
 
 SIGNALS = ("P", "Q")
 
@@ -59,10 +61,11 @@ class PlaceOfState:
 
 @dataclass(frozen=True, kw_only=True)
 class EventOfState:
-    """The event that the EMT shows. Values that its kind does not need have no effect."""
+    """The fields of the page from which its event is made (:func:`vsgdesign.explore.events.events_at`). Values that its
+    kind does not need have no effect."""
 
     kind: str = "step"
-    """One of EVENTS."""
+    """One of EVENTS, or the name of a step of a kind."""
     size: float = 0.05
     """Of a step in per unit of S_rated, of a phase jump in degrees, of a sag the share of V_g that is lost, of a ramp
     the change of the frequency in Hz."""
@@ -241,8 +244,9 @@ def state_of(document: Any, study: Study) -> State:
 
 def _event(reader: _Reader, given: Any, standard: dict[str, Any]) -> EventOfState:
     table = standard | reader.table(given, "event", tuple(standard))
-    kind = reader.choice(table, "kind", EVENTS, "event.")
-    low, high, unit = _SIZES.get(kind, (-math.inf, math.inf, ""))
+    steps = {name: (-step.most, step.most, step.unit) for name, (_, step) in EVENT_KINDS.steps.items()}
+    kind = reader.choice(table, "kind", (*EVENTS, *steps), "event.")
+    low, high, unit = (_SIZES | steps).get(kind, (-math.inf, math.inf, ""))
     return EventOfState(
         kind=kind,
         size=reader.number(table, "size", low, high, unit, "event."),

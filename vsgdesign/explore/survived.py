@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.explore.events import event_s, length_s, told_spec
+from vsgdesign.explore.events import event_s, events_at, length_s, told_spec
 from vsgdesign.explore.scene import Shown
 from vsgdesign.explore.state import State
-from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents, no_events
+from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.stability.cells import CellSet
@@ -52,6 +49,7 @@ def lane_cases(study: Study, state: State, cells: CellSet) -> LaneCases:
     count, c, source = len(cells.R_g), study.converter, study.grid_source
     P_ref = cells.P - cells.gains.D_p * (c.omega_n - source.omega_g)
     Q_ref = cells.Q - cells.gains.D_q * (c.V_rated_rms - cells.V_rms)
+    references = zip(P_ref.tolist(), Q_ref.tolist(), strict=True)
     none = np.zeros(count)
     return LaneCases(
         R_g=cells.R_g,
@@ -60,7 +58,7 @@ def lane_cases(study: Study, state: State, cells: CellSet) -> LaneCases:
         omega_g=np.full(count, source.omega_g),
         P_ref=P_ref,
         Q_ref=Q_ref,
-        events=_events(study, state, P_ref, Q_ref),
+        events=LaneEvents.of([events_at(study, state.event, event_s(study), *refs) for refs in references]),
         error_R=none + state.error_R,
         error_X=none + state.error_X,
         silent_s=none + (0.0 if state.event.kind == "step" else state.silent_s),
@@ -68,27 +66,3 @@ def lane_cases(study: Study, state: State, cells: CellSet) -> LaneCases:
         kind=np.full(count, STEP if state.event.kind == "step" else DISTURBANCE, dtype=np.int8),
         signal=np.full(count, ACTIVE if state.event.signal == "P" else REACTIVE, dtype=np.int8),
     )
-
-
-def _events(study: Study, state: State, P_ref: Array, Q_ref: Array) -> LaneEvents:
-    """As :func:`vsgdesign.explore.events.study_of` has them for one run."""
-    event, source = state.event, study.grid_source
-    events = no_events(len(P_ref), 2 if event.kind == "sag" else 1)
-    events.t_s[:, 0] = event_s(study)
-    if event.kind == "step":
-        size = event.size * study.converter.S_rated
-        if event.signal == "P":
-            events.P_ref[:, 0] = P_ref + size
-        else:
-            events.Q_ref[:, 0] = Q_ref + size
-    elif event.kind == "grid":
-        grid = Place(event.to_scr, event.to_x_over_r, study.scr_basis).grid(study.converter)
-        events.R_g[:, 0], events.L_g[:, 0] = grid.R_g, grid.L_g
-    elif event.kind == "phase":
-        events.phase_jump[:, 0] = math.radians(event.size)
-    elif event.kind == "sag":
-        events.t_s[:, 1] = event_s(study) + event.length_s
-        events.V_g_rms[:, 0], events.V_g_rms[:, 1] = (1.0 - event.size) * source.V_g_rms, source.V_g_rms
-    else:
-        events.omega_g[:, 0], events.over[:, 0] = source.omega_g + 2.0 * math.pi * event.size, event.length_s
-    return events

@@ -212,21 +212,31 @@ class OfSuite:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawnChange:
-    """How a verification draws an event of a kind: a step by a size out of a range, up or down."""
+class StepOfKind:
+    """A step of a quantity by a size, up or down: how a verification draws it, and how the explorer shows it."""
 
-    family: str
-    """The table of [verification]."""
+    name: str
+    """The table of [verification], and the explorer's name of the kind."""
     title: str
-    """Heading of its cases, such as ``Step of V_ref``."""
-    size: tuple[float, float]
-    """The range that is drawn from, as a share of ``one``, unless the study gives another."""
-    most: float
-    """Largest size that a study may ask for."""
+    """Heading of its cases, such as ``Steps of V_ref``."""
+    noun: str
+    """What its cases are called, such as ``steps of V_ref``."""
+    label: str
+    """What one is called, such as ``step of V_ref``."""
+    unit: str
+    """Of the size, as it is shown: ``pu`` or ``Hz``."""
     start: Callable[[Converter], float]
-    """The value before the event, SI."""
+    """The value before the step, SI."""
     one: Callable[[Converter], float]
     """What a size of 1 is in SI."""
+    size: tuple[float, float]
+    """The range that a verification draws from unless the study gives another, and the explorer's first size."""
+    most: float
+    """Largest size."""
+
+    def value(self, size: Any, converter: Converter) -> Any:
+        """The value after a step by a size, SI."""
+        return self.start(converter) + size * self.one(converter)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,8 +263,9 @@ class EventKind:
     """Whether ``over`` makes a ramp of it."""
     nothing: float | None = None
     """The value that changes nothing, which is that of a field that is left out."""
-    drawn: DrawnChange | None = None
-    """How a verification draws it, if it has no family of its own there: never, unless a study gives it a weight."""
+    step: StepOfKind | None = None
+    """Its step, where a verification may draw it and the explorer shows it. A verification never does, unless a study
+    gives it a weight. None: it has none, or another part of the project has it."""
     answers: str = ""
     """The gain without which a controller does not answer, a name of
     :class:`vsgdesign.equations.power_loops.PowerLoopGains`; empty: every controller answers."""
@@ -315,9 +326,9 @@ class EventKinds(Mapping[str, EventKind]):
         return len(self._by_name)
 
     @property
-    def drawn(self) -> dict[str, EventKind]:
-        """The kinds that a verification draws as a step, by the name of their family."""
-        return {kind.drawn.family: kind for kind in self.values() if kind.drawn is not None}
+    def steps(self) -> dict[str, tuple[EventKind, StepOfKind]]:
+        """The kinds that have a step, by its name."""
+        return {kind.step.name: (kind, kind.step) for kind in self.values() if kind.step is not None}
 
     def register(self, kind: EventKind) -> Callable[[], None]:
         """Makes a kind known to studies, suites, verifications and survival cases. Returns a function that removes it

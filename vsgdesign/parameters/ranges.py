@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.parameters.fields import Field
 
@@ -34,3 +35,20 @@ def stream(seed: int, *names: str | int) -> np.random.Generator:
     """The random numbers of one purpose, which ``names`` tell from all others of the same seed."""
     keys = [zlib.crc32(name.encode()) if isinstance(name, str) else name for name in names]
     return np.random.default_rng([seed, *keys])
+
+
+def uniform_of(ends: Range, u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of a range for numbers from 0 to 1."""
+    return ends[0] + (ends[1] - ends[0]) * u
+
+
+def logarithmic_of(ends: Range, u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same, uniform in the logarithm; a range that begins at zero is uniform itself."""
+    low, high = ends
+    return low * np.exp(np.log(high / low) * u) if low > 0.0 else uniform_of(ends, u)
+
+
+def signed_of(ends: Range, u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A size out of its range with either sign, both from one number."""
+    x = 2.0 * u - 1.0
+    return np.where(x < 0.0, -1.0, 1.0) * uniform_of(ends, np.abs(x))

@@ -9,6 +9,7 @@ from typing import Any
 
 from vsgdesign.equations.grid import MOST_ERROR_Z
 from vsgdesign.parameters.converter import Converter
+from vsgdesign.parameters.event import EVENT_KINDS
 from vsgdesign.parameters.fields import (
     F_N,
     S_RATED,
@@ -243,6 +244,15 @@ class _Reference:
     """Weight among all disturbances."""
 
 
+class _Stepped:
+    """Steps of a quantity by a size, up or down (:class:`vsgdesign.parameters.event.StepOfKind`)."""
+
+    weight: float | None = _weight("never")
+    """Weight among all disturbances."""
+    size: Range | None = drawn("1", 1e-4, 1e3, default=None, shown="that of the kind")
+    """By how much."""
+
+
 class _Families:
     """The kinds of disturbance. Where a weight or a range has no default, the current limiter decides."""
 
@@ -261,7 +271,14 @@ class _Families:
 
 
 FAMILIES = tuple(one.name for one in fields_of(_Families))
-"""The kinds of disturbance, in the order of their numbers."""
+"""The kinds of disturbance, in the order of their numbers. Those of :attr:`vsgdesign.parameters.event.EventKinds.steps`
+follow."""
+
+
+def families() -> tuple[str, ...]:
+    """The names of all kinds of disturbance, in the order of their numbers."""
+    return (*FAMILIES, *EVENT_KINDS.steps)
+
 
 VERIFICATION = (
     *fields_of(VerificationSpec),
@@ -305,11 +322,16 @@ def read_verification(
 
 def _read_families(table: TableReader, scope: Scope) -> dict[str, CaseFamily]:
     found = {}
-    for family in fields_of(_Families):
-        name = family.name
+    steps = {name: step for name, (_, step) in EVENT_KINDS.steps.items()}
+    readers = {family.name: family.of for family in fields_of(_Families)} | dict.fromkeys(steps, _Stepped)
+    for name, of in readers.items():
         own = table.child(name) or TableReader({}, table.name(name), table.faults)
-        ranges = values(family.of, own, scope)
+        ranges = values(of, own, scope)
         weight = ranges.pop("weight")
+        if name in steps:
+            ranges["size"] = ranges["size"] or steps[name].size
+            if ranges["size"][1] > steps[name].most:
+                own.fault("size", ranges["size"][1], f"is more than {steps[name].most:g}", "Ask for less.")
         found[name] = CaseFamily(weight, ranges)
         if weight == 0.0 and len(own.table) > 1:
             own.fault("weight", 0, "the family is never drawn, and its other fields have no effect", "Leave them out.")

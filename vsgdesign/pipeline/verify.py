@@ -208,7 +208,7 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
     from vsgdesign.simulation.lanes.telling import told_controller
     from vsgdesign.verification.blocks import VerificationJob
     from vsgdesign.verification.counting import MapAxes
-    from vsgdesign.verification.draws import FAMILIES, verification_of
+    from vsgdesign.verification.draws import families, verification_of
     from vsgdesign.verification.emt import EMT
     from vsgdesign.verification.promises import verified_promises
 
@@ -216,14 +216,14 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
     changed = {name: value for name in ("runs", "seed", "confidence") if (value := getattr(asked, name)) is not None}
     drawn = replace(verification_of(study, spec, ready), **changed)
     study = replace(study, verification=drawn)
-    families = {name: name == "step" for name in FAMILIES}
+    steps = {name: name == "step" for name in families()}
     table = ready.table(spec)
     job = VerificationJob(
         study=study,
         spec=spec,
         tables={} if table is None else {spec.name: table},
-        families=tuple(families),
-        promises=verified_promises(study, spec, ready, families),
+        families=tuple(steps),
+        promises=verified_promises(study, spec, ready, steps),
         axes=MapAxes(scr=drawn.scr, x_over_r=drawn.x_over_r, scr_basis=drawn.scr_basis),
         runs=drawn.runs,
         bridge=asked.bridge,

@@ -18,6 +18,7 @@ from vsgdesign.parameters.study import Study
 from vsgdesign.parameters.units import format_quantity
 
 if TYPE_CHECKING:
+    from vsgdesign.simulation.gains import GainChange
     from vsgdesign.simulation.rest import Rest
 
 Array = NDArray[np.float64]
@@ -125,6 +126,18 @@ def good_rows(study: Study, rows: NDArray[Any]) -> int:
     rated = np.array([*[amps] * 2, *[volts] * 2, *[amps] * 2, *[volts] * 2, power, power, c.omega_n, volts])
     bad = ~np.isfinite(rows).all(axis=1) | (np.abs(rows[:, : len(rated)]) > BOUND_PU * rated).any(axis=1)
     return int(np.argmax(bad)) if bad.any() else len(rows)
+
+
+def unanswered(study: Study, changes: Sequence[GainChange]) -> dict[float, str]:
+    """Which set points a controller does not answer, and why, by the time of the event, s."""
+    found = {}
+    for event in study.events:
+        gains = [change.gains for change in changes if change.t_s <= event.t_s or change.t_s == 0.0][-1]
+        deaf = [kind for kind in event.changed if kind.answers and getattr(gains, kind.answers) == 0.0]
+        if deaf:
+            needs, names = " and ".join(kind.needs for kind in deaf), " and ".join(kind.name for kind in deaf)
+            found[event.t_s] = f"the controller has no {needs}, so it does not answer {names}"
+    return found
 
 
 def outcome_of(

@@ -28,7 +28,7 @@ from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of
+from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of, unanswered
 from vsgdesign.simulation.rest import (
     WHERE_TO_LOOK,
     Instability,
@@ -206,6 +206,11 @@ def _run_controllers(
         events = measure_events(
             own_study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
         )
+        deaf = unanswered(own_study, run.gain_changes)
+        events = tuple(replace(one, reason=one.reason or deaf.get(one.t_s)) for one in events)
+        if warn is not None:
+            for t_s, text in deaf.items():
+                warn(f"{spec.name}, from {t_s:g} s on: {text}.")
         results[spec.name] = ControllerResult(
             spec=spec,
             bridge=used,

@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable, Iterator
 
 from vsgdesign.artifacts.table_text import error_text
-from vsgdesign.artifacts.verification_text import FAMILIES
+from vsgdesign.artifacts.verification_text import family_words
 from vsgdesign.identification.registry import samples_itself
+from vsgdesign.parameters.event import EVENT_KINDS
 from vsgdesign.parameters.ranges import Range
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
@@ -61,7 +62,12 @@ def _lines(study: Study, spec: ControllerSpec, bridge: str) -> Iterator[tuple[st
         if weight > 0.0:
             ranges = asked.ranges(name, rests)
             share = f"{100.0 * weight / total:.3g} % of the cases"
-            yield FAMILIES[name][0], f"{share}: {_EVENTS[name](ranges)}"
+            yield family_words(name)[0], f"{share}: {_EVENTS[name](ranges) if name in _EVENTS else _step(name, ranges)}"
+
+
+def _step(name: str, ranges: dict[str, Range]) -> str:
+    _, step = EVENT_KINDS.steps[name]
+    return f"{step.label} by {_uniform(ranges['size'], lambda size: f'{size:.4g} {step.unit}')}, up or down"
 
 
 def _known(error: float, error_Z: float) -> str:

@@ -21,9 +21,10 @@ from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics.survival import REST_SHARE
 from vsgdesign.operating_point.static_limits import converter_current_rms, static_limit_uses
-from vsgdesign.parameters.ranges import Range
+from vsgdesign.parameters.event import EVENT_KINDS
+from vsgdesign.parameters.ranges import Range, logarithmic_of, signed_of, uniform_of
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.parameters.verification import FAMILIES, CaseBox, VerificationSpec
+from vsgdesign.parameters.verification import FAMILIES, CaseBox, VerificationSpec, families
 from vsgdesign.runtime.error_set import ErrorSet, error_shares
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents, no_events
@@ -51,11 +52,8 @@ COORDINATES: tuple[str, ...] = (
 )
 """What each of a case's numbers decides. The last four belong to its family."""
 
-UNIFORMS = len(COORDINATES)
-"""Numbers of a case."""
-
-_BLOCKS = 4
-"""Blocks of four numbers that a case takes from the generator: one number is left for the future."""
+UNIFORMS, _BLOCKS = len(COORDINATES), 4
+"""Numbers of a case, and the blocks of four that it takes from the generator: one number is left for the future."""
 
 _MOST_EVENTS = 2
 _LEAST_APART_S = 0.01
@@ -183,7 +181,7 @@ class _Draw(NamedTuple):
 
     def of(self, name: str) -> NDArray[np.intp]:
         """The cases of a family."""
-        return np.flatnonzero(self.family == FAMILIES.index(name))
+        return np.flatnonzero(self.family == families().index(name))
 
     def ranges(self, name: str) -> dict[str, Range]:
         return self.asked.ranges(name, self.rests_at_limit)
@@ -212,15 +210,15 @@ def _starts(draw: _Draw) -> _Starts:
     R_after, L_after = R_g.copy(), L_g.copy()
     jumps = draw.of("grid")
     R_after[jumps], L_after[jumps] = _grid(draw, u["own_1"][jumps], u["own_2"][jumps])
-    P, Q = _uniform(box.P, u["P"]), _uniform(box.Q, u["Q"])
+    P, Q = uniform_of(box.P, u["P"]), uniform_of(box.Q, u["Q"])
     dP, dQ = _steps_of_references(draw, P, Q)
     starts = _Starts(
         R_g=R_g,
         L_g=L_g,
         R_after=R_after,
         L_after=L_after,
-        V_g_rms=_uniform(box.V_g_rms, u["V_g"]),
-        omega_g=_uniform(box.omega_g, u["f_g"]),
+        V_g_rms=uniform_of(box.V_g_rms, u["V_g"]),
+        omega_g=uniform_of(box.omega_g, u["f_g"]),
         P=P,
         Q=Q,
         dP=dP,
@@ -234,7 +232,7 @@ def _steps_of_references(draw: _Draw, P: Array, Q: Array) -> tuple[Array, Array]
     box, u = draw.box, draw.u
     changes = np.zeros_like(P), np.zeros_like(Q)
     steps = draw.of("step")
-    sizes = draw.study.converter.S_rated * _signed(draw.ranges("step")["size"], u["own_2"][steps])
+    sizes = draw.study.converter.S_rated * signed_of(draw.ranges("step")["size"], u["own_2"][steps])
     active = u["own_1"][steps] < 0.5
     for change, present, ends, chosen in zip(changes, (P, Q), (box.P, box.Q), (active, ~active), strict=True):
         at, d = steps[chosen], sizes[chosen]
@@ -244,7 +242,7 @@ def _steps_of_references(draw: _Draw, P: Array, Q: Array) -> tuple[Array, Array]
         inwards = np.where(x == 0.0, d, -np.sign(x) * np.abs(d))  # where the box is narrower than the step
         change[at] = np.where(ahead, d, np.where(back, -d, inwards))
     large = draw.of("reference")
-    changes[0][large] = _uniform(box.P, u["own_1"][large]) - P[large]
+    changes[0][large] = uniform_of(box.P, u["own_1"][large]) - P[large]
     return changes
 
 
@@ -331,24 +329,36 @@ def _events(draw: _Draw, at: _Starts, references: tuple[Array, Array], lead_s: f
         events_of[moved, 0] = ref[moved] + changes[moved]
     grid = draw.of("grid")
     events.R_g[grid, 0], events.L_g[grid, 0] = at.R_after[grid], at.L_after[grid]
-    events.phase_jump[grid, 0] = _signed(draw.ranges("grid")["phase"], u["own_3"][grid])
+    events.phase_jump[grid, 0] = signed_of(draw.ranges("grid")["phase"], u["own_3"][grid])
     phase = draw.of("phase")
-    events.phase_jump[phase, 0] = _signed(draw.ranges("phase")["jump"], u["own_1"][phase])
+    events.phase_jump[phase, 0] = signed_of(draw.ranges("phase")["jump"], u["own_1"][phase])
     sag, ranges = draw.of("sag"), draw.ranges("sag")
-    jump = _signed(ranges["phase"], u["own_3"][sag])
-    events.V_g_rms[sag, 0] = at.V_g_rms[sag] * (1.0 - _uniform(ranges["depth"], u["own_1"][sag]))
+    jump = signed_of(ranges["phase"], u["own_3"][sag])
+    events.V_g_rms[sag, 0] = at.V_g_rms[sag] * (1.0 - uniform_of(ranges["depth"], u["own_1"][sag]))
     events.V_g_rms[sag, 1] = at.V_g_rms[sag]
     events.phase_jump[sag, 0], events.phase_jump[sag, 1] = jump, -jump
-    events.t_s[sag, 1] = cleared_s[sag] = begin[sag] + _logarithmic(ranges["duration"], u["own_2"][sag])
+    events.t_s[sag, 1] = cleared_s[sag] = begin[sag] + logarithmic_of(ranges["duration"], u["own_2"][sag])
     ramp, ranges = draw.of("ramp"), draw.ranges("ramp")
-    size = _signed(ranges["size"], u["own_1"][ramp])
-    over = np.maximum(np.abs(size) / _logarithmic(ranges["rate"], u["own_2"][ramp]), _LEAST_APART_S)
+    size = signed_of(ranges["size"], u["own_1"][ramp])
+    over = np.maximum(np.abs(size) / logarithmic_of(ranges["rate"], u["own_2"][ramp]), _LEAST_APART_S)
     events.omega_g[ramp, 0] = at.omega_g[ramp] + 2.0 * np.pi * size
     events.omega_g[ramp, 1] = at.omega_g[ramp]
     events.over[ramp] = over[:, None]
-    events.t_s[ramp, 1] = begin[ramp] + over + _uniform(ranges["hold"], u["own_3"][ramp])
+    events.t_s[ramp, 1] = begin[ramp] + over + uniform_of(ranges["hold"], u["own_3"][ramp])
     cleared_s[ramp] = events.t_s[ramp, 1] + over
+    _step_kinds(draw, events)
     return events, cleared_s
+
+
+def _step_kinds(draw: _Draw, events: LaneEvents) -> None:
+    """Steps of the kinds that have no family of their own here. One that would leave the limits ends at them."""
+    c = draw.study.converter
+    for name, (kind, step) in EVENT_KINDS.steps.items():
+        of = draw.of(name)
+        if of.size:
+            size = signed_of(draw.ranges(name)["size"], draw.u["own_1"][of])
+            low, high = (kind.one(c) * end for end in kind.limits(c, draw.study.simulation.reference_limit_pu))
+            getattr(events, kind.quantity)[of, 0] = np.clip(step.value(size, c), low, high)
 
 
 def _knowledge(draw: _Draw, at: _Starts, spec: ControllerSpec) -> tuple[Array, Array, Array]:
@@ -360,32 +370,25 @@ def _knowledge(draw: _Draw, at: _Starts, spec: ControllerSpec) -> tuple[Array, A
     h_R, h_X = error_half_widths(at.R_g, X, *draw.box.errors)
     error_R = np.maximum((2.0 * u["error_R"] - 1.0) * h_R / at.R_g, _LEAST_ERROR)
     error_X = (2.0 * u["error_X"] - 1.0) * h_X / X
-    silent_s = _logarithmic(draw.asked.silent_s, u["silent"])
+    silent_s = logarithmic_of(draw.asked.silent_s, u["silent"])
     return error_R, error_X, np.where(draw.family == FAMILIES.index("step"), 0.0, silent_s)
 
 
 def _grid(draw: _Draw, of_scr: Array, of_ratio: Array) -> tuple[Array, Array]:
     """R_g (Ω) and L_g (H), log-uniform over the box."""
     c, box = draw.study.converter, draw.box
-    scr, x_over_r = _logarithmic(box.scr, of_scr), _logarithmic(box.x_over_r, of_ratio)
+    scr, x_over_r = logarithmic_of(box.scr, of_scr), logarithmic_of(box.x_over_r, of_ratio)
     R_g, L_g = SCR_BASES[box.scr_basis].grid(scr, x_over_r, c.Z_base, c.omega_n)
     return R_g, L_g
 
 
-def _uniform(ends: Range, u: Array) -> Array:
-    return ends[0] + (ends[1] - ends[0]) * u
-
-
-def _logarithmic(ends: Range, u: Array) -> Array:
-    """Uniform in the logarithm; a range that begins at zero is uniform itself."""
-    low, high = ends
-    return low * np.exp(np.log(high / low) * u) if low > 0.0 else _uniform(ends, u)
-
-
-def _signed(ends: Range, u: Array) -> Array:
-    """A size out of its range with either sign, both from one number."""
-    x = 2.0 * u - 1.0
-    return np.where(x < 0.0, -1.0, 1.0) * _uniform(ends, np.abs(x))
-
-
-__all__ = ["COORDINATES", "FAMILIES", "UNIFORMS", "cases_of", "draw_cases", "uniforms_of", "verification_of"]
+__all__ = [
+    "COORDINATES",
+    "FAMILIES",
+    "UNIFORMS",
+    "cases_of",
+    "draw_cases",
+    "families",
+    "uniforms_of",
+    "verification_of",
+]
