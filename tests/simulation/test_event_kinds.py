@@ -15,6 +15,7 @@ import pytest
 from tests.simulation import event_kinds as everywhere
 from vsgdesign.errors import StudyError
 from vsgdesign.parameters.event import EVENT_KINDS, Event, EventKind, OfSuite, StepOfKind
+from vsgdesign.parameters.fields import F_N
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.simulation.lanes.cases import LaneEvents
 
@@ -22,7 +23,9 @@ F_REF = EventKind(
     name="f_ref",
     quantity="omega_0",
     unit="Hz",
-    limits=lambda c, _: (0.98 * c.omega_n / (2.0 * math.pi), 1.02 * c.omega_n / (2.0 * math.pi)),
+    low=0.98 * F_N,
+    high=1.02 * F_N,
+    meaning="frequency set point of the P–f droop",
     one=lambda _: 2.0 * math.pi,
     words=lambda omega, _: f"f_ref {omega / (2.0 * math.pi):.5g} Hz",
     of_suite=OfSuite(

@@ -12,8 +12,11 @@ from typing import Any
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.compliance.suite import OURS, Source, SuiteTest
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.parameters.building import check_resonance
+from vsgdesign.parameters.converter import scope_of
 from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.events import read_events
+from vsgdesign.parameters.fields import DURATION
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.loading import study_from_document
 from vsgdesign.parameters.network import Network
@@ -179,7 +182,10 @@ def _events(study: Study, documents: list[dict[str, Any]]) -> tuple[Event, ...]:
     faults: list[Fault] = []
     tables = [TableReader(one, f"events[{k}]", faults) for k, one in enumerate(documents)]
     source = replace(study.grid_source, components=())
-    events = read_events(tables, study.grid, study.scr_basis, study.converter, study.simulation, source, study.network)
+    c, simulation = study.converter, study.simulation
+    scope = scope_of(c, simulation.reference_limit_pu) | {DURATION.of: simulation.duration}
+    events = read_events(tables, scope, study.grid, study.scr_basis, c, source, study.network)
+    check_resonance(study.filter, c, [study.grid, *(event.grid for event in events if event.grid)], faults)
     components = [event.components for event in events if event.components is not None]
     if components and components[-1]:
         problem = "powers do not come to rest with components of the source"

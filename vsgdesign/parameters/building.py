@@ -195,7 +195,7 @@ def build_study(
     scope = scope_of(converter, simulation.reference_limit_pu) | {DURATION.of: simulation.duration}
     network = read_network(root.child("network"), converter)
     events = read_events(root.children("events"), scope, grid, basis, converter, source_, network)
-    _check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
+    check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
     controllers = read_controllers(
         root, scope, target, grid, basis, converter, filter_, (current_limiter, limiter_given)
     )
@@ -323,7 +323,7 @@ def _read_identity(table: TableReader | None, default_name: str) -> dict[str, st
     return name | rest
 
 
-def _check_resonance(filter_: Filter, converter: Converter, grids: list[Grid], faults: list[Fault]) -> None:
+def check_resonance(filter_: Filter, converter: Converter, grids: list[Grid], faults: list[Fault]) -> None:
     """On every grid of the study the circuit must ring below half the sampling rate."""
     if faults:
         return  # the values may not be numbers

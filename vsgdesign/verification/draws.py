@@ -21,7 +21,9 @@ from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics.survival import REST_SHARE
 from vsgdesign.operating_point.static_limits import converter_current_rms, static_limit_uses
+from vsgdesign.parameters.converter import scope_of
 from vsgdesign.parameters.event import EVENT_KINDS
+from vsgdesign.parameters.fields import at
 from vsgdesign.parameters.ranges import Range, logarithmic_of, signed_of, uniform_of
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.parameters.verification import FAMILIES, CaseBox, VerificationSpec, families
@@ -357,7 +359,8 @@ def _step_kinds(draw: _Draw, events: LaneEvents) -> None:
         of = draw.of(name)
         if of.size:
             size = signed_of(draw.ranges(name)["size"], draw.u["own_1"][of])
-            low, high = (kind.one(c) * end for end in kind.limits(c, draw.study.simulation.reference_limit_pu))
+            scope = scope_of(c, draw.study.simulation.reference_limit_pu)
+            low, high = (kind.one(c) * at(end, scope) for end in (kind.low, kind.high))
             getattr(events, kind.quantity)[of, 0] = np.clip(step.value(size, c), low, high)
 
 
