@@ -92,7 +92,7 @@ def test_a_study_in_python_is_the_study_of_the_file(study: vd.Study, tmp_path: P
 
 def test_faults_are_the_readers_all_at_once() -> None:
     with pytest.raises(StudyError) as caught:
-        vd.load("case:hoang2025_5kva", grid=vd.grid(scr=-1, x_over_r=3), P_ref="2 kV", gridd={})
+        vd.load("case:hoang2025_5kva", grid=vd.grid(scr=-1, x_over_r=3), P_ref="2 kV", gridd={})  # pyright: ignore[reportCallIssue]
     assert {"grid.scr", "simulation.P_ref", "gridd"} <= {fault.field for fault in caught.value.faults}
     with pytest.raises(StudyError, match="no such case"):
         vd.load("case:nothing")

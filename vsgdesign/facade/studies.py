@@ -2,21 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.parameters.building import GRID, Sections
 from vsgdesign.parameters.changing import built, plain_document
+from vsgdesign.parameters.controllers import CONTROLLER
+from vsgdesign.parameters.events import event_fields
+from vsgdesign.parameters.fields import Field, fields_of, picked
 from vsgdesign.parameters.inner_loops import InnerLoopSource
 from vsgdesign.parameters.loading import files_of, merged_document, read_document
+from vsgdesign.parameters.reference import type_text
+from vsgdesign.parameters.scenario import SimulationSpec
 from vsgdesign.parameters.study import InnerLoopRequest, Study, StudyOrigin
 
 _SIMULATION = ("P_ref", "Q_ref", "duration", "bridge", "start", "log_interval")
 """Fields of [simulation] that :func:`load` takes without their section."""
 
+F = TypeVar("F", bound=Callable[..., Any])
 
+
+def arguments() -> dict[str, tuple[Field, ...]]:
+    """The fields that each function below takes by name. ``studies.pyi`` is written from them."""
+    return {
+        "load": (*picked(SimulationSpec, *_SIMULATION), *fields_of(Sections)),
+        "grid": GRID,
+        "event": event_fields(),
+        "controller": CONTROLLER,
+    }
+
+
+def _with_arguments(function: F) -> F:
+    """The function with a signature that names the fields it takes, for ``help`` and notebooks."""
+    signature = inspect.signature(function)
+    given = [one for one in signature.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
+    named = [
+        inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=..., annotation=type_text(one))
+        for one in arguments()[function.__name__]
+        if one.name not in signature.parameters
+    ]
+    setattr(function, "__signature__", signature.replace(parameters=[*given, *named]))  # noqa: B010 - for pyright
+    return function
+
+
+@_with_arguments
 def load(source: str | Path | Mapping[str, Any], **changes: Any) -> Study:
     """The study of a file, of a packaged case (``"case:NAME"``) or of a document (a mapping, as TOML would give it).
 
@@ -37,6 +70,7 @@ def load(source: str | Path | Mapping[str, Any], **changes: Any) -> Study:
     return replace(built(origin.document, origin, _sections(changes), _inner_loops(files)), files=files)
 
 
+@_with_arguments
 def grid(**fields: Any) -> dict[str, Any]:
     """A grid with ``scr`` and ``x_over_r``, or with ``R_g`` (Ω) and ``L_g`` (H).
 
@@ -45,16 +79,16 @@ def grid(**fields: Any) -> dict[str, Any]:
     return fields
 
 
+@_with_arguments
 def event(time: float | str, **fields: Any) -> dict[str, Any]:
     """An event at a time in s, or at a text such as "2 s".
 
-    The fields are those of [[events]] in a study file: ``P_ref``, ``Q_ref``, ``grid``, ``V_g_pu``, ``f_g``, ``over``,
-    ``phase_jump``, ``components``, ``sag``, ``load``, ``fault``, ``breaker``, ``synchro_check``, ``synchronise`` and
-    ``name``.
+    The fields are those of [[events]] in a study file.
     """
     return {"time": time} | fields
 
 
+@_with_arguments
 def controller(name: str, kind: str = "scheduled", **fields: Any) -> dict[str, Any]:
     """A controller, ``scheduled`` or ``fixed``, with the fields of a study file's [[controllers]]."""
     return {"name": name, "kind": kind} | fields

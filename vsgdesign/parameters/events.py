@@ -27,6 +27,7 @@ from vsgdesign.parameters.fields import (
 from vsgdesign.parameters.grid import Grid, Impedance, read_grid
 from vsgdesign.parameters.network import PLAIN, Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
+    CLEARED,
     CLOSED,
     NONE,
     NOTHING_SAID,
@@ -93,11 +94,11 @@ class EventFields:
     """Ramps `V_g_pu` and `f_g` linearly over this time."""
     components: Any = subtable(Component, kind="tables", shown=_UNCHANGED)
     """The source's negative sequence and harmonics from now on, in place of all earlier ones; `[]`: none."""
-    sag: Any = subtable(Sag, shown=_UNCHANGED)
+    sag: Any = subtable(Sag, shown=_UNCHANGED, instead=NONE)
     """An unbalanced or balanced voltage sag from now on; `"none"` ends it."""
-    load: Any = subtable(LoadFields, shown=_UNCHANGED)
+    load: Any = subtable(LoadFields, shown=_UNCHANGED, instead=NONE)
     """The load at the PCC from now on; `"none"`: no load."""
-    fault: Any = subtable(FaultFields, shown=_UNCHANGED)
+    fault: Any = subtable(FaultFields, shown=_UNCHANGED, instead=CLEARED)
     """The short circuit from now on; `"cleared"` ends it, phase by phase at the next zeros of its currents
     ([theory](theory/networks.md#clearing-at-zeros))."""
     breaker: str | None = word((OPEN, CLOSED), default=None, shown=_UNCHANGED)

@@ -88,6 +88,8 @@ class Field:
     """Of a list of names: how many there may be, and what it may look like."""
     of: Any = ()
     """The fields of a table, the class that has them, or a function where more can be registered later."""
+    instead: str = ""
+    """A word that may stand in the place of a table."""
     home: type | None = None
     """The class that has it as an attribute."""
     explained: str = ""

@@ -110,3 +110,33 @@ def _meaning(text: str) -> str:
     """A docstring as the page has it: without a capital at its begin and a full stop at its end."""
     text = text.removesuffix(".")
     return text[:1].lower() + text[1:] if text[1:2].islower() or text.startswith("A ") else text
+
+
+def type_text(one: Field, table: str = "Mapping[str, Any]") -> str:
+    """The type of a field as an argument in Python, as text: ``Quantity`` is a number in SI or a text with a unit.
+
+    ``table``: the type of a table.
+    """
+    words = "Literal[" + ", ".join(f'"{word}"' for word in one.choices) + "]"
+    types = {
+        "number": "Quantity",
+        "range": "Quantity | Sequence[Quantity]",
+        "numbers": "Sequence[Quantity]",
+        "whole number": "int",
+        "true or false": "bool",
+        "word": words if isinstance(one.words, tuple) else f"{words} | str",
+        "text": "str | Path" if "file" in one.limits or ".csv" in one.limits else "str",
+        "name": "str",
+        "names": "Sequence[str | int]",
+        "tables": f"Sequence[{table}]",
+        "table": table + (f' | Literal["{one.instead}"]' if one.instead else ""),
+    }
+    return types[one.kind]
+
+
+def argument_line(one: Field) -> str:
+    """A field in a line: its meaning, unit, limits and default."""
+    unit = "" if one.unit == "1" else f" in {one.unit}"
+    limits = "" if one.words else f"{_limits(one)}{unit}".strip()
+    facts = [fact for fact in (limits, f"default {_default(one)}".replace("default required", "required")) if fact]
+    return f"{one.meaning.removesuffix('.')} ({'; '.join(facts)})."
