@@ -19,9 +19,9 @@ from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.run import parts_of, run_lanes
-from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.loop import kind_of, loop_of, side_by_side, spec_of
+from vsgdesign.simulation.segments import segments_of
 from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 
@@ -44,7 +44,7 @@ def prepared(study: Study, family: str, bridge: str, strict: bool = False, targe
     for name, values in gains._asdict().items():
         part.put(f"power_gains.{name}", np.asarray(values)[part.index])
     for name, values in zip(("grid.R_g", "grid.L_g"), told.estimate(), strict=True):
-        if name in part.made.place:
+        if name in part.place:
             part.put(name, values[part.index])
     return part
 
@@ -88,7 +88,7 @@ def loop() -> list[Row]:
         part = prepared(study, family, bridge, strict)
         values = nanoseconds(part)
         T_ns = study.converter.T_s * 1e9
-        name = f"{what}, {part.made.spec.width} lanes, {T_ns / 1e3:.0f} us, {instruction_set('native')}, one core"
+        name = f"{what}, {part.spec.width} lanes, {T_ns / 1e3:.0f} us, {instruction_set('native')}, one core"
         anchor = 166.0 if bridge == "averaged" else 57.0
         factor = figure([T_ns / value for value in values])
         rows.append(Row("lanes", f"{name}: loop", factor, "RT", anchor, MOTULATOR, target, ROOTS))
@@ -102,7 +102,7 @@ def instruction_sets() -> list[Row]:
     kinds = (("no limit", plain, "step", {"avx2": 3500.0}), ("projection limiter", limited, "grid", {}))
     for (what, study, family, asked), target in itertools.product(kinds, ("avx2", "sse2")):
         part = prepared(study, family, "averaged", target=target)
-        name = f"averaged, {what}, {part.made.spec.width} lanes, compiled for {target}, one core: loop"
+        name = f"averaged, {what}, {part.spec.width} lanes, compiled for {target}, one core: loop"
         factor = figure([study.converter.T_s * 1e9 / value for value in nanoseconds(part)])
         rows.append(Row("lanes", name, factor, "RT", 166.0, MOTULATOR, asked.get(target), ROOTS))
     return rows

@@ -21,10 +21,10 @@ from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.rests import rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.run import drive, parts_of, run_lanes
-from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.run import simulate
+from vsgdesign.simulation.segments import segments_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
@@ -56,7 +56,7 @@ def states_of_lanes(study: Study, cases: LaneCases, samples: int) -> tuple[LaneR
     names = [f"state.{name}" for name in ControllerState._fields if name != "limiter"]
     states = np.full((len(cases), 6 + len(names)), np.nan)
     for part in parts:
-        x = part.made.rows("x").start
+        x = part.span("x").start
         columns = [part.get(x + k) for k in range(6)] + [part.get(name) for name in names]
         states[part.index] = np.array(columns).T
     return run_lanes(study, spec, NOTHING, cases), states / ratings(study)

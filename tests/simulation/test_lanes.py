@@ -19,8 +19,8 @@ from vsgdesign.simulation.lanes import run as lanes_run
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.rests import Rests, last_of, rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
-from vsgdesign.simulation.lanes.segments import segments_of
 from vsgdesign.simulation.lanes.telling import telling
+from vsgdesign.simulation.segments import segments_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import own_rest_of
 from vsgdesign.simulation.timeline import build_timeline
@@ -59,8 +59,8 @@ def states_after(study: Study, spec: ControllerSpec, cases: LaneCases) -> np.nda
     rows = []
     for part in parts:
         names = [f"state.{name}" for name in ControllerState._fields if name != "limiter"]
-        names += [name for name in part.made.place if name.startswith("state.limiter.")]
-        plant = part.made.rows("x")
+        names += [name for name in part.place if name.startswith("state.limiter.")]
+        plant = part.span("x")
         rows.append((part.index, [part.get(k) for k in range(plant.start, plant.stop)] + [part.get(n) for n in names]))
     states = np.full((len(cases), len(rows[0][1])), np.nan)
     for index, values in rows:

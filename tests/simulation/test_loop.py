@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +21,14 @@ from vsgdesign.equations.controller_data import Nothing
 from vsgdesign.equations.limiters import CIRCULAR
 from vsgdesign.operating_point.plant import plant_step, state_matrices, two_axes
 from vsgdesign.parameters import Grid, Study, study_from_text
+from vsgdesign.parameters.study import Event
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Axes, Bridge, Kind, plant, states_of
 from vsgdesign.simulation.circuit_sample import BridgeVoltage, carrier, modulation
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.loop import ALONE, carrier_part, log_names, loop_of, slopes_of
-from vsgdesign.simulation.stretches import Stretch
 from vsgdesign.simulation.timeline import build_timeline
-
-NOTHING_HAPPENS = '[[events]]\ntime = "1.0123 ms"\ncomponents = []\n'
 
 
 @pytest.mark.parametrize(
@@ -42,37 +41,23 @@ NOTHING_HAPPENS = '[[events]]\ntime = "1.0123 ms"\ncomponents = []\n'
         (lcl_study, "pwm", "two axes"),
     ],
 )
-def test_an_interval_in_plain_python_has_the_bits_of_the_loop(
-    build: Callable[..., Study], bridge: str, more: str, monkeypatch: pytest.MonkeyPatch
+def test_an_interval_in_pieces_leads_where_the_whole_one_does(
+    build: Callable[..., Study], bridge: str, more: str
 ) -> None:
-    """Every fifth stretch of one sample goes the way of one that an event cuts, with one piece."""
-    study = build("3 ms", "" if more == "two axes" else more, simulation='start = "cold"')
+    """An event within an interval, at which nothing changes, changes no more than rounding does."""
+    study = build("6 ms", "" if more == "two axes" else more, simulation='start = "cold"')
     circuit = (lambda grid: two_axes(study.circuit(grid))) if more == "two axes" else None
+    again = Event(t_s=1.0123e-3, name="the same again", grid=study.grid)
 
-    def run() -> np.ndarray:
-        steps = [GainChange(k * study.converter.T_s, GAINS) for k in range(60)]
-        given = FieldScheduler(study, study.controllers[-1]) if more == FOLLOWING else steps
-        found = simulate(study, given, bridge=bridge, log_states=20, circuit=circuit)
-        return np.concatenate([part.ravel() for part in (found.log, found.controller_log, found.final_plant)])
+    def run(study: Study) -> np.ndarray:
+        given = FieldScheduler(study, study.controllers[-1]) if more == FOLLOWING else [GainChange(0.0, GAINS)]
+        found = simulate(study, given, bridge=bridge, log_states=60, circuit=circuit)
+        return np.concatenate([found.log[:60], found.controller_log], axis=1)
 
-    if more == FOLLOWING:
-        monkeypatch.setattr("vsgdesign.simulation.run._PROGRESS_STRETCH", study.converter.T_s)
-    whole, run_in_loop = run(), Stretch.run
-
-    def some_in_python(self: Stretch, loop, log, done: int) -> int:
-        if self.first % 5 or self.count != 1:
-            return run_in_loop(self, loop, log, done)
-        slopes = loop.kind.bridge.slopes
-        j, n = (self.first % len(slopes), len(slopes)) if slopes else (0, 1)
-        part = carrier_part(j / n, j / n + 1.0 / n) if slopes else None
-        piece = self.pieces[0]._replace(slope=slopes[j] if slopes else "", part=part)
-        nothing = np.zeros(len(loop.view("x")) + 2)
-        fed = nothing if self.fed is None else np.concatenate([nothing, self.fed[0]])
-        log.run_in_pieces(loop, self.first, [piece], fed)
-        return 1
-
-    monkeypatch.setattr(Stretch, "run", some_in_python)
-    assert np.array_equal(run(), whole)  # but for the sign of a zero to which nothing is added
+    whole, in_pieces = run(study), run(replace(study, events=(again,)))
+    size = np.abs(whole).max(axis=0)
+    assert np.all(np.abs(in_pieces - whole) <= 1e-12 * size)
+    assert not np.array_equal(in_pieces, whole)
 
 
 # Where a leg switches.
@@ -177,7 +162,7 @@ def test_the_loops_polynomials_suffice_for_every_packaged_converter(case: str) -
 def test_a_stiff_circuit_against_an_ode_solver() -> None:
     """Its edge polynomial has a degree for which nothing is written out: it goes the way of two axes."""
     study = lcl_study("6 ms", '[[events]]\ntime = "1.0123 ms"\nphase_jump = "8 deg"\n', R_c='"60 ohm"')
-    circuits = Circuits(study, build_timeline(study), None, switched=True)
+    circuits = Circuits(study, [build_timeline(study)], switched=True)
     assert circuits.axes is not None
     assert circuits.axes.degree > LARGEST_DEGREE
     compare(study, [GainChange(0.0, GAINS)], "pwm")

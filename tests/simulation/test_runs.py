@@ -7,7 +7,7 @@ import pytest
 
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
 from vsgdesign.errors import SimulationDivergedError
-from vsgdesign.simulation import GainChange, Simulation, run, simulate
+from vsgdesign.simulation import GainChange, Simulation, added_source, run, simulate
 from vsgdesign.simulation.circuit_sample import carrier, modulation
 from vsgdesign.simulation.loop import LOG_COLUMNS
 
@@ -48,7 +48,8 @@ def test_where_the_run_is_cut_for_progress_does_not_matter(monkeypatch: pytest.M
     study = lc_study("0.1 s", EVENTS)
     whole = simulate(study, CHANGES, bridge="pwm")
     times: list[float] = []
-    monkeypatch.setattr(run, "_PROGRESS_STRETCH", 1.25e-3)
+    monkeypatch.setattr(added_source, "PROGRESS_STRETCH", 1.25e-3)
+    monkeypatch.setattr(run, "_SPELL_STRETCHES", 1)
     cut = simulate(study, CHANGES, bridge="pwm", progress=times.append)
     assert len(times) >= 80
     scale = np.max(np.abs(whole.log), axis=0)

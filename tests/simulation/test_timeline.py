@@ -16,8 +16,8 @@ from tests.oracles.emt_source import StiffSource
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.parameters import Event, Grid
 from vsgdesign.simulation import GainChange
-from vsgdesign.simulation.gains_of_run import ListedGains
-from vsgdesign.simulation.run import _stretches
+from vsgdesign.simulation.run import begin_together
+from vsgdesign.simulation.run_state import RunOf, RunState
 from vsgdesign.simulation.timeline import build_timeline
 
 STUDY = lc_study("1 s")
@@ -129,15 +129,16 @@ def test_phase_is_the_integral_of_frequency() -> None:
 @HYPOTHESIS
 @given(EVENTS, st.lists(st.floats(0.0, 1.0), max_size=4))
 def test_stretches_cover_every_sample_once(events: tuple[Event, ...], changes: list[float]) -> None:
-    study = replace(STUDY, events=events)
+    study = replace(STUDY, events=events, simulation=replace(STUDY.simulation, start="cold"))
     timeline = build_timeline(study)
     T_s, samples = study.converter.T_s, 20000
-    gains = ListedGains([GainChange(t_s, GAINS) for t_s in [0.0, *changes]], T_s)
+    run = RunState(RunOf(study, [GainChange(t_s, GAINS) for t_s in [0.0, *changes]]))
+    begin_together([run], switched=False)
     following = 0
-    for first, count in _stretches(study, timeline, gains.cuts(samples), samples):
+    for first, end in itertools.pairwise(run.marks()):
         assert first == following
-        assert count > 0
-        following = first + count
+        assert end > first
+        following, count = end, end - first
         # What changes within a stretch of several samples changes at none of its inner instants.
         if count > 1:
             begin, end = first + 1e-5, first + count - 1e-5

@@ -22,7 +22,8 @@ Arrays = Mapping[str, NDArray[Any]]
 _FLOATS, _INTEGERS = np.dtype(np.float64), np.dtype(np.int64)
 _PACKED = struct.Struct(f"{len(INTEGERS) + len(POINTERS)}q")
 _FED, _FED_SAMPLE = len(INTEGERS) + POINTERS.index("fed"), INTEGERS.index("fed_sample")
-"""Places of what is fed among the arguments of the compiled function."""
+_FED_GROUP, _GROUPS = INTEGERS.index("fed_group"), INTEGERS.index("groups")
+"""Places among the arguments of the compiled function."""
 
 _ONE = np.zeros(1)
 
@@ -113,14 +114,22 @@ class Loop:
         *,
         cyclic: Floats | None = None,
         cycle: Integers | None = None,
+        rings: Floats | None = None,
+        ring_length: Integers | None = None,
         log: Floats | None = None,
         every: int = 0,
+        log_begin: int = 0,
+        program: Program | None = None,
     ) -> StandingLoop:
         """The loop over arrays that stay where they are: many short calls cost less."""
         nothing_fed = np.zeros((len(rows), 0, len(self.spec.fed), self.spec.width)) if self.spec.fed else None
-        arguments = self._arguments(0, 0, rows, uniform, cyclic, cycle, nothing_fed, None, None, log, every, 0, None)
-        slots = log.shape[1] if log is not None and every else None
-        return StandingLoop(self.spec, self._call, arguments, (rows, uniform, cyclic, cycle, log), every, slots)
+        arguments = self._arguments(
+            log_begin, log_begin, rows, uniform, cyclic, cycle, nothing_fed, rings, ring_length, log, every, 0, program,
+            log_begin,
+        )  # fmt: skip
+        kept = (rows, uniform, cyclic, cycle, rings, ring_length, log, program)
+        slots = (log_begin, every, log.shape[1]) if log is not None and every else None
+        return StandingLoop(self.spec, self._call, arguments, kept, slots)
 
     def _arguments(  # noqa: PLR0913
         self,
@@ -188,31 +197,39 @@ class StandingLoop:
         spec: LoopSpec,
         call: Callable[..., int],
         arguments: list[int],
-        kept: tuple[NDArray[Any] | None, ...],
-        every: int,
-        slots: int | None,
+        kept: tuple[object, ...],
+        slots: tuple[int, int, int] | None,
     ) -> None:
+        """``slots``: the first sample of the log, its spacing and how many it has room for."""
         self._spec, self._call, self._kept = spec, call, kept
         self._given = (ctypes.c_int64 * len(arguments))(*arguments)
-        self._every, self._slots = every, slots
+        self._groups, self._slots = arguments[_GROUPS], slots
 
-    def __call__(self, begin: int, end: int, fed: Floats | None = None) -> int:
-        """Moves the rows through samples ``begin`` to ``end`` − 1 as a call of :class:`Loop` does; one group is fed.
+    def __call__(self, begin: int, end: int, fed: Floats | None = None, groups: int | None = None) -> int:
+        """Moves the rows of the first ``groups`` (None: of all) through samples ``begin`` to ``end`` − 1 as a call of
+        :class:`Loop` does.
 
-        Raises ValueError where the samples, the log or what is fed do not fit.
+        Raises ValueError where the samples, the groups, the log or what is fed do not fit.
         """
         arguments, spec = self._given, self._spec
-        if not 0 <= begin <= end:
-            raise ValueError(f"samples {begin} to {end}: give 0 ≤ begin ≤ end.")
-        if self._slots is not None and end > begin and self._slots <= (end - 1) // self._every:
-            raise ValueError(f"log has {self._slots} slots: give {(end - 1) // self._every + 1}.")
+        groups = self._groups if groups is None else groups
+        if not 0 <= begin <= end or not 0 <= groups <= self._groups:
+            raise ValueError(
+                f"samples {begin} to {end} of {groups} groups: give 0 ≤ begin ≤ end, {self._groups} at most."
+            )
+        if self._slots is not None and end > begin:
+            first, every, room = self._slots
+            if begin < first or room <= (end - 1 - first) // every:
+                raise ValueError(f"log has {room} slots from sample {first} on: give {(end - 1 - first) // every + 1}.")
         if spec.fed:
-            wanted = (1, end - begin, len(spec.fed), spec.width)
-            if fed is None or fed.shape != wanted or fed.dtype != np.float64 or not fed.flags.c_contiguous:
+            wanted = (groups, end - begin, len(spec.fed), spec.width)
+            fits = fed is not None and fed.shape[1:] == wanted[1:] and len(fed) >= groups and fed.dtype == np.float64
+            if fed is None or not fits or (fed.size and not fed[0, 0].flags.c_contiguous):
                 raise ValueError(f"fed is {'missing' if fed is None else fed.shape}: give {wanted}, contiguous.")
-            arguments[_FED], arguments[_FED_SAMPLE] = _address(fed), len(spec.fed) * spec.width
-        arguments[0], arguments[1] = begin, end
-        return 0 if begin == end else self._call(arguments)
+            arguments[_FED], arguments[_FED_GROUP] = _address(fed), fed.strides[0] // 8
+            arguments[_FED_SAMPLE] = fed.strides[1] // 8
+        arguments[0], arguments[1], arguments[_GROUPS] = begin, end, groups
+        return 0 if begin == end or groups == 0 else self._call(arguments)
 
 
 def _address(array: NDArray[Any]) -> int:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.operating_point.network import network_circuit
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.circuits import connection_at, states_of_timeline
+from vsgdesign.simulation.circuits import connection_at, states_of_timelines
 from vsgdesign.simulation.timeline import Timeline
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class AtPcc:
     def __init__(self, study: Study, timeline: Timeline) -> None:
         """Finds the instants at which the circuit changes."""
         self._study, self._timeline = study, timeline
-        self._states = states_of_timeline(timeline)
+        self._states = states_of_timelines([timeline])
         changing = (timeline.grids,) if self._states is None else (timeline.grids, timeline.networks)
         self._instants = sorted({instant for listed in changing for instant, _ in listed})
         self._begins = np.array(self._instants) - _SAME_INSTANT * study.converter.T_s

@@ -14,7 +14,7 @@ from vsgdesign.equations.controller import ControllerSettings, ControllerState
 from vsgdesign.equations.field import LockIn
 from vsgdesign.equations.limiters import LimiterLaw
 from vsgdesign.simulation import circuit_sample, sample, watched_sample
-from vsgdesign.simulation.circuit_sample import Coefficients, PlantRow, PlantState
+from vsgdesign.simulation.circuit_sample import CarrierPart, Coefficients, EdgeRow, PlantRow, PlantState
 from vsgdesign.simulation.ramp_sample import with_ramp
 
 RISING, FALLING, PEAK = "rising", "falling", "peak"
@@ -70,9 +70,9 @@ class Kind(NamedTuple):
     """What is watched: STEP, MEAN_STEP, DISTURBANCE or nothing."""
     second_inductor: bool = True
     """Of the filter; it decides where the watched power of a step is."""
-    cut: bool = False
-    """Whether the loop runs single samples in whose interval an event falls, with a switched bridge. An averaged bridge
-    has one interval for both parts."""
+    cut: tuple[str, ...] = ()
+    """Of a loop for single samples in whose interval events fall: where each piece lies on the carrier. An averaged
+    bridge has one interval for all pieces together."""
     waits: bool = False
     """Whether a run stands still where a cycle of its field estimator has ended, until the runs beside it are there,
     too. Alone, the loop ends there."""
@@ -191,11 +191,43 @@ def plant(kind: Kind, slope: str = "") -> Block:
     else:
         fixed["rising"] = slope == RISING
         parts.append(Part(_called(flat_block(circuit_sample.switched_plant, fixed=fixed)), applied | row))
-        if kind.cut:
-            states = {f"x.{state}": f"moved.{state}" for state in PlantState._fields}
-            rest = flat_block(circuit_sample.rest_of_interval, fixed=fixed)
-            parts.append(Part(_called(rest, plant_state="moved"), applied | states))
     return joined(*parts, *_added(kind))
+
+
+def piece_names(kind: Kind, number: int) -> dict[str, str]:
+    """What a later piece of an interval has for itself: the names of a whole interval, and those of the piece."""
+    own = [*row_names(kind), *names_of(CarrierPart, "part"), *(f"more.{name}" for name in kind.states if kind.added)]
+    return {name: f"piece_{number}.{name}" for name in own}
+
+
+def _plant_in_pieces(kind: Kind) -> Block:
+    """The circuit over an interval in pieces. What the source adds is for its phasor at the beginning of the whole
+    interval, and so is its turn."""
+    arrived = "arrived" if kind.added else "moved"
+    found = joined(Part(plant(kind, kind.cut[0])))
+    for number, slope in enumerate(kind.cut[1:], 1):
+        own = with_outputs(
+            plant(kind._replace(ramped=False), slope), tuple(f"{arrived}.{name}" for name in kind.states)
+        )
+        before = {f"x.{name}": f"{arrived}.{name}" for name in kind.states}
+        found = joined(Part(found), Part(own, piece_names(kind, number) | before))
+    return found
+
+
+def row_names(kind: Kind) -> list[str]:
+    """The numbers of the circuit over an interval, and of its responses to edges of a switched bridge."""
+    switched = bool(kind.bridge.slopes)
+    if kind.axes is None:
+        return [*names_of(PlantRow, "row"), *(names_of(EdgeRow, "edge") if switched else [])]
+    axes, rows = kind.axes, range(kind.axes.states)
+    pairs = [(row, axis) for row in rows for axis in axes.on(row)]
+    found = [f"row.p_{row}_{k}" for row in rows for k in rows if k % 2 in axes.on(row)]
+    found += [f"row.b_{row}_{axis}" for row, axis in pairs]
+    found += [f"row.s_{row}_{axis}" for row in rows for axis in range(2)]
+    found += ["row.turn_cos", "row.turn_sin"]
+    if switched:
+        found += [f"edge.c{k}_{row}_{axis}" for k in range(axes.degree + 1) for row, axis in pairs]
+    return found
 
 
 def _added(kind: Kind) -> list[Part]:
@@ -243,9 +275,8 @@ def bodies(kind: Kind, outputs: tuple[str, ...], moved: tuple[tuple[str, str], .
     if kind.waits:
         ends.append(Part(_standing_still(moved)))
     slopes = tuple(dict.fromkeys(kind.bridge.slopes)) or ("",)
-    return tuple(
-        with_outputs(joined(Part(control(kind)), Part(plant(kind, slope)), *ends), outputs) for slope in slopes
-    )
+    plants = [_plant_in_pieces(kind)] if kind.cut else [plant(kind, slope) for slope in slopes]
+    return tuple(with_outputs(joined(Part(control(kind)), Part(one), *ends), outputs) for one in plants)
 
 
 def _standing_still(moved: tuple[tuple[str, str], ...]) -> Block:

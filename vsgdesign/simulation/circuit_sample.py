@@ -107,15 +107,6 @@ class EdgeRow(NamedTuple):
     i_g: Coefficients
 
 
-class SecondPiece(NamedTuple):
-    """The rest of an interval in which an event falls: the circuit over it, with what the source adds for the phasor at
-    the beginning of the whole interval; its part of the carrier, and the responses to its edges."""
-
-    row: PlantRow
-    part: CarrierPart
-    edge: EdgeRow
-
-
 class Switching(NamedTuple):
     """The edge of one leg in an interval: its place in what is left of it, −1 to 1, and the step of the bridge voltage,
     V peak, zero where there is no edge."""
@@ -279,23 +270,6 @@ def switched_plant(
     """The same with a switched bridge, over an interval on one slope of the carrier. Returns (moved, turned)."""
     bridged = switched_bridge(x, applied.alpha, applied.beta, row, V_dc, part, edge, zero_sequence, rising)
     return moved_by_source(bridged, source, row), turned_source(source, row)
-
-
-def rest_of_interval(
-    x: PlantState,
-    applied: BridgeVoltage,
-    source: SourcePhasor,
-    second: SecondPiece,
-    V_dc: Any,
-    zero_sequence: bool,
-    rising: bool,
-) -> PlantState:
-    """The second piece of an interval, from the state to which the first one has led; ``source`` is the phasor at the
-    beginning of the whole interval."""
-    bridged = switched_bridge(
-        x, applied.alpha, applied.beta, second.row, V_dc, second.part, second.edge, zero_sequence, rising
-    )
-    return moved_by_source(bridged, source, second.row)
 
 
 def peak_plant(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.errors import CircuitError, InfeasibleStudyError
 from vsgdesign.operating_point.network import NetworkStates, network_circuit, states_of_networks
 from vsgdesign.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
+from vsgdesign.operating_point.plants import PlantSteps
 from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network
@@ -43,27 +43,29 @@ CircuitOfConnection = Callable[[Connection], FilterGrid | TwoAxisCircuit]
 
 
 class Circuits:
-    """The circuits of a run; ``switched``: whether its bridge switches."""
+    """The circuits of runs; ``switched``: whether their bridge switches."""
 
-    def __init__(self, study: Study, timeline: Timeline, circuit: CircuitOfGrid | None, *, switched: bool) -> None:
-        self.of = circuits_of(study, timeline, circuit)
-        self.more = states_of_timeline(timeline)
+    def __init__(
+        self, study: Study, timelines: Sequence[Timeline], circuit: CircuitOfGrid | None = None, *, switched: bool
+    ) -> None:
+        """``study``: one of the runs, whose filter they share. Raises InfeasibleStudyError where the circuits of a run
+        do not fit together (:func:`circuits_of`)."""
+        self.of = circuits_of(study, timelines, circuit)
+        self.more = states_of_timelines(timelines)
         """The states of the networks; None where there is nothing but grids."""
-        self.switched = switched
-        self._omega = study.converter.omega_n
-        self._steps = functools.lru_cache(maxsize=64)(self._step)
-        self.numbers = functools.lru_cache(maxsize=64)(self._numbers)
-        """The same mapping again where it is asked for the same."""
-        met = connections(timeline)
-        degree = max(len(self._steps(one, study.converter.T_s, self._omega).edge) - 1 for one in met) if switched else 0
-        alike = all(isinstance(self.of(one), FilterGrid) for one in met)
+        self._switched, self._steps = switched, functools.lru_cache(maxsize=256)(self._step)
+        self._met = list(dict.fromkeys(one for timeline in timelines for one in connections(timeline)))
+        self._places = {one: at for at, one in enumerate(self._met)}
+        T_s, self._omega = study.converter.T_s, study.converter.omega_n
+        degree = max(len(self._steps(one, T_s, self._omega).edge) - 1 for one in self._met) if switched else 0
+        alike = all(isinstance(self.of(one), FilterGrid) for one in self._met)
         self.axes: Axes | None = None
         if not alike or degree > LARGEST_DEGREE:
             if alike:
                 given = self.of
                 self.of = lambda one: two_axes(given(one))
                 self._steps.cache_clear()
-            full = [two_axes(self.of(one)) for one in met]
+            full = [two_axes(self.of(one)) for one in self._met]
             self.axes = Axes(len(full[0].A), degree, any(_coupled(one) for one in full))
 
     @property
@@ -71,36 +73,34 @@ class Circuits:
         """How many real states the circuits have on both axes together."""
         return 6 if self.axes is None else self.axes.states
 
-    def _numbers(self, connection: Connection, h: float, V_g_pk: float, omega: float | None) -> dict[str, Array]:
-        """The rows of the circuit over an interval h (s), with a source of V_g_pk (V) and omega (rad/s); without omega
-        the loop adds no source."""
-        step = self._steps(connection, h, self._omega if omega is None else omega)
-        V = 0.0 if omega is None else V_g_pk
-        turn = (1.0, 0.0) if omega is None else (math.cos(omega * h), math.sin(omega * h))
-        source = step.source[0] * V
-        if self.axes is None:
-            row = [step.transition.ravel(), step.bridge, source.real, source.imag, turn]
-        else:
-            by_state, by_axis = self._acting(step.transition.shape[1]), self._acting(2)
-            row = [step.transition[by_state], step.bridge[by_axis], source.ravel(), turn]
-        found = {"row": np.concatenate(row), "V_g": np.array([V])}
-        if self.switched:
-            found["edge"] = self._edge(step)
-        return found
+    def place(self, timeline: Timeline, t_s: float) -> int:
+        """Which of the circuits a run has from an instant on."""
+        return self._places[connection_at(timeline, t_s)]
 
-    def _edge(self, step: PlantStep) -> Array:
-        degree = LARGEST_DEGREE if self.axes is None else self.axes.degree
-        padded = np.zeros((degree + 1, *step.edge.shape[1:]))
-        padded[: len(step.edge)] = step.edge
-        return np.ascontiguousarray(padded.T).ravel() if self.axes is None else padded[:, self._acting(2)].ravel()
+    def steps(self, place: NDArray[np.int64], h: Array, omega: Array) -> PlantSteps:
+        """The steps of n circuits, by their places, over intervals h (s) with sources of omega (rad/s), (n,) each."""
+        found = [
+            self._steps(self._met[one], *of)
+            for one, *of in zip(place.tolist(), h.tolist(), omega.tolist(), strict=True)
+        ]
+        terms = max(len(one.edge) for one in found)
+        edge = np.zeros((len(found), terms, *found[0].edge.shape[1:]))
+        for k, one in enumerate(found):
+            edge[k, : len(one.edge)] = one.edge
+        transition, bridge, source = (
+            np.stack([getattr(one, name) for one in found]) for name in ("transition", "bridge", "source")
+        )
+        return PlantSteps(h, transition, bridge, edge, source)
 
-    def _acting(self, columns: int) -> NDArray[np.bool_]:
-        """(states, columns): which columns, α and β in turn, act on a state."""
-        axes = Axes(self.states) if self.axes is None else self.axes
-        return np.array([[k % 2 in axes.on(row) for k in range(columns)] for row in range(axes.states)])
+    def moved(self, connection: Connection, h: float, x: Array) -> Array:
+        """The circuit's states after an interval h (s) with a short-circuited bridge and source."""
+        transition = self._steps(connection, h, self._omega).transition
+        if len(transition) == len(x):
+            return transition @ x
+        return np.stack([transition @ x[axis::2] for axis in range(2)], axis=1).ravel()
 
     def _step(self, connection: Connection, h: float, omega: float) -> PlantStep:
-        step = plant_step(self.of(connection), h, omega, edges=self.switched)
+        step = plant_step(self.of(connection), h, omega, edges=self._switched)
         if not np.isfinite(step.edge).all():
             raise CircuitError(
                 "the circuit is too stiff to switch: its fastest mode (R/L or R_c/L) dies out many times within a "
@@ -144,32 +144,34 @@ def circuit_at_rest(study: Study, connection: Connection, states: NetworkStates 
     return network_circuit(study.filter, grid, network, states or states_of_networks([network]))
 
 
-def states_of_timeline(timeline: Timeline) -> NetworkStates | None:
-    """The states of a timeline's networks. None where nothing but the grid is ever there."""
-    networks = [network for _, network in timeline.networks]
+def states_of_timelines(timelines: Sequence[Timeline]) -> NetworkStates | None:
+    """The states of the timelines' networks. None where nothing but the grid is ever there."""
+    networks = list(dict.fromkeys(network for timeline in timelines for _, network in timeline.networks))
     return None if all(network.plain for network in networks) else states_of_networks(networks)
 
 
-def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None) -> CircuitOfConnection:
+def circuits_of(study: Study, timelines: Sequence[Timeline], circuit: CircuitOfGrid | None) -> CircuitOfConnection:
     """The circuit on every grid and network of a run: the study's own, or another one, all with the same states.
 
     Raises InfeasibleStudyError where their states differ in number, where a run cannot start in a steady state because
     the first circuit is not the study's own with equal axes, and where another circuit meets a network.
     """
-    states = states_of_timeline(timeline)
+    states = states_of_timelines(timelines)
     if states is not None:
         if circuit is not None:
             raise InfeasibleStudyError(
                 "circuit: it says all that is between the bridge and the source, so it cannot meet a load, a fault or "
                 "an open breaker of the study. Leave circuit out, or put them into the circuit."
             )
-        with_network = {one: network_circuit(study.filter, *one, states) for one in connections(timeline)}
+        with_network = {
+            one: network_circuit(study.filter, *one, states) for line in timelines for one in connections(line)
+        }
         for one, of in with_network.items():
             _check_stiffness(of, one.network, study.converter)
         return with_network.__getitem__
     if circuit is None:
         return lambda one: study.circuit(one.grid)
-    found = {grid: circuit(grid) for _, grid in timeline.grids}
+    found = {grid: circuit(grid) for timeline in timelines for _, grid in timeline.grids}
     if all(isinstance(one, FilterGrid) for one in found.values()):
         return lambda one: found[one.grid]
     full = {grid: two_axes(one) for grid, one in found.items()}
@@ -179,9 +181,9 @@ def circuits_of(study: Study, timeline: Timeline, circuit: CircuitOfGrid | None)
             f"circuit: it has {' and '.join(map(str, sizes))} states on different grids. "
             "Give it the same states on all grids."
         )
-    first = timeline.grid_at(0.0)
-    given, own = full[first], two_axes(study.circuit(first))
-    if study.simulation.start != "cold" and not _equal(given, own):
+    starts = {timeline.grid_at(0.0) for timeline in timelines}
+    equal = all(_equal(full[first], two_axes(study.circuit(first))) for first in starts)
+    if study.simulation.start != "cold" and not equal:
         raise InfeasibleStudyError(
             "the start: only the study's own circuit with equal axes has a steady state to start in. Let the circuit "
             'change at an event, or use start = "cold".'

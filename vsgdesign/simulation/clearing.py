@@ -16,7 +16,7 @@ from vsgdesign.frames import clarke_inverse
 from vsgdesign.operating_point.network import NetworkCircuit, network_circuit
 from vsgdesign.parameters.network import PHASE_TO_PHASE, THREE_PHASE, Fault, Network
 from vsgdesign.parameters.study import ControllerSpec, Event, Study
-from vsgdesign.simulation.circuits import connection_at, states_of_timeline
+from vsgdesign.simulation.circuits import connection_at, states_of_timelines
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.reclosing import closings_of, reclosed, waits_to_close
 from vsgdesign.simulation.run import Simulation, simulate
@@ -297,7 +297,7 @@ class _Piece(NamedTuple):
 
 
 def _circuit_at(study: Study, run: Simulation, t_s: float) -> NetworkCircuit:
-    states = states_of_timeline(run.timeline)
+    states = states_of_timelines([run.timeline])
     if states is None:
         raise ValueError("there is no fault in this run")
     return network_circuit(study.filter, *connection_at(run.timeline, t_s), states)

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import functools
 import typing
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.codegen.blocks import Plain
-from vsgdesign.codegen.llvm import Loop, LoopSpec, StandingLoop, best_lanes, compiled_loop
+from vsgdesign.codegen.llvm import Loop, LoopSpec, best_lanes, compiled_loop
 from vsgdesign.equations.controller import ControllerSettings, ControllerState
-from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.equations.field import FieldSettings
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
@@ -34,14 +31,13 @@ from vsgdesign.simulation.bodies import (
     Bridge,
     Kind,
     bodies,
-    control,
     moves,
     names_of,
-    plant,
+    piece_names,
+    row_names,
 )
-from vsgdesign.simulation.circuit_sample import CarrierPart, EdgeRow, PlantRow, SecondPiece, carrier
+from vsgdesign.simulation.circuit_sample import CarrierPart, carrier
 from vsgdesign.simulation.ramp_sample import RampRow
-from vsgdesign.simulation.records import numbers_of
 from vsgdesign.simulation.sample import Noise, Sensors
 from vsgdesign.simulation.watched_sample import LoadDemand
 
@@ -69,17 +65,6 @@ run up to and including this one in which the current limiter acted."""
 
 SENSED_COLUMNS = ("measured.v_alpha", "measured.v_beta", "measured.i_g_alpha", "measured.i_g_beta")
 """What is kept besides where the sensors are not ideal: what they say of the capacitor node's voltage and of i_g."""
-
-
-class PieceRows(NamedTuple):
-    """A part of a sampling interval: the numbers of its circuit, the source's phasor at its beginning, its place on the
-    carrier (none: averaged), and what the source's other components add to the states over it (none: nothing)."""
-
-    circuit: Mapping[str, Array]
-    source: tuple[float, float]
-    slope: str = ""
-    part: CarrierPart | None = None
-    more: Array | None = None
 
 
 class Build(NamedTuple):
@@ -123,10 +108,6 @@ class KindLoop(NamedTuple):
     """Row of every number of the state and of every constant."""
     spans: dict[str, slice]
     """Rows of every record among them, which are beside each other, and of every number."""
-
-    def rows(self, name: str) -> slice:
-        """The rows of a record or of a number."""
-        return self.spans[name]
 
 
 SHARED_DEMAND = ("of.band", "of.per_S", "of.per_cycle", "load_of.limit_sq")
@@ -204,18 +185,16 @@ def log_names(kind: Kind, states_logged: bool = False) -> tuple[str, ...]:
 
 def _constant_names(kind: Kind) -> list[str]:
     """Inputs that every run has for itself and no sample moves."""
-    switched = bool(kind.bridge.slopes)
-    if kind.axes is None:
-        found = [*names_of(PlantRow, "row"), "V_g", *(names_of(EdgeRow, "edge") if switched else [])]
-    else:
-        found = [*_two_axis_names(kind.axes, switched), "V_g"]
+    found = [*row_names(kind), "V_g"]
     found += names_of(RampRow, "ramp_of") if kind.ramped else []
     found += [*names_of(References, "refs"), *names_of(PowerLoopGains, "power_gains"), *names_of(GridEstimate, "grid")]
     found += names_of(Sensors, "sensors") if kind.sensors else []
     if kind.watched is not None:
         found += [*names_of(kind.watched[1], "of"), *names_of(LoadDemand, "load_of"), "circuit.R_g", "circuit.L_g"]
     if kind.cut:
-        found += [*names_of(CarrierPart, "part"), *names_of(SecondPiece, "second"), *(name for name, _ in kind.rings)]
+        pieces = [piece_names(kind, number) for number in range(1, len(kind.cut))]
+        found += [*names_of(CarrierPart, "part"), *(name for names in pieces for name in names.values())]
+        found += [name for name, _ in kind.rings]
     return [name for name in found if name not in SHARED_DEMAND]
 
 
@@ -224,18 +203,6 @@ def _uniform_names(kind: Kind) -> list[str]:
     found = [*names_of(InnerLoopGains, "inner_gains"), *kind.names(ControllerSettings, "settings"), "R_c", "V_dc"]
     found += [*SHARED_DEMAND, *(f"circuit.{name}" for name in FilterGrid._fields if name not in ("R_g", "L_g"))]
     return found + ([*names_of(FieldSettings, "field"), "V_rated_rms", "allowed"] if kind.field else [])
-
-
-def _two_axis_names(axes: Axes, switched: bool) -> list[str]:
-    rows = range(axes.states)
-    pairs = [(row, axis) for row in rows for axis in axes.on(row)]
-    found = [f"row.p_{row}_{k}" for row in rows for k in rows if k % 2 in axes.on(row)]
-    found += [f"row.b_{row}_{axis}" for row, axis in pairs]
-    found += [f"row.s_{row}_{axis}" for row in rows for axis in range(2)]
-    found += ["row.turn_cos", "row.turn_sin"]
-    if switched:
-        found += [f"edge.c{k}_{row}_{axis}" for k in range(axes.degree + 1) for row, axis in pairs]
-    return found
 
 
 def spans_of(names: tuple[str, ...]) -> dict[str, slice]:
@@ -247,16 +214,6 @@ def spans_of(names: tuple[str, ...]) -> dict[str, slice]:
             record = ".".join(parts[:length])
             found[record] = slice(found[record].start if record in found else row, row + 1)
     return found
-
-
-@functools.cache
-def _plain_control(kind: Kind) -> Plain:
-    return Plain(control(kind))
-
-
-@functools.cache
-def _plain_plant(kind: Kind, slope: str) -> Plain:
-    return Plain(plant(kind, slope))
 
 
 def carrier_part(begin: Any, end: Any) -> CarrierPart:
@@ -277,108 +234,3 @@ def carrier_values(slopes: tuple[str, ...]) -> tuple[Array, NDArray[np.int64]]:
     return np.column_stack(carrier_part(begin, begin + 1.0 / max(n, 1))), np.array(
         [kinds.index(slope) for slope in slopes], dtype=np.int64
     )
-
-
-class RunLoop:
-    """The numbers of one run, and the compiled loops that move them.
-
-    A number is found by its name, those of a record by the record's: ``put("refs", refs)``. ``quickly``: the run is
-    short, so that compiling takes longer than running.
-    """
-
-    def __init__(self, kind: Kind, quickly: bool = False) -> None:
-        self.kind, self._build = kind, ALONE._replace(quickly=quickly)
-        spec = spec_of(kind, log_names(kind))
-        self._circuit: Mapping[str, Array] | None = None
-        self._names, self._uniform_names = spec.rows, spec.uniform
-        self._rows, self._uniform = np.zeros((1, len(spec.rows), 1)), np.zeros(len(spec.uniform))
-        self._loops: dict[tuple[bool, bool], tuple[Array, StandingLoop]] = {}
-        self._places, self._uniform_places = spans_of(spec.rows), spans_of(spec.uniform)
-        self._cyclic, self._cycle = carrier_values(kind.bridge.slopes)
-
-    def view(self, head: str) -> Array:
-        """The numbers of a record as an array that moves with the run."""
-        return self._rows[0, self._places[head], 0]
-
-    def put_piece(self, piece: PieceRows) -> None:
-        """Sets the circuit and the source."""
-        if piece.circuit is not self._circuit:
-            self._circuit = piece.circuit
-            for head, values in piece.circuit.items():
-                self.put(head, values)
-        self.put("source", piece.source)
-
-    def put(self, head: str, record: Any) -> None:
-        """Sets a number or the numbers of a record."""
-        values = record
-        if head == "state":
-            values = flat_state(record)
-        elif head in ("settings", "sensors"):
-            values = numbers_of(record)
-        if head in self._places:
-            self._rows[0, self._places[head], 0] = values
-        else:
-            self._uniform[self._uniform_places[head]] = values
-
-    def state(self, like: ControllerState) -> ControllerState:
-        """The controller's state."""
-        numbers = self.view("state").tolist()
-        count = len(like) - 1
-        return ControllerState(*numbers[:count], limiter=type(like.limiter)(*numbers[count:]))
-
-    def advance(self, begin: int, end: int, log: Array, every: int, fed: Array | None, states: bool = False) -> int:
-        """Runs samples ``begin`` to ``end`` − 1, or fewer where a field estimator's cycle ends before. Returns
-        how many.
-
-        ``log``: a row for every ``every``-th sample of the run. ``fed`` (samples, n): what is given sample by sample;
-        None where nothing is added to the source and the sensors are ideal. ``states``: whether the log has the
-        controller's states.
-        """
-        added = fed is not None and fed.shape[1] > (len(Noise._fields) if self.kind.sensors else 0)
-        loop = self._standing(added, states, log, every)
-        return loop(begin, end, None if fed is None else fed[None, : end - begin, :, None])
-
-    def _standing(self, added: bool, states: bool, log: Array, every: int) -> StandingLoop:
-        """The loop over this run's numbers. A run has one log for each kind of loop."""
-        key = added, states
-        if key not in self._loops or self._loops[key][0] is not log:
-            kind = self.kind._replace(added=added)
-            loop = loop_of(kind, log_names(kind, states), self._build).loop
-            several = len(loop.spec.bodies) > 1
-            self._loops[key] = (
-                log,
-                loop.standing(
-                    self._rows,
-                    self._uniform,
-                    cyclic=self._cyclic if loop.spec.cyclic else None,
-                    cycle=self._cycle if several else None,
-                    log=log[None, :, :, None],
-                    every=every,
-                ),
-            )
-        return self._loops[key][1]
-
-    def advance_in_pieces(self, pieces: list[PieceRows], log: Array, fed: Array, states: bool = False) -> None:
-        """Runs one sample whose interval is in pieces, in plain Python. ``log`` is the row to write, ``fed`` (n) what
-        the loop would be given."""
-        kind = self.kind._replace(added=True)
-        self.put_piece(pieces[0])
-        here = dict(zip(self._names, self._rows[0, :, 0].tolist(), strict=True))
-        here |= dict(zip(self._uniform_names, self._uniform.tolist(), strict=True))
-        here |= dict(zip(fed_names(kind), fed.tolist(), strict=True))
-        here |= _plain_control(kind)(here)
-        log[:] = [here[name] for name in log_names(kind, states)]
-        following = dict(here)
-        for piece in pieces:
-            for head, values in piece.circuit.items():
-                following |= dict(zip(self._names[self._places[head]], values.tolist(), strict=True))
-            following |= dict(zip(self._names[self._places["source"]], piece.source, strict=True))
-            if piece.part is not None:
-                following |= {f"part.{name}": value for name, value in piece.part._asdict().items()}
-            if piece.more is not None:
-                following |= dict(zip(fed_names(kind), piece.more.tolist(), strict=False))
-            arrived = _plain_plant(kind, piece.slope)(following)
-            following |= arrived
-            following |= {f"x.{name}": arrived[f"arrived.{name}"] for name in kind.states}
-        moved = moves(kind)
-        self._rows[0, : len(moved), 0] = [following[output] for _, output in moved]

@@ -1,4 +1,4 @@
-"""Runs one controller through a study's scenario: cuts time into stretches, lets the compiled loop run each."""
+"""Simulates controllers through their studies' scenarios. A single run is a batch of one."""
 
 from __future__ import annotations
 
@@ -13,48 +13,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.limiters import GridEstimate
-from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
-from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
+from vsgdesign.errors import SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
-from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import Probe
-from vsgdesign.operating_point.sampled import SampledState
-from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import Study
-from vsgdesign.runtime.floats import on_floats
-from vsgdesign.simulation.background import Background
+from vsgdesign.simulation.batch import Batch, Log
+from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
-from vsgdesign.simulation.connecting import Connecting
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
-from vsgdesign.simulation.loop import LOG_COLUMNS, RunLoop, kind_of
+from vsgdesign.simulation.loop import ALONE, LOG_COLUMNS, fed_names, kind_of, log_names
 from vsgdesign.simulation.online import OnlineScheduler
-from vsgdesign.simulation.outcome import Divergence, outside
-from vsgdesign.simulation.probing import HeldProbe, add_offset
-from vsgdesign.simulation.run_log import RunLog
-from vsgdesign.simulation.sensors import SensorsOfRun, sensors_of
+from vsgdesign.simulation.outcome import Divergence
+from vsgdesign.simulation.program import ProgramWriter
+from vsgdesign.simulation.run_state import RunOf, RunState
+from vsgdesign.simulation.segments import segments_of_timelines
 from vsgdesign.simulation.starting import start_of
-from vsgdesign.simulation.stretches import Sources, on_sample
-from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.simulation.timeline import Timeline
 
-_NOTHING = nullcontext()
-_gain_transfer = on_floats(gain_transfer)
-
-_RAMP_STRETCH = 0.02
-"""Longest stretch of a ramp with one centre frequency, s."""
-
-_RAMP_DRIFT = 1e-4
-"""Largest angle, rad, that a ramp may drift from its centre frequency within one period of a stretch. The source
-model leaves out third-order terms of a period; against DOP853 that is 7e-11 of rated in the steepest test."""
+Array = NDArray[np.float64]
 
 _SHORT = 50_000
 """Samples. For as many it does not pay to compile the loop with effort: that takes 0.02 to 0.05 s longer and saves 0.02
 microseconds a sample, or 0.2 with sensors. The bits are the same."""
 
-_PROGRESS_STRETCH = 1.0
-"""Longest stretch between two calls of ``progress``, s of simulated time."""
+_SPELL_STRETCHES, _SPELL_SAMPLES = 32, 4096
+"""Stretches and samples for which an interrupt may wait."""
 
 Progress = Callable[[float], None]
 """Called with the simulated time in s; may raise to stop the run."""
@@ -111,194 +95,145 @@ def simulate(
     not fit the sampling. A run whose states leave every sensible bound ends there and says so (``divergence``);
     SimulationDivergedError is raised where less than two rows of the log come before.
     """
-    timeline = build_timeline(study)
-    T_s = study.converter.T_s
-    samples = round(study.simulation.duration / T_s)
-    feed = _feed(schedule, study, timeline)
-    if probe is not None and isinstance(schedule, FieldScheduler):
-        raise InfeasibleStudyError(
-            "probe: a field estimator sends its own in every sample and listens to that one alone. Leave probe out, or "
-            "give a controller without a field estimator."
-        )
-    kept = round(study.simulation.log_interval / T_s)
-    log_every = math.gcd(kept, feed.log_samples)  # a scheduler's samples are taken from the log
-    pwm = (study.simulation.bridge if bridge is None else bridge) == "pwm"
-    circuits = Circuits(study, timeline, circuit, switched=pwm)
-    start = start_of(study, timeline, circuits, feed.first())
-    like, x = start.controller, start.plant
-    sensors = sensors_of(study, x, timeline.source_at(0.0).omega)
-    loop = _loop(study, feed, circuits, start, sensors, x)
-    log = RunLog(
-        samples, log_every, min(log_states, samples), like, sensed=sensors is not None, more=circuits.states - 6
-    )
-    feed.sensed, feed.more = log.sensed, log.more
-    sources = Sources(circuits, Background(circuits.of, rms_to_peak(study.converter.V_rated_rms), timeline), timeline)
-    loop_seconds, divergence = 0.0, None
-    gains, refs_so_far = feed.first(), _references(study, timeline, 0)
-    state = loop.state(like)
-    hold = feed.probe_hold if probe is None else probe.hold
-    held = None if hold is None else HeldProbe(hold, study, samples)
-    feed.held = held
-    cuts = feed.cuts(samples) if held is None else feed.cuts(samples) | held.cuts(samples)
-    connecting = Connecting(study, timeline, probes=hold is not None or isinstance(schedule, FieldScheduler))
-    cuts |= connecting.cuts(samples)
-    put: dict[str, object] = {}  # what the loop was given last
-    interrupted = interrupts_come()
-    for first, count in _stretches(study, timeline, cuts, samples):
-        read, refs = state, _references(study, timeline, first)
-        feed.limited_samples = int(loop.view("limited")[0])
-        before, gains = gains, feed.update(first, gains, state, refs, log.rows, log_every)
-        # With the references of the samples before: a step of them at this sample belongs to the new gains.
-        state = _with_gains(state, refs_so_far, before, gains)
-        refs_so_far = refs
-        state = connecting.set_to_grid(first, state, gains, loop.view("x"))
-        added = None
-        if held is not None:
-            held.ask(first, feed.wanted() if probe is None else probe)
-            refs = held.references(first, refs)
-            added = held.offset(first, state.V)
-            state = add_offset(state, *added)
-        if state is not read or first == 0:
-            loop.put("state", state)
-        _put_changed(loop, put, "refs", refs)
-        noise = None if sensors is None else sensors.noise(first, count)
-        stretch = sources.stretch(first, count, T_s, noise, study.converter.samples_per_carrier)
-        begin = time.perf_counter()
-        done, why = 0, None
-        with interrupts_deferred() if interrupted else _NOTHING:
-            while done < count and why is None:
-                _put_changed(loop, put, "power_gains", gains)
-                _put_changed(loop, put, "grid", feed.grid(first) or study.grid)
-                done += stretch.run(loop, log, done)
-                state = loop.state(like)
-                why = outside(study, loop.view("x"), state)
-                if why is None and feed.closed:
-                    before, gains = gains, feed.conclude(first + done, gains, state)
-                    state = _with_gains(state, refs, before, gains)
-                    loop.put("state", state)
-        loop_seconds += time.perf_counter() - begin
-        if added is not None:
-            state = add_offset(state, -added[0], -added[1])
-            loop.put("state", state)
-        if why is not None:
-            good = log.good(study, first, first + done)
-            diverged_s = good * log_every * T_s
-            divergence = Divergence(diverged_s, f"the simulation diverged at {diverged_s:.4g} s: {why}")
-            if good <= kept // log_every:
-                raise SimulationDivergedError(divergence.reason)
-            log.end(good)
+    run = RunState(RunOf(study, schedule, log_states, probe, circuit))
+    switched = (study.simulation.bridge if bridge is None else bridge) == "pwm"
+    loop_seconds = run_together([run], switched=switched, progress=progress)
+    if run.too_short and run.divergence is not None:
+        raise SimulationDivergedError(run.divergence.reason)
+    return simulation_of(run, loop_seconds)
+
+
+def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress | None = None) -> float:
+    """Takes runs of one kind to their ends, side by side. Returns the seconds inside the compiled loop."""
+    (batch, circuits), marks, loop_seconds = begin_together(runs, switched), [], 0.0
+    writer, cut = _program(runs, batch, circuits)
+    for number, run in enumerate(runs):
+        marks.append(run.marks())
+        begins = marks[-1][:-1]
+        writer.put(np.full(len(begins), number), begins, batch.span("source").start, run.phasors(begins))
+    batch.follow(writer, cut)
+    deferred = interrupts_deferred if interrupts_come() else nullcontext
+    ordered = sorted(set().union(*marks))
+    due: dict[int, list[RunState]] = {}
+    for run, own in zip(runs, marks, strict=True):
+        for mark in own:
+            due.setdefault(mark, []).append(run)
+    for some in _in_spells(ordered):
+        with deferred():
+            for first, following in some:
+                for run in due[first]:
+                    run.before(first)
+                fed = _fed(runs, batch, first, following - first)
+                clock = time.perf_counter()
+                done = _advance(runs, batch, first, following, fed)
+                loop_seconds += time.perf_counter() - clock
+                for run in due[following]:
+                    run.after(done)
+        if all(run.divergence is not None for run in runs):
             break
         if progress is not None:
-            progress((first + count) * T_s)
-    final = loop.state(like)
-    if divergence is None:
-        feed.limited_samples = int(loop.view("limited")[0])
-        feed.finish(samples, gains, final, _references(study, timeline, samples), log.rows, log_every)
-    rows = log.rows
-    rows = rows if log_every == kept and rows.flags.c_contiguous else rows[:: kept // log_every].copy()
-    t_s = np.arange(rows.shape[0]) * (kept * T_s)
+            progress(some[-1][1] * runs[0].T_s)
+    for run in runs:
+        if run.divergence is None:
+            run.finish()
+    return loop_seconds
+
+
+def _in_spells(marks: list[int]) -> Iterator[list[tuple[int, int]]]:
+    """The stretches between marks, several together as long as they take some milliseconds: so long an interrupt
+    waits."""
+    spell: list[tuple[int, int]] = []
+    for first, following in itertools.pairwise(marks):
+        spell.append((first, following))
+        if len(spell) == _SPELL_STRETCHES or following - spell[0][0] >= _SPELL_SAMPLES:
+            yield spell
+            spell = []
+    if spell:
+        yield spell
+
+
+def simulation_of(run: RunState, loop_seconds: float) -> Simulation:
+    """A run that is over, as a result."""
+    rows, every = run.log.rows, run.kept // run.log_every
+    rows = rows if every == 1 and rows.flags.c_contiguous else rows[::every].copy()
     return Simulation(
-        t_s=t_s,
+        t_s=np.arange(rows.shape[0]) * (run.kept * run.T_s),
         log=rows,
-        circuit_log=log.more[:: kept // log_every].copy(),
-        controller_log=log.states,
-        timeline=timeline,
-        gain_changes=tuple(feed.changes),
-        final_state=final,
-        final_plant=loop.view("x").copy(),
+        circuit_log=run.log.more[::every].copy(),
+        controller_log=run.log.states,
+        timeline=run.timeline,
+        gain_changes=tuple(run.feed.changes),
+        final_state=run.final_state,
+        final_plant=run.final_plant,
         loop_seconds=loop_seconds,
-        divergence=divergence,
+        divergence=run.divergence,
     )
 
 
-def _loop(
-    study: Study,
-    feed: ListedGains | OnlineGains | FieldScheduler,
-    circuits: Circuits,
-    start: SampledState,
-    sensors: SensorsOfRun | None,
-    x: NDArray[np.float64],
-) -> RunLoop:
-    """The loop of a run with the numbers that do not change, at the start of the run."""
-    c, settings = study.converter, study.controller_settings()
-    field = feed.memory
-    kind = kind_of(study, switched=circuits.switched, axes=circuits.axes)
-    kind = kind._replace(sensors=sensors is not None, field=field is not None)
-    loop = RunLoop(kind, quickly=round(study.simulation.duration / c.T_s) <= _SHORT)
-    loop.put("x", x)
-    loop.put("state", start.controller)
-    loop.put("inner_gains", study.inner_gains)
-    loop.put("settings", settings)
-    loop.put("R_c", study.filter.R_c)
-    if c.delay_samples > 0:
-        loop.put("pending", np.array(start.pending))
-    if circuits.switched:
-        loop.put("V_dc", c.V_dc)
-    if sensors is not None:
-        loop.put("sensors", sensors.constants)
-        loop.put("before", sensors.before)
-    if field is not None:
-        loop.put("field", field.settings)
-        loop.put("V_rated_rms", field.V_rated_rms)
-        loop.put("allowed", field.allowed)
-        field.moves_in(loop.view("lock"))
-    return loop
+def begin_together(runs: Sequence[RunState], switched: bool) -> tuple[Batch, Circuits]:
+    """The runs at their starts, and the circuits that they meet."""
+    study, first = runs[0].study, runs[0]
+    circuits = Circuits(study, [run.timeline for run in runs], first.of.circuit, switched=switched)
+    memory = first.feed.memory
+    sensors = study.sensors is not None and study.sensors.act
+    kind = kind_of(study, switched=switched, axes=circuits.axes)._replace(sensors=sensors, field=memory is not None)
+    samples = max(run.samples for run in runs)
+    build = ALONE._replace(quickly=samples <= _SHORT)
+    shared = {} if memory is None else {"allowed": memory.allowed}
+    batch = Batch(kind, study, len(runs), build, logged=log_names(kind), shared=shared)
+    every = math.gcd(*(run.log_every for run in runs))
+    batch.log(*_logs(batch, samples, every, min(max(run.of.log_states for run in runs), samples)))
+    for number, run in enumerate(runs):
+        gains = run.feed.first()
+        run.begin(batch, number, start_of(run.study, run.timeline, circuits, gains), circuits)
+    return batch, circuits
 
 
-def _feed(
-    schedule: Sequence[GainChange] | OnlineScheduler | FieldScheduler, study: Study, timeline: Timeline
-) -> ListedGains | OnlineGains | FieldScheduler:
-    if isinstance(schedule, FieldScheduler):
-        return schedule.fresh()
-    T_s = study.converter.T_s
-    return ListedGains(schedule, T_s) if isinstance(schedule, Sequence) else OnlineGains(schedule, study, timeline)
+def _logs(batch: Batch, samples: int, every: int, states: int) -> list[Log]:
+    """The log of the runs, and before it that of their controllers' states at the first samples."""
+    groups, _, width = batch.rows.shape
+    names = log_names(batch.kind)
+    main = Log(np.empty((groups, -(-samples // every), len(names), width)), names, every)
+    if not states:
+        return [main]
+    more = log_names(batch.kind, states_logged=True)
+    return [Log(np.empty((groups, states, len(more), width)), more, end=states, into=main), main]
 
 
-def _with_gains(
-    state: ControllerState, refs: References, before: PowerLoopGains, after: PowerLoopGains
-) -> ControllerState:
-    if after is before:
-        return state
-    return state._replace(omega_i=_gain_transfer(state.omega_i, refs, before, after))
+def _program(runs: Sequence[RunState], batch: Batch, circuits: Circuits) -> tuple[ProgramWriter, list[CutSample]]:
+    """What circuits and sources do in the runs."""
+    writer = ProgramWriter()
+    segments = segments_of_timelines([run.timeline for run in runs], circuits.place)
+    circuit = CircuitProgram(runs[0].study, batch.kind, batch.spans, writer, segments, circuits)
+    circuit.write()
+    return writer, circuit.cut
 
 
-def _put_changed(loop: RunLoop, put: dict[str, object], head: str, record: PowerLoopGains | References | Grid) -> None:
-    """Gives the loop a record if it is another one than ``put`` has of it."""
-    known = put.get(head)
-    if known is not record and known != record:
-        put[head] = record
-        loop.put(head, GridEstimate(record.R_g, record.L_g) if isinstance(record, Grid) else record)
+def _fed(runs: Sequence[RunState], batch: Batch, first: int, count: int) -> Array | None:
+    """What the runs are given over a stretch, (G, count, n, L); None: nothing."""
+    found = [run.fed(first, count) for run in runs]
+    added = any(rows is not None for rows, _, _ in found)
+    if not added and not batch.kind.sensors:
+        return None
+    batch.others = {number: others for number, (_, others, _) in enumerate(found) if others is not None}
+    names = fed_names(batch.kind._replace(added=added))
+    groups, _, width = batch.rows.shape
+    fed = np.zeros((groups, count, len(names), width))
+    for number, (rows, _, noise) in enumerate(found):
+        group, lane = batch.lane(number)
+        if rows is not None:
+            fed[group, :, : rows.shape[1], lane] = rows
+        if noise is not None:
+            fed[group, :, len(names) - noise.shape[1] :, lane] = noise
+    return fed
 
 
-def _references(study: Study, timeline: Timeline, sample: int) -> References:
-    return timeline.references_at(_time_of(sample, study.converter.T_s))
-
-
-def _time_of(sample: int, T_s: float) -> float:
-    """A sample's time, with the slack by which instants are taken to coincide with it."""
-    return (sample + 1e-6) * T_s
-
-
-def _stretches(study: Study, timeline: Timeline, gain_cuts: set[int], samples: int) -> Iterator[tuple[int, int]]:
-    """(first sample, count) of every stretch. One whose interval an event cuts is a single sample long.
-
-    What the controller is told (references, gains) takes effect at the first sample at or after its time.
-    """
-    T_s = study.converter.T_s
-    cuts = {0, samples} | gain_cuts
-    for t_s in timeline.plant_changes():
-        k = on_sample(t_s, T_s)
-        cuts |= {k} if k is not None else {math.floor(t_s / T_s), math.floor(t_s / T_s) + 1}
-    for t_s, _ in timeline.references:
-        cuts.add(math.ceil(t_s / T_s - 1e-6))
-    steps = max(round(_PROGRESS_STRETCH / T_s), 1)
-    cuts |= set(range(0, samples, steps))
-    for segment, following in zip(timeline.sources, [*timeline.sources[1:], None], strict=True):
-        if not segment.steady:
-            end = samples if following is None else math.ceil(following.t_s / T_s)
-            slope = max(abs(segment.omega_slope), 1e-12)
-            ramp_steps = max(round(min(_RAMP_STRETCH, _RAMP_DRIFT / (slope * T_s)) / T_s), 1)
-            cuts |= set(range(math.floor(segment.t_s / T_s), min(end, samples), ramp_steps))
-    ordered = sorted(k for k in cuts if 0 <= k <= samples)
-    for first, following in itertools.pairwise(ordered):
-        yield first, following - first
+def _advance(runs: Sequence[RunState], batch: Batch, first: int, end: int, fed: Array | None) -> int:
+    """Moves the runs through a stretch. Returns the sample before which they are. A field estimator's cycles may end
+    anywhere within it, and a run that has diverged there goes no further."""
+    done = first
+    while done < end:
+        done += batch.advance(done, end, None if fed is None else fed[:, done - first :])
+        if batch.kind.field and not runs[0].conclude(done):
+            break
+    return done

@@ -16,7 +16,7 @@ from vsgdesign.simulation.lanes.alone import run_alone, study_of_case
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, no_events
 from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT
-from vsgdesign.simulation.lanes.segments import segments_of
+from vsgdesign.simulation.segments import segments_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 
 FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"', 1)

@@ -29,10 +29,10 @@ from vsgdesign.simulation.lanes.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults
-from vsgdesign.simulation.lanes.segments import START_PHASE
 from vsgdesign.simulation.lanes.speaking import ManyNetworks
 from vsgdesign.simulation.records import numbers_of
 from vsgdesign.simulation.scenario import mean_cycles
+from vsgdesign.simulation.segments import START_PHASE
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
@@ -156,7 +156,7 @@ class Listeners:
         self._conclusion, self._rows = compiled_loop(conclusion), empty_rows(conclusion, groups)
         self._constants = np.array(numbers_of(self._settings))
         self._log = np.empty((groups, 1, len(conclusion.logged), width))
-        self._lock = part.made.rows("lock")
+        self._lock = part.span("lock")
         lock = numbers_of(first_lock_in(self._settings, study.converter.omega_n))
         part.rows[:, self._lock, :] = np.array(lock)[:, None]
         self._rows[:, len(lock) :, :] = np.array(numbers_of(first_track(self._settings)))[:, None]
@@ -187,12 +187,8 @@ class Listeners:
         rows, lock = part.rows[:groups], self._rows[:groups, : self._lock.stop - self._lock.start]
         counts = self._samples_to_the_end(rows)
         longest, begun = int(counts.max()), self._begun
-        rings = {}
-        if part.rings is not None and part.ring_length is not None:
-            rings = {"rings": part.rings[:groups], "ring_length": part.ring_length[:groups]}
         with interrupts_deferred():
-            program = self._program(groups, counts)
-            part.made.loop(begun, begun + longest, rows, part.uniform, program=program, **rings)
+            part.advance_with(self._program(groups, counts), begun, begun + longest)
         self._begun = begun + longest
         self._samples[lanes] += counts
         self._follow_rings(groups, longest - counts)
@@ -206,7 +202,7 @@ class Listeners:
 
     def _samples_to_the_end(self, rows: Array) -> Samples:
         """In how many samples the cycle of each lane ends."""
-        place, settings = self._part.made.place, self._settings
+        place, settings = self._part.place, self._settings
         phi, omega = rows[:, place["lock.phi"]].reshape(-1), rows[:, place["lock.omega"]].reshape(-1)
         turned = omega * settings.T_s
         with np.errstate(invalid="ignore"):
@@ -272,5 +268,5 @@ class Listeners:
         for name, values in gains._asdict().items():
             part.put(f"power_gains.{name}", values)
         for name, values in zip(("grid.R_g", "grid.L_g"), self._learning.estimate(), strict=True):
-            if name in part.made.place:
+            if name in part.place:
                 part.put(name, values)

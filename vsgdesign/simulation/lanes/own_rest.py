@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import SurvivalDemand
+from vsgdesign.simulation.batch import Log
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.part import Part, first_judged
 from vsgdesign.simulation.lanes.rests import Rests
@@ -52,7 +53,7 @@ def pieces(ends: Samples, cases: LaneCases, T_s: float) -> Iterator[NDArray[np.i
 
 def judge_steps(part: Part, found: LaneResults) -> None:
     """Overshoot and settling time of each step, by the mean over a nominal cycle."""
-    T_s = part.study.converter.T_s
+    T_s, log_begin = part.study.converter.T_s, _logged(part).begin
     begin = first_judged(part.cases, T_s)
     initial, late = part.get(part.kept["initial"]), part.watched("late")
     final = late / late_rows(part.ends - begin, part.cycle_at_end)
@@ -63,22 +64,22 @@ def judge_steps(part: Part, found: LaneResults) -> None:
         def error(means: Array, start: Array = start, step: Array = step) -> Array:
             return np.abs((means[..., 0, :] - start) / step - 1.0)
 
-        _cut(log, begin[lanes] - part.log_begin, part.ends[lanes] - part.log_begin)
+        _cut(log, begin[lanes] - log_begin, part.ends[lanes] - log_begin)
         most = (np.where(step > 0.0, log[:, 0].max(axis=0), log[:, 0].min(axis=0)) - start) / step
         found.overshoot[lanes] = np.maximum(most - 1.0, 0.0)
-        entry = _last_entry(log, part.log_begin, begin[lanes], part.ends[lanes], error, SETTLING_BAND)
+        entry = _last_entry(log, log_begin, begin[lanes], part.ends[lanes], error, SETTLING_BAND)
         found.settling_s[lanes] = entry.time(SETTLING_BAND, T_s, t_s[lanes])
 
 
 def recovered(part: Part, rests: Rests, demand: SurvivalDemand) -> Array:
     """Time from the clearing on from which the means of P and Q over a cycle stay at the rest, s (n,)."""
     T_s, S = part.study.converter.T_s, part.study.converter.S_rated
-    begin, cycle = first_judged(part.cases, T_s), part.cycle
+    begin, cycle, log_begin = first_judged(part.cases, T_s), part.cycle, _logged(part).begin
     averaged = np.stack([rests.P_end, rests.Q_end])[:, part.index]
     recovery = np.empty(len(part))
     for lanes, log in _groups(part):
         width = len(part.ends[lanes])
-        ends = part.ends[lanes] - part.log_begin
+        ends = part.ends[lanes] - log_begin
         rest = averaged[:, lanes].copy()
         for k in range(width):
             own = log[ends[k] - (OWN_REST_CYCLES - 1) * cycle : ends[k], :, k].mean(axis=0) / cycle
@@ -88,17 +89,21 @@ def recovered(part: Part, rests: Rests, demand: SurvivalDemand) -> Array:
         def error(sums: Array, rest: Array = rest) -> Array:
             return np.abs(sums / cycle - rest).max(axis=-2) / S
 
-        entry = _last_entry(log, part.log_begin, begin[lanes], part.ends[lanes], error, demand.band)
+        entry = _last_entry(log, log_begin, begin[lanes], part.ends[lanes], error, demand.band)
         recovery[lanes] = entry.time(demand.band, T_s, part.cases.cleared_s[lanes])
     return recovery
 
 
+def _logged(part: Part) -> Log:
+    if part.means is None:
+        raise ValueError("the means of this part were not logged")
+    return part.means
+
+
 def _groups(part: Part) -> Iterator[tuple[slice, Array]]:
     """The lanes of each group of a part, with their log (S, n, W)."""
-    if part.log is None:
-        raise ValueError("the means of this part were not logged")
-    width = part.log.shape[-1]
-    for k, log in enumerate(part.log):
+    width = part.spec.width
+    for k, log in enumerate(_logged(part).rows):
         lanes = slice(k * width, min((k + 1) * width, len(part)))
         yield lanes, log[:, :, : lanes.stop - lanes.start]
 

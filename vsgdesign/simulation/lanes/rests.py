@@ -25,8 +25,8 @@ from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
-from vsgdesign.simulation.lanes.segments import START_PHASE, Segments
 from vsgdesign.simulation.lanes.telling import GainsAtRest
+from vsgdesign.simulation.segments import START_PHASE, Segments
 from vsgdesign.simulation.survival.demand import settling_times_asked
 
 Array = NDArray[np.float64]

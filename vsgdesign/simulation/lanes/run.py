@@ -38,9 +38,9 @@ from vsgdesign.simulation.lanes.results import (
     Swings,
     swings_of,
 )
-from vsgdesign.simulation.lanes.segments import Segments, segments_of
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, alone_because, learns, telling
 from vsgdesign.simulation.outcome import BOUND_PU
+from vsgdesign.simulation.segments import Segments, segments_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
 
 Array = NDArray[np.float64]
@@ -221,7 +221,7 @@ def _transferred(parts: list[Part], old: PowerLoopGains, new: PowerLoopGains) ->
         refs = References(*(part.get(f"refs.{name}") for name in References._fields))
         moved = gain_transfer(part.get("state.omega_i"), refs, PowerLoopGains(*one), PowerLoopGains(*other))
         part.put("state.omega_i", moved)
-        part.put(part.made.rows("power_gains").start, other)
+        part.put(part.span("power_gains").start, other)
     return new
 
 
@@ -232,18 +232,18 @@ def _stacked(gains: PowerLoopGains) -> Array:
 
 def _put_gains(parts: list[Part], gains: PowerLoopGains) -> None:
     for part in parts:
-        part.put(part.made.rows("power_gains").start, _stacked(gains)[:, part.index])
+        part.put(part.span("power_gains").start, _stacked(gains)[:, part.index])
 
 
 def _put_estimate(parts: list[Part], R_g: Array, L_g: Array) -> None:
     for part in parts:
-        if "grid.R_g" in part.made.place:
+        if "grid.R_g" in part.place:
             part.put("grid.R_g", np.stack([R_g[part.index], L_g[part.index]]))
 
 
 def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResults) -> None:
     """The verdicts of a part."""
-    kept, place, T_s = part.kept, part.made.place, part.study.converter.T_s
+    kept, place, T_s = part.kept, part.place, part.study.converter.T_s
     watched = part.watched
     I_rated = part.study.converter.I_rated_pk
     count = len(part)
@@ -256,7 +256,7 @@ def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResult
     found.limited_s[:] = (limited - part.get(kept["limited"])) * T_s
     if "watch.delta" in place:
         _judge_disturbance(part, rests, demand, limited, found)
-    elif part.log is not None:
+    elif part.means is not None:
         judge_steps(part, found)
     else:
         found.settling_s[:] = _entry(part).time(SETTLING_BAND, T_s, part.cases.events.t_s[:, 0])
@@ -286,7 +286,7 @@ def _judge_disturbance(part: Part, rests: Rests, demand: SurvivalDemand, limited
     columns["least"][rows, final], columns["most"][rows, final] = least, most
     swing, slipped = swings_of(Swings(**columns), used, last, rests.delta_end[part.index])
     found.swing_rad[:] = swing
-    if part.log is None:
+    if part.means is None:
         found.recovery_s[:] = _entry(part).time(demand.band, T_s, cases.cleared_s)
     else:
         found.recovery_s[:] = recovered(part, rests, demand)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.timeline import Timeline
 
 Array = NDArray[np.float64]
 
@@ -31,10 +33,16 @@ class Segments(NamedTuple):
     """rad/s²"""
     phase: Array
     """Of the source at t_s, rad, after a jump."""
+    place: Any
+    """Which of a list of circuits it is (:class:`vsgdesign.simulation.circuits.Circuits`); 0 where there is no list."""
 
     def column(self, k: int) -> Segments:
         """The k-th segment of every lane, (N,)."""
         return Segments(*(values[:, k] for values in self))
+
+    def at_column(self, rows: NDArray[np.intp], column: NDArray[np.intp]) -> Segments:
+        """One segment of each of these lanes, (n,)."""
+        return Segments(*(values[rows, column] for values in self))
 
     def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> Segments:
         """Some lanes."""
@@ -67,6 +75,7 @@ def segments_of(cases: LaneCases) -> Segments:
         omega=cases.omega_g.astype(float),
         omega_slope=np.zeros(count),
         phase=np.full(count, START_PHASE),
+        place=np.zeros(count, dtype=np.int64),
     )
     found = [present]
     # The end of the ramp that runs, and the value that is held from there on.
@@ -106,6 +115,7 @@ def segments_of(cases: LaneCases) -> Segments:
             omega=omega,
             omega_slope=omega_slope,
             phase=phase,
+            place=now.place,
         )
         following = following + comes
         changed = some & np.any([new != old for new, old in zip(present[1:], now[1:], strict=True)], axis=0)
@@ -114,6 +124,22 @@ def segments_of(cases: LaneCases) -> Segments:
     order = np.argsort(stacked.t_s, axis=1, kind="stable")
     most = int(np.isfinite(stacked.t_s).sum(axis=1).max(initial=1))
     return Segments(*(np.take_along_axis(values, order, axis=1)[:, :most] for values in stacked))
+
+
+def segments_of_timelines(timelines: Sequence[Timeline], place: Callable[[Timeline, float], int]) -> Segments:
+    """The segments of runs with timelines of their own. ``place``: which circuit it is from an instant on."""
+    found = []
+    for one in timelines:
+        instants = [0.0, *one.plant_changes()]
+        found.append([(one.source_at(t_s).at(t_s), one.grid_at(t_s), place(one, t_s)) for t_s in instants])
+    most = max(map(len, found))
+    values = np.zeros((len(found), most, 9))
+    values[:, :, 0] = np.inf
+    for run, segments in enumerate(found):
+        for k, (s, grid, at) in enumerate(segments):
+            values[run, k] = s.t_s, grid.R_g, grid.L_g, s.V_g_rms, s.V_slope, s.omega, s.omega_slope, s.phase, at
+    parts = [values[:, :, k] for k in range(8)]
+    return Segments(*parts, place=values[:, :, 8].astype(np.int64))
 
 
 _OF_PLANT = ("R_g", "L_g", "V_g_rms", "omega_g", "over", "phase_jump")
@@ -137,4 +163,4 @@ def last_before(segments: Segments, t_s: Array) -> Segments:
     """The segment of every lane that holds right before an instant (N,), described from it on."""
     index = np.maximum((segments.t_s < t_s[:, None]).sum(axis=1) - 1, 0)
     rows = np.arange(len(t_s))
-    return Segments(*(values[rows, index] for values in segments)).at(t_s)
+    return segments.at_column(rows, index).at(t_s)

@@ -1,0 +1,122 @@
+"""What a run is given for every sample beside its program: what the source has besides its fundamental, and noise.
+
+The stretches of a run are its parts in which neither the circuit nor its source changes. An interval that events cut is
+a stretch of one sample.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.frames import rms_to_peak
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.background import Background, Interval
+from vsgdesign.simulation.circuits import Circuits, connection_at
+from vsgdesign.simulation.timeline import Timeline
+
+Array = NDArray[np.float64]
+
+_RAMP_STRETCH = 0.02
+"""Longest stretch of a ramp with one centre frequency, s."""
+
+_RAMP_DRIFT = 1e-4
+"""Largest angle, rad, that a ramp may drift from its centre frequency within one period of a stretch. The source
+model leaves out third-order terms of a period; against DOP853 that is 7e-11 of rated in the steepest test."""
+
+PROGRESS_STRETCH = 1.0
+"""Longest stretch between two calls of ``progress``, s of simulated time."""
+
+
+class Added(NamedTuple):
+    """What is added to the source over a stretch: (count, states + 2), the increments of the states over each interval
+    and the voltage at its beginning. Of an interval in pieces with a switched bridge: those of the first piece, and the
+    increments over the others, (pieces − 1, states)."""
+
+    rows: Array
+    others: Array | None = None
+
+
+class AddedSource:
+    """The source of a run beside what its program says of it. A source that is ramped is added here as a whole
+    (:eq:`source-ramp`)."""
+
+    def __init__(self, study: Study, timeline: Timeline, circuits: Circuits, *, switched: bool) -> None:
+        self._timeline, self._circuits, self._switched = timeline, circuits, switched
+        self._T_s = study.converter.T_s
+        self._changes = timeline.plant_changes()
+        self._background = Background(circuits.of, rms_to_peak(study.converter.V_rated_rms), timeline)
+        moving = timeline.wander is not None or timeline.replay is not None
+        self._distorted = moving or any(components for _, components in timeline.components)
+        self._always = not all(source.steady for source in timeline.sources) or self._distorted
+
+    def marks(self, samples: int) -> set[int]:
+        """The samples at which a stretch begins because of the circuit or its source, in a run of so many."""
+        T_s, timeline = self._T_s, self._timeline
+        cuts: set[int] = set()
+        for t_s in self._changes:
+            k = on_sample(t_s, T_s)
+            cuts |= {k} if k is not None else {math.floor(t_s / T_s), math.floor(t_s / T_s) + 1}
+        cuts |= set(range(0, samples, max(round(PROGRESS_STRETCH / T_s), 1)))
+        for segment, following in itertools.zip_longest(timeline.sources, timeline.sources[1:]):
+            if not segment.steady:
+                end = samples if following is None else math.ceil(following.t_s / T_s)
+                slope = max(abs(segment.omega_slope), 1e-12)
+                ramp_steps = max(round(min(_RAMP_STRETCH, _RAMP_DRIFT / (slope * T_s)) / T_s), 1)
+                cuts |= set(range(math.floor(segment.t_s / T_s), min(end, samples), ramp_steps))
+        return {k for k in cuts if 0 <= k <= samples}
+
+    def phasors(self, marks: list[int]) -> Array:
+        """Cosine and sine of the source's phase at samples, (n, 2): where a stretch begins, the loop takes up its phase
+        anew, so that rounding does not add up."""
+        return np.array([(math.cos(phase), math.sin(phase)) for phase in map(self._phase, marks)]).reshape(-1, 2)
+
+    def _phase(self, sample: int) -> float:
+        start = sample * self._T_s
+        t_s = start + 1e-6 * self._T_s
+        source = self._timeline.source_at(t_s, described=False)
+        if source.steady and not self._distorted and not self._inside(sample):
+            return source.phase + source.omega * (t_s - source.t_s) + source.omega * (start - t_s)
+        return self._timeline.source_at(t_s).at(start).phase
+
+    def _inside(self, sample: int) -> list[float]:
+        """The changes within the interval of a sample."""
+        start, end = sample * self._T_s, (sample + 1) * self._T_s
+        return [t for t in self._changes if start < t < end and on_sample(t, self._T_s) is None]
+
+    def over(self, first: int, count: int) -> Added | None:
+        """What is added over a stretch; None: nothing."""
+        if not self._always:
+            return None
+        T_s, inside = self._T_s, self._inside(first)
+        start, end = first * T_s, (first + 1) * T_s
+        instants = [start, *inside]
+        lengths = np.diff([*instants, end]).tolist() if inside else [T_s]
+        found = []
+        for k, h in enumerate(lengths):
+            t_s = instants[k] + 1e-6 * T_s if k == 0 else instants[k]
+            source = self._timeline.source_at(t_s).at(instants[k])
+            components = self._timeline.components_at(t_s)
+            found.append(Interval(float(h), connection_at(self._timeline, t_s), source, components))
+        if not self._background.acts(found):
+            return None
+        rows = self._background.rows(found, first, count, T_s)
+        if len(found) == 1:
+            return Added(rows)
+        states = self._circuits.states
+        if self._switched:
+            return Added(rows[:1], rows[1:, :states])
+        joint = rows[0].copy()
+        for piece, row in zip(found[1:], rows[1:], strict=True):
+            joint[:states] = self._circuits.moved(piece.connection, piece.h, joint[:states]) + row[:states]
+        return Added(joint[None])
+
+
+def on_sample(t_s: float, T_s: float) -> int | None:
+    """The sample that an instant coincides with (to a millionth of a period), if any."""
+    k = round(t_s / T_s)
+    return k if abs(t_s / T_s - k) < 1e-6 else None

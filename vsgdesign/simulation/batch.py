@@ -1,0 +1,270 @@
+"""The numbers of runs of one kind side by side, and the compiled loops that move them.
+
+A run alone is a batch of one.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.codegen.llvm import Program, StandingLoop, aligned_zeros
+from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.bodies import Kind, names_of
+from vsgdesign.simulation.circuit_program import CutSample
+from vsgdesign.simulation.field_feed import probe_of, settings_of_study
+from vsgdesign.simulation.loop import ALONE, Build, carrier_values, fed_names, loop_of, spans_of, spec_of
+from vsgdesign.simulation.program import ProgramWriter
+from vsgdesign.simulation.records import numbers_of
+
+Array = NDArray[np.float64]
+Samples = NDArray[np.int64]
+
+_NEVER = 2**62
+"""A sample that no run reaches."""
+
+
+@dataclass(eq=False)
+class Log:
+    """What a batch logs of its runs."""
+
+    rows: Array
+    """(G, slots, n, L)."""
+    names: tuple[str, ...]
+    """What its n columns are."""
+    every: int = 1
+    """It has every so-many-th sample of the run …"""
+    begin: int = 0
+    """… from this one on, a whole multiple of ``every``."""
+    end: int | None = None
+    """It ends before this sample; None: it never does."""
+    into: Log | None = None
+    """The log whose columns its first ones are, and which gets its rows as well."""
+
+
+class Batch:
+    """Runs of one kind: G groups of L, of which the first ``count`` are used.
+
+    A number is found by its name, those of a record by the record's (``put("refs.P_ref", values)``). Behind the numbers
+    of the loop there are others that nothing but the program writes (``kept``).
+    """
+
+    def __init__(
+        self,
+        kind: Kind,
+        study: Study,
+        count: int,
+        build: Build = ALONE,
+        *,
+        logged: tuple[str, ...] = (),
+        kept: Mapping[str, int] | None = None,
+        shared: Mapping[str, float] | None = None,
+    ) -> None:
+        """``kept``: how many numbers are kept under which name. ``shared``: numbers that are the same for all runs and
+        not of the study."""
+        self.kind, self.study, self.build, self.count = kind, study, build, count
+        self.spec = spec_of(kind, logged, build)
+        self.spans = spans_of(self.spec.rows)
+        self.place = {name: row for row, name in enumerate(self.spec.rows)}
+        self.kept: dict[str, int] = {}
+        at = len(self.spec.rows)
+        for name, numbers in (kept or {}).items():
+            self.kept[name], at = at, at + numbers
+        self.rows: Array = aligned_zeros((-(-count // self.spec.width), at, self.spec.width))
+        """(G, R, L)."""
+        self._shared = dict(shared or {})
+        self.uniform = self._uniform(self.spec.uniform)
+        self.program: Program = ProgramWriter().program(len(self.rows), self.spec.width)
+        self.rings: Array | None = None
+        self.ring_length: Samples | None = None
+        self.logs: tuple[Log, ...] = ()
+        """In the order of time."""
+        self._cyclic, self._cycle = carrier_values(kind.bridge.slopes)
+        self.others: dict[int, Array] = {}
+        """What is added to the source over the later pieces of a cut interval, (pieces − 1, states), by run."""
+        self._cut: dict[int, list[CutSample]] = {}
+        self._borders: list[int] = [_NEVER]
+        """Samples at which one call of a loop ends: a cut sample is a call of its own, and so is each log."""
+        self._fed_by_sensors = len(fed_names(kind._replace(added=False)))
+        self._standing: dict[tuple[bool, int], StandingLoop] = {}
+
+    def __len__(self) -> int:
+        return self.count
+
+    # Numbers.
+
+    def span(self, name: str) -> slice:
+        """The rows of a record or of a number."""
+        return self.spans[name]
+
+    def lane(self, run: int) -> tuple[int, int]:
+        """Group and place in the group of a run."""
+        return divmod(run, self.spec.width)
+
+    def view(self, name: str, run: int = 0) -> Array:
+        """The numbers of a record of one run as an array that moves with it."""
+        group, lane = self.lane(run)
+        return self.rows[group, self.spans[name], lane]
+
+    def set(self, name: str, record: Any, run: int = 0) -> None:
+        """Sets the numbers of a record of one run."""
+        self.view(name, run)[:] = flat_state(record) if name == "state" else record
+
+    def get(self, row: int | str) -> Array:
+        """A row of every run, (n,)."""
+        place = self.place[row] if isinstance(row, str) else row
+        return self.rows[:, place, :].reshape(-1)[: self.count].copy()
+
+    def put(self, row: int | str, values: Any) -> None:
+        """Sets a row of every run, (n,), or m rows that are beside each other, (m, n).
+
+        Places that are left in the last group take what the last run has.
+        """
+        values = np.asarray(values, dtype=float)
+        values = values[None] if values.ndim == 1 else values
+        groups, _, width = self.rows.shape
+        first = self.spans[row].start if isinstance(row, str) else row
+        to = self.rows[:, first : first + len(values)]
+        whole = self.count // width
+        to[:whole] = values[:, : whole * width].reshape(len(values), whole, width).swapaxes(0, 1)
+        if whole < groups:
+            rest = values[:, whole * width :]
+            to[whole, :, : rest.shape[1]], to[whole, :, rest.shape[1] :] = rest, rest[:, -1:]
+
+    def _uniform(self, names: Sequence[str]) -> Array:
+        study = self.study
+        known = {"R_c": study.filter.R_c, "V_dc": study.converter.V_dc}
+        records: dict[str, Any] = {"inner_gains": study.inner_gains, "circuit": study.circuit()}
+        records["settings"] = study.controller_settings()
+        if self.kind.field:
+            records["field"] = settings_of_study(study)
+            known |= {"V_rated_rms": study.converter.V_rated_rms, "allowed": float(probe_of(study).send)}
+        for head, record in records.items():
+            paths = names_of(type(record), head, self.kind.records)
+            known |= dict(zip(paths, numbers_of(record), strict=True))
+        known |= self._shared
+        return np.array([float(known[name]) for name in names])
+
+    # What is known beforehand.
+
+    def follow(self, writer: ProgramWriter, cut: Sequence[CutSample] = ()) -> None:
+        """What happens in the runs from their beginning on."""
+        self.program = writer.program(len(self.rows), self.spec.width)
+        self._cut = {}
+        for one in cut:
+            self._cut.setdefault(one.sample, []).append(one)
+        self._divide()
+
+    def log(self, *logs: Log) -> None:
+        """What is logged from now on, one after the other."""
+        self.logs = logs
+        self._divide()
+
+    def _divide(self) -> None:
+        borders = {log.begin for log in self.logs} | {log.end for log in self.logs if log.end is not None}
+        borders |= {at for sample in self._cut for at in (sample, sample + 1)}
+        self._borders = [*sorted(borders), _NEVER]
+        self._standing.clear()
+
+    # Samples.
+
+    def advance(self, begin: int, end: int, fed: Array | None = None, groups: int | None = None) -> int:
+        """Moves the runs of the first ``groups`` (None: all) through samples ``begin`` to ``end`` − 1, or fewer where a
+        field estimator that is alone ends its cycle. Returns how many.
+
+        ``fed`` (G, end − begin, n, L): what is given sample by sample (:func:`fed_names`); without the columns of the
+        source where nothing is added to it, and None where nothing is fed at all.
+        """
+        at = begin
+        while at < end:
+            stop = min(end, self._borders[bisect_right(self._borders, at)])
+            here = None if fed is None else fed[:, at - begin : stop - begin]
+            after = [(one, self._after_cut(one, here)) for one in self._cut.get(at, ())]
+            done = self._call(at, stop, here, groups)
+            for one, state in after:
+                group, lane = self.lane(one.lane)
+                self.rows[group, : len(state), lane] = state
+            at += done
+            if done < stop - (at - done) or (after and self.spec.stop):
+                break
+        return at - begin
+
+    def advance_with(self, program: Program, begin: int, end: int, fed: Array | None = None) -> None:
+        """Moves the runs of the first groups, as many as the program has, with another program than their own."""
+        groups = len(program.done)
+        made = loop_of(self.kind._replace(added=self._adds(fed)), self.spec.logged, self.build)
+        given: dict[str, Any] = {}
+        if self.rings is not None and self.ring_length is not None:
+            given = {"rings": self.rings[:groups], "ring_length": self.ring_length[:groups]}
+        made.loop(begin, end, self.rows[:groups], self.uniform, program=program, fed=fed, **given)
+
+    def _adds(self, fed: Array | None) -> bool:
+        """Whether what is fed has something that is added to the source."""
+        return fed is not None and fed.shape[2] > self._fed_by_sensors
+
+    def _call(self, begin: int, end: int, fed: Array | None, groups: int | None) -> int:
+        number = next((k for k, log in enumerate(self.logs) if log.begin <= begin < (log.end or end)), -1)
+        key = self._adds(fed), number
+        if key not in self._standing:
+            log = self.logs[number] if number >= 0 else None
+            kind = self.kind._replace(added=key[0])
+            made = loop_of(kind, self.spec.logged if log is None else log.names, self.build)
+            given: dict[str, Any] = {"program": self.program}
+            if self.rings is not None and self.ring_length is not None:
+                given |= {"rings": self.rings, "ring_length": self.ring_length}
+            if log is not None:
+                given |= {"log": log.rows, "every": log.every, "log_begin": log.begin}
+            self._standing[key] = made.loop.standing(
+                self.rows,
+                self.uniform,
+                cyclic=self._cyclic if made.spec.cyclic else None,
+                cycle=self._cycle if len(made.spec.bodies) > 1 else None,
+                **given,
+            )
+        done = self._standing[key](begin, end, fed, groups)
+        if number >= 0 and (into := self.logs[number].into) is not None:
+            first, last = -(-begin // into.every), -(-(begin + done) // into.every)
+            at = slice(first * into.every, begin + done, into.every)
+            into.rows[:, first:last] = self.logs[number].rows[:, at, : into.rows.shape[2]]
+        return done
+
+    def _after_cut(self, one: CutSample, fed: Array | None) -> Array:
+        """The state of a run after a sample in whose interval events fall."""
+        k, (group, lane) = one.sample, self.lane(one.lane)
+        own = loop_of(self.kind._replace(added=self._adds(fed), cut=one.slopes), (), self.build)
+        now = self.rows[group, :, lane].copy()
+        p, due = self.program, slice(self.program.first[group], self.program.first[group + 1])
+        for r in np.flatnonzero((p.at[due] == k) & (p.lane[due] == lane)) + due.start:
+            row, count, source = p.row[r], p.count[r], p.source[r]
+            values = p.values[source : source + count] if source >= 0 else now[-1 - source : -1 - source + count].copy()
+            now[row : row + count] = values
+        rows = np.zeros((1, len(own.spec.rows), self.spec.width))
+        for name, place in own.place.items():
+            if name in self.place:
+                rows[0, place] = now[self.place[name]]
+        more = {f"piece_{k}.more": values for k, values in enumerate(self.others.get(one.lane, ()), 1)}
+        for name, values in (one.values | more).items():
+            if name in own.spans:
+                begin = own.spans[name].start
+                rows[0, begin : begin + len(values)] = values[:, None]
+        if self.rings is not None and self.ring_length is not None:
+            slot = k % int(self.ring_length[group])
+            names = (name for name, _ in self.spec.rings)
+            for name, value in zip(names, self.rings[group, slot, :, lane], strict=True):
+                rows[0, own.place[name]] = value
+        given = None
+        if fed is not None:
+            given = np.repeat(fed[group : group + 1, :1, :, lane : lane + 1], self.spec.width, axis=3)
+        own.loop(k, k + 1, rows, self._uniform(own.spec.uniform), fed=given)
+        return rows[0, : len(own.spec.state), 0]
+
+
+def with_first(program: Program, groups: int) -> Program:
+    """The program of the first groups."""
+    return replace(program, first=program.first[: groups + 1], done=program.done[:groups])

@@ -1,0 +1,310 @@
+"""The circuit and the source of runs as records: what each interval adds, also where an event falls inside one.
+
+The loop of runs reads a row of numbers in every sample. Before a sample at which the grid, the network or the source
+changes, a record puts other numbers into the row of this run. Nothing else happens between two samples.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.frames import rms_to_peak
+from vsgdesign.operating_point.plants import PlantSteps, plant_steps
+from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Kind
+from vsgdesign.simulation.circuits import Circuits
+from vsgdesign.simulation.loop import carrier_part
+from vsgdesign.simulation.program import ProgramWriter
+from vsgdesign.simulation.segments import Segments, last_before
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SAME_INSTANT = 1e-6
+"""Share of a sample by which an event may lie beside a sample and still coincide with it."""
+
+RAMP_DRIFT = 1e-4
+"""Largest angle, rad, by which a ramp may drift from the frequency of its responses within one interval. What is left
+out is of third order, 2e-13 of the source."""
+
+
+class _Interval(NamedTuple):
+    """One interval of n runs whose circuits have S states: for one axis where both are alike, else for both."""
+
+    transition: Array
+    """(n, S, S)."""
+    bridge: Array
+    """(n, S), or (n, S, 2) for both axes."""
+    source: NDArray[Any]
+    """What the source adds for its phasor at the beginning as a unit: complex (n, S), or real (n, S, 2)."""
+    turn: Array
+    """By how much the source turns, rad (n,)."""
+    edge: Array
+    """(n, m): the numbers of the edge polynomials; none of an averaged bridge."""
+    V_g: Array
+    """Amplitude of the source that is in it, V peak (n,)."""
+
+
+class CutSample(NamedTuple):
+    """A sample of a run in whose interval events fall, with a switched bridge: what its own loop is given."""
+
+    lane: int
+    sample: int
+    slopes: tuple[str, ...]
+    """Where each piece lies on the carrier."""
+    values: dict[str, Array]
+    """Values of a record, or of one number, by name."""
+
+
+class CircuitProgram:
+    """Writes the circuits of runs. ``lanes`` are numbers within the batch, ``segments`` those of the same lanes.
+
+    ``circuits``: those of the segments' places; None: the study's filter on the segments' grids, with equal axes. On a
+    ramp of the source the loop itself moves the source (``ramped``), or something outside of it adds the source's part.
+
+    With a switched bridge, the samples in whose interval an event falls are left to loops of their own (``cut``).
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        kind: Kind,
+        spans: Mapping[str, slice],
+        writer: ProgramWriter,
+        segments: Segments,
+        circuits: Circuits | None = None,
+    ) -> None:
+        """``spans``: where the numbers of the runs stand."""
+        self.cut: list[CutSample] = []
+        self._study, self._spans, self._writer, self._slopes = study, spans, writer, kind.bridge.slopes
+        self._circuits, self._segments, self._T_s = circuits, segments, study.converter.T_s
+        self._switched, self._ramped, self._axes = bool(kind.bridge.slopes), kind.ramped, kind.axes
+        if self._axes is not None:
+            rows = range(self._axes.states)
+            self._by_state = np.array([[k % 2 in self._axes.on(row) for k in rows] for row in rows])
+            self._by_axis = self._by_state[:, :2]
+
+    def write(self) -> None:
+        """Every interval of the run: those of the first segment, of the events, and of what follows each."""
+        lanes = np.arange(len(self._segments.t_s))
+        self._whole(lanes, np.zeros(len(lanes), dtype=np.int64), self._segments.column(0), np.inf)
+        for k in range(1, self._segments.t_s.shape[1]):
+            chosen = np.flatnonzero(np.isfinite(self._segments.t_s[:, k]))
+            if chosen.size:
+                self._change(chosen, k)
+
+    def _change(self, lanes: NDArray[np.intp], k: int) -> None:
+        """What the k-th segment changes."""
+        T_s, every = self._T_s, self._segments.take(lanes)
+        after = every.column(k)
+        begin = np.round(after.t_s / T_s).astype(np.int64)
+        inside = np.abs(after.t_s / T_s - begin) >= SAME_INSTANT
+        begin[inside] = np.floor(after.t_s[inside] / T_s).astype(np.int64)
+        following = every.t_s[:, k + 1] if k + 1 < every.t_s.shape[1] else np.full(len(lanes), np.inf)
+        last = inside & (following >= (begin + 1 - SAME_INSTANT) * T_s)  # the last one in its interval
+        if last.any():
+            self._cut_interval(lanes[last], begin[last], every.take(last))
+        first = begin + inside
+        whole = last | ~inside
+        if whole.any():
+            start = after.at(np.where(inside, first * T_s, after.t_s))
+            self._whole(lanes[whole], first[whole], start.take(whole), following[whole])
+        self._jumped(lanes[~inside], begin[~inside], every.take(~inside), after.take(~inside))
+
+    def _cut_interval(self, lanes: NDArray[np.intp], at: Index, every: Segments) -> None:
+        """The one interval of each run in which segments begin, from its pieces (:eq:`composite-interval`)."""
+        T_s = self._T_s
+        begin, end = at * T_s, (at + 1) * T_s
+        within = (every.t_s > (begin + SAME_INSTANT * T_s)[:, None]) & (every.t_s < (end - SAME_INSTANT * T_s)[:, None])
+        for count in np.unique(within.sum(axis=1)).tolist():
+            some = np.flatnonzero(within.sum(axis=1) == count)
+            self._cut_into(lanes[some], at[some], every.take(some), within[some])
+
+    def _cut_into(self, lanes: NDArray[np.intp], at: Index, every: Segments, within: NDArray[np.bool_]) -> None:
+        """Intervals of the same number of pieces."""
+        T_s, rows = self._T_s, np.arange(len(lanes))
+        first = np.argmax(within, axis=1)
+        starts = [every.at_column(rows, first + k) for k in range(int(within[0].sum()))]
+        before = last_before(every, starts[0].t_s).at(at * T_s)
+        pieces = [before, *starts]
+        instants = [at * T_s, *(one.t_s for one in starts), (at + 1) * T_s]
+        found, turned = [], np.zeros(len(lanes))
+        for piece, start, end in zip(pieces, instants[:-1], instants[1:], strict=True):
+            one = self._interval(piece, np.asarray(end - start, dtype=np.float64))
+            # The source's phasor at the beginning of the piece, over the one at the sample.
+            turned = piece.phase - before.phase
+            found.append(one._replace(source=_turned(one.source, turned)))
+        turn = turned + found[-1].turn
+        if self._switched:
+            self._note_cut(lanes, at, [found[0]._replace(turn=turn), *found[1:]], instants)
+            return
+        joint = found[0]
+        for other in found[1:]:
+            joint = _Interval(
+                transition=other.transition @ joint.transition,
+                bridge=_product(other.transition, joint.bridge) + other.bridge,
+                source=_product(other.transition, joint.source) + other.source,
+                turn=turn,
+                edge=other.edge,
+                V_g=joint.V_g,
+            )
+        self._put(lanes, at, joint)
+        if self._ramped:  # the responses have the whole source in them
+            self._write(lanes, at, "ramp_of", _held_ramp(joint.source))
+            self._write(lanes, at, "ramp", np.column_stack([np.ones(len(lanes)), np.zeros(len(lanes))]))
+
+    def _note_cut(self, lanes: NDArray[np.intp], at: Index, pieces: list[_Interval], instants: list[Array]) -> None:
+        """Samples in pieces, whose source is that of the whole interval's beginning."""
+        n = self._study.converter.samples_per_carrier
+        begin = (at % n) / n
+        places = [begin, *(begin + (t_s / self._T_s - at) / n for t_s in instants[1:-1]), begin + 1.0 / n]
+        parts = [np.column_stack(carrier_part(*ends)) for ends in itertools.pairwise(places)]
+        whole = self._slopes
+        for k, lane in enumerate(lanes.tolist()):
+            slope, slopes = whole[int(at[k]) % n], []
+            values: dict[str, Array] = {}
+            for number, (piece, part) in enumerate(zip(pieces, parts, strict=True)):
+                head = f"piece_{number}." if number else ""
+                values |= {f"{head}row": self._row(piece)[k], f"{head}part": part[k], f"{head}edge": piece.edge[k]}
+                low, high = part[k, 0], part[k, 1]
+                slopes.append(slope if slope != PEAK or low < 0.5 < high else FALLING if low >= 0.5 else RISING)
+            values["of.turn"] = pieces[0].turn[k : k + 1]
+            if self._ramped:
+                values["ramp_of"] = _held_ramp(pieces[0].source[k : k + 1])[0]
+                values["ramp"] = np.array([1.0, 0.0])
+            self.cut.append(CutSample(lane, int(at[k]), tuple(slopes), values))
+
+    def _jumped(self, lanes: NDArray[np.intp], at: Index, every: Segments, after: Segments) -> None:
+        """Where an event coincides with a sample, a jump of the phase is part of the turn of the interval before."""
+        before = last_before(every, after.t_s) if len(lanes) else after
+        jump = after.phase - before.phase
+        some = np.flatnonzero(jump != 0.0)
+        if some.size:
+            early = before.take(some).at((at[some] - 1) * self._T_s)
+            interval = self._interval(early, self._T_s)
+            self._put(lanes[some], at[some] - 1, interval._replace(turn=interval.turn + jump[some]))
+
+    def _whole(self, lanes: NDArray[np.intp], at: Index, source: Segments, until_s: Array | float) -> None:
+        """Whole intervals from a sample on, and on a ramp of the frequency again and again until ``until_s``."""
+        T_s = self._T_s
+        self._put_whole(lanes, at, source)
+        if not self._ramped:
+            return
+        slope = np.abs(source.omega_slope)
+        stretch = np.where(
+            slope > 0.0, np.maximum(np.round(RAMP_DRIFT / np.maximum(slope, 1e-12) / T_s / T_s), 1.0), np.inf
+        )
+        ends, sample = np.broadcast_to(until_s, slope.shape) / T_s, at + stretch
+        while (some := np.flatnonzero(sample < ends)).size:
+            now = sample[some].astype(np.int64)
+            source_now = source.take(some).at(np.asarray(now * T_s, dtype=np.float64))
+            self._put_whole(lanes[some], now, source_now)
+            sample[some] += stretch[some]
+
+    def _put_whole(self, lanes: NDArray[np.intp], at: Index, source: Segments) -> None:
+        """The same interval from a sample on. On a ramp its slopes come with its responses."""
+        interval = self._interval(source, self._T_s)
+        if self._ramped:
+            self._put(lanes, at, interval._replace(turn=source.omega * self._T_s))
+            self._put_ramp(lanes, at, source)
+        else:
+            self._put(lanes, at, interval)
+
+    def _put_ramp(self, lanes: NDArray[np.intp], at: Index, source: Segments) -> None:
+        """The responses to a source and to its slopes, and where its ramp is."""
+        rho = self._steps(source, self._T_s).source
+        slopes = np.column_stack([rms_to_peak(source.V_slope), source.omega_slope])
+        parts = [part for m in range(3) for part in (rho[:, m].real, rho[:, m].imag)]
+        self._write(lanes, at, "ramp_of", np.column_stack([*parts, slopes]))
+        self._write(lanes, at, "ramp", np.column_stack([rms_to_peak(source.V_g_rms), np.zeros(len(lanes))]))
+
+    def _put(self, lanes: NDArray[np.intp], at: Index, interval: _Interval) -> None:
+        self._write(lanes, at, "row", self._row(interval))
+        self._write(lanes, at, "V_g", interval.V_g)
+        self._write(lanes, at, "edge", interval.edge)
+        self._write(lanes, at, "of.turn", interval.turn)
+
+    def _write(self, lanes: NDArray[np.intp], at: Index, name: str, values: Array) -> None:
+        """Before a sample, a record or a number takes values; nothing happens where the runs have none of this name."""
+        if name in self._spans:
+            self._writer.put(lanes, at, self._spans[name].start, values)
+
+    def _steps(self, source: Segments, h: Array | float) -> PlantSteps:
+        if self._circuits is None:
+            return plant_steps(self._study, source.R_g, source.L_g, h, source.omega, edges=self._switched)
+        return self._circuits.steps(source.place, np.broadcast_to(h, source.omega.shape), source.omega)
+
+    def _interval(self, source: Segments, h: Array | float) -> _Interval:
+        """An interval of length h (s) that begins with the segment given."""
+        if self._circuits is not None:  # a source on a ramp is added from outside
+            steady = (source.V_slope == 0.0) & (source.omega_slope == 0.0)
+            source = source._replace(
+                V_g_rms=np.where(steady, source.V_g_rms, 0.0),
+                V_slope=np.zeros_like(source.V_slope),
+                omega_slope=np.zeros_like(source.omega_slope),
+            )
+            turn = np.where(steady, source.omega * h, 0.0)
+        else:
+            turn = source.omega * h + 0.5 * source.omega_slope * h * h
+        steps = self._steps(source, h)
+        V, a, r = rms_to_peak(source.V_g_rms), rms_to_peak(source.V_slope), source.omega_slope
+        if self._axes is None:
+            weights = np.stack([V + 0j, a + 0j, 0.5j * V * r], axis=1)  # :eq:`source-ramp` without a drift
+            added = np.einsum("nm,nmi->ni", weights, steps.source)
+        else:
+            added = steps.source[:, 0] * V[:, None, None]
+        edge = self._edges(steps) if self._switched else np.empty((len(added), 0))
+        return _Interval(steps.transition, steps.bridge, added, turn, edge, V)
+
+    def _row(self, interval: _Interval) -> Array:
+        """Values of :class:`vsgdesign.simulation.circuit_sample.PlantRow`, (n, 20), or those of two axes."""
+        count, turn = len(interval.turn), np.array([(math.cos(a), math.sin(a)) for a in interval.turn.tolist()])
+        if self._axes is None:
+            source = [np.real(interval.source), np.imag(interval.source)]
+            return np.column_stack([interval.transition.reshape(count, -1), interval.bridge, *source, turn])
+        acting = [interval.transition[:, self._by_state], interval.bridge[:, self._by_axis]]
+        return np.column_stack([*acting, interval.source.reshape(count, -1), turn])
+
+    def _edges(self, steps: PlantSteps) -> Array:
+        """Values of :class:`vsgdesign.simulation.circuit_sample.EdgeRow`, (n, 45): each state's coefficients, from the
+        constant one on. Of two axes: of each coefficient the states and inputs that act on each other."""
+        count, terms = steps.edge.shape[:2]
+        most = (LARGEST_DEGREE if self._axes is None else self._axes.degree) + 1
+        if terms > most or not np.isfinite(steps.edge).all():
+            raise InfeasibleStudyError(
+                "the circuit is too stiff to switch in a batch: its fastest mode (R/L or R_c/L) dies out within a "
+                'sampling period. Sample faster, lower R_c, raise x_over_r, or use bridge = "averaged".'
+            )
+        full = np.zeros((count, most, *steps.edge.shape[2:]))
+        full[:, :terms] = steps.edge
+        if self._axes is None:
+            return full.transpose(0, 2, 1).reshape(count, -1)
+        return full[:, :, self._by_axis].reshape(count, -1)
+
+
+def _product(transition: Array, values: NDArray[Any]) -> NDArray[Any]:
+    """Φ (n, S, S) times (n, S) or (n, S, 2)."""
+    return np.einsum("nij,nj...->ni...", transition, values)
+
+
+def _turned(source: NDArray[Any], angle: Array) -> NDArray[Any]:
+    """What the source adds, for a phasor that lies an angle (rad, (n,)) behind that at its beginning."""
+    if np.iscomplexobj(source):
+        return source * np.exp(1j * angle)[:, None]
+    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    c, s = source[..., 0], source[..., 1]
+    return np.stack([c * cosine + s * sine, s * cosine - c * sine], axis=-1)
+
+
+def _held_ramp(source: NDArray[Any]) -> Array:
+    """Values of :class:`vsgdesign.simulation.ramp_sample.RampRow`, (n, 20), where an interval has the whole source."""
+    whole = np.zeros((len(source), 20))
+    whole[:, :3], whole[:, 3:6] = np.real(source), np.imag(source)
+    return whole

@@ -1,0 +1,291 @@
+"""One run of a batch: what Python does for it where a stretch begins and ends, and what it logs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.equations.limiters import GridEstimate
+from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.identification import Probe
+from vsgdesign.operating_point.sampled import SampledState
+from vsgdesign.parameters.study import Study
+from vsgdesign.runtime.floats import on_floats
+from vsgdesign.simulation.added_source import AddedSource
+from vsgdesign.simulation.batch import Batch
+from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
+from vsgdesign.simulation.connecting import Connecting
+from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
+from vsgdesign.simulation.loop import LOG_COLUMNS, SENSED_COLUMNS
+from vsgdesign.simulation.online import OnlineScheduler
+from vsgdesign.simulation.outcome import Divergence, good_rows, outside
+from vsgdesign.simulation.probing import HeldProbe, add_offset
+from vsgdesign.simulation.records import numbers_of
+from vsgdesign.simulation.sensors import sensors_of
+from vsgdesign.simulation.timeline import Timeline, build_timeline
+
+Array = NDArray[np.float64]
+
+_gain_transfer = on_floats(gain_transfer)
+
+
+@dataclass(frozen=True, eq=False)
+class RunOf:
+    """What is simulated: a study with gains over time, or with a scheduler that is asked for them."""
+
+    study: Study
+    schedule: Sequence[GainChange] | OnlineScheduler | FieldScheduler
+    log_states: int = 0
+    """For how many first samples the controller's states are kept."""
+    probe: Probe | None = None
+    """Sent from t = 0 on, in place of one that the scheduler asks for."""
+    circuit: CircuitOfGrid | None = None
+    """Replaces the study's circuit between bridge and source."""
+
+
+class RunState:
+    """A run that is under way."""
+
+    def __init__(self, of: RunOf, timeline: Timeline | None = None) -> None:
+        """Raises InfeasibleStudyError where the scheduler's or the probe's period does not fit the sampling."""
+        self.of, self.study = of, of.study
+        self.timeline = build_timeline(of.study) if timeline is None else timeline
+        self.T_s = self.study.converter.T_s
+        self.samples = round(self.study.simulation.duration / self.T_s)
+        self.feed = _feed(of, self.timeline)
+        self.kept = round(self.study.simulation.log_interval / self.T_s)
+        self.log_every = math.gcd(self.kept, self.feed.log_samples)  # a scheduler's samples are taken from the log
+        self.divergence: Divergence | None = None
+        self.ended = self.samples
+        """The sample before which the run ends."""
+
+    def begin(self, batch: Batch, number: int, start: SampledState, circuits: Circuits) -> None:
+        """Puts the run, which is the ``number``-th of a batch, at its start."""
+        study = self.study
+        self._like = start.controller
+        names = ("x", "state", "limited", "refs", "power_gains", "grid")
+        self._now = {name: batch.view(name, number) for name in names if name in batch.spans}
+        """The numbers of the run that Python reads or sets."""
+        batch.set("x", start.plant.tolist(), number)
+        batch.set("state", start.controller, number)
+        if batch.kind.bridge.delayed:
+            batch.set("pending", start.pending, number)
+        self._sensors = sensors_of(study, start.plant, self.timeline.source_at(0.0).omega)
+        if self._sensors is not None:
+            batch.set("sensors", numbers_of(self._sensors.constants), number)
+            batch.set("before", self._sensors.before, number)
+        if self.feed.memory is not None:
+            self.feed.memory.moves_in(batch.view("lock", number))
+        self._added = AddedSource(study, self.timeline, circuits, switched=bool(batch.kind.bridge.slopes))
+        self.log = RunLog(batch, number, self.log_every, -(-self.samples // self.log_every))
+        self.feed.sensed, self.feed.more = self.log.sensed, self.log.more
+        hold = self.feed.probe_hold if self.of.probe is None else self.of.probe.hold
+        self._held = None if hold is None else HeldProbe(hold, study, self.samples)
+        self.feed.held = self._held
+        probes = hold is not None or isinstance(self.of.schedule, FieldScheduler)
+        self._connecting = Connecting(study, self.timeline, probes=probes)
+        self._gains, self._refs = self.feed.first(), self._references(0)
+        self._state, self._offset = self._read_state(), None
+        self._put: dict[str, object] = {}  # what the loop was given last
+        self._begun = 0
+        """The sample with which the stretch begins that is under way."""
+
+    def marks(self) -> list[int]:
+        """The samples before which Python does something for this run, in ascending order."""
+        samples = self.samples
+        cuts = {0, samples} | self.feed.cuts(samples) | self._added.marks(samples) | self._connecting.cuts(samples)
+        cuts |= set() if self._held is None else self._held.cuts(samples)
+        cuts |= {math.ceil(t_s / self.T_s - 1e-6) for t_s, _ in self.timeline.references}
+        return sorted(k for k in cuts if 0 <= k <= samples)
+
+    def phasors(self, marks: list[int]) -> Array:
+        """Of the source at samples, (n, 2)."""
+        return self._added.phasors(marks)
+
+    def before(self, first: int) -> None:
+        """What happens before the first sample of a stretch: gains, references, a probe, the grid behind a breaker."""
+        feed = self.feed
+        if first >= self.ended:
+            return
+        self._begun = first
+        read, refs = self._state, self._references(first)
+        feed.limited_samples = int(self._now["limited"][0])
+        gains = feed.update(first, self._gains, read, refs, self.log.rows, self.log_every)
+        # With the references of the samples before: a step of them at this sample belongs to the new gains.
+        state = with_gains(read, self._refs, self._gains, gains)
+        self._gains, self._refs = gains, refs
+        state = self._connecting.set_to_grid(first, state, gains, self._now["x"])
+        if self._held is not None:
+            self._held.ask(first, feed.wanted() if self.of.probe is None else self.of.probe)
+            refs = self._held.references(first, refs)
+            self._offset = self._held.offset(first, state.V)
+            state = add_offset(state, *self._offset)
+        if state is not read or first == 0:
+            self._put_state(state)
+        self._put_changed("refs", refs)
+        self._put_gains(first)
+
+    def fed(self, first: int, count: int) -> tuple[Array | None, Array | None, Array | None]:
+        """What the run is given over a stretch: what is added to the source (count, states + 2), over the later pieces
+        of its interval (pieces − 1, states), and the noise of the sensors (count, 9). None: nothing."""
+        if first >= self.ended:
+            return None, None, None
+        added = self._added.over(first, count)
+        noise = None if self._sensors is None else self._sensors.noise(first, count)
+        return (None, None, noise) if added is None else (added.rows, added.others, noise)
+
+    def conclude(self, done: int) -> bool:
+        """Ends the cycle of a field estimator, if one ends before sample ``done``. Returns whether the run goes on: it
+        does not if it has diverged."""
+        state = self._read_state()
+        if self._outside(state) is not None:
+            return False
+        if not self.feed.closed:
+            return True
+        gains = self.feed.conclude(done, self._gains, state)
+        self._put_state(with_gains(state, self._refs, self._gains, gains))
+        self._gains = gains
+        self._put_gains(done)
+        return True
+
+    def after(self, done: int) -> None:
+        """What happens after the last sample of a stretch, before sample ``done``. The run may have diverged."""
+        if done > self.ended:
+            return
+        state = self._read_state()
+        if self._offset is not None:
+            state = add_offset(state, -self._offset[0], -self._offset[1])
+            self._put_state(state)
+        self._state, why = state, self._outside(state)
+        if why is not None:
+            good = self.log.good(self.study, self._begun, done)
+            diverged_s = good * self.log_every * self.T_s
+            self.divergence = Divergence(diverged_s, f"the simulation diverged at {diverged_s:.4g} s: {why}")
+            self.log.end(good)
+            self.ended = done
+
+    @property
+    def too_short(self) -> bool:
+        """Whether it has diverged before two rows of its log."""
+        return self.divergence is not None and self.log.length <= self.kept // self.log_every
+
+    def finish(self) -> None:
+        """Hands over the last window."""
+        self.feed.limited_samples = int(self._now["limited"][0])
+        state = self._read_state()
+        refs = self._references(self.samples)
+        self.feed.finish(self.samples, self._gains, state, refs, self.log.rows, self.log_every)
+
+    @property
+    def final_state(self) -> ControllerState:
+        """The controller's state at the end."""
+        return self._state
+
+    @property
+    def final_plant(self) -> Array:
+        """The circuit's state at the end."""
+        return self._now["x"].copy()
+
+    def _outside(self, state: ControllerState) -> str | None:
+        return outside(self.study, self._now["x"], state)
+
+    def _read_state(self) -> ControllerState:
+        numbers = self._now["state"].tolist()
+        count = len(self._like) - 1
+        return ControllerState(*numbers[:count], limiter=type(self._like.limiter)(*numbers[count:]))
+
+    def _put_state(self, state: ControllerState) -> None:
+        self._now["state"][:] = flat_state(state)
+
+    def _references(self, sample: int) -> References:
+        """At a sample, with the slack by which instants are taken to coincide with it."""
+        return self.timeline.references_at((sample + 1e-6) * self.T_s)
+
+    def _put_gains(self, sample: int) -> None:
+        self._put_changed("power_gains", self._gains)
+        grid = self.feed.grid(sample) or self.study.grid
+        if self._put.get("grid") != grid:
+            self._put["grid"] = grid
+            if "grid" in self._now:
+                self._now["grid"][:] = GridEstimate(grid.R_g, grid.L_g)
+
+    def _put_changed(self, name: str, record: PowerLoopGains | References) -> None:
+        """Gives the loop a record if it is another one than it has."""
+        known = self._put.get(name)
+        if known is not record and known != record:
+            self._put[name] = record
+            self._now[name][:] = record
+
+
+class RunLog:
+    """What a batch has logged of one run."""
+
+    def __init__(self, batch: Batch, number: int, every: int, length: int) -> None:
+        group, lane = batch.lane(number)
+        self._whole = batch.logs[-1].rows[group, :, :, lane]
+        self._states = [log.rows[group, :, :, lane] for log in batch.logs[:-1]]
+        self._sensed = len(SENSED_COLUMNS) if batch.kind.sensors else 0
+        self._every, self.length = every, length
+
+    @property
+    def rows(self) -> Array:
+        """(n, len(LOG_COLUMNS))."""
+        return self._whole[: self.length, : len(LOG_COLUMNS)]
+
+    @property
+    def sensed(self) -> Array:
+        """(n, 4): what the sensors say of the capacitor node's voltage and of i_g; (0, 4) where they are ideal."""
+        found = self._whole[: self.length, len(LOG_COLUMNS) : len(LOG_COLUMNS) + self._sensed]
+        return found if self._sensed else np.empty((0, len(SENSED_COLUMNS)))
+
+    @property
+    def more(self) -> Array:
+        """(n, m): the circuit's other states."""
+        return self._whole[: self.length, len(LOG_COLUMNS) + self._sensed :]
+
+    @property
+    def states(self) -> Array:
+        """The controller's states, a row for each of the first samples."""
+        if not self._states:
+            return np.empty((0, 0))
+        return self._states[0][: self.length * self._every, self._whole.shape[1] :].copy()
+
+    def good(self, study: Study, begin: int, end: int) -> int:
+        """How many rows come before the first one among those of samples ``begin`` to ``end`` − 1 that has diverged."""
+        first, last = -(-begin // self._every), -(-end // self._every)
+        return first + good_rows(study, self.rows[first:last])
+
+    def end(self, rows: int) -> None:
+        """The log ends after so many rows."""
+        self.length = rows
+
+
+def with_gains(
+    state: ControllerState, refs: References, before: PowerLoopGains, after: PowerLoopGains
+) -> ControllerState:
+    """The state with other gains; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
+    if after is before:
+        return state
+    return state._replace(omega_i=_gain_transfer(state.omega_i, refs, before, after))
+
+
+def _feed(of: RunOf, timeline: Timeline) -> ListedGains | OnlineGains | FieldScheduler:
+    schedule, study = of.schedule, of.study
+    if isinstance(schedule, FieldScheduler):
+        if of.probe is not None:
+            raise InfeasibleStudyError(
+                "probe: a field estimator sends its own in every sample and listens to that one alone. Leave probe "
+                "out, or give a controller without a field estimator."
+            )
+        return schedule.fresh()
+    T_s = study.converter.T_s
+    return ListedGains(schedule, T_s) if isinstance(schedule, Sequence) else OnlineGains(schedule, study, timeline)
