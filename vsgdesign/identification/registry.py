@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from importlib import import_module
+
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.identification.constant import ConstantGuess
-from vsgdesign.identification.field import field_estimator, field_network_estimator
-from vsgdesign.identification.injection import Injection
 from vsgdesign.identification.interface import Estimator, EstimatorKind, Installation
-from vsgdesign.identification.kalman import ExtendedKalmanFilter
-from vsgdesign.identification.neural import installed_network
-from vsgdesign.identification.pseudo_random import PseudoRandomSequence
-from vsgdesign.identification.recursive import RecursiveLeastSquares
-from vsgdesign.identification.two_windows import TwoWindows
 
 GUESS_SCR = 6.3
 """Short-circuit ratio (on the reactance, X/R 1) with which estimators begin if nothing better is known. It is the
 geometric mean of 2 and 20."""
 
+
+def _later(module: str, name: str) -> Callable[[Installation], Estimator]:
+    """Builds an estimator of a module here that is imported for the first one: a controller has one of them, and all
+    imports together take longer than those of the scheduler."""
+
+    def build(at: Installation) -> Estimator:
+        return getattr(import_module(f"vsgdesign.identification.{module}"), name)(at)
+
+    return build
+
+
 ESTIMATORS: dict[str, EstimatorKind] = {
-    "constant": EstimatorKind("a constant guess", ConstantGuess),
-    "two_windows": EstimatorKind("two windows about a step", TwoWindows),
-    "rls": EstimatorKind("recursive least squares", RecursiveLeastSquares),
-    "kalman": EstimatorKind("the extended Kalman filter", ExtendedKalmanFilter),
-    "injection": EstimatorKind("the injected line", Injection),
-    "prbs": EstimatorKind("the pseudo-random sequence", PseudoRandomSequence),
-    "field": EstimatorKind("the field estimator", field_estimator, by_sample=True, in_c=True),
+    "constant": EstimatorKind("a constant guess", _later("constant", "ConstantGuess")),
+    "two_windows": EstimatorKind("two windows about a step", _later("two_windows", "TwoWindows")),
+    "rls": EstimatorKind("recursive least squares", _later("recursive", "RecursiveLeastSquares")),
+    "kalman": EstimatorKind("the extended Kalman filter", _later("kalman", "ExtendedKalmanFilter")),
+    "injection": EstimatorKind("the injected line", _later("injection", "Injection")),
+    "prbs": EstimatorKind("the pseudo-random sequence", _later("pseudo_random", "PseudoRandomSequence")),
+    "field": EstimatorKind("the field estimator", _later("field", "field_estimator"), by_sample=True, in_c=True),
     "field_network": EstimatorKind(
-        "the field estimator with its network", field_network_estimator, by_sample=True, field_network=True, in_c=True
+        "the field estimator with its network",
+        _later("field", "field_network_estimator"),
+        by_sample=True,
+        field_network=True,
+        in_c=True,
     ),
-    "neural": EstimatorKind("the network", installed_network, trained=True, in_c=True),
+    "neural": EstimatorKind("the network", _later("neural", "installed_network"), trained=True, in_c=True),
 }
 """Every estimator by its name in a study. A new estimator is one more entry: the study reader, the simulation and the
 comparison use this table alone."""

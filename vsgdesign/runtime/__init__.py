@@ -1,4 +1,10 @@
-"""The part that runs on the controller. It needs NumPy alone."""
+"""The part that runs on the controller. It needs NumPy alone.
+
+A scheduler is what most of its users want. What else there is here is imported when it is asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from vsgdesign.identification import (
     ESTIMATORS,
@@ -15,14 +21,24 @@ from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.closed_form import ClosedFormSchedule, closed_form_schedule
 from vsgdesign.runtime.guards import REASONS, STATUSES, SchedulerSettings, box_settings, settings_of, status_text
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
-from vsgdesign.runtime.many import ManySchedulers
-from vsgdesign.runtime.network import load_neural_estimator
-from vsgdesign.runtime.power_controller import PowerController
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.scheduler import Scheduler, closed_form_scheduler, load_scheduler, scheduler_of
 from vsgdesign.runtime.table import TableSchedule, table_schedule
 from vsgdesign.runtime.updating import Answer
-from vsgdesign.runtime.whole_controller import guarded_step
+
+if TYPE_CHECKING:
+    from vsgdesign.runtime.many import ManySchedulers
+    from vsgdesign.runtime.network import load_neural_estimator
+    from vsgdesign.runtime.power_controller import PowerController
+    from vsgdesign.runtime.whole_controller import guarded_step
+
+_LATER = {
+    "ManySchedulers": "many",
+    "PowerController": "power_controller",
+    "guarded_step": "whole_controller",
+    "load_neural_estimator": "network",
+}
+"""What is imported when it is asked for, and its module here."""
 
 __all__ = [
     "ESTIMATORS",
@@ -59,3 +75,9 @@ __all__ = [
     "status_text",
     "table_schedule",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
