@@ -8,13 +8,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import StudyError
-from vsgdesign.explore.state import LABELS, StateError, defaults, fault, faults_of, gains_read, limits_of, shown_units
+from vsgdesign.explore.state import LABELS, StateError, defaults, fault, faults_of, limits_of, shown_units
 from vsgdesign.parameters.changing import changed_with_same_inner_loops
+from vsgdesign.parameters.fields import Field, at, picked
 from vsgdesign.parameters.reader import Asked
+from vsgdesign.parameters.reference import field_at, plain_meaning
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.parameters.targets import Gains
 from vsgdesign.parameters.units import UnitError, format_quantity, parse_quantity
+
+_MOST_CHOICES = 4
+"""Values of a whole number that the page shows as a choice instead of a slider."""
 
 POINT, ESTIMATE, DESIGN, LIMITS = "Grid and operating point", "Estimate", "Design", "Filters and limits"
 
@@ -35,7 +42,18 @@ class StudyField:
     group: str
     used_by: Callable[[ControllerSpec], bool]
     """Whether it changes anything for a controller."""
-    choices: tuple[int, ...] = ()
+
+    @property
+    def of_study(self) -> Field:
+        """The field as a study file has it, with its meaning."""
+        return field_at(self.path)
+
+    @property
+    def choices(self) -> tuple[int, ...]:
+        """The values of a whole number with few of them."""
+        one = self.of_study
+        few = one.kind == "whole number" and at(one.high, {}) - at(one.low, {}) < _MOST_CHOICES
+        return tuple(range(int(at(one.low, {})), int(at(one.high, {})) + 1)) if few else ()
 
 
 def _closed_form(spec: ControllerSpec) -> bool:
@@ -63,8 +81,14 @@ def _every(spec: ControllerSpec) -> bool:  # noqa: ARG001 - as the others
     return True
 
 
-def _row(path: str, label: str, shown: tuple[str, float], slider: tuple[float, float, float], *rest: Any) -> StudyField:
-    group, used_by, *choices = rest
+def _row(
+    path: str,
+    label: str,
+    shown: tuple[str, float],
+    slider: tuple[float, float, float],
+    group: str,
+    used_by: Callable[[ControllerSpec], bool],
+) -> StudyField:
     return StudyField(
         path=path,
         label=label,
@@ -74,7 +98,6 @@ def _row(path: str, label: str, shown: tuple[str, float], slider: tuple[float, f
         step=slider[2],
         group=group,
         used_by=used_by,
-        choices=tuple(choices),
     )
 
 
@@ -91,7 +114,7 @@ STUDY_FIELDS = (
     _row("power_loops.Q_droop", "Q–V droop", _PER_CENT, (0.0, 100.0, 0.5), DESIGN, _with_Q_droop),
     _row("power_loops.tau_P", "Filter of P", _MS, (0.0, 100.0, 0.5), LIMITS, _every),
     _row("power_loops.tau_Q", "Filter of Q", _MS, (0.0, 100.0, 0.5), LIMITS, _every),
-    _row("converter.delay_samples", "Delay of the control", ("samples", 1.0), (0, 1, 1), LIMITS, _every, 0, 1),
+    _row("converter.delay_samples", "Delay of the control", ("samples", 1.0), (0, 1, 1), LIMITS, _every),
     _row("converter.current_limit_pu", "Current limit", _PU, (1.0, 3.0, 0.05), LIMITS, _every),
 )
 """Fields of a study that the page may change, in the order in which it shows them."""
@@ -110,11 +133,16 @@ def fields_of(study: Study, ready: Ready) -> list[dict[str, Any]]:  # noqa: ARG0
 
 def gains_of() -> list[dict[str, Any]]:
     """The gains that can be given by hand, for the page: name, label, unit, least and largest value, in SI."""
-    asked: dict[str, Asked] = {}
-    gains_read({}, [], asked)
     return [
-        {"name": name, "label": name, "unit": one.unit, "low": one.low, "high": one.high}
-        for name, one in ((path.removeprefix("own."), one) for path, one in asked.items())
+        {
+            "name": one.name,
+            "label": one.name,
+            "unit": one.unit,
+            "low": one.low,
+            "high": one.high,
+            "meaning": plain_meaning(one),
+        }
+        for one in picked(Gains, *PowerLoopGains._fields)
     ]
 
 
@@ -176,6 +204,7 @@ def _study_fields(study: Study) -> list[dict[str, Any]]:
             "value": None if value is None else value * one.scale,
             "group": one.group,
             "controllers": names,
+            "meaning": plain_meaning(one.of_study),
         }
         found.append(row | ({"kind": "choice", "choices": list(one.choices)} if one.choices else {}))
     return found

@@ -707,11 +707,13 @@ def controller(
         (:eq:`critical-settling`) (0.01 to 1000 in s; default of `[power_loops]`).
         damping_ratio: ξ of the P loop (0.05 to 20; default of `[power_loops]`).
         droop_ratio: q in D_q = q·D (0 to 10; default of `[power_loops]`).
-        P_design: Operating point at which A and D are taken (±2 S_rated in W; default of `[power_loops]`).
-        Q_design: The same (±2 S_rated in var; default of `[power_loops]`).
+        P_design: Active power of the operating point at which A and D are taken (±2 S_rated in W; default of
+        `[power_loops]`).
+        Q_design: Reactive power of this operating point (±2 S_rated in var; default of `[power_loops]`).
         k_1: Pole placement of δ: s² + d_1 s + k_1 (0.001 to 1e6 in 1/s²; default of `[power_loops]`, scaled:
         21.3/T_set²).
-        d_1: The same (0.001 to 1e4 in 1/s; default of `[power_loops]`, scaled: 8.24/T_set).
+        d_1: Pole placement of δ: s² + d_1 s + k_1 (0.001 to 1e4 in 1/s; default of `[power_loops]`, scaled:
+        8.24/T_set).
         k_2: Pole placement of V: s + k_2 (0.001 to 1e4 in 1/s; default of `[power_loops]`, scaled:
         3.91/T_set).
         P_droop: Frequency deviation, pu, that rated power answers; 0: none. `decoupled` has the droop that

@@ -6,9 +6,11 @@ The words come from :mod:`vsgdesign.parameters.fields`, so that a field is descr
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 
-from vsgdesign.parameters.fields import Field, Limit, Times
+from vsgdesign.parameters.building import Sections
+from vsgdesign.parameters.fields import Field, Limit, Times, fields_of
 from vsgdesign.parameters.reader import REQUIRED
 
 HEADER = ("| field | unit | limits | default | meaning |", "| --- | --- | --- | --- | --- |")
@@ -20,6 +22,12 @@ def tables_of(fields: tuple[Field, ...], path: str = "") -> Iterator[tuple[str, 
     for one in fields:
         if one.of:
             yield from tables_of(one.fields, f"{path}.{one.name}" if path else one.name)
+
+
+def field_at(path: str) -> Field:
+    """The field of a path such as ``power_loops.tau_P``. Raises KeyError for a path that a study does not have."""
+    table, _, name = path.rpartition(".")
+    return {one.name: one for one in dict(tables_of(fields_of(Sections)))[table]}[name]
 
 
 def table_lines(fields: tuple[Field, ...]) -> list[str]:
@@ -110,6 +118,12 @@ def _meaning(text: str) -> str:
     """A docstring as the page has it: without a capital at its begin and a full stop at its end."""
     text = text.removesuffix(".")
     return text[:1].lower() + text[1:] if text[1:2].islower() or text.startswith("A ") else text
+
+
+def plain_meaning(one: Field) -> str:
+    """The meaning of a field as text without links and marks."""
+    text = re.sub(r" \(:eq:`[^`]*`\)", "", one.meaning.removesuffix("."))
+    return re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", text).replace("`", "")
 
 
 def type_text(one: Field, table: str = "Mapping[str, Any]") -> str:

@@ -28,15 +28,15 @@ class ClosedFormTarget:
     droop_ratio: float = number("1", 0.0, 10.0, default=0.01)
     """q in D_q = q·D."""
     P: float = number("W", -1.0 * _MOST, _MOST, default=0.9 * S_RATED, name="P_design")
-    """Operating point at which A and D are taken."""
+    """Active power of the operating point at which A and D are taken."""
     Q: float = number("var", -1.0 * _MOST, _MOST, default=0.2 * S_RATED, name="Q_design")
-    """The same."""
+    """Reactive power of this operating point."""
     structure: str = word(lambda: tuple(STRUCTURES), default=PUBLISHED.name)
     """Control law."""
     k_1: float = number("1/s²", 1e-3, 1e6, default=EQUAL_TIMES.k_1, shown="scaled: 21.3/T_set²")
     """Pole placement of δ: s² + d_1 s + k_1."""
     d_1: float = number("1/s", 1e-3, 1e4, default=EQUAL_TIMES.d_1, shown="scaled: 8.24/T_set")
-    """The same."""
+    """Pole placement of δ: s² + d_1 s + k_1."""
     k_2: float = number("1/s", 1e-3, 1e4, default=EQUAL_TIMES.k_2, shown="scaled: 3.91/T_set")
     """Pole placement of V: s + k_2."""
     P_droop: float = number("1", 0.0, 1.0, default=0.05)
@@ -64,7 +64,7 @@ class Filters:
     tau_P: float = number("s", 0.0, 1.0, default=0.0)
     """Time constant of the filter on P; 0: none."""
     tau_Q: float = number("s", 0.0, 1.0, default=0.0)
-    """The same on Q."""
+    """Time constant of the filter on Q; 0: none."""
     power_filter: str = word(POWER_FILTERS, default="low_pass")
     """`notch`: before these filters, a notch at twice the nominal frequency in P and Q takes away what a negative
     sequence makes of them ([why](theory/power-filters.md))."""

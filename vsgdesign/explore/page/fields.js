@@ -27,10 +27,8 @@ export class Field {
     this.fault.setAttribute("role", "alert");
     this.input.setAttribute("aria-describedby", this.fault.id);
     const unit = made("span", { className: "unit" }, spec.unit || "");
-    const about = [
-      spec.path.includes(".") ? spec.path : "",
-      spec.controllers ? `acts on ${spec.controllers.join(", ")}` : "",
-    ];
+    const path = spec.path.includes(".") ? spec.path : "";
+    const about = [spec.meaning, path, spec.controllers ? `acts on ${spec.controllers.join(", ")}` : ""];
     const name = made("label", { htmlFor: id, title: about.filter(Boolean).join("; ") }, spec.label);
     this.ends = spec.slider || [spec.low, spec.high];
     const ends = this.ends.every(Number.isFinite) && this.ends[0] < this.ends[1];
@@ -347,6 +345,7 @@ export class FieldList {
           path: `own.${name}`,
           label: known.label || name,
           unit: known.unit || "",
+          meaning: known.meaning,
           step,
           value: own[name],
           digits: 4,
