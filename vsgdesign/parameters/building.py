@@ -64,7 +64,7 @@ from vsgdesign.parameters.stability import StabilitySpec, read_stability
 from vsgdesign.parameters.study import Event, InnerLoopRequest, Study
 from vsgdesign.parameters.survival import SurvivalSpec
 from vsgdesign.parameters.targets import POWER_LOOPS, Filters, read_target
-from vsgdesign.parameters.verification import VERIFICATION, read_verification
+from vsgdesign.parameters.verification import read_verification, verification_fields
 
 SCHEMA = 1
 
@@ -149,7 +149,7 @@ class Sections:
     """The network that estimates the grid for controllers with `estimate = "neural"`."""
     survival: Any = subtable(SurvivalSpec, shown=_BELOW)
     """Random disturbances of a survival measurement."""
-    verification: Any = subtable(VERIFICATION, shown=_BELOW)
+    verification: Any = subtable(verification_fields, shown=_BELOW)
     """Random cases with which promises are tested."""
     background: Any = subtable(BACKGROUND)
     """What the voltage of a real grid does besides the events."""

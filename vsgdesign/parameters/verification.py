@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from vsgdesign.equations.grid import MOST_ERROR_Z
@@ -15,6 +15,7 @@ from vsgdesign.parameters.fields import (
     S_RATED,
     SEEDS,
     V_RATED,
+    Field,
     Scope,
     at,
     drawn,
@@ -249,8 +250,8 @@ class _Stepped:
 
     weight: float | None = _weight("never")
     """Weight among all disturbances."""
-    size: Range | None = drawn("1", 1e-4, 1e3, default=None, shown="that of the kind")
-    """By how much."""
+    size: Range = drawn("1", 1e-4, 1e3)
+    """By how much, pu."""
 
 
 class _Families:
@@ -280,15 +281,31 @@ def families() -> tuple[str, ...]:
     return (*FAMILIES, *EVENT_KINDS.steps)
 
 
-VERIFICATION = (
-    *fields_of(VerificationSpec),
-    *fields_of(_Basis),
-    *fields_of(_Place),
-    *fields_of(_Errors),
-    *fields_of(_Silent),
-    *fields_of(_Families),
-)
-"""The fields of [verification]."""
+def verification_fields() -> tuple[Field, ...]:
+    """The fields of [verification]."""
+    return (
+        *fields_of(VerificationSpec),
+        *fields_of(_Basis),
+        *fields_of(_Place),
+        *fields_of(_Errors),
+        *fields_of(_Silent),
+        *_family_fields(),
+    )
+
+
+def _family_fields() -> tuple[Field, ...]:
+    """A table for each kind of disturbance, in the order of :func:`families`."""
+    weight, size = fields_of(_Stepped)
+    steps = {step.name: step for _, step in EVENT_KINDS.steps.values()}
+    of = {
+        name: (weight, replace(size, unit="1" if step.unit == "pu" else step.unit, high=step.most, default=step.size))
+        for name, step in steps.items()
+    }
+    more = (
+        Field(kind="table", name=name, of=of[name], default=None, shown="as below", explained=f"{steps[name].title}.")
+        for name in steps
+    )
+    return (*fields_of(_Families), *more)
 
 
 def read_verification(
@@ -322,16 +339,11 @@ def read_verification(
 
 def _read_families(table: TableReader, scope: Scope) -> dict[str, CaseFamily]:
     found = {}
-    steps = {name: step for name, (_, step) in EVENT_KINDS.steps.items()}
-    readers = {family.name: family.of for family in fields_of(_Families)} | dict.fromkeys(steps, _Stepped)
-    for name, of in readers.items():
+    for family in _family_fields():
+        name = family.name
         own = table.child(name) or TableReader({}, table.name(name), table.faults)
-        ranges = values(of, own, scope)
+        ranges = values(family.of, own, scope)
         weight = ranges.pop("weight")
-        if name in steps:
-            ranges["size"] = ranges["size"] or steps[name].size
-            if ranges["size"][1] > steps[name].most:
-                own.fault("size", ranges["size"][1], f"is more than {steps[name].most:g}", "Ask for less.")
         found[name] = CaseFamily(weight, ranges)
         if weight == 0.0 and len(own.table) > 1:
             own.fault("weight", 0, "the family is never drawn, and its other fields have no effect", "Leave them out.")
