@@ -144,7 +144,7 @@ def test_the_study_in_json(session: Session) -> None:
         assert low < place.scr < high
         assert left < place.x_over_r < right
     assert low < info["defaults"]["scr"] < high
-    assert {one["kind"] for one in info["events"]} == {"step", "grid", "phase", "sag", "ramp"}
+    assert {one["kind"] for one in info["events"]} == {"step", "grid", "phase", "sag", "ramp", "voltage_set_point"}
     assert info["modes"]["re"][0] < 0.0 < info["modes"]["re"][1]
     assert session.info() is session.info()
 

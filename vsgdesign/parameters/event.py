@@ -15,7 +15,7 @@ from typing import Any
 from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import UnknownNameError
 from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.fields import F_N, MOST_REFERENCE, Field, Limit
+from vsgdesign.parameters.fields import F_N, MOST_REFERENCE, V_MAX, V_MIN, Field, Limit
 from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.parameters.network import Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
@@ -434,5 +434,37 @@ def _power(signal: str, unit: str) -> EventKind:
     )
 
 
-EVENT_KINDS = EventKinds((_VOLTAGE, _FREQUENCY, _PHASE, _power("P", "W"), _power("Q", "var")))
+_VOLTAGE_SET_POINT = EventKind(
+    name="V_ref_pu",
+    quantity="V_n",
+    unit="1",
+    low=V_MIN,
+    high=V_MAX,
+    meaning="set point of the voltage in the Q–V droop, pu of rated. A controller without this droop does not answer",
+    one=lambda c: c.V_rated_rms,
+    words=lambda V, c: f"V_ref {V / c.V_rated_rms:.4g} pu",
+    of_suite=OfSuite(
+        name="V_ref_pu",
+        unit="1",
+        limits=(0.5, 1.5),
+        of_study=lambda V_pu, _: V_pu,
+        words="V_ref to {} pu",
+        sentence="V_ref to {} pu",
+        short=lambda V_pu: f"V_ref {V_pu:.4g} pu",
+    ),
+    step=StepOfKind(
+        name="voltage_set_point",
+        title="Steps of V_ref",
+        noun="steps of V_ref",
+        label="step of V_ref",
+        unit="pu",
+        start=lambda c: c.V_rated_rms,
+        one=lambda c: c.V_rated_rms,
+        size=(0.01, 0.05),
+        most=0.25,
+    ),
+    answers="D_q",
+    needs="Q–V droop",
+)
+EVENT_KINDS = EventKinds((_VOLTAGE, _FREQUENCY, _PHASE, _power("P", "W"), _power("Q", "var"), _VOLTAGE_SET_POINT))
 """The quantities that an event may change, in the order in which an event is described."""
