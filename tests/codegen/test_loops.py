@@ -12,7 +12,8 @@ import pytest
 
 from tests.codegen.twins import twin
 from vsgdesign.codegen.llvm import LoopSpec, Program, best_lanes, compiled_loop, empty_rows, flat_block
-from vsgdesign.codegen.machine_code import host, instruction_set
+from vsgdesign.codegen.llvm_loop import loop_text
+from vsgdesign.codegen.machine_code import assembly, host, instruction_set, target_named
 
 
 class Moved(NamedTuple):
@@ -173,6 +174,16 @@ def test_every_instruction_set_gives_the_same_bits(target: str, lanes: int) -> N
     call(compiled_loop(SPEC), expected, 0, END)
     call(compiled_loop(dataclasses.replace(SPEC, lanes=lanes, vectors=4 // lanes), target), ours, 0, END)
     same(ours, expected)
+
+
+def test_the_same_loop_for_another_host() -> None:
+    """The target is a value of the printer: the text of WebAssembly has its vectors, and cannot run here."""
+    spec = dataclasses.replace(SPEC, lanes=target_named("wasm").lanes, vectors=2)
+    text = assembly(loop_text(spec), "wasm")
+    assert ".globaltype" in text
+    assert "f64x2.mul" in text
+    with pytest.raises(ValueError, match="this processor cannot run it, for it is another machine"):
+        instruction_set("wasm")
 
 
 def test_a_loop_that_may_round_less_is_near() -> None:

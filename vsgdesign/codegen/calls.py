@@ -34,7 +34,7 @@ from vsgdesign.codegen.expressions import (
 )
 from vsgdesign.codegen.language import FUNCTIONS, instead_of
 from vsgdesign.codegen.records import SCALARS, Record, is_record, known, leaves
-from vsgdesign.equations.integration import advanced
+from vsgdesign.codegen.source import integrates
 
 _signature = functools.cache(inspect.signature)
 
@@ -46,7 +46,7 @@ class Calls(Body):
         self, node: ast.Call, callee: Any, given: list[Any], named: dict[str, Any], wanted: tuple[str, ...]
     ) -> Any:
         """A call's value; ``wanted`` are the names of its results, if they get any."""
-        if callee is advanced:
+        if isinstance(callee, types.FunctionType) and integrates(callee):
             return self.advance(node, self.bound(node, callee, given, named))
         if callee is np.where:
             condition, one, other = given

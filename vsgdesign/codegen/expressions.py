@@ -10,10 +10,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 ADVANCED = "advanced"
-"""The integrator's step, :func:`vsgdesign.equations.integration.advanced`: the one operation that is not pure in every
-target, since a target with single precision keeps a compensated sum."""
+"""The integrator's step: the one operation that is not pure in every target, since a target with single precision keeps
+a compensated sum."""
 
 COMPARISONS = ("<", ">", "<=", ">=", "==", "!=")
+
+INTEGRATED = "integrated"
+"""Mark of a function that moves an integrator: ``Annotated[Any, INTEGRATED]`` is what it returns."""
 
 REAL, FLAG, COUNT, NUMBERS = "real", "flag", "count", "numbers"
 """What a value is: a number, true or false, a whole number of 32 bits, a row of numbers."""

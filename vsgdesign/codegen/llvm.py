@@ -16,7 +16,7 @@ from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.llvm_loop import NAME, loop_text
 from vsgdesign.codegen.loop_call import Loop, Program, StandingLoop
 from vsgdesign.codegen.loop_spec import LoopSpec
-from vsgdesign.codegen.machine_code import compiled, instruction_set
+from vsgdesign.codegen.machine_code import compiled, target_named
 
 __all__ = [
     "Block",
@@ -33,12 +33,10 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-_LANES = {"avx512": 8, "avx2": 4, "sse2": 2, "other": 2}
-
 
 def best_lanes(target: str = "native") -> int:
     """Numbers in a vector register: 8 with AVX-512, 4 with AVX2, else 2."""
-    return _LANES[instruction_set(target)]
+    return target_named(target).lanes
 
 
 def empty_rows(spec: LoopSpec, groups: int) -> Floats:

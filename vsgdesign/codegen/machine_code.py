@@ -9,9 +9,31 @@ import threading
 from dataclasses import dataclass
 from typing import Any
 
-TARGETS = ("native", "avx512", "avx2", "sse2")
-_CPUS = {"avx512": "x86-64-v4", "avx2": "x86-64-v3", "sse2": "x86-64"}
-_NEEDED = {"avx512": ("avx512f", "avx512dq", "avx512vl", "avx512bw", "avx512cd"), "avx2": ("avx2", "fma"), "sse2": ()}
+
+@dataclass(frozen=True)
+class Target:
+    """What machine code is made for: all that the printer and LLVM must know of it."""
+
+    name: str
+    cpu: str
+    features: str = ""
+    """As LLVM takes them: ``+simd128``."""
+    lanes: int = 2
+    """Numbers in a vector register."""
+    needed: tuple[str, ...] = ()
+    """What a processor must have to run it in this process."""
+    triple: str = ""
+    """Of another host; empty for this process."""
+
+
+AVX512 = Target("avx512", "x86-64-v4", lanes=8, needed=("avx512f", "avx512dq", "avx512vl", "avx512bw", "avx512cd"))
+AVX2 = Target("avx2", "x86-64-v3", lanes=4, needed=("avx2", "fma"))
+SSE2 = Target("sse2", "x86-64")
+WASM = Target("wasm", "generic", "+simd128", triple="wasm32-unknown-unknown")
+"""WebAssembly with vectors: :func:`assembly` alone makes it."""
+
+TARGETS = {target.name: target for target in (AVX512, AVX2, SSE2, WASM)}
+"""The targets by name, the best of this process first."""
 
 _lock = threading.Lock()
 _engines: dict[tuple[str, str, str, bool], tuple[Any, int]] = {}
@@ -42,20 +64,29 @@ def host() -> Host:
     )
 
 
-def instruction_set(target: str = "native") -> str:
-    """avx512, avx2 or sse2; ``native`` is the best that this processor has. ``other`` where it is not an x86."""
-    if target not in TARGETS:
-        raise ValueError(f"target = {target!r}: give one of {', '.join(TARGETS)}.")
+def target_named(name: str = "native") -> Target:
+    """The target of a name; ``native`` is the best that this process can run, ``other`` where it is not an x86.
+
+    Raises ValueError for an unknown name.
+    """
     here = host()
-    if target == "native":
-        if not here.x86:
-            return "other"
-        return next(name for name in ("avx512", "avx2", "sse2") if here.features.issuperset(_NEEDED[name]))
-    missing = [name for name in _NEEDED[target] if name not in here.features]
-    if missing or not here.x86:
-        what = f"it lacks {', '.join(missing)}" if here.x86 else "it is not an x86"
+    if name in TARGETS:
+        return TARGETS[name]
+    if name != "native":
+        raise ValueError(f"target = {name!r}: give one of {', '.join(('native', *TARGETS))}.")
+    if not here.x86:
+        return Target("other", here.cpu, ",".join(f"+{feature}" for feature in sorted(here.features)))
+    return next(one for one in TARGETS.values() if here.features.issuperset(one.needed))
+
+
+def instruction_set(target: str = "native") -> str:
+    """avx512, avx2, sse2 or other. Raises ValueError for a target that this process cannot run."""
+    found, here = target_named(target), host()
+    missing = [name for name in found.needed if name not in here.features]
+    if found.triple or missing or (found.name in TARGETS and not here.x86):
+        what = f"it lacks {', '.join(missing)}" if here.x86 and missing else "it is another machine"
         raise ValueError(f"target = {target!r}: this processor cannot run it, for {what}. Give native.")
-    return target
+    return found.name
 
 
 def compiled(text: str, name: str, target: str = "native", quickly: bool = False) -> int:
@@ -72,7 +103,7 @@ def compiled(text: str, name: str, target: str = "native", quickly: bool = False
 
 
 def assembly(text: str, target: str = "native") -> str:
-    """The processor's instructions of a module, to be read."""
+    """A target's instructions of a module, to be read or given to its own assembler."""
     module, machine = _parsed(text, target)
     return machine.emit_assembly(module)
 
@@ -92,13 +123,14 @@ def _parsed(text: str, target: str, effort: int = 2) -> tuple[Any, Any]:
 
     _start()
     # Of an x86 its instruction set alone counts, not its make: then every machine that has it gives the same bits.
-    known = instruction_set(target)
-    cpu, features = host().cpu, ",".join(f"+{name}" for name in sorted(host().features))
-    if known in _CPUS:
-        cpu, features = _CPUS[known], ""
-    machine = binding.Target.from_default_triple().create_target_machine(
-        cpu=cpu, features=features, opt=effort, jit=True
-    )
+    wanted = target_named(target)
+    if wanted.triple:
+        binding.initialize_all_targets()
+        binding.initialize_all_asmprinters()
+        kind = binding.Target.from_triple(wanted.triple)
+    else:
+        kind = binding.Target.from_default_triple()
+    machine = kind.create_target_machine(cpu=wanted.cpu, features=wanted.features, opt=effort, jit=not wanted.triple)
     module = binding.parse_assembly(text)
     module.verify()
     return module, machine

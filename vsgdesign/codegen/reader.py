@@ -39,8 +39,7 @@ from vsgdesign.codegen.expressions import (
     parts,
 )
 from vsgdesign.codegen.records import SCALARS, Kinds, Record, is_record, known, leaves
-from vsgdesign.codegen.source import Source, UntranslatableError, documented_results, marked, source_of
-from vsgdesign.equations.integration import advanced
+from vsgdesign.codegen.source import Source, UntranslatableError, documented_results, integrates, marked, source_of
 
 
 class Library:
@@ -64,8 +63,10 @@ class Library:
     def read(self, function: Any, fixed: Mapping[str, Any] | None = None) -> Function:
         """The function with these arguments known. Raises UntranslatableError with file and line."""
         fixed = dict(fixed or {})
-        if function is advanced:
-            raise UntranslatableError("advanced: every target has its own. Give the functions that call it.")
+        if integrates(function):
+            raise UntranslatableError(
+                f"{function.__name__}: every target has its own. Give the functions that call it."
+            )
         key = function, tuple(sorted((name, _identity(value)) for name, value in fixed.items()))
         if key not in self._found:
             source = source_of(function)

@@ -14,11 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import vsgdesign
-from vsgdesign.codegen.expressions import COUNT, NUMBERS
+from vsgdesign.codegen.expressions import COUNT, INTEGRATED, NUMBERS
 from vsgdesign.errors import VsgDesignError
 
-_PACKAGE = Path(vsgdesign.__file__).resolve().parent.parent
 _FOR_TOOLS = ("fmt:", "noqa", "type:", "pyright:", "ruff:")
 
 
@@ -54,8 +52,7 @@ def source_of(function: Any) -> Source:
         file = str(inspect.getsourcefile(function))
     except (OSError, TypeError) as error:
         raise UntranslatableError(f"{name}: has no Python source. Give a function of this project.") from error
-    path = Path(file).resolve()
-    shown = path.relative_to(_PACKAGE).as_posix() if path.is_relative_to(_PACKAGE) else path.name
+    shown = "/".join(Path(file).resolve().parts[-1 - function.__module__.count(".") :])
     text = textwrap.dedent("".join(lines))
     try:
         tree = ast.increment_lineno(ast.parse(text), first - 1).body[0]
@@ -82,8 +79,15 @@ def source_of(function: Any) -> Source:
 
 
 def marked(hint: Any) -> str | None:
-    """What a hint says of a number: COUNT of ``Annotated[int, COUNT]``, NUMBERS of a row, else None."""
-    return next((mark for mark in getattr(hint, "__metadata__", ()) if mark in (COUNT, NUMBERS)), None)
+    """What a hint says of a value: COUNT of ``Annotated[int, COUNT]``, NUMBERS or INTEGRATED; else None."""
+    return next((mark for mark in getattr(hint, "__metadata__", ()) if mark in (COUNT, NUMBERS, INTEGRATED)), None)
+
+
+@functools.cache
+def integrates(function: Any) -> bool:
+    """Whether a function moves an integrator by one step, so that each target has its own."""
+    returned = getattr(function, "__annotations__", {}).get("return")
+    return returned is not None and marked(typing.get_type_hints(function, include_extras=True)["return"]) == INTEGRATED
 
 
 def documented_results(doc: str) -> tuple[str, ...]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from vsgdesign.equations.notation import Integrated
+
 TURN = 6.283185307179586
 """One full turn, rad."""
 
 
-def advanced(x: Any, dx: Any) -> Any:
+def advanced(x: Any, dx: Any) -> Integrated:
     """The integrator x after its change dx in one sample: x + dx.
 
     Every integrator of the controller (θ, ω_i, V and those of both inner loops) is advanced by this function alone. A
