@@ -20,8 +20,7 @@ from vsgdesign.metrics.modes import participation_factors
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import CellSet, cells_under, full_order_cells, grid_arrays, reduced_cells
-from vsgdesign.stability.impedance import output_admittance
-from vsgdesign.stability.loops import ReducedLoop
+from vsgdesign.stability.loops import ReducedLoop, output_admittance
 from vsgdesign.stability.maps import margin_map
 from vsgdesign.stability.margins import frequency_grid
 

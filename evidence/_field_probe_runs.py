@@ -17,7 +17,7 @@ from evidence._field_summary import SCR_BINS, quantile
 from vsgdesign.equations.field.measuring import LONGER, LONGER_FROM, SLOW_MEMORY
 from vsgdesign.estimator.bound import sensor_noise, tracked_probe_bound
 from vsgdesign.frames import instantaneous_power
-from vsgdesign.metrics.power_quality import interharmonic_rms, ripple_rms
+from vsgdesign.metrics.oscillation import interharmonic_rms, ripple_rms
 from vsgdesign.parameters.background import draw_background
 from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.parameters.study import Study

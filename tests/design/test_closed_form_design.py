@@ -8,9 +8,9 @@ import pytest
 
 from vsgdesign.design import design_closed_form, distinct_grids
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.loops import loop_margins, power_loops
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.runtime import closed_form_schedule
+from vsgdesign.stability.loops import loop_margins, power_loops
 
 BASE = """
 base = "case:hoang2025_5kva"

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsgdesign.metrics.answers import answers_of
-from vsgdesign.metrics.grid_band import polar_band
+from vsgdesign.metrics.answers import answers_of, polar_band
 
 
 def test_the_band_holds_95_percent_of_draws() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.metrics.power_quality import interharmonic_rms, ripple_rms
+from vsgdesign.metrics.oscillation import interharmonic_rms, ripple_rms
 
 
 @pytest.mark.parametrize(("nominal", "frequency"), [(50.0, 50.0), (50.0, 49.63), (60.0, 60.37)])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.metrics.response import first_time, onset, phasor_change
+from vsgdesign.metrics.step_response import first_time, onset, phasor_change
 
 
 def test_onset_of_a_first_order_rise() -> None:

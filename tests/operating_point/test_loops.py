@@ -10,8 +10,7 @@ import pytest
 
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.operating_point.loops import loop_margins, power_loops
-from vsgdesign.stability.loops import coupled_loop
+from vsgdesign.stability.loops import coupled_loop, loop_margins, power_loops
 
 GAINS = PowerLoopGains(K_ip=0.00767, D_p=2087.0, K_iq=0.115, D_q=0.687)
 

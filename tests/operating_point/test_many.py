@@ -16,7 +16,6 @@ from vsgdesign.equations.limiters import LIMITERS, GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
 from vsgdesign.frames import rms_to_peak
-from vsgdesign.operating_point.at_rest import rest_with_measured_gains
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order, slowest_decay
 from vsgdesign.operating_point.many import (
     BRIDGE_VOLTAGE,
@@ -30,7 +29,7 @@ from vsgdesign.operating_point.many import (
     ManyStates,
     many_steady_states,
 )
-from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
+from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains, rest_with_measured_gains
 from vsgdesign.operating_point.plants import plant_steps
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Study

@@ -13,7 +13,7 @@ from vsgdesign.artifacts import GainTable
 from vsgdesign.artifacts.measured_errors import MEASURED_FILE, GridBin, JumpInstant, MeasuredErrors, shipped_errors
 from vsgdesign.errors import ArtifactError
 from vsgdesign.report.gain_table.inside import inside_figure, inside_sentence
-from vsgdesign.stability.inside_set import inside_run, inside_set, within
+from vsgdesign.stability.safe_place import inside_run, inside_set, within
 
 
 def errors_of(R: float, count: int, share: float, size: float = 0.05) -> np.ndarray:

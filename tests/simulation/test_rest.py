@@ -20,7 +20,7 @@ from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.simulation import ScenarioResult, run_scenario
 from vsgdesign.simulation.rest import expected_rests, expected_rests_of, rests
 from vsgdesign.simulation.timeline import build_timeline
-from vsgdesign.stability.words import quantity_of
+from vsgdesign.stability.loci import quantity_of
 
 PUBLISHED = """
 base = "case:hoang2025_5kva"

@@ -25,7 +25,7 @@ from vsgdesign.operating_point.full_order import Cell
 from vsgdesign.parameters import Grid
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.source import GridSource
-from vsgdesign.stability.impedance import (
+from vsgdesign.stability.loops import (
     frequency_response,
     generalised_nyquist,
     grid_impedance,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from vsgdesign.explore.maps import quick_figures
 from vsgdesign.metrics.step_response import SETTLING_BAND, settling_time, settling_times
 from vsgdesign.model.coupled import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import FullOrderModel, parameter_sensitivities, parameter_sensitivity
@@ -16,7 +17,6 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import CellSet, cells_under, full_order_cells, gains_in_force, grid_arrays, reduced_cells
 from vsgdesign.stability.loci import RANKED, mode_movements, mode_sensitivities
 from vsgdesign.stability.margins import MARGINS, full_order_margins, margins_named, reduced_margins
-from vsgdesign.stability.quick import quick_figures
 from vsgdesign.stability.steps import full_order_settling, full_order_step, reduced_step
 
 

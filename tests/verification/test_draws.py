@@ -13,7 +13,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import StudyError
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.survival import REST_SHARE
-from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.operating_point.sampled import SampledState
 from vsgdesign.parameters import study_from_text
 from vsgdesign.parameters.grid import Grid

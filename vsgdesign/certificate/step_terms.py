@@ -13,7 +13,7 @@ from vsgdesign.certificate.rest_shift import rest_shift
 from vsgdesign.equations.power_flow import admittance, jacobian_from_admittance
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import PHASES
-from vsgdesign.operating_point.static_limits import acting_current_pk
+from vsgdesign.operating_point.equilibrium import acting_current_pk
 from vsgdesign.parameters.study import Study
 
 Array = NDArray[np.float64]

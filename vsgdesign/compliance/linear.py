@@ -14,7 +14,7 @@ from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.timeline import build_timeline
-from vsgdesign.stability.impedance import network_frequency_perturbation
+from vsgdesign.stability.loops import network_frequency_perturbation
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]

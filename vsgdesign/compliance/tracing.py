@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vsgdesign.compliance.trace import Trace
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.frames import clarke_inverse, rms_to_peak
-from vsgdesign.metrics.angles import unwrapped
+from vsgdesign.metrics.step_response import unwrapped
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.energy import dc_energy_steps
 from vsgdesign.simulation.run import Simulation

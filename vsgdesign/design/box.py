@@ -14,7 +14,7 @@ from vsgdesign.certificate.error_bounds import truth_behind
 from vsgdesign.design.table_edge import table_edge
 from vsgdesign.equations.grid import SCR_BASES, error_half_widths
 from vsgdesign.equations.power_flow import operating_point
-from vsgdesign.operating_point.static_limits import static_limit_uses
+from vsgdesign.operating_point.equilibrium import static_limit_uses
 from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import Study

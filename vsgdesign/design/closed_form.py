@@ -10,11 +10,10 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.operating_point import OperatingPoint, solve_operating_point
-from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured, gain_law, schedule_of
-from vsgdesign.stability.loops import coupled_loop
+from vsgdesign.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.model.coupled import coupled_function
-from vsgdesign.model.tracing import numpy_on_symbols
+from vsgdesign.model.power_loops import numpy_on_symbols
 from vsgdesign.parameters.specification import Specification
 
 Array = NDArray[np.float64]

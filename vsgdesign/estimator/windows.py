@@ -27,7 +27,7 @@ from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation import MeasuredWindow, Recorder, simulate
 from vsgdesign.simulation.estimated import samples_of
-from vsgdesign.stability.impedance import grid_impedance, output_admittance
+from vsgdesign.stability.loops import grid_impedance, output_admittance
 
 
 @dataclass(frozen=True)

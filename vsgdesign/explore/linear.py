@@ -18,8 +18,8 @@ from vsgdesign.explore.state import State
 from vsgdesign.frames import rated_current_rms
 from vsgdesign.metrics.modes import damping_ratio, taken
 from vsgdesign.model.coupled import CoupledModel
+from vsgdesign.operating_point.equilibrium import converter_current_rms
 from vsgdesign.operating_point.full_order import FullOrderModel
-from vsgdesign.operating_point.static_limits import converter_current_rms
 from vsgdesign.parameters.study import Study
 from vsgdesign.stability.cells import CellSet, full_order_cells, reduced_cells
 from vsgdesign.stability.loci import mode_movements, modes

@@ -1,7 +1,7 @@
 """What an estimator said of the grid over time: how wrong, how late, how sure, and how long silent.
 
 An answer acts from its instant until the next answer. It is judged against the grid that holds at its instant. All
-times are those of the run.
+times are those of the run. In polar form an answer has a 95 % band, from the covariance of its R and X.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -227,3 +228,35 @@ def _overlap(edges: Array, begin_s: float, until_s: float) -> Array:
     """How much of every interval between two edges lies in [begin_s, until_s], s."""
     clipped = np.clip(edges, begin_s, max(until_s, begin_s))
     return np.diff(clipped)
+
+
+WIDTH = 1.959963984540054
+"""Half the width of the central 95 % of a normal distribution, in standard deviations."""
+
+
+class PolarBand(NamedTuple):
+    """Magnitude (Ω) and angle (rad) of an impedance, and half the width of the 95 % band of each; NaN where there is
+    no estimate."""
+
+    size: Array
+    size_half: Array
+    angle: Array
+    angle_half: Array
+
+
+def polar_band(answers: Answers) -> PolarBand:
+    """The answers in polar form, each with half the width of its 95 % band, all (n,).
+
+    Of a small error e, the part along Z changes |Z| and the part across it turns Z by this part over |Z|. Their
+    variances are those of the covariance in these two directions.
+    """
+    Z, P = answers.Z_hat, answers.covariance
+    size = np.abs(Z)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along, across = Z / size, 1j * Z / size
+        variances = [
+            P[:, 0, 0] * u.real**2 + 2.0 * P[:, 0, 1] * u.real * u.imag + P[:, 1, 1] * u.imag**2
+            for u in (along, across)
+        ]
+        halves = [WIDTH * np.sqrt(np.maximum(variance, 0.0)) for variance in variances]
+        return PolarBand(size, halves[0], np.angle(Z), halves[1] / size)

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.metrics.angles import unwrapped
-from vsgdesign.metrics.step_response import SETTLING_BAND, cycle_mean, settling_time
+from vsgdesign.metrics.step_response import SETTLING_BAND, cycle_mean, settling_time, unwrapped
 
 Array = NDArray[np.float64]
 

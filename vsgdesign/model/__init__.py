@@ -1,6 +1,5 @@
 """CasADi functions of the equations: exact derivatives, generated rather than written."""
 
-from vsgdesign.model.power_flow import jacobian, power_flow_function
-from vsgdesign.model.power_loops import LoopMatrices, decoupled_loops
+from vsgdesign.model.power_loops import LoopMatrices, decoupled_loops, jacobian, power_flow_function
 
 __all__ = ["LoopMatrices", "decoupled_loops", "jacobian", "power_flow_function"]

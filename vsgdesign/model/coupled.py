@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_flow import power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
-from vsgdesign.model.tracing import numpy_on_symbols
+from vsgdesign.model.power_loops import numpy_on_symbols
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate_back
-from vsgdesign.model.tracing import numpy_on_symbols
+from vsgdesign.model.power_loops import numpy_on_symbols
 
 PARAMETERS = (
     *FilterGrid._fields,

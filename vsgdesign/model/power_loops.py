@@ -1,16 +1,41 @@
-"""The paper's two decoupled power loops, linearised from the power-loop equation itself."""
+"""The paper's two decoupled power loops, and power flow with its Jacobian A–D, each differentiated from one equation.
+
+CasADi runs the plain NumPy equations on its symbols.
+"""
 
 from __future__ import annotations
 
 import functools
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.power_flow import dQ_dV_as_published, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
-from vsgdesign.model.tracing import numpy_on_symbols
+
+_ONE_AT_A_TIME = threading.RLock()
+"""CasADi's mode belongs to the whole process: another thread would put it back in the middle of this one's block."""
+
+
+@contextmanager
+def numpy_on_symbols() -> Iterator[None]:
+    """Within this block ``np.sin(SX)`` and friends build CasADi expressions. The global mode is put back.
+
+    Another thread that comes to such a block waits until this one has left it.
+    """
+    with _ONE_AT_A_TIME:
+        before = ca.GlobalOptions.getNumpyMode()
+        ca.GlobalOptions.setNumpyMode(1)
+        try:
+            yield
+        finally:
+            ca.GlobalOptions.setNumpyMode(before)
+
 
 Array = NDArray[np.float64]
 
@@ -49,3 +74,30 @@ def decoupled_loops(gains: PowerLoopGains, A: float, D: float) -> tuple[LoopMatr
     loop_P = LoopMatrices(A_P, np.array([[0.0], [of_refs[1, 0]]]), np.array([[A, 0.0]]))
     loop_Q = LoopMatrices(of_states[2:3, 1:2], of_refs[2:3, 1:2], np.array([[D]]))
     return loop_P, loop_Q
+
+
+@functools.cache
+def power_flow_function() -> ca.Function:
+    """(delta, V_rms, V_g_rms, R, X) → (P, Q, J) with J = [[A, B], [C, D]] (:eq:`jacobian`)."""
+    names = ["delta", "V_rms", "V_g_rms", "R", "X"]
+    symbols = [ca.SX.sym(name) for name in names]
+    with numpy_on_symbols():
+        P, Q = power_flow(*symbols)
+    J = ca.jacobian(ca.vertcat(P, Q), ca.vertcat(symbols[0], symbols[1]))
+    return ca.Function("power_flow", symbols, [P, Q, J], names, ["P", "Q", "J"])
+
+
+def jacobian(
+    delta: float, V_rms: float, V_g_rms: float, R: float, X: float, form: str = "exact"
+) -> NDArray[np.float64]:
+    """[[A, B], [C, D]] at an operating point, W/rad, W/V, var/rad, var/V (V phase rms).
+
+    ``form="published"`` puts the paper's printed expression in the place of D: that is C = ∂Q/∂δ again,
+    not ∂Q/∂V, and serves comparison only.
+    """
+    if form not in ("exact", "published"):
+        raise ValueError(f'form = "{form}": must be "exact" or "published"')
+    J = np.array(power_flow_function()(delta, V_rms, V_g_rms, R, X)[2])
+    if form == "published":
+        J[1, 1] = float(dQ_dV_as_published(delta, V_rms, V_g_rms, R, X))
+    return J

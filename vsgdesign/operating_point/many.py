@@ -18,7 +18,7 @@ from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.frames import instantaneous_power, peak_to_rms, rms_to_peak
-from vsgdesign.operating_point.droop import points_with_droop
+from vsgdesign.operating_point.equilibrium import points_with_droop
 from vsgdesign.operating_point.plant import TwoAxisCircuit, plant_step
 from vsgdesign.operating_point.plants import PlantSteps, plant_steps
 from vsgdesign.parameters.grid import Grid

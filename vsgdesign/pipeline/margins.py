@@ -27,8 +27,15 @@ from vsgdesign.pipeline.study_tables import study_tables
 from vsgdesign.report.figure_types import ExplorerFile
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
-from vsgdesign.stability.assessment import ControllerAssessment, FocusCell, assess
-from vsgdesign.stability.tables import VIEW_HEADER, map_header, map_rows, view_rows
+from vsgdesign.stability.assessment import (
+    VIEW_HEADER,
+    ControllerAssessment,
+    FocusCell,
+    assess,
+    map_header,
+    map_rows,
+    view_rows,
+)
 from vsgdesign.stability.verdict import clause_matrix, left_out, worst_cases
 
 if TYPE_CHECKING:

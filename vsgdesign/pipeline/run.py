@@ -37,7 +37,7 @@ from vsgdesign.simulation.judging import judge_estimates
 from vsgdesign.simulation.promises import Kept, promises_kept
 from vsgdesign.simulation.rest import Instability
 from vsgdesign.simulation.scenario import mean_cycles
-from vsgdesign.stability.words import shares_of
+from vsgdesign.stability.loci import shares_of
 
 if TYPE_CHECKING:
     from vsgdesign.report.figure_types import WrittenFigure

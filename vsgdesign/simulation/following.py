@@ -10,7 +10,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.scheduler_data import LIMITED
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification import Estimator
-from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study

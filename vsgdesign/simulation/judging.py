@@ -9,7 +9,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.estimation import ChangeSeen, RestError, changes_seen, errors_at_rest, rows_at_rest
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
-from vsgdesign.stability.inside_set import inside_run
+from vsgdesign.stability.safe_place import inside_run
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study

@@ -19,10 +19,13 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.metrics import EndState
 from vsgdesign.metrics.modes import taken
-from vsgdesign.operating_point.at_rest import GainsOfMeasured, rest_with_measured_gains
 from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.operating_point.many import Lanes
-from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
+from vsgdesign.operating_point.many_rests import (
+    GainsOfMeasured,
+    many_rests_with_measured_gains,
+    rest_with_measured_gains,
+)
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network_fields import beyond_models
 from vsgdesign.parameters.source import GridSource
@@ -32,8 +35,7 @@ from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.late import knowledge_of, told_at, told_of
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
-from vsgdesign.stability.loci import Mode, modes
-from vsgdesign.stability.words import mode_in_words
+from vsgdesign.stability.loci import Mode, mode_in_words, modes
 
 Array = NDArray[np.float64]
 

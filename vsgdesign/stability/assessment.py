@@ -1,7 +1,8 @@
-"""Everything that a stability report of one controller needs, computed in one place."""
+"""Everything that a stability report of one controller needs, computed in one place, and as rows for CSV files."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,15 +20,15 @@ from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.stability.cells import GainLaw, cells_under, full_order_cells, grid_arrays, reduced_cells
-from vsgdesign.stability.impedance import (
+from vsgdesign.stability.cells import OUTSIDE, GainLaw, cells_under, full_order_cells, grid_arrays, reduced_cells
+from vsgdesign.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes, stability_limit, track
+from vsgdesign.stability.loops import (
+    FullOrderLoop,
     generalised_nyquist,
     network_frequency_perturbation,
     output_admittance,
     passivity_index,
 )
-from vsgdesign.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes, stability_limit, track
-from vsgdesign.stability.loops import FullOrderLoop
 from vsgdesign.stability.maps import MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
 from vsgdesign.stability.margins import MarginTable, frequency_grid, full_order_margins, reduced_margins
 from vsgdesign.stability.steps import reduced_step_metrics
@@ -260,3 +261,95 @@ def _locus(study: Study, law: GainLaw, parameter: str, values: Array, other: flo
         good = np.flatnonzero(cells.good)[model.index]
         spread[good] = track(to_continuous(np.linalg.eigvals(model.A), model.T_s))
     return Locus(parameter, values, spread)
+
+
+_COLUMNS = (
+    "stable",
+    "spectral_abscissa [1/s]",
+    "least_damping [1]",
+    "least_damped [rad/s]",
+    "disk_margin_output [1]",
+    "at [rad/s]",
+    "disk_margin_input [1]",
+    "at [rad/s]",
+    "M_s [1]",
+    "at [rad/s]",
+    "gain_margin_P [dB]",
+    "phase_margin_P [deg]",
+    "delay_margin_P [s]",
+    "gain_margin_Q [dB]",
+    "phase_margin_Q [deg]",
+    "delay_margin_Q [s]",
+)
+
+
+def map_header(field: MarginMap) -> list[str]:
+    """Column names of :func:`map_rows`, with units."""
+    axes = [name for name, _ in field.axes if name != "P, Q"]
+    fixed = ["P [W]", "Q [var]", "R_g [ohm]", "L_g [H]", "V [V]", "delta [rad]", *field.cells.gains._fields]
+    return [*axes, *fixed, *_COLUMNS, "fault", OUTSIDE]
+
+
+def map_rows(field: MarginMap) -> Iterator[list[object]]:
+    """One row for each cell; a faulty cell has its reason and no values."""
+    t, c = field.table, field.cells
+    columns = [
+        t.stable.astype(float),
+        t.spectral_abscissa,
+        t.least_damping,
+        t.least_damped_rad_s,
+        t.disk_output.value,
+        t.disk_output.omega,
+        t.disk_input.value,
+        t.disk_input.omega,
+        t.M_s.value,
+        t.M_s.omega,
+        t.loop_P.gain_margin_db,
+        t.loop_P.phase_margin_deg,
+        t.loop_P.delay_margin_s,
+        t.loop_Q.gain_margin_db,
+        t.loop_Q.phase_margin_deg,
+        t.loop_Q.delay_margin_s,
+    ]
+    figures = np.stack(columns, axis=1) if len(t.stable) else np.empty((0, len(columns)))
+    row_of = {int(flat): k for k, flat in enumerate(field.analysed)}
+    keep = [k for k, (name, _) in enumerate(field.axes) if name != "P, Q"]
+    for flat, fault in enumerate(field.faults):
+        position = np.unravel_index(flat, field.shape)
+        place = [float(field.axes[k][1][position[k]]) for k in keep]
+        known = [c.P, c.Q, c.R_g, c.L_g, c.V_rms, c.delta, *c.gains]
+        row = row_of.get(flat)
+        values: list[object] = [None] * len(columns) if row is None else [float(v) for v in figures[row]]
+        yield [*place, *(float(v[flat]) for v in known), *values, fault, c.outside[flat]]
+
+
+VIEW_HEADER = (
+    "frequency [Hz]",
+    "L_P real",
+    "L_P imag",
+    "L_Q real",
+    "L_Q imag",
+    *(f"Y_{a}{b} {part} [S]" for a in "dq" for b in "dq" for part in ("real", "imag")),
+    "passivity_index [S]",
+    "nyquist_1 real",
+    "nyquist_1 imag",
+    "nyquist_2 real",
+    "nyquist_2 imag",
+    "NFP real [pu/pu]",
+    "NFP imag [pu/pu]",
+)
+"""Column names of :func:`view_rows`."""
+
+
+def view_rows(cell: FocusCell) -> Iterator[list[object]]:
+    """One row for each frequency: loops, admittance, passivity, generalised Nyquist, NFP."""
+    v = cell.view
+    complex_columns = [v.L_P, v.L_Q, *(v.admittance[:, i, j] for i in (0, 1) for j in (0, 1))]
+    for k, omega in enumerate(v.omega):
+        row: list[object] = [float(omega / (2.0 * np.pi))]
+        for column in complex_columns:
+            row += [float(column[k].real), float(column[k].imag)]
+        row.append(float(v.passivity[k]))
+        for value in (*v.nyquist[k], v.nfp[k]):
+            row += [float(value.real), float(value.imag)]
+        yield row

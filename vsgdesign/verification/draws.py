@@ -20,7 +20,7 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics.survival import REST_SHARE
-from vsgdesign.operating_point.static_limits import converter_current_rms, static_limit_uses
+from vsgdesign.operating_point.equilibrium import converter_current_rms, static_limit_uses
 from vsgdesign.parameters.converter import scope_of
 from vsgdesign.parameters.event import EVENT_KINDS
 from vsgdesign.parameters.fields import at

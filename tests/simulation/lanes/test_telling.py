@@ -15,7 +15,7 @@ from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.parameters import study_from_text
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import ControllerSpec, Event, Study

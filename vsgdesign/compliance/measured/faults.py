@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.compliance.measuring import Measured, MeasureInput, measure, not_known
-from vsgdesign.metrics.response import first_time
 from vsgdesign.metrics.sequences import Sequences, frame_angle, last_sequences, positive_sequence, sequences
-from vsgdesign.metrics.step_response import cycle_mean, settling_time
+from vsgdesign.metrics.step_response import cycle_mean, first_time, settling_time
 from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.network import Fault
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.compliance.measuring import Measured, MeasureInput, measure, not_known
-from vsgdesign.metrics.response import onset, phasor_change
+from vsgdesign.metrics.step_response import onset, phasor_change
 
 _MOVES = 0.01
 """A swing of less than this, in pu, is none."""

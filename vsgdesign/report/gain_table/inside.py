@@ -10,7 +10,7 @@ from vsgdesign.artifacts.table_text import certificate_failed, error_text
 from vsgdesign.errors import counted
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain
-from vsgdesign.stability.inside_set import SETTLED, InsideSet, inside_set
+from vsgdesign.stability.safe_place import SETTLED, InsideSet, inside_set
 
 PART = 5
 """Of the page: the certificate's."""

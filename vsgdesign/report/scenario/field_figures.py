@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.frames import rms_to_peak
-from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse
-from vsgdesign.metrics.grid_band import polar_band
+from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse, polar_band
 from vsgdesign.report.drawing.style import (
     BAND,
     COLOURS,

@@ -10,7 +10,7 @@ import numpy as np
 
 from vsgdesign.metrics import cycle_mean
 from vsgdesign.metrics.answers import Answers, answers_of, coverage, share_valid, time_to_stay
-from vsgdesign.metrics.power_quality import interharmonic_rms, ripple_rms
+from vsgdesign.metrics.oscillation import interharmonic_rms, ripple_rms
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label

@@ -11,13 +11,12 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.operating_point.loops import LoopMargins, loop_margins, power_loops
 from vsgdesign.parameters import Grid
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.late import as_told
-from vsgdesign.stability.loops import coupled_loop
+from vsgdesign.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ from vsgdesign.metrics.survival import (
     SurvivalRecord,
     judge_survival,
 )
-from vsgdesign.operating_point.at_rest import rest_with_measured_gains
+from vsgdesign.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import Load, Network, only_a_grid
 from vsgdesign.parameters.source import GridSource
