@@ -11,8 +11,7 @@ from bench.timing import Figure, Row, figure, repeat, scaled
 from vsgdesign.design.inner import GridBox, design_inner_loops, score_inner_loops, what_would_help
 from vsgdesign.design.inner.grids import corners, lattice
 from vsgdesign.design.inner.promises import bench_of, evaluate
-from vsgdesign.design.inner.search import COARSE, POINTS_SEARCH, POPULATION
-from vsgdesign.design.inner.variables import closed_form_starts
+from vsgdesign.design.inner.search import COARSE, POINTS_SEARCH, POPULATION, closed_form_starts
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.execution.threads import one_thread
 from vsgdesign.parameters import study_from_text

@@ -20,7 +20,7 @@ from tests.cli.small_studies import SMALL, as_json, call, failure
 from tests.design.robust_studies import ROOT, TEXT
 from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.design import table as building
-from vsgdesign.design.sweep import cells_file
+from vsgdesign.design.record import cells_file
 from vsgdesign.design.table import BuiltTable, build_table
 from vsgdesign.execution.journal import kept_count, kept_folder
 from vsgdesign.parameters import load_study

@@ -15,8 +15,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import GainTable, ValidityBox, base_of
 from vsgdesign.design.between import check_between, check_points, failing_intervals, probe
 from vsgdesign.design.box import scenarios_of_truth
-from vsgdesign.design.evaluation import evaluate
-from vsgdesign.design.figures import worst
+from vsgdesign.design.evaluation import evaluate, worst
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.execution.jobs import each_of
 from vsgdesign.runtime.table import with_node_gains

@@ -17,8 +17,7 @@ from vsgdesign.design import causes
 from vsgdesign.design.box import limit_uses, scenarios_of_estimate, within_limits
 from vsgdesign.design.causes import DELAY, ERROR, INNER, LIMIT, NONE, Cause, explain
 from vsgdesign.design.cell import common_design
-from vsgdesign.design.evaluation import law_of
-from vsgdesign.design.figures import Figures
+from vsgdesign.design.evaluation import Figures, law_of
 from vsgdesign.design.record import CellRecord, CellTask, record_document, record_of, run_task
 from vsgdesign.design.table import build_table
 from vsgdesign.parameters import Study, study_from_text

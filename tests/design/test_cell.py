@@ -20,10 +20,8 @@ from tests.design.robust_studies import (
 )
 from vsgdesign.design.box import measured_at_limits, scenarios_of_estimate
 from vsgdesign.design.cell import TRANSFER, CellDesign, common_design, design_cell, most_damping
-from vsgdesign.design.evaluation import evaluate, law_of
-from vsgdesign.design.figures import shortfalls, worst
-from vsgdesign.design.objective import MARGIN_AIM
-from vsgdesign.design.variables import variables
+from vsgdesign.design.evaluation import evaluate, law_of, shortfalls, worst
+from vsgdesign.design.variables import MARGIN_AIM, variables
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.model.coupled import coupled_model
 

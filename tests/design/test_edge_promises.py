@@ -11,8 +11,7 @@ from tests.design.robust_studies import controller, law, specification, with_spe
 from vsgdesign.design import record as recording
 from vsgdesign.design.box import Scenarios, joined, scenarios_of_estimate, scenarios_on_edge
 from vsgdesign.design.cell import CellDesign
-from vsgdesign.design.evaluation import LawOfStudy, evaluate
-from vsgdesign.design.figures import shortfalls, worst
+from vsgdesign.design.evaluation import LawOfStudy, evaluate, shortfalls, worst
 from vsgdesign.design.record import CellRecord, CellTask, run_task
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.structures import NormalisedGains

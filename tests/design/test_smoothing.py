@@ -10,12 +10,11 @@ import pytest
 
 from tests.design.robust_studies import specification, with_specification
 from tests.gain_tables import table
-from vsgdesign.design.assembly import demote
-from vsgdesign.design.between import BetweenCheck, PointCheck
+from vsgdesign.design.between import BetweenCheck, PointCheck, broken_beside, reach, rough_nodes, surface
 from vsgdesign.design.cell import CellDesign
-from vsgdesign.design.figures import Figures
+from vsgdesign.design.evaluation import Figures
 from vsgdesign.design.record import CellRecord, better
-from vsgdesign.design.smoothing import broken_beside, reach, rough_nodes, surface
+from vsgdesign.design.table_nodes import demote
 from vsgdesign.design.variables import variables
 
 SCR, RATIO = (2.0, 3.0, 4.5, 6.0), (0.5, 1.0, 2.0)

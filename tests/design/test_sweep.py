@@ -19,11 +19,10 @@ from hypothesis import strategies as st
 
 from tests.design.robust_studies import ROOT, controller, robust_study, specification, textbook
 from vsgdesign.artifacts.files import plain
-from vsgdesign.design import sweep as sweeping
+from vsgdesign.design import record as sweeping
 from vsgdesign.design.cell import CellDesign
-from vsgdesign.design.figures import Figures
-from vsgdesign.design.record import CellRecord, CellTask, record_document, record_of
-from vsgdesign.design.sweep import SweepJob, cells_file, sweep
+from vsgdesign.design.evaluation import Figures
+from vsgdesign.design.record import CellRecord, CellTask, SweepJob, cells_file, record_document, record_of, sweep
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.errors import ArtifactError, WorkerError
 from vsgdesign.execution import executors

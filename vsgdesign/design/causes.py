@@ -13,8 +13,7 @@ import numpy as np
 
 from vsgdesign.design.box import limit_uses, scenarios_of_estimate
 from vsgdesign.design.cell import CellDesign
-from vsgdesign.design.evaluation import law_of
-from vsgdesign.design.figures import Figures
+from vsgdesign.design.evaluation import Figures, law_of
 from vsgdesign.design.record import CellRecord, CellTask, designs_of, run_task, with_full_order
 from vsgdesign.execution.threads import one_thread
 

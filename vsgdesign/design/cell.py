@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios, joined
-from vsgdesign.design.evaluation import Evaluation, LawOfStudy
-from vsgdesign.design.figures import Figures, shortfalls, worst
+from vsgdesign.design.evaluation import Evaluation, Figures, LawOfStudy, shortfalls, worst
 from vsgdesign.design.nlp import KINDS, SLOTS, RobustProgram, robust_program
 from vsgdesign.design.search import Ground, candidates, evolved, hardest, log_stiffness
 from vsgdesign.design.variables import variables

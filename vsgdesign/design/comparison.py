@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.design.box import NOMINAL, Scenarios, scenarios_of_truth
-from vsgdesign.design.evaluation import Evaluation, evaluate_gains
-from vsgdesign.design.figures import Figures, shortfalls, worst
+from vsgdesign.design.evaluation import Evaluation, Figures, evaluate_gains, shortfalls, worst
 from vsgdesign.design.single import FixedTuning
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains

@@ -153,12 +153,12 @@ def _disk_sample(omega: Any, A_K: Matrix, B_K: Matrix, C_K: Matrix, J: Matrix, l
     """What 1/margin² of the balanced disk margin at the plant's output is at one more frequency (:eq:`disk-margin`)."""
     (l11, l12), (l21, l22) = _loop_gain(omega, A_K, B_K, C_K, J)
     a11, a12, a21, a22 = _less_than_one(l11), _negated(l12), _negated(l21), _less_than_one(l22)
-    inverse = _inverted(_difference(_times(a11, a22), _times(a12, a21)))
-    m11, m22 = _times(a22, inverse), _times(a11, inverse)
+    inverse = _inverted(difference(times(a11, a22), times(a12, a21)))
+    m11, m22 = times(a22, inverse), times(a11, inverse)
     m11, m22 = (m11[0] - 0.5, m11[1]), (m22[0] - 0.5, m22[1])
-    m12, m21 = _times(_negated(a12), inverse), _times(_negated(a21), inverse)
-    t = _square(m11) + _square(m22) + 2.0 * root(_square(_times(m12, m21)))
-    d = _square(_difference(_times(m11, m22), _times(m12, m21)))
+    m12, m21 = times(_negated(a12), inverse), times(_negated(a21), inverse)
+    t = square(m11) + square(m22) + 2.0 * root(square(times(m12, m21)))
+    d = square(difference(times(m11, m22), times(m12, m21)))
     return {"largest": larger(largest, 0.5 * (t + root(larger(t * t - 4.0 * d, 0.0))))}
 
 
@@ -176,15 +176,15 @@ def _loop_gain(omega: Any, A_K: Matrix, B_K: Matrix, C_K: Matrix, J: Matrix) -> 
                 work[k][j], work[i][j] = _either(swap, work[i][j], work[k][j]), _either(swap, work[k][j], work[i][j])
         work[k][k] = _inverted(work[k][k])  # its inverse is kept there
         for i in range(k + 1, n):
-            factor = _times(work[i][k], work[k][k])
+            factor = times(work[i][k], work[k][k])
             for j in range(k + 1, n + 2):
-                work[i][j] = _difference(work[i][j], _times(factor, work[k][j]))
+                work[i][j] = difference(work[i][j], times(factor, work[k][j]))
     for column in range(n, n + 2):
         for i in range(n - 1, -1, -1):
             value = work[i][column]
             for j in range(i + 1, n):
-                value = _difference(value, _times(work[i][j], work[j][column]))
-            work[i][column] = _times(value, work[i][i])
+                value = difference(value, times(work[i][j], work[j][column]))
+            work[i][column] = times(value, work[i][i])
     K = [
         [tuple(_sum([C_K[row][i] * work[i][n + m][part] for i in range(n)]) for part in range(2)) for m in range(2)]
         for row in range(2)
@@ -204,11 +204,13 @@ def _sum(terms: Sequence[Any]) -> Any:
     return functools.reduce(lambda total, term: total + term, terms)
 
 
-def _times(a: Complex, b: Complex) -> Complex:
+def times(a: Complex, b: Complex) -> Complex:
+    """The product of two complex numbers as pairs of anything that multiplies: numbers, symbols, traced values."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
-def _difference(a: Complex, b: Complex) -> Complex:
+def difference(a: Complex, b: Complex) -> Complex:
+    """The difference of two such pairs."""
     return a[0] - b[0], a[1] - b[1]
 
 
@@ -222,7 +224,7 @@ def _less_than_one(a: Complex) -> Complex:
 
 def _inverted(a: Complex) -> Complex:
     """1/a without the guards against overflow that make a complex division slow."""
-    scale = 1.0 / _square(a)
+    scale = 1.0 / square(a)
     return a[0] * scale, -a[1] * scale
 
 
@@ -230,7 +232,8 @@ def _either(condition: Any, one: Complex, other: Complex) -> Complex:
     return chosen(condition, one[0], other[0]), chosen(condition, one[1], other[1])
 
 
-def _square(a: Complex) -> Any:
+def square(a: Complex) -> Any:
+    """The squared size of such a pair."""
     return a[0] * a[0] + a[1] * a[1]
 
 

@@ -18,8 +18,16 @@ from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import LawOfStudy
-from vsgdesign.design.objective import GUARD_MARGIN, MARGIN_AIM, MARGIN_RESERVE, WEIGHT_DAMPING, cell_objective
-from vsgdesign.design.variables import Variables, variables
+from vsgdesign.design.kernels import difference, square, times
+from vsgdesign.design.variables import (
+    GUARD_MARGIN,
+    MARGIN_AIM,
+    MARGIN_RESERVE,
+    WEIGHT_DAMPING,
+    Variables,
+    cell_objective,
+    variables,
+)
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.model.coupled import coupled_function
@@ -243,13 +251,13 @@ def _rows_at(A_K: Any, B_K: Any, C_K: Any, J: Any, r: Any, omega: Any) -> list[A
     loop = [[_sum(_times_real(k[i][c], C_K[row, i]) for i in range(len(k))) for c in (0, 1)] for row in (0, 1)]
     L = [[_sum(_times_real(loop[i][c], J[row, i]) for i in (0, 1)) for c in (0, 1)] for row in (0, 1)]
     one = (1.0, 0.0)
-    a11, a22 = _minus(one, L[0][0]), _minus(one, L[1][1])
-    a12, a21 = _minus((0.0, 0.0), L[0][1]), _minus((0.0, 0.0), L[1][0])
-    inverse = _reciprocal(_minus(_product(a11, a22), _product(a12, a21)))
-    m11, m22 = (_minus(_product(a, inverse), (0.5, 0.0)) for a in (a22, a11))
-    m12, m21 = _product(a12, inverse), _product(a21, inverse)
-    t = _norm(m11) + _norm(m22) + 2.0 * ca.sqrt(_norm(_product(m12, m21)) + 1e-18)
-    d = _norm(_minus(_product(m11, m22), _product(m12, m21)))
+    a11, a22 = difference(one, L[0][0]), difference(one, L[1][1])
+    a12, a21 = difference((0.0, 0.0), L[0][1]), difference((0.0, 0.0), L[1][0])
+    inverse = _reciprocal(difference(times(a11, a22), times(a12, a21)))
+    m11, m22 = (difference(times(a, inverse), (0.5, 0.0)) for a in (a22, a11))
+    m12, m21 = times(a12, inverse), times(a21, inverse)
+    t = square(m11) + square(m22) + 2.0 * ca.sqrt(square(times(m12, m21)) + 1e-18)
+    d = square(difference(times(m11, m22), times(m12, m21)))
     return [1.0 - t / r + d / r**2, 1.0 - 0.5 * t / r]
 
 
@@ -262,27 +270,19 @@ def _solve_complex(A: Any, B: Any, omega: Any) -> list[list[tuple[Any, Any]]]:
     for k in order:
         inverse = _reciprocal(M[k][k])
         for i in range(k):
-            factor = _product(M[i][k], inverse)
+            factor = times(M[i][k], inverse)
             for j in range(k):
-                M[i][j] = _minus(M[i][j], _product(factor, M[k][j]))
-            rhs[i] = [_minus(rhs[i][c], _product(factor, rhs[k][c])) for c in (0, 1)]
+                M[i][j] = difference(M[i][j], times(factor, M[k][j]))
+            rhs[i] = [difference(rhs[i][c], times(factor, rhs[k][c])) for c in (0, 1)]
     x: list[list[tuple[Any, Any]]] = [[(0.0, 0.0)] * 2 for _ in range(n)]
     for k in range(n):
         inverse = _reciprocal(M[k][k])
         for c in (0, 1):
             value = rhs[k][c]
             for j in range(k):
-                value = _minus(value, _product(M[k][j], x[j][c]))
-            x[k][c] = _product(value, inverse)
+                value = difference(value, times(M[k][j], x[j][c]))
+            x[k][c] = times(value, inverse)
     return x
-
-
-def _product(a: Any, b: Any) -> tuple[Any, Any]:
-    return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
-
-
-def _minus(a: Any, b: Any) -> tuple[Any, Any]:
-    return a[0] - b[0], a[1] - b[1]
 
 
 def _times_real(a: Any, k: Any) -> tuple[Any, Any]:
@@ -294,10 +294,6 @@ def _sum(terms: Any) -> tuple[Any, Any]:
     return sum(re), sum(im)
 
 
-def _norm(a: Any) -> Any:
-    return a[0] * a[0] + a[1] * a[1]
-
-
 def _reciprocal(a: Any) -> tuple[Any, Any]:
-    size = _norm(a)
+    size = square(a)
     return a[0] / size, -a[1] / size

@@ -1,16 +1,23 @@
-"""One finished cell as a small JSON file: what a sweep keeps, so that a kill at any moment loses no finished cell."""
+"""The cells of a table: the task of one, what a finished one is, and the design of many on any executor.
+
+A kill at any moment loses no finished cell, and the digits are the same for any number of workers.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vsgdesign.artifacts.design_inputs import resolved_inputs
+from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.provenance import package_hash, provenance
 from vsgdesign.design.box import (
     Reach,
@@ -23,12 +30,14 @@ from vsgdesign.design.box import (
     scenarios_on_edge,
 )
 from vsgdesign.design.cell import CellDesign, design_cell
-from vsgdesign.design.evaluation import LawOfStudy, evaluate, law_of
-from vsgdesign.design.figures import Figures, shortfalls, worse, worst
+from vsgdesign.design.evaluation import Figures, LawOfStudy, evaluate, law_of, shortfalls, worse, worst
 from vsgdesign.design.search import with_hard
 from vsgdesign.design.variables import variables
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.execution.jobs import Job
+from vsgdesign.execution.journal import Journal, run_job
+from vsgdesign.execution.progress import Progress
 from vsgdesign.parameters.specification import Specification
 from vsgdesign.parameters.study import ClosedFormTarget, Study
 
@@ -239,3 +248,62 @@ def _figures(document: dict[str, Any]) -> Figures:
     low = ("disk_margin", "damping_ratio")
     infinite = {name: float("-inf") if name in low else float("inf") for name in document}
     return Figures(**{name: infinite[name] if value is None else value for name, value in document.items()})
+
+
+@dataclass(frozen=True)
+class SweepJob(Job[str, dict[str, Any]]):
+    """The design of some cells. A block is the key of a cell, and so is what it gives known by."""
+
+    tasks: dict[str, CellTask]
+
+    what = "design cells"
+
+    @property
+    def key(self) -> str:
+        """Of this version of the package: a cell has a key of its own, and one journal keeps the cells of many
+        sweeps."""
+        return package_hash()
+
+    @property
+    def blocks(self) -> list[str]:
+        """The keys of all cells."""
+        return list(self.tasks)
+
+    def run(self, block: str) -> dict[str, Any]:
+        """A designed cell."""
+        return self.call(block)()
+
+    def call(self, block: str) -> Callable[[], dict[str, Any]]:
+        """The design of a cell as it goes to another process: with its own task alone."""
+        return partial(_designed, block, self.tasks[block])
+
+    def part_of(self, document: Any) -> dict[str, Any]:
+        """Cells by key. Raises ValueError, KeyError or TypeError where a document has none."""
+        for one in document.values():
+            record_of(one)
+        return document
+
+
+def _designed(key: str, task: CellTask) -> dict[str, Any]:
+    return {key: plain(record_document(run_task(task)))}
+
+
+def cells_file(folder: Path) -> Path:
+    """The journal of finished cells in a folder."""
+    return folder / f"{package_hash()[:24]}.jsonl"
+
+
+def sweep(
+    tasks: Sequence[CellTask], folder: Path, executor: Executor | None = None, progress: Progress | None = None
+) -> list[CellRecord]:
+    """The records of all tasks, in order. Cells that are kept in ``folder`` are not designed again, and new ones are
+    kept there.
+
+    ``executor`` is one of concurrent.futures; with None the work is done in this process. An interruption cancels tasks
+    that have not begun and keeps finished cells. Raises WorkerError if a process is lost, and ArtifactError if a cell
+    cannot be kept.
+    """
+    keys = [task.key for task in tasks]
+    job = SweepJob(dict(zip(keys, tasks, strict=True)))
+    whole = run_job(job, Journal(job, cells_file(folder)), executor=executor, progress=progress)
+    return [record_of(whole[key]) for key in keys]

@@ -10,10 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import NOMINAL, Scenarios
-from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate
-from vsgdesign.design.figures import shortfalls, worst
-from vsgdesign.design.objective import GUARD_MARGIN, MARGIN_AIM, MARGIN_RESERVE, WEIGHT_DAMPING, cell_objective
-from vsgdesign.design.variables import Variables, variables
+from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate, shortfalls, worst
+from vsgdesign.design.variables import (
+    GUARD_MARGIN,
+    MARGIN_AIM,
+    MARGIN_RESERVE,
+    WEIGHT_DAMPING,
+    Variables,
+    cell_objective,
+    variables,
+)
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.structures import NormalisedGains, effective_inertia
 from vsgdesign.parameters.specification import UNBOUNDED_H, Specification

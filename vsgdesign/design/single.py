@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios, joined, scenarios_of_truths
-from vsgdesign.design.evaluation import Evaluation, LawOfStudy, evaluate_fixed, law_of
-from vsgdesign.design.figures import Figures, worst
+from vsgdesign.design.evaluation import Evaluation, Figures, LawOfStudy, evaluate_fixed, law_of, worst
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.closed_form import LEAST_BANDWIDTH
 from vsgdesign.equations.power_loops import PowerLoopGains

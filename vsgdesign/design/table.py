@@ -14,7 +14,6 @@ import numpy as np
 from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.certificate import Certificate, Counterexample, NoFunctionError, Region, refusal_record
-from vsgdesign.design.assembly import Withdrawn, assemble, withdraw_promises
 from vsgdesign.design.between import POINTS, BetweenCheck, between_document
 from vsgdesign.design.causes import Cause, explain_pair, explained_between
 from vsgdesign.design.evaluation import law_of
@@ -22,12 +21,15 @@ from vsgdesign.design.record import CellRecord
 from vsgdesign.design.table_nodes import (
     TableJob,
     TableNodes,
+    Withdrawn,
+    assemble,
     design_nodes,
     first_nodes,
     look_at_random,
     look_between,
     refine_nodes,
     smooth_nodes,
+    withdraw_promises,
 )
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.executors import Each

@@ -88,3 +88,29 @@ def variables(structure: str, spec: Specification) -> Variables:
     mask = np.array(logarithmic)
     least, most = (np.where(mask, np.log(np.where(mask, x, 1.0)), x) for x in (np.array(low), np.array(high)))
     return Variables(names, mask, least, most, np.array(scale), {f: v for f, v in fixed.items() if f not in names})
+
+
+MARGIN_AIM = 1.15
+"""More margin than this multiple of the least disk margin is not traded against inertia."""
+
+GUARD_MARGIN = 1.03
+"""Multiple of the required disk margin that a design has at a node, because filters and delay reduce it by 1 to 2 %."""
+
+MARGIN_RESERVE = 0.015
+"""Largest reduction of this factor where a requirement would be violated otherwise."""
+
+WEIGHT_BROKEN, WEIGHT_MARGIN = 300.0, 30.0
+"""Weights w_s of what is violated and w_α of missing margin; inertia, in natural logarithms, has the weight 1."""
+
+WEIGHT_DAMPING = 0.2
+"""Weight of the logarithms of damping and bandwidth with ``aim = "inertia"``: no more of both than needed."""
+
+
+def cell_objective(price: Any, broken: Any, reserve: Any, short: Any, away: Any) -> Any:
+    """The objective from its five terms (:eq:`cell-objective`), numbers or CasADi expressions.
+
+    ``price``: −ln H, or WEIGHT_DAMPING times the logarithms of damping and bandwidth. ``broken``: the sum of what the
+    requirements are violated by, relative. ``reserve``: the used reserve, weighted. ``short``: the missing margin.
+    ``away``: the weighted squared distance to the centre.
+    """
+    return price + WEIGHT_BROKEN * broken + reserve + WEIGHT_MARGIN * short + away

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
-from vsgdesign.design.evaluation import final_Q
-from vsgdesign.design.figures import Figures
+from vsgdesign.design.evaluation import Figures, final_Q
 from vsgdesign.design.kernels import HORIZON
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains

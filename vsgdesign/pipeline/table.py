@@ -55,7 +55,7 @@ def build_table_file(
         raise StudyError(study.name, [Fault("specification", "", "missing table", advice)])
     TABLE_FILE.check_target(out)
     from vsgdesign.design.between import POINTS
-    from vsgdesign.design.sweep import cells_file
+    from vsgdesign.design.record import cells_file
     from vsgdesign.design.table import build_table
     from vsgdesign.pipeline.verify import Asked, check_verifiable, verified_table
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from vsgdesign.design.inner.system import study_of
+from vsgdesign.design.inner.grids import study_of
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops

@@ -8,12 +8,10 @@ from scipy.linalg import expm
 from scipy.optimize import linear_sum_assignment
 
 from tests.design.inner.systems import datasheet
-from vsgdesign.design.inner.frozen import INPUTS, law_answers, law_matrix, matrices, modes, plants
-from vsgdesign.design.inner.grids import GridBox, circuits, lattice
-from vsgdesign.design.inner.margins import frequencies, margins
+from vsgdesign.design.inner.frozen import INPUTS, frequencies, law_answers, law_matrix, margins, matrices, modes, plants
+from vsgdesign.design.inner.grids import GridBox, circuits, lattice, study_of
 from vsgdesign.design.inner.promises import controller_settings
-from vsgdesign.design.inner.system import study_of
-from vsgdesign.design.inner.variables import closed_form_starts
+from vsgdesign.design.inner.search import closed_form_starts
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order

@@ -1,10 +1,15 @@
 """Inner loops from a datasheet: gains for a converter, its filter and a box of grids, with what they keep."""
 
-from vsgdesign.design.inner.check import FullOrderCheck, check_full_order
-from vsgdesign.design.inner.designing import Alternative, InnerDesign, design_inner_loops, what_would_help
+from vsgdesign.design.inner.designing import (
+    Alternative,
+    FullOrderCheck,
+    InnerDesign,
+    check_full_order,
+    design_inner_loops,
+    what_would_help,
+)
 from vsgdesign.design.inner.grids import GridBox
-from vsgdesign.design.inner.promises import PROMISES, Promises, Targets
-from vsgdesign.design.inner.score import InnerScore, PromiseReached, score_inner_loops
+from vsgdesign.design.inner.promises import PROMISES, InnerScore, PromiseReached, Promises, Targets, score_inner_loops
 
 __all__ = [
     "PROMISES",
