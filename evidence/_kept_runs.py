@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.execution.executors import worker_processes
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import journal_at, run_job
-from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.progress import Progress
 
 EVIDENCE_SEED = 100_000

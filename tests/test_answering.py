@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from operator import attrgetter
 
-from vsgdesign.execution.answering import AnsweringProcess
+from vsgdesign.execution.executors import AnsweringProcess
 
 
 def test_it_answers_until_it_is_closed() -> None:

@@ -197,7 +197,7 @@ def test_one_worker_is_no_other_process() -> None:
 
 WAITS = """
 import os, sys, time
-from vsgdesign.execution.processes import worker_processes
+from vsgdesign.execution.executors import worker_processes
 if __name__ == "__main__":
     with worker_processes(2) as pool:
         held = [pool.submit(time.sleep, 60.0) for _ in range(5)]

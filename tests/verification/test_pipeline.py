@@ -17,8 +17,7 @@ from vsgdesign.execution.journal import kept_count, kept_folder
 from vsgdesign.parameters import study_from_text
 from vsgdesign.pipeline import verify
 from vsgdesign.pipeline.verify import WORK, Asked, check_verifiable, merge_shards, verify_study
-from vsgdesign.verification.blocks import VerificationJob
-from vsgdesign.verification.shards import Shard
+from vsgdesign.verification.blocks import Shard, VerificationJob
 
 RUNS = 1000
 ASKED = Asked(runs=RUNS, search=0)

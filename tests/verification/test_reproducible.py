@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from vsgdesign.execution.executors import executor_of
-from vsgdesign.execution.reproducible import environment, reproducible_environment
+from vsgdesign.execution.executors import environment, executor_of, reproducible_environment
 
 
 def kernels() -> tuple[list[str], list[str]]:

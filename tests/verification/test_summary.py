@@ -16,17 +16,27 @@ import pytest
 from tests.verification import stand_in
 from vsgdesign.errors import ArtifactError
 from vsgdesign.execution import jobs
+from vsgdesign.execution.executors import worker_processes
 from vsgdesign.execution.jobs import parts_done
 from vsgdesign.execution.journal import Journal, journal_of, kept_folder
-from vsgdesign.execution.processes import worker_processes
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline.verify import WORK
 from vsgdesign.simulation.lanes.results import STATUSES
 from vsgdesign.verification.blocks import VerificationJob
 from vsgdesign.verification.counting import judged_values, last_grids
-from vsgdesign.verification.histogram import QUANTILE_ERROR, binned, merged_bins, quantile
 from vsgdesign.verification.promises import FIGURES
-from vsgdesign.verification.summary import BROKEN, MAP, WORST, Summary, summary_document, summary_of
+from vsgdesign.verification.summary import (
+    BROKEN,
+    MAP,
+    QUANTILE_ERROR,
+    WORST,
+    Summary,
+    binned,
+    merged_bins,
+    quantile,
+    summary_document,
+    summary_of,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDY = load_study(ROOT / "studies" / "published_averaged" / "study.toml")

@@ -12,7 +12,7 @@ from tests.verification.test_summary import STUDY
 from vsgdesign.parameters.grid import Place
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.verification.promises import FIGURES
-from vsgdesign.verification.words import beside_relaxed, end_of, start_of, what_of, why_of
+from vsgdesign.verification.worst import beside_relaxed, end_of, start_of, what_of, why_of
 
 C = STUDY.converter
 

@@ -17,8 +17,7 @@ from vsgdesign.errors import counted
 def validate(study_file: str, as_json: bool) -> None:
     """Check a study and its files, and report all faults at once."""
     from vsgdesign.errors import StudyError
-    from vsgdesign.pipeline.named_files import check_named_files
-    from vsgdesign.pipeline.opening import check_study
+    from vsgdesign.pipeline.opening import check_named_files, check_study
 
     try:
         study, inner_loops = check_study(study_file)

@@ -10,13 +10,13 @@ from vsgdesign.cli.common import JSON, in_blocks, kept_words, load, print_json, 
 
 if TYPE_CHECKING:
     from vsgdesign.execution.executors import How
-    from vsgdesign.verification.shards import Shard
+    from vsgdesign.verification.blocks import Shard
 
 
 def _shard(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Shard | None:
     if text is None:
         return None
-    from vsgdesign.verification.shards import Shard
+    from vsgdesign.verification.blocks import Shard
 
     try:
         return Shard.read(text)

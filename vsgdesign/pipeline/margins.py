@@ -15,9 +15,8 @@ from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import WorkerError
-from vsgdesign.execution.executors import worker_count
+from vsgdesign.execution.executors import worker_count, worker_processes
 from vsgdesign.execution.jobs import begun
-from vsgdesign.execution.processes import worker_processes
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.explore.static import StaticPage, static_page_of
 from vsgdesign.metrics.margins import guaranteed_margins

@@ -22,8 +22,7 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 if TYPE_CHECKING:  # the simulation is loaded by who verifies
     from concurrent.futures import Executor
 
-    from vsgdesign.verification.blocks import VerificationJob
-    from vsgdesign.verification.shards import Shard
+    from vsgdesign.verification.blocks import Shard, VerificationJob
     from vsgdesign.verification.summary import Summary
 
 VERB = "vsgdesign verify"
@@ -75,7 +74,7 @@ def verify_study(
     """
     from vsgdesign.execution.executors import executor_of, worker_count
     from vsgdesign.execution.journal import journal_of, run_job
-    from vsgdesign.verification.shards import Shard, write_counts
+    from vsgdesign.verification.blocks import Shard, write_counts
 
     begin = time.perf_counter()
     check_verifiable(study, asked, needs_table_file=shard is not None)
@@ -115,7 +114,7 @@ def merge_shards(
     of the shards. Raises ArtifactError where shards overlap, are missing, or are of another study.
     """
     from vsgdesign.execution.executors import executor_of, worker_count
-    from vsgdesign.verification.shards import check_same, counts_files, merged_counts, read_counts, write_counts
+    from vsgdesign.verification.blocks import check_same, counts_files, merged_counts, read_counts, write_counts
 
     begin = time.perf_counter()
     files = counts_files(places)

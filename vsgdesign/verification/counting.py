@@ -15,7 +15,6 @@ from vsgdesign.operating_point.many import FAULTS
 from vsgdesign.parameters.converter import Converter
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STATUSES
-from vsgdesign.verification.histogram import binned
 from vsgdesign.verification.promises import FIGURES, Promise
 from vsgdesign.verification.summary import (
     BROKEN,
@@ -26,6 +25,7 @@ from vsgdesign.verification.summary import (
     FamilyCount,
     PromiseCount,
     Summary,
+    binned,
     worst_of,
 )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -10,7 +11,43 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.verification.histogram import merged_bins
+PER_DECADE = 250
+LOWEST, DECADES = 1e-6, 10
+
+EDGES = tuple(LOWEST * 10.0 ** (k / PER_DECADE) for k in range(PER_DECADE * DECADES + 1))
+"""Upper edges: a value is in the first bin whose edge it does not exceed. The last bin has none: it is infinity's."""
+
+QUANTILE_ERROR = 10.0 ** (1.0 / PER_DECADE) - 1.0
+"""Largest relative error of a quantile, 0.93 %: it is the upper edge of a bin, so it is never too small."""
+
+_EDGES = np.array(EDGES)
+
+
+def binned(values: NDArray[np.float64]) -> dict[int, int]:
+    """How many of the values (n,) are in which bin; infinity and NaN are in the last one."""
+    places = np.searchsorted(_EDGES, values, side="left")  # NaN sorts behind everything
+    bins, counts = np.unique(places, return_counts=True)
+    return {int(k): int(count) for k, count in zip(bins, counts, strict=True)}
+
+
+def merged_bins(one: Mapping[int, int], other: Mapping[int, int]) -> dict[int, int]:
+    """Both together, in the order of the bins."""
+    return {k: one.get(k, 0) + other.get(k, 0) for k in sorted({*one, *other})}
+
+
+def quantile(bins: Mapping[int, int], share: float, largest: float) -> float:
+    """The value that a share of all values does not exceed, by at most QUANTILE_ERROR too large; NaN without values.
+
+    ``largest``: the largest value, which no quantile exceeds.
+    """
+    total = sum(bins.values())
+    order = sorted(bins)
+    if not order:
+        return float("nan")
+    sums = np.cumsum([bins[k] for k in order]).tolist()
+    at = order[min(bisect_left(sums, share * total), len(order) - 1)]
+    return min(EDGES[at], largest) if at < len(EDGES) else largest
+
 
 WORST = 20
 """Worst cases that are kept of each promise of a family."""
@@ -53,7 +90,7 @@ class PromiseCount:
     worst: tuple[CaseFigures, ...] = ()
     """Up to WORST cases, the worst first; of equal ones the lowest number first."""
     bins: Mapping[int, int] = field(default_factory=dict)
-    """Histogram of the figure (:mod:`vsgdesign.verification.histogram`)."""
+    """Histogram of the figure (:mod:`vsgdesign.verification.summary`)."""
     worst_map: NDArray[np.float64] = field(default_factory=lambda: np.full(MAP, -math.inf))
     """MAP, the largest figure in each bin of the map; -inf where nothing was judged."""
 
