@@ -11,18 +11,15 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
 
     from vsgdesign import __version__
     from vsgdesign.cli.common import streams_can_print
-    from vsgdesign.cli.compare import compare
     from vsgdesign.cli.comply import comply
     from vsgdesign.cli.estimator import estimator
     from vsgdesign.cli.explore import explore
     from vsgdesign.cli.export import export
-    from vsgdesign.cli.inner import inner
     from vsgdesign.cli.new import new
-    from vsgdesign.cli.run import run, simulate
+    from vsgdesign.cli.run import compare, inner, run, simulate, validate
     from vsgdesign.cli.stability import certify, design, margins, report
     from vsgdesign.cli.survive import survive
     from vsgdesign.cli.table import table
-    from vsgdesign.cli.validate import validate
     from vsgdesign.cli.verify import verify
 
     class _Program(click.Group):

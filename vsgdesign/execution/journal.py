@@ -56,6 +56,7 @@ class Journal(Generic[Part]):
                 write_text(self.path, self._line(self.whole))
                 self._lines = 1
                 return
+            self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open("a", encoding="utf-8") as file:
                 file.write(self._line(part))
                 file.flush()
