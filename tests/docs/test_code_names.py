@@ -16,6 +16,8 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
     *sorted((ROOT / "studies").glob("*/README.md")),
 ]
+MOVED = re.compile(r"(?m)^\| old \| new \|\n(?:\|.*\n)*")
+"""A table of what has moved. Its first column is gone."""
 FILES = {"report.html", "report.pdf", "explore.py", "estimator.weights.json", "simulation.reference_limit_pu"}
 """Names of files and of fields of a study, which look like names of code."""
 VARIABLES = {"model.A", "model.faults"}
@@ -26,6 +28,7 @@ def names_of(page: Path) -> set[str]:
     text = page.read_text(encoding="utf-8")
     if page.name == "CHANGELOG.md":
         text = text.partition("\n## [0.2.0]")[0]  # what is older may name what is gone
+        text = MOVED.sub(lambda table: re.sub(r"(?m)^\|[^|]*\|", "|", table[0]), text)
     found = set(NAMED.findall(re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
     return {name for name in found - FILES - VARIABLES if not re.search(r"\.(py|toml|npz|html)$", name)}
 
