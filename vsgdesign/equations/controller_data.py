@@ -17,7 +17,7 @@ class ControllerState(NamedTuple):
     omega_i: Any
     """Frequency integrator of the P loop, rad/s."""
     V: Any
-    """Voltage integrator of the Q loop, phase rms V."""
+    """Voltage integrator of the Q loop, V phase rms."""
     P_f: Any
     """Filtered active power, W."""
     Q_f: Any
@@ -33,13 +33,15 @@ class ControllerState(NamedTuple):
     """Grid current behind the low-pass of the transient impedance, A peak."""
     u_alpha: Any = 0.0
     u_beta: Any = 0.0
-    """Bridge voltage of the last sample, V peak; with a delay of one sample it acts from this sample on."""
+    """Bridge voltage of the last sample; with a delay of one sample it acts from this sample on, V peak."""
     ripple_P: Any = 0.0
+    """Ripple of P at twice the grid's frequency, as the notch predicts it for this sample, W."""
     ripple_Q: Any = 0.0
-    """Ripple of P (W) and Q (var) at twice the grid's frequency, as the notch predicts it for this sample."""
+    """Ripple of Q at twice the grid's frequency, as the notch predicts it for this sample, var."""
     mean_P: Any = 0.0
+    """What the notch holds for the rest of P, W."""
     mean_Q: Any = 0.0
-    """What the notch holds for the rest of P (W) and Q (var)."""
+    """What the notch holds for the rest of Q, var."""
     limiter: Any = Nothing()
     """What the current limiter remembers: a NamedTuple of its own."""
 
@@ -54,10 +56,13 @@ class Measurement(NamedTuple):
 
     v_alpha: Any
     v_beta: Any
+    """Voltage at the capacitor, V peak."""
     i_s_alpha: Any
     i_s_beta: Any
+    """Current of the converter, A peak."""
     i_g_alpha: Any
     i_g_beta: Any
+    """Current into the grid, A peak."""
 
 
 class ControllerSettings(NamedTuple):
@@ -69,11 +74,13 @@ class ControllerSettings(NamedTuple):
     smoothing_Q: Any
     """1 − exp(−T_s/τ) of the power filters; 1 means no filter."""
     omega_C: Any
+    """Cross-coupling ω₀C of the voltage loop, S."""
     omega_L: Any
-    """Cross-coupling ω₀C (S) and ω₀L_1 (Ω)."""
+    """Cross-coupling ω₀L_1 of the current loop, Ω."""
     i_max_pk: Any
+    """Current limit, A peak."""
     v_max_pk: Any
-    """Current and bridge-voltage limits, peak."""
+    """Limit of the bridge voltage, V peak."""
     advance_cos: Any
     advance_sin: Any
     """cos and sin of the angle ω₀(d + ½)T_s by which the output leads; d is the delay in samples."""
@@ -103,7 +110,12 @@ class ControllerOutput(NamedTuple):
 
     v_b_alpha: Any
     v_b_beta: Any
+    """Bridge voltage, V peak."""
     omega: Any
+    """Frequency used, rad/s."""
     P: Any
+    """Unfiltered active power, W."""
     Q: Any
+    """Unfiltered reactive power, var."""
     limited: Any = 0.0
+    """1 if the current limiter acted, else 0."""

@@ -22,21 +22,21 @@ class InnerLoopGains(NamedTuple):
     """
 
     K_pv: Any
-    """A/V"""
+    """Proportional gain of the voltage loop, A/V"""
     K_iv: Any
-    """A/(V·s)"""
+    """Integral gain of the voltage loop, A/(V·s)"""
     K_pc: Any
-    """V/A"""
+    """Proportional gain of the current loop, V/A"""
     K_ic: Any
-    """V/(A·s)"""
+    """Integral gain of the current loop, V/(A·s)"""
     K_ff: Any = 1.0
-    """1"""
+    """Share of the grid current that is fed forward"""
     R_t: Any = 0.0
-    """Ω"""
+    """Transient resistance, Ω"""
     X_t: Any = 0.0
-    """Ω"""
+    """Transient reactance, Ω"""
     kappa: Any = 0.0
-    """1"""
+    """Share of a period by which the converter current is predicted"""
 
 
 def limit_length(x: Any, y: Any, limit: Any) -> tuple[Any, Any]:

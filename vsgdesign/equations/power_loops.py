@@ -18,21 +18,21 @@ class PowerLoopGains(NamedTuple):
     """
 
     K_ip: Any
-    """rad/(s²·W)"""
+    """Integral gain of P in the frequency, rad/(s²·W)"""
     D_p: Any
-    """W·s/rad"""
+    """P-f droop, W·s/rad"""
     K_iq: Any
-    """V/(s·var)"""
+    """Integral gain of Q in the voltage, V/(s·var)"""
     D_q: Any
-    """var/V (rms)"""
+    """Q-V droop, var/V (rms)"""
     K_pq: Any = 0.0
-    """rad/(s²·var)"""
+    """Integral gain of Q in the frequency, rad/(s²·var)"""
     K_qp: Any = 0.0
-    """V/(s·W)"""
+    """Integral gain of P in the voltage, V/(s·W)"""
     k_P: Any = 0.0
-    """rad/(s·W)"""
+    """Gain of P in the angle, rad/(s·W)"""
     k_Q: Any = 0.0
-    """rad/(s·var)"""
+    """Gain of Q in the angle, rad/(s·var)"""
 
     def named(self) -> dict[str, float]:
         """Gains by name, without those of the last four that are zero: the published structure has four."""
@@ -45,13 +45,13 @@ class References(NamedTuple):
     """Set points of the power loops. They may be changed between two samples."""
 
     P_ref: Any
-    """W"""
+    """Active power, W"""
     Q_ref: Any
-    """var"""
+    """Reactive power, var"""
     omega_0: Any
-    """rad/s"""
+    """Nominal frequency, rad/s"""
     V_n: Any
-    """V, phase rms"""
+    """Voltage of the Q-V droop, V phase rms"""
 
 
 def power_loops(

@@ -144,19 +144,19 @@ class SchedulerState(NamedTuple):
     started: Count
     """Whether there was an update: 0 until the first one."""
     ticks: Count
-    """The caller's counter at the last update."""
+    """The caller's counter at the last update, ticks."""
     age: Count
-    """Ticks since the last estimate that was followed."""
+    """Time since the last estimate that was followed, ticks."""
     doubt: Count
-    """Ticks since the grid may have changed, or since the last surprise, without an estimate that was followed. 0:
-    there is no doubt."""
+    """Time since the grid may have changed, or since the last surprise, without an estimate that was followed. 0:
+    there is no doubt, ticks."""
     told: Count
     """What was told since the last update: bits of TOLD_LIMITED, TOLD_SURPRISED and TOLD_CHANGED. The last one stays
     until an estimate is accepted. SURPRISED_BEFORE is kept here, too."""
     agreed: Count
     """Windows that agree on a jump so far. While a confirmed jump is followed in part, it stays at their limit."""
     refuted: Count
-    """Ticks since the estimator decided that the grid has left its place. 0: that place may be returned to."""
+    """Time since the estimator decided that the grid has left its place. 0: that place may be returned to, ticks."""
     scr: Any
     r_over_x: Any
     """The place for which the gains are made."""
@@ -170,9 +170,11 @@ class SchedulerState(NamedTuple):
     left_r_over_x: Any
     """The place that the grid has left."""
     P: Any
+    """Last good active power, within the box, W."""
     Q: Any
+    """Last good reactive power, within the box, var."""
     V_rms: Any
-    """Last good measurement, within the box: W, var, V."""
+    """Last good voltage, within the box, V phase rms."""
     gains: PowerLoopGains
 
 
@@ -200,4 +202,4 @@ class SchedulerInput(NamedTuple):
     V_rms: Any
     """Voltage of the power loops, V phase rms."""
     ticks: Count
-    """The caller's counter."""
+    """The caller's counter, ticks."""

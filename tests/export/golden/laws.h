@@ -28,7 +28,7 @@ typedef struct {
     vsg_real_t P; /* Active power of the power loops, W. */
     vsg_real_t Q; /* Reactive power of the power loops, var. */
     vsg_real_t V_rms; /* Voltage of the power loops, V phase rms. */
-    uint32_t ticks; /* The caller's counter. */
+    uint32_t ticks; /* The caller's counter, ticks. */
 } vsg_scheduler_input_t;
 
 /* Limits of a scheduler. Single precision holds every one of them as it is. */
@@ -68,30 +68,30 @@ typedef struct {
 
 /* Gains of the power-loop law (eq. power-loop-law). The published structure uses the first four. */
 typedef struct {
-    vsg_real_t K_ip; /* rad/(s^2*W) */
-    vsg_real_t D_p; /* W*s/rad */
-    vsg_real_t K_iq; /* V/(s*var) */
-    vsg_real_t D_q; /* var/V (rms) */
-    vsg_real_t K_pq; /* rad/(s^2*var) */
-    vsg_real_t K_qp; /* V/(s*W) */
-    vsg_real_t k_P; /* rad/(s*W) */
-    vsg_real_t k_Q; /* rad/(s*var) */
+    vsg_real_t K_ip; /* Integral gain of P in the frequency, rad/(s^2*W) */
+    vsg_real_t D_p; /* P-f droop, W*s/rad */
+    vsg_real_t K_iq; /* Integral gain of Q in the voltage, V/(s*var) */
+    vsg_real_t D_q; /* Q-V droop, var/V (rms) */
+    vsg_real_t K_pq; /* Integral gain of Q in the frequency, rad/(s^2*var) */
+    vsg_real_t K_qp; /* Integral gain of P in the voltage, V/(s*W) */
+    vsg_real_t k_P; /* Gain of P in the angle, rad/(s*W) */
+    vsg_real_t k_Q; /* Gain of Q in the angle, rad/(s*var) */
 } vsg_gains_t;
 
 /* Everything, besides its inputs, on which the next answer depends. */
 typedef struct {
     uint32_t started; /* Whether there was an update: 0 until the first one. */
-    uint32_t ticks; /* The caller's counter at the last update. */
-    uint32_t age; /* Ticks since the last estimate that was followed. */
-    /* Ticks since the grid may have changed, or since the last surprise, without an estimate that was followed. 0:
-     * there is no doubt. */
+    uint32_t ticks; /* The caller's counter at the last update, ticks. */
+    uint32_t age; /* Time since the last estimate that was followed, ticks. */
+    /* Time since the grid may have changed, or since the last surprise, without an estimate that was followed. 0: there
+     * is no doubt, ticks. */
     uint32_t doubt;
     /* What was told since the last update: bits of TOLD_LIMITED, TOLD_SURPRISED and TOLD_CHANGED. The last one stays
      * until an estimate is accepted. SURPRISED_BEFORE is kept here, too. */
     uint32_t told;
     /* Windows that agree on a jump so far. While a confirmed jump is followed in part, it stays at their limit. */
     uint32_t agreed;
-    /* Ticks since the estimator decided that the grid has left its place. 0: that place may be returned to. */
+    /* Time since the estimator decided that the grid has left its place. 0: that place may be returned to, ticks. */
     uint32_t refuted;
     /* The place for which the gains are made. */
     vsg_real_t scr;
@@ -105,10 +105,9 @@ typedef struct {
     /* The place that the grid has left. */
     vsg_real_t left_scr;
     vsg_real_t left_r_over_x;
-    /* Last good measurement, within the box: W, var, V. */
-    vsg_real_t P;
-    vsg_real_t Q;
-    vsg_real_t V_rms;
+    vsg_real_t P; /* Last good active power, within the box, W. */
+    vsg_real_t Q; /* Last good reactive power, within the box, var. */
+    vsg_real_t V_rms; /* Last good voltage, within the box, V phase rms. */
     vsg_gains_t gains;
 } vsg_scheduler_t;
 
@@ -181,17 +180,17 @@ typedef struct {
 
 /* Set points of the power loops. They may be changed between two samples. */
 typedef struct {
-    vsg_real_t P_ref; /* W */
-    vsg_real_t Q_ref; /* var */
-    vsg_real_t omega_0; /* rad/s */
-    vsg_real_t V_n; /* V, phase rms */
+    vsg_real_t P_ref; /* Active power, W */
+    vsg_real_t Q_ref; /* Reactive power, var */
+    vsg_real_t omega_0; /* Nominal frequency, rad/s */
+    vsg_real_t V_n; /* Voltage of the Q-V droop, V phase rms */
 } vsg_references_t;
 
 /* Everything that the controller remembers from one sample to the next. */
 typedef struct {
     vsg_real_t theta; /* Angle of the converter's d axis against the stationary alpha axis, rad. */
     vsg_real_t omega_i; /* Frequency integrator of the P loop, rad/s. */
-    vsg_real_t V; /* Voltage integrator of the Q loop, phase rms V. */
+    vsg_real_t V; /* Voltage integrator of the Q loop, V phase rms. */
     vsg_real_t P_f; /* Filtered active power, W. */
     vsg_real_t Q_f; /* Filtered reactive power, var. */
     /* Voltage-loop integrators, A peak. */
@@ -203,15 +202,13 @@ typedef struct {
     /* Grid current behind the low-pass of the transient impedance, A peak. */
     vsg_real_t i_f_d;
     vsg_real_t i_f_q;
-    /* Bridge voltage of the last sample, V peak; with a delay of one sample it acts from this sample on. */
+    /* Bridge voltage of the last sample; with a delay of one sample it acts from this sample on, V peak. */
     vsg_real_t u_alpha;
     vsg_real_t u_beta;
-    /* Ripple of P (W) and Q (var) at twice the grid's frequency, as the notch predicts it for this sample. */
-    vsg_real_t ripple_P;
-    vsg_real_t ripple_Q;
-    /* What the notch holds for the rest of P (W) and Q (var). */
-    vsg_real_t mean_P;
-    vsg_real_t mean_Q;
+    vsg_real_t ripple_P; /* Ripple of P at twice the grid's frequency, as the notch predicts it for this sample, W. */
+    vsg_real_t ripple_Q; /* Ripple of Q at twice the grid's frequency, as the notch predicts it for this sample, var. */
+    vsg_real_t mean_P; /* What the notch holds for the rest of P, W. */
+    vsg_real_t mean_Q; /* What the notch holds for the rest of Q, var. */
 } vsg_controller_state_t;
 
 /* Constants of the controller, in SI units. They do not change while it runs. */
@@ -220,12 +217,10 @@ typedef struct {
     /* 1 - exp(-T_s/tau) of the power filters; 1 means no filter. */
     vsg_real_t smoothing_P;
     vsg_real_t smoothing_Q;
-    /* Cross-coupling omega_0 C (S) and omega_0 L_1 (Ohm). */
-    vsg_real_t omega_C;
-    vsg_real_t omega_L;
-    /* Current and bridge-voltage limits, peak. */
-    vsg_real_t i_max_pk;
-    vsg_real_t v_max_pk;
+    vsg_real_t omega_C; /* Cross-coupling omega_0 C of the voltage loop, S. */
+    vsg_real_t omega_L; /* Cross-coupling omega_0 L_1 of the current loop, Ohm. */
+    vsg_real_t i_max_pk; /* Current limit, A peak. */
+    vsg_real_t v_max_pk; /* Limit of the bridge voltage, V peak. */
     /* cos and sin of the angle omega_0(d + 1/2)T_s by which the output leads; d is the delay in samples. */
     vsg_real_t advance_cos;
     vsg_real_t advance_sin;
@@ -249,14 +244,14 @@ typedef struct {
 
 /* Gains of the voltage loop and the current loop. */
 typedef struct {
-    vsg_real_t K_pv; /* A/V */
-    vsg_real_t K_iv; /* A/(V*s) */
-    vsg_real_t K_pc; /* V/A */
-    vsg_real_t K_ic; /* V/(A*s) */
-    vsg_real_t K_ff; /* 1 */
-    vsg_real_t R_t; /* Ohm */
-    vsg_real_t X_t; /* Ohm */
-    vsg_real_t kappa; /* 1 */
+    vsg_real_t K_pv; /* Proportional gain of the voltage loop, A/V */
+    vsg_real_t K_iv; /* Integral gain of the voltage loop, A/(V*s) */
+    vsg_real_t K_pc; /* Proportional gain of the current loop, V/A */
+    vsg_real_t K_ic; /* Integral gain of the current loop, V/(A*s) */
+    vsg_real_t K_ff; /* Share of the grid current that is fed forward */
+    vsg_real_t R_t; /* Transient resistance, Ohm */
+    vsg_real_t X_t; /* Transient reactance, Ohm */
+    vsg_real_t kappa; /* Share of a period by which the converter current is predicted */
 } vsg_inner_gains_t;
 
 /* One sample as a limiter sees it. The dq components are peak values in the converter's own frame. */
@@ -306,10 +301,13 @@ typedef struct {
 
 /* Sampled alpha-beta components (peak): capacitor-node voltage, converter current, grid current. */
 typedef struct {
+    /* Voltage at the capacitor, V peak. */
     vsg_real_t v_alpha;
     vsg_real_t v_beta;
+    /* Current of the converter, A peak. */
     vsg_real_t i_s_alpha;
     vsg_real_t i_s_beta;
+    /* Current into the grid, A peak. */
     vsg_real_t i_g_alpha;
     vsg_real_t i_g_beta;
 } vsg_measurement_t;
@@ -317,12 +315,13 @@ typedef struct {
 /* Bridge voltage in alpha-beta (V peak), the frequency used (rad/s), unfiltered P (W) and Q (var), and whether the
  * current limiter acted (1 or 0). */
 typedef struct {
+    /* Bridge voltage, V peak. */
     vsg_real_t v_b_alpha;
     vsg_real_t v_b_beta;
-    vsg_real_t omega;
-    vsg_real_t P;
-    vsg_real_t Q;
-    vsg_real_t limited;
+    vsg_real_t omega; /* Frequency used, rad/s. */
+    vsg_real_t P; /* Unfiltered active power, W. */
+    vsg_real_t Q; /* Unfiltered reactive power, var. */
+    vsg_real_t limited; /* 1 if the current limiter acted, else 0. */
 } vsg_controller_output_t;
 
 /* The fundamental of the grid's voltage. Zero and the nominal frequency at first. */
