@@ -21,7 +21,6 @@ from tests import gain_tables
 from tests.cli.small_studies import as_json, call, failure
 from vsgdesign.artifacts import folders, staging, write_table_file
 from vsgdesign.artifacts.time_series import read_npz
-from vsgdesign.cli.console import comply as console
 from vsgdesign.compliance import job
 from vsgdesign.compliance import maps as survival_maps
 from vsgdesign.compliance.evidence import read_evidence
@@ -31,9 +30,10 @@ from vsgdesign.execution.jobs import workers_needed
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.pipeline import comply as pipeline
-from vsgdesign.report.compliance import page, pdf
+from vsgdesign.report.compliance import page
 from vsgdesign.report.compliance.answer import headline
 from vsgdesign.report.compliance.arranged import arrange
+from vsgdesign.report.page import terminal
 
 STUDY = """
 base = "case:hoang2025_5kva"
@@ -249,8 +249,9 @@ LAST = [
     (pipeline, "_linked", 2),
     (pipeline, "write_text", 1),
     (page, "_write_figures", 1),
-    (page, "_html", 1),
-    (pdf, "write_pdf", 1),
+    (page, "compliance_page", 1),
+    (page, "print_html", 1),
+    (page, "print_pdf", 1),
     (pipeline, "write_record", 1),
     (folders, "write_text", 1),
     (staging, "_replace", 1),
@@ -279,7 +280,7 @@ def test_an_interruption_after_the_results_says_that_they_are_there(
 ) -> None:
     arguments = "comply", place / "small.toml", "--suite", place / "three.toml", "--no-maps", "--workers", "1"
     out = place / "after"
-    for module, name in ((shutil, "rmtree"), (console, "compliance_lines")):
+    for module, name in ((shutil, "rmtree"), (terminal, "print_terminal")):
         with monkeypatch.context() as patch:
             patch.setattr(module, name, interrupted_if(lambda: (out / "results.json").exists(), getattr(module, name)))
             stopped = call(*arguments, "--out", out)

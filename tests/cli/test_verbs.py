@@ -16,10 +16,11 @@ from rich.console import Console
 from tests.cli.small_studies import as_json, call, study_file
 from tests.cli.test_named_files import with_table
 from vsgdesign import __version__
-from vsgdesign.cli.console.design import design_tables
 from vsgdesign.design import design_closed_form
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline import make_ready
+from vsgdesign.report.design import design_blocks
+from vsgdesign.report.page.terminal import print_terminal
 from vsgdesign.runtime.of_study import gain_law
 
 VERBS = ("run", "simulate", "design", "validate")
@@ -173,7 +174,7 @@ def test_design_fits_a_terminal_of_80_columns(tmp_path: Path) -> None:
     shown = {}
     for width in (80, 200):
         out = StringIO()
-        design_tables(study, designs, console=Console(file=out, width=width))
+        print_terminal(design_blocks(study, designs), Console(file=out, width=width))
         shown[width] = [line.rstrip() for line in out.getvalue().splitlines()]
     assert shown[80] == shown[200]
     assert max(len(line) for line in shown[80]) <= 80

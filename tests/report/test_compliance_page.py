@@ -19,7 +19,8 @@ from vsgdesign.compliance.rows import FAIL, INFORMATIONAL, PASS, VERDICTS
 from vsgdesign.report.compliance.answer import counts_answer, headline, strip
 from vsgdesign.report.compliance.arranged import Arranged, arrange, asked_words, value_words
 from vsgdesign.report.compliance.figures import shown_signal
-from vsgdesign.report.compliance.page import explore_command, write_page
+from vsgdesign.report.compliance.matrix import explore_command
+from vsgdesign.report.compliance.page import write_page
 from vsgdesign.report.compliance.verdicts import LOOKS
 
 VOID = {"col", "meta", "input", "br", "link", "img", "path", "rect"}

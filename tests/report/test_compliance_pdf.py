@@ -15,10 +15,11 @@ from tests.compliance_documents import document, traces_of
 from tests.report.pdf_texts import maps_of, objects_of, texts_of
 from vsgdesign.report.compliance.arranged import Arranged, arrange
 from vsgdesign.report.compliance.drawn import draw
-from vsgdesign.report.compliance.pdf import write_pdf
+from vsgdesign.report.compliance.page import compliance_page
 from vsgdesign.report.drawing import paper
 from vsgdesign.report.drawing.paper import HEIGHT, MARGIN, WIDTH, Sheet, text_width, wrapped
 from vsgdesign.report.drawing.sketch import END, MIDDLE, Words
+from vsgdesign.report.page.pdf import print_pdf
 from vsgdesign.report.quantities import typeset
 
 
@@ -42,8 +43,9 @@ def sheets(tmp_path_factory: pytest.TempPathFactory) -> list[Sheet]:
         return path
 
     with keep.context() as patch:
-        patch.setattr("vsgdesign.report.compliance.pdf.save", save)
-        write_pdf(tmp_path_factory.mktemp("pdf") / "r.pdf", made(), arranged(), draw(arranged(), made(), traces()))
+        patch.setattr("vsgdesign.report.page.pdf.save", save)
+        page = compliance_page(made(), arranged(), draw(arranged(), made(), traces()))
+        print_pdf(page, tmp_path_factory.mktemp("pdf") / "r.pdf", wide=True)
     return found
 
 

@@ -215,7 +215,7 @@ def progress(quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
     if quiet or not sys.stderr.isatty():
         yield None
         return
-    from vsgdesign.cli.console.bars import progress_bars
+    from vsgdesign.cli.bars import progress_bars
 
     with progress_bars() as report:
         yield report

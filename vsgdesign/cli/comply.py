@@ -85,9 +85,10 @@ def comply(
         if as_json:
             print_json(document)
         else:
-            from vsgdesign.cli.console.comply import compliance_lines
+            from vsgdesign.report.compliance.page import terminal_blocks
+            from vsgdesign.report.page.terminal import print_terminal
 
-            compliance_lines(document)
+            print_terminal(terminal_blocks(document))
             page = folder / ("report.html" if (folder / "report.html").exists() else "results.json")
             click.echo(f"report: {page}")
     if strict and any(one["fail"] for one in document["summary"]):

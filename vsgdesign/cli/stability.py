@@ -50,9 +50,10 @@ def design(study_file: str, as_json: bool) -> None:
             }
         )
     else:
-        from vsgdesign.cli.console.design import design_tables
+        from vsgdesign.report.design import design_blocks
+        from vsgdesign.report.page.terminal import print_terminal
 
-        design_tables(study, designs, missing)
+        print_terminal(design_blocks(study, designs, missing))
 
 
 @click.command()

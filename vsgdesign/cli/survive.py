@@ -69,7 +69,8 @@ def survive(
         if as_json:
             print_json(document)
             return
-        from vsgdesign.cli.console.survive import survival_tables
+        from vsgdesign.report.page.terminal import print_terminal
+        from vsgdesign.report.survival import survival_blocks
 
-        survival_tables(document)
+        print_terminal(survival_blocks(document))
         click.echo(f"results: {folder / 'results.json'}, every case: {folder / 'cases.csv'}")

@@ -123,9 +123,10 @@ def show(table_file: str, sigma: bool, as_json: bool) -> None:
     if as_json:
         print_json(table_document(found) | {"sha256": found.sha256})
         return
-    from vsgdesign.cli.console.table import sigma_overview, table_overview
+    from vsgdesign.report.gain_table.overview import sigma_blocks, table_blocks
+    from vsgdesign.report.page.terminal import print_terminal
 
-    (sigma_overview if sigma else table_overview)(found)
+    print_terminal((sigma_blocks if sigma else table_blocks)(found))
 
 
 @table.command()
@@ -170,12 +171,13 @@ def compare(table_files: tuple[str, ...], as_json: bool) -> None:
     if len(table_files) < 2:
         raise click.UsageError("give at least two tables to compare")
     compared = compare_tables([read_table_file(path) for path in table_files])
-    from vsgdesign.cli.console.table import comparison_document, comparison_tables
+    from vsgdesign.report.gain_table.overview import comparison_blocks, comparison_document
+    from vsgdesign.report.page.terminal import print_terminal
 
     if as_json:
         print_json(comparison_document(compared, table_files))
     else:
-        comparison_tables(compared, table_files)
+        print_terminal(comparison_blocks(compared, table_files))
 
 
 @table.command()

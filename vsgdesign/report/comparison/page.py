@@ -26,7 +26,6 @@ from vsgdesign.report.page.blocks import (
     Where,
     drawings,
     opening,
-    plain_text,
     words,
 )
 
@@ -64,7 +63,7 @@ def comparison_page(comparison: Comparison, figures: Sequence[WrittenFigure] = (
 
 def _asked(comparison: Comparison) -> str:
     """What is asked, in one line."""
-    rows = [f"{plain_text(name)} {plain_text(value)}" for name, value in specification_table(comparison).rows]
+    rows = [f"{name} {value}" for name, value in specification_table(comparison).rows]
     return f"{len(comparison.contenders[0].grids)} grids, worst over powers. Asked: {'; '.join(rows[:-1])}"
 
 

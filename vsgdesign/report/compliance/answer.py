@@ -21,6 +21,11 @@ MOST_FAILING = 12
 MOST_LETTERS = 130
 """Of a reason on top; the matrix has it whole."""
 
+ABOUT_STRIPS = (
+    "Every test of the matrix in its order, with a gap between groups. A stroke over the whole height fails, a high "
+    "one passes or is impossible, a low one was not judged."
+)
+
 BAR_WIDTH, BAR_HEIGHT = 120.0, 12.0
 _ORDER = (PASS, FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE)
 

@@ -101,4 +101,4 @@ def sources_table(sources: Any) -> Table:
         (f"[{k}]", one["document"], one["edition"], one["confidence"], one.get("note", ""))
         for k, one in enumerate(sources, start=1)
     )
-    return Table("Sources", ("", "Document", "Edition", "Confidence", "Note"), rows, texts=5)
+    return Table("Sources", ("", "Document", "Edition", "Confidence", "Note"), rows, texts=5, row_anchor="source")

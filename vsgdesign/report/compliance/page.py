@@ -2,30 +2,51 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
-from vsgdesign import __version__
 from vsgdesign.compliance.evidence import MOST_FIGURES, figure_path
-from vsgdesign.compliance.rows import FAIL, VERDICTS
-from vsgdesign.report.compliance.answer import MOST_FAILING, counts_answer, failing_tests, headline, strips
-from vsgdesign.report.compliance.arranged import Arranged, Group, arrange
+from vsgdesign.compliance.rows import FAIL
+from vsgdesign.report.compliance.answer import (
+    ABOUT_STRIPS,
+    MOST_FAILING,
+    counts_answer,
+    failing_tests,
+    headline,
+    strips,
+)
+from vsgdesign.report.compliance.arranged import Arranged, arrange
 from vsgdesign.report.compliance.drawn import Drawn, draw
-from vsgdesign.report.compliance.figures import TestFigure, Traces, dashes_of
+from vsgdesign.report.compliance.figures import Traces
 from vsgdesign.report.compliance.heat import LEGEND, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
-from vsgdesign.report.compliance.verdicts import LOOKS
-from vsgdesign.report.drawing.sketch import Sketch, svg, svg_file
-from vsgdesign.report.page.html import environment
+from vsgdesign.report.compliance.matrix import Matrix, matrix_html
+from vsgdesign.report.compliance.paper import draw_matrix, draw_strips
+from vsgdesign.report.drawing.sketch import svg_file
+from vsgdesign.report.page.blocks import (
+    BULLETS,
+    HEADLINE,
+    Block,
+    Box,
+    Heading,
+    Live,
+    Note,
+    OnPaper,
+    Page,
+    Side,
+    Sketches,
+    Span,
+    Table,
+    Where,
+    words,
+)
+from vsgdesign.report.page.html import print_html, text_file
+from vsgdesign.report.page.pdf import print_pdf
 
 PAGE, PDF = "report.html", "report.pdf"
-
-MOST_OPEN = 30
-"""A group with more tests is closed at first, also if one of them fails."""
 
 
 def write_page(folder: str | Path, document: Mapping[str, Any], traces: Traces) -> list[Path]:
@@ -34,16 +55,13 @@ def write_page(folder: str | Path, document: Mapping[str, Any], traces: Traces) 
     ``document`` is results.json of the verb ``comply``, ``traces`` has the evidence by the field ``csv`` of the rows,
     and may read it when asked. Returns every file that was written.
     """
-    from vsgdesign.report.compliance.pdf import write_pdf
-
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     arranged = arrange(document)
     drawn = draw(arranged, document, traces)
     files = _write_figures(folder, arranged, drawn)
-    text = _html(document, arranged, drawn)
-    (folder / PAGE).write_text(text, encoding="utf-8", newline="\n")
-    return [*files, folder / PAGE, write_pdf(folder / PDF, document, arranged, drawn)]
+    page = compliance_page(document, arranged, drawn)
+    return [*files, print_html(page, folder / PAGE), print_pdf(page, folder / PDF, wide=True)]
 
 
 def _write_figures(folder: Path, arranged: Arranged, drawn: Drawn) -> list[Path]:
@@ -59,56 +77,97 @@ def _write_figures(folder: Path, arranged: Arranged, drawn: Drawn) -> list[Path]
     return files
 
 
-def _html(document: Mapping[str, Any], arranged: Arranged, drawn: Drawn) -> str:
-    failing = failing_tests(arranged)
-    return (
-        environment()
-        .get_template("compliance.html.j2")
-        .render(
-            document=document,
-            arranged=arranged,
-            title=document["study"].get("title") or document["study"]["name"],
-            headline=headline(arranged),
-            fails=bool(failing),
-            answer=counts_answer(arranged),
-            strips=strips(arranged),
-            failing=failing[:MOST_FAILING],
-            more=max(len(failing) - MOST_FAILING, 0),
-            keys=_keys(arranged),
-            looks=LOOKS,
-            verdicts=VERDICTS,
-            overlays={key: _placed(figure) for key, figure in drawn.groups.items()},
-            drawn=drawn,
-            figure_of=lambda test: figure_path(test.suite, test.test) if test.anchor in drawn.tests else "",
-            command=lambda row: explore_command(document, row),
-            repeat=lambda row: f"vsgdesign simulate {shlex.quote(row['study'])}" if row.get("study") else "",
-            maps=[
-                (title, words, [(svg(one, "heat"), 0.85 * one.width) for one in sketches])
-                for title, words, sketches in maps_by_title(document, drawn.maps)
+def compliance_page(document: Mapping[str, Any], arranged: Arranged, drawn: Drawn) -> Page:
+    """The page: the answer, the clause matrix, survival maps, the model that was tested, its limits and the sources."""
+    title = document["study"].get("title") or document["study"]["name"]
+    matrix = Matrix(document, arranged, drawn)
+    blocks: list[Block] = [
+        Box(
+            [
+                words(headline(arranged), style=HEADLINE),
+                counts_answer(arranged),
+                Live(_strips(arranged), [OnPaper(lambda flow: draw_strips(flow, arranged))]),
+                *_failing(arranged),
             ],
-            legend=LEGEND,
-            identity=identity_tables(document),
-            validity=validity(document),
-            sources=sources_table(arranged.sources),
-            left_out=left_out(arranged, drawn),
-            counts_of=lambda group: _counts_words(arranged, group),
-            most_open=MOST_OPEN,
-            version=__version__,
-            FAIL=FAIL,
-        )
+            warning=bool(failing_tests(arranged)),
+            anchor="answer",
+        ),
+        Heading("Clause matrix", numbered=True, anchor="matrix"),
+        words(_ABOUT_MATRIX),
+        Live(matrix_html(matrix), [OnPaper(lambda flow: draw_matrix(flow, matrix))]),
+        *_maps(document, drawn),
+        Heading("The model that was tested", numbered=True, anchor="identity"),
+        Side(identity_tables(document)),
+        Heading("Limits of validity", numbered=True, anchor="validity"),
+        words(*validity(document), style=BULLETS),
+        Heading("Sources", numbered=True, anchor="sources"),
+        sources_table(arranged.sources),
+        Heading("What is not on this page", numbered=True, anchor="left-out"),
+        words(*left_out(arranged, drawn), style=BULLETS),
+    ]
+    origin = (
+        "Study ",
+        Span(document["study"]["name"], code=True),
+        ", SHA-256 ",
+        Span(document["study"]["hash"], code=True),
+        ". The same as numbers: ",
+        Span("results.json", link="results.json"),
+        ". To print: ",
+        Span("report.pdf", link="report.pdf"),
+        ".",
+    )
+    script = f"<script>\n{text_file('compliance.js')}</script>"
+    return Page(f"{title}: clause matrix", blocks, origin, text_file("compliance.css"), script)
+
+
+_ABOUT_MATRIX = (
+    "A row is a test on one grid from one operating point. Values are in per unit of the converter's ratings, and the "
+    "SCR is taken on the impedance. “informational” is not “pass”: nothing was asked for. “impossible” gives the "
+    "arithmetic that shows that no converter with this current limit can do it."
+)
+
+
+def _strips(arranged: Arranged) -> Markup:
+    """The strip of each controller, with its name."""
+    one = Markup("<div><span>{}</span>{}</div>")
+    rows = [one.format(name, picture) for name, picture in strips(arranged)]
+    return Markup('<figure class="strips">\n{}\n<figcaption>{}</figcaption>\n</figure>').format(
+        Markup("\n").join(rows), ABOUT_STRIPS
     )
 
 
-def _placed(figure: TestFigure) -> tuple[Markup, str]:
-    return Markup("\n").join(svg(one, "plot") for one in figure.plots), figure.caption
+def _failing(arranged: Arranged) -> list[Block]:
+    """The first failing tests, with links into the matrix."""
+    failing = failing_tests(arranged)
+    if not failing:
+        return []
+    first, more = arranged.controllers[0], max(len(failing) - MOST_FAILING, 0)
+    shown = failing[:MOST_FAILING]
+    named = any(one.network for one in shown)
+    rows = tuple(
+        (
+            Span(f"✗ {one.test}", bold=True, link=f"#{one.anchor}"),
+            *((one.network,) if named else ()),
+            one.who or first,
+            one.why,
+        )
+        for one in shown
+    )
+    head = ("Test", *(("Grid, power",) if named else ()), "Controllers", "Why")
+    return [
+        Heading(f"What fails: {len(failing)} tests" if len(failing) > 1 else "What fails: one test", 3),
+        Table("", head, rows, texts=len(head)),
+        *([words(f"{more} more tests fail; the matrix has all of them.")] if more else []),
+    ]
 
 
-def explore_command(document: Mapping[str, Any], row: Mapping[str, Any]) -> str:
-    """The command that opens the explorer at the grid of a row; empty where the row has no state."""
-    if not row.get("explore"):
-        return ""
-    file = document["study"].get("file") or f"{document['study']['name']}.toml"
-    return f"vsgdesign explore {shlex.quote(file)} --state {shlex.quote(row['explore'])}"
+def _maps(document: Mapping[str, Any], drawn: Drawn) -> list[Block]:
+    if not drawn.maps:
+        return []
+    found: list[Block] = [Heading("Survival maps", numbered=True, anchor="maps"), Note(LEGEND)]
+    for title, said, sketches in maps_by_title(document, drawn.maps):
+        found.append(Sketches(title, said, sketches, kind="heat", least=0.85))
+    return found
 
 
 def left_out(arranged: Arranged, drawn: Drawn) -> list[str]:
@@ -136,19 +195,32 @@ def left_out(arranged: Arranged, drawn: Drawn) -> list[str]:
     return said
 
 
-def _keys(arranged: Arranged) -> list[tuple[str, Markup]]:
-    """A sample of each controller's line."""
-    found = []
-    for k, (name, colour) in enumerate(zip(arranged.controllers, arranged.colours, strict=True)):
-        sketch = Sketch(28.0, 8.0, f"line of {name}")
-        sketch.line((0.0, 4.0), (28.0, 4.0), colour, 2.0, tuple(0.8 * length for length in dashes_of(k)))
-        found.append((name, svg(sketch, "key")))
-    return found
+SHOWN = 10
+"""Failing rows of a suite that a terminal names. The page has all of them."""
+
+_COUNTS = ("pass", "fail", "informational", "not applicable", "impossible")
 
 
-def _counts_words(arranged: Arranged, group: Group) -> list[tuple[str, list[tuple[str, int]]]]:
-    """For each controller its name, and the verdicts that occur in a group with their numbers."""
-    return [
-        (name, [(verdict, counts.of[verdict]) for verdict in VERDICTS if counts.of[verdict]])
-        for name, counts in zip(arranged.controllers, group.counts, strict=True)
-    ]
+def terminal_blocks(document: Mapping[str, Any]) -> list[Block]:
+    """The answer for each suite and controller, the failing rows with their reasons, and what could not be tested."""
+    rows = tuple(
+        (
+            one["suite"],
+            one["controller"],
+            *(str(one[name.replace(" ", "_")]) for name in _COUNTS),
+            f"{one['survived']} of {one['judged']}",
+        )
+        for one in document["summary"]
+    )
+    title = f"Grid-code tests of {document['study']['name']}"
+    lines: list[str] = []
+    for one in document["suites"]:
+        failing = [row for row in document["rows"] if row["suite"] == one["name"] and row["verdict"] == FAIL]
+        for row in failing[:SHOWN]:
+            lines.append(f"fail {row['suite']}, {row['test']}, {row['controller']}: {row['why']}")
+        if len(failing) > SHOWN:
+            lines.append(f"… and {len(failing) - SHOWN} more of {one['name']} on the page")
+    timing = ", ".join(f"{name} {value:.3g} s" for name, value in document["timing_s"].items())
+    lines += [*document["notes"], f"{len(document['rows']):,} rows: {timing}"]
+    head = ("suite", "controller", *_COUNTS, "survived")
+    return [Table(title, head, rows, texts=2, on=Where.TERMINAL), words(*lines, on=Where.TERMINAL)]

@@ -29,8 +29,20 @@ from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.inside import inside_sentence
 from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
-from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.page.html import write_html
+from vsgdesign.report.page.blocks import (
+    BULLETS,
+    Block,
+    Box,
+    Heading,
+    Page,
+    Side,
+    Span,
+    Table,
+    drawings,
+    opening,
+    words,
+)
+from vsgdesign.report.page.html import print_html
 from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
@@ -61,32 +73,72 @@ CERTIFICATE_UNITS = {
 
 def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
     """Write the page, with the figures' SVG text as it lies on disk."""
-    return write_html(
-        out_path,
-        "gain_table.html.j2",
-        figures,
-        gain_table=table,
-        largest=figures[0].name if figures else "",
-        headline=table_headline(table),
-        summary=table_answer(table),
-        verdict=verdict_of(table),
-        identity=identity_table(table),
-        margins=margins_table(table),
-        specification=open_table("Specification", table.specification, SPECIFICATION_UNITS),
-        needed_sigma=needed_sigma_text(table),
-        proof=certificate_sentence(table.certificate),
-        inside=inside_sentence(table, shipped_errors()),
-        causes=causes_table(table),
-        verification=table_verification(table.verification),
-        certificate=None
-        if table.certificate is None
-        else open_table("Certificate", _without_steps(table.certificate.document), CERTIFICATE_UNITS),
-        steps=steps_table(table),
-        steps_text=None
-        if table.certificate is None or table.certificate.steps is None
-        else step_sentence(table.certificate.steps),
-        made=open_table("Made with", table.provenance | table.inputs),
-    )
+    return print_html(table_page(table, figures), out_path)
+
+
+def table_page(table: GainTable, figures: Sequence[WrittenFigure] = ()) -> Page:
+    """The page: the answer, what the table is for, margins, gains, constraints, the proof, and stale schedules."""
+    rest, specification = figures[1:], open_table("Specification", table.specification, SPECIFICATION_UNITS)
+    margins, causes = margins_table(table), causes_table(table)
+    made = open_table("Made with", table.provenance | table.inputs)
+    verified = table_verification(table.verification)
+    blocks: list[Block] = [
+        *opening(table_headline(table), table_answer(table), figures),
+        Heading("In words"),
+        Box([words(verdict_of(table))]),
+        Heading("What it is for", numbered=True),
+        Side((identity_table(table), *([specification] if specification.rows else []))),
+        words(needed_sigma_text(table)),
+        Heading("Margins", numbered=True),
+        margins if margins.rows else words("The table has no margins."),
+        *drawings(rest, 2),
+        Heading("Gains", numbered=True),
+        *drawings(rest, 3),
+        Heading("Active constraints", numbered=True),
+        *([causes, words(_ABOUT_CAUSES)] if causes.rows else []),
+        *drawings(rest, 4),
+        Heading("Certificate and verification", numbered=True),
+        words(certificate_sentence(table.certificate), inside_sentence(table, shipped_errors())),
+        *_certificate(table),
+        *drawings(rest, 5),
+        words(*verified[:1]),
+        words(*verified[1:], style=BULLETS),
+        Heading("Stale schedules", numbered=True),
+        *drawings(rest, 6),
+        Heading("Limits of validity", numbered=True),
+        words(
+            "The margins are those of the coupled reduced model, with ideal inner loops, a quasi-static network and "
+            "small deviations. Limits of current and modulation do not act in this model. The full-order model and "
+            "the EMT simulation are decisive.",
+            "The promises hold within the validity box above. Outside the axes, the values at the edge of the table "
+            "are used, and nothing is promised.",
+            "Between the nodes the normalised parameters are interpolated, bilinear in SCR and R/X.",
+            style=BULLETS,
+        ),
+        *([made] if made.rows else []),
+    ]
+    origin = ("Table ", Span(table.name, code=True), ", SHA-256 ", Span(table.sha256, code=True), ".")
+    return Page(f"{table.name}: gain table", blocks, origin)
+
+
+_ABOUT_CAUSES = (
+    "A relaxed cell was designed again without the sampling delay, with ideal inner loops, with an exact estimate and "
+    "with half of the powers. The first of these that restores its requirements is its cause. If none does, the cause "
+    'is "specification".'
+)
+
+
+def _certificate(table: GainTable) -> list[Block]:
+    """The largest certified steps, and what the certificate says."""
+    found = table.certificate
+    if found is None:
+        return []
+    steps = steps_table(table)
+    return [
+        *([] if found.steps is None else [words(step_sentence(found.steps))]),
+        *([] if steps is None else [steps]),
+        open_table("Certificate", _without_steps(found.document), CERTIFICATE_UNITS),
+    ]
 
 
 def verdict_of(table: GainTable) -> str:

@@ -6,16 +6,17 @@ cannot disagree. A section is added there and nowhere else.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Flag, auto
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 
 if TYPE_CHECKING:
     from markupsafe import Markup
 
+    from vsgdesign.report.drawing.flow import Flow
     from vsgdesign.report.drawing.sketch import Sketch
 
 
@@ -27,24 +28,28 @@ class Where(Flag):
     BOTH = PAGE | TERMINAL
 
 
-@dataclass(frozen=True)
-class Span:
-    """A part of a line with a look of its own: code, bold, italic, or a link (a file beside the page, or ``#id``)."""
+class Span(str):
+    """A text with a look of its own: code, bold, italic, or a link (a file beside the page, or ``#id``)."""
 
-    text: str
-    code: bool = False
-    bold: bool = False
-    italic: bool = False
-    link: str = ""
+    code: bool
+    bold: bool
+    italic: bool
+    link: str
+
+    def __new__(cls, text: str, code: bool = False, bold: bool = False, italic: bool = False, link: str = "") -> Self:
+        """A text for everyone who does not ask for its look."""
+        span = super().__new__(cls, text)
+        span.code, span.bold, span.italic, span.link = code, bold, italic, link
+        return span
 
 
-Line = str | tuple[str | Span, ...]
-"""A line of text. A plain one is typeset: its symbols get subscripts, its negative numbers a minus."""
+Line = str | tuple[str, ...]
+"""A line of text, or its parts. A plain text is typeset: its symbols get subscripts, its negative numbers a minus."""
 
 
 def plain_text(line: Line) -> str:
     """A line without its looks."""
-    return line if isinstance(line, str) else "".join(one if isinstance(one, str) else one.text for one in line)
+    return line if isinstance(line, str) else "".join(line)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +99,7 @@ class Table(Block):
 
     title: str
     head: tuple[str, ...]
-    rows: tuple[tuple[Line, ...], ...]
+    rows: tuple[tuple[str, ...], ...]
     texts: int = 1
     groups: tuple[tuple[str, int], ...] = ()
     """A row above the head: (label, how many columns)."""
@@ -106,6 +111,8 @@ class Table(Block):
     marked: frozenset[int] = field(default_factory=frozenset)
     """Rows with a mark at their edge, of which the words beside the table say the meaning."""
     anchor: str = ""
+    row_anchor: str = ""
+    """Rows can be linked to as ``ANCHOR-1`` and so on; empty: they cannot."""
     most: int | None = None
     """Rows that a terminal prints; None: all."""
     left_out: frozenset[str] = field(default_factory=frozenset)
@@ -214,6 +221,8 @@ class Sketches(Block):
     sketches: Sequence[Sketch]
     kind: str = "plot"
     """Class of the sketches in HTML."""
+    least: float = 0.0
+    """Share of its size below which a sketch is not made smaller: a narrow page scrolls. 0: it fills the page."""
 
 
 @dataclass(frozen=True)
@@ -243,6 +252,13 @@ class Live(Block):
 
     html: Markup
     instead: Sequence[Block] = ()
+
+
+@dataclass(frozen=True)
+class OnPaper(Block):
+    """What stands on paper in place of a live component, where no other block fits."""
+
+    draw: Callable[[Flow], None]
 
 
 @dataclass(frozen=True)

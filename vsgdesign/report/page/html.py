@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 
 from vsgdesign import __version__
 from vsgdesign.report.drawing.sketch import svg
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -36,7 +36,6 @@ from vsgdesign.report.page.blocks import (
     Where,
     Words,
     numbered,
-    plain_text,
     printed,
 )
 from vsgdesign.report.quantities import typeset
@@ -120,13 +119,13 @@ def _notes(notes: Iterable[str]) -> Markup:
 
 
 def _line(line: Line) -> Markup:
-    if isinstance(line, str):
-        return with_subscripts(line)
-    return Markup("").join(with_subscripts(one) if isinstance(one, str) else _span(one) for one in line)
+    if isinstance(line, Span):
+        return _span(line)
+    return with_subscripts(line) if isinstance(line, str) else Markup("").join(map(_line, line))
 
 
 def _span(span: Span) -> Markup:
-    found = Markup("<code>{}</code>").format(span.text) if span.code else with_subscripts(span.text)
+    found = Markup("<code>{}</code>").format(str(span)) if span.code else with_subscripts(span)
     for tag, on in (("b", span.bold), ("i", span.italic)):
         found = Markup("<{}>{}</{}>").format(tag, found, tag) if on else found
     return Markup('<a href="{}">{}</a>').format(span.link, found) if span.link else found
@@ -156,12 +155,15 @@ def _row(table: Table, k: int) -> Markup:
     kinds = " ".join(kind for kind, rows in (("flagged", table.flagged), ("marked", table.marked)) if k in rows)
     cells = []
     for n, cell in enumerate(table.rows[k]):
-        brief = " brief" if len(plain_text(cell)) <= _FEW_LETTERS and table.texts <= _FEW_TEXTS else ""
+        brief = " brief" if len(cell) <= _FEW_LETTERS and table.texts <= _FEW_TEXTS else ""
         look = Markup(' class="text{}"').format(brief) if n < table.texts else ""
         link = table.links[k] if table.links and n == 0 else ""
         shown = Markup('<a href="{}">{}</a>').format(link, _line(cell)) if link else _line(cell)
         cells.append(Markup("<td{}>{}</td>").format(look, shown))
-    return Markup("<tr{}>{}</tr>").format(Markup(' class="{}"').format(kinds) if kinds else "", Markup("").join(cells))
+    look = Markup(' class="{}"').format(kinds) if kinds else Markup("")
+    if table.row_anchor:
+        look += Markup(' id="{}-{}"').format(table.row_anchor, k + 1)
+    return Markup("<tr{}>{}</tr>").format(look, Markup("").join(cells))
 
 
 def _answer(answer: Answer) -> Markup:
@@ -220,11 +222,17 @@ def _svg_of(block: Figure) -> str:
 
 
 def _sketches(block: Sketches) -> Markup:
-    drawn = Markup("\n").join(svg(one, block.kind) for one in block.sketches)
+    drawn = [svg(one, block.kind) for one in block.sketches]
+    if block.least:
+        scrolled = Markup('<div class="scroll" style="flex-basis:{:.0f}px">{}</div>')
+        drawn = [
+            scrolled.format(block.least * one.width, made) for one, made in zip(block.sketches, drawn, strict=True)
+        ]
     title = Markup("<b>{}.</b> ").format(block.title) if block.title else ""
-    return Markup('<figure class="plots"><div class="row">{}</div><figcaption>{}{}</figcaption></figure>').format(
-        drawn, title, with_subscripts(block.caption)
-    )
+    caption = Markup("<figcaption>{}{}</figcaption>").format(title, with_subscripts(block.caption))
+    row = Markup('<div class="row">{}</div>').format(Markup("\n").join(drawn))
+    parts = (caption, row) if block.least else (row, caption)
+    return Markup('<figure class="{}">{}{}</figure>').format("maps" if block.least else "plots", *parts)
 
 
 _PRINTERS: dict[type[Block], Callable[[Any], Markup]] = {
@@ -248,7 +256,7 @@ def environment() -> jinja2.Environment:
     """The skeleton's templates; every text is escaped and typeset, a missing one is an error."""
     import jinja2
 
-    found = jinja2.Environment(
+    return jinja2.Environment(
         loader=jinja2.FunctionLoader(text_file),
         autoescape=True,
         trim_blocks=True,
@@ -256,24 +264,6 @@ def environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         finalize=lambda value: typeset(value) if type(value) is str else value,
     )
-    found.filters["sub"] = with_subscripts
-    found.filters["tight"] = tight
-    return found
-
-
-def write_html(
-    out_path: Path, template: str, figures: Sequence[WrittenFigure], largest: str = "", **values: Any
-) -> Path:
-    """Write a page of a template of its own, until its result has a function that makes blocks."""
-    placed = [
-        (k + 1, figure, inline_svg(figure.svg.read_text(encoding="utf-8"), figure.name, figure.title))
-        for k, figure in enumerate(sorted(figures, key=lambda figure: (figure.name != largest, figure.part)))
-    ]
-    first = [one for one in placed if one[1].name == largest]
-    rest = [one for one in placed if one[1].name != largest]
-    text = environment().get_template(template).render(figures=rest, largest=first, version=__version__, **values)
-    out_path.write_text(text, encoding="utf-8", newline="\n")
-    return out_path
 
 
 _BREAKABLE = re.compile(r"(?<=[≤≥\d]) (?=[\d%°a-zA-Z])|(?<=asked) (?=[≤≥])|(?<=limit) (?=\d)")

@@ -26,6 +26,7 @@ from vsgdesign.report.page.blocks import (
     Heading,
     Live,
     Note,
+    OnPaper,
     Page,
     Side,
     Sketches,
@@ -38,10 +39,13 @@ from vsgdesign.report.page.blocks import (
 )
 from vsgdesign.report.quantities import typeset
 
+_LEAST_MAP = 0.62
+"""Points for each px of a map, at least."""
 
-def print_pdf(page: Page, out_path: str | Path) -> Path:
-    """Write a page on upright sheets. Equal pages give equal bytes."""
-    flow = Flow(HEIGHT, WIDTH)
+
+def print_pdf(page: Page, out_path: str | Path, wide: bool = False) -> Path:
+    """Write a page on upright sheets, or on ``wide`` ones. Equal pages give equal bytes."""
+    flow = Flow(WIDTH, HEIGHT) if wide else Flow(HEIGHT, WIDTH)
     flow.heading(page.title, 15.0)
     blocks = printed(numbered(page.blocks), Where.PAGE)
     for block, following in zip(blocks, [*blocks[1:], None], strict=True):
@@ -91,8 +95,8 @@ def _words(flow: Flow, block: Words) -> None:
 
 
 def _table(flow: Flow, table: Table) -> None:
-    rows: list[Cells] = [[[Said(plain_text(cell))] for cell in row] for row in table.rows]
-    widths = _widths(flow, [table.head, *[[plain_text(cell) for cell in row] for row in table.rows]])
+    rows: list[Cells] = [[[Said(cell)] for cell in row] for row in table.rows]
+    widths = _widths(flow, [table.head, *table.rows])
     first = 0
     for label, span in table.groups:  # what the words above some columns need more than these is room for the last one
         wanted = PAD + text_width(typeset(label), SIZE, bold=True)
@@ -152,6 +156,11 @@ def _figure(flow: Flow, block: Figure) -> None:
         flow.picture(drawn.png, f"{number}{drawn.title}.", drawn.caption)
 
 
+def _across(flow: Flow, block: Sketches) -> int:
+    """How many sketches stand side by side: their numbers keep 6 pt, other words 7."""
+    return int(flow.room / (_LEAST_MAP * block.sketches[0].width)) if block.least else 3
+
+
 _PRINTERS: dict[type[Block], Callable[[Flow, Any], None]] = {
     Heading: _heading,
     Words: _words,
@@ -159,5 +168,6 @@ _PRINTERS: dict[type[Block], Callable[[Flow, Any], None]] = {
     Table: _table,
     Answer: _answer,
     Figure: _figure,
-    Sketches: lambda flow, block: flow.sketches(block.title, block.caption, block.sketches, 3),
+    Sketches: lambda flow, block: flow.sketches(block.title, block.caption, block.sketches, _across(flow, block)),
+    OnPaper: lambda flow, block: block.draw(flow),
 }

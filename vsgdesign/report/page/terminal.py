@@ -93,7 +93,7 @@ def _table(console: Console, table: Table) -> None:
 
     stars = bool(table.flagged)
     columns = [k for k, name in enumerate(table.head) if name not in table.left_out]
-    shown, heads = new_table(table.title), _heads(table)
+    shown, heads = _new_table(), _heads(table)
     if stars:
         shown.add_column("")
     for k in columns:
@@ -102,6 +102,8 @@ def _table(console: Console, table: Table) -> None:
     for k, row in enumerate(rows):
         cells = [escape(_text(row[n])) for n in columns]
         shown.add_row(*(["*" if k in table.flagged else ""] if stars else []), *cells)
+    # A line of its own: as a title of a narrow table it would be broken.
+    _say(console, typeset(table.title), "italic")
     console.print(shown)
     if len(rows) < len(table.rows):
         reasons = ", which also says why" if table.left_out else ""
@@ -119,10 +121,9 @@ def _heads(table: Table) -> list[str]:
     ]
 
 
-def new_table(title: str) -> rich.table.Table:
+def _new_table() -> rich.table.Table:
     """An empty table in the look of all of them."""
     import rich.table
     from rich import box
-    from rich.markup import escape
 
-    return rich.table.Table(title=escape(typeset(title)), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    return rich.table.Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)

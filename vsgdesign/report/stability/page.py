@@ -18,7 +18,6 @@ from vsgdesign.report.page.blocks import (
     Box,
     Contents,
     Heading,
-    Line,
     Live,
     Note,
     Page,
@@ -167,7 +166,7 @@ _ABOUT_FILES = (
 
 
 def _clauses(result: StabilityResult) -> Table:
-    rows: list[tuple[Line, ...]] = []
+    rows: list[tuple[str, ...]] = []
     for row in result.verdicts:
         link = link_of(result, row.evidence)
         rows.append(
@@ -178,8 +177,8 @@ def _clauses(result: StabilityResult) -> Table:
                 row.test,
                 row.value or DASH,
                 row.limit or DASH,
-                (Span(row.verdict, bold=True),),
-                (Span(row.evidence, link=link or ""),),
+                Span(row.verdict, bold=True),
+                Span(row.evidence, link=link or ""),
             )
         )
     head = ("Controller", "Source", "Confidence", "Test", "Value", "Limit", "Verdict", "Evidence")
@@ -259,7 +258,7 @@ def _explorer(result: StabilityResult, explorer: ExplorerFile | None) -> list[Bl
 
 
 def _files(result: StabilityResult) -> Table:
-    rows = tuple(((Span(name, link=quote(name)),), content) for name, content in csv_files(result))
+    rows = tuple((Span(name, link=quote(name)), content) for name, content in csv_files(result))
     return Table("", ("File", "Content"), rows, texts=2, anchor="files")
 
 

@@ -1,4 +1,4 @@
-"""Gain tables for a terminal."""
+"""What a terminal prints of gain tables: one grid of numbers for each column and margin, and comparisons."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.markup import escape
 
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable
-from vsgdesign.cli.console.scenario import new_console, new_table
 from vsgdesign.report.gain_table.words import heading
+from vsgdesign.report.page.blocks import Block, Table, Where, words
+from vsgdesign.report.quantities import DASH
 from vsgdesign.runtime.needed_sigma import needed_sigma_text, needed_sigmas
 from vsgdesign.stability.gain_table import FIGURES, Compared, figure_of, largest_difference
 
@@ -21,10 +20,9 @@ COLUMN_UNITS = {"k_1": "1/s²", "d_1": "1/s", "k_2": "1/s", "H": "s", "zeta": "1
 """Units of the normalised columns in SI. Columns that are not listed here have none."""
 
 
-def table_overview(table: GainTable) -> None:
+def table_blocks(table: GainTable) -> list[Block]:
     """What the table is for, then one grid of numbers for each column and margin that is not the same in every cell."""
-    console = new_console()
-    console.print("\n".join(escape(line) for line in heading(table)), highlight=False, soft_wrap=True)
+    found: list[Block] = [words(*heading(table), on=Where.TERMINAL)]
     constant: list[str] = []
     for name in COLUMNS[table.law]:
         values = table.parameters[name]
@@ -32,49 +30,46 @@ def table_overview(table: GainTable) -> None:
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
             constant.append(f"{name} = {values[0, 0]:.4g}" + (f" {unit}" if unit != "1" else ""))
         else:
-            _print_grid(console, table, f"{name} [{unit}]", values, ".4g")
+            found.append(_grid(table, f"{name} [{unit}]", values, ".4g"))
     if constant:
-        console.print(escape(f"the same in every cell: {', '.join(constant)}"), highlight=False)
+        found.append(words(f"the same in every cell: {', '.join(constant)}", on=Where.TERMINAL))
     for name in _in_order(table.margins):
         figure = figure_of(name)
         form = ".3g" if figure.unit == "1" else ".2f"
-        _print_grid(console, table, f"{figure.title} [{figure.unit}]", table.margins[name], form)
-    words = np.where(table.active == "", table.status, np.char.add(np.char.add(table.status, ": "), table.active))
-    if len(np.unique(words)) > 1:
-        _print_grid(console, table, "status, active constraint", words, "")
+        found.append(_grid(table, f"{figure.title} [{figure.unit}]", table.margins[name], form))
+    status = np.where(table.active == "", table.status, np.char.add(np.char.add(table.status, ": "), table.active))
+    if len(np.unique(status)) > 1:
+        found.append(_grid(table, "status, active constraint", status, ""))
     else:
-        console.print(escape(f"every cell: {words[0, 0]}"), highlight=False)
+        found.append(words(f"every cell: {status[0, 0]}", on=Where.TERMINAL))
+    return found
 
 
-def sigma_overview(table: GainTable) -> None:
+def sigma_blocks(table: GainTable) -> list[Block]:
     """How certain an estimate must be to be followed fully, as a sentence and in every cell."""
-    console = new_console()
-    console.print(escape(needed_sigma_text(table)), highlight=False, soft_wrap=True)
     title = "largest relative standard deviation of Z [%]"
-    _print_grid(console, table, title, 100.0 * needed_sigmas(table), ".2f")
+    sentence = words(needed_sigma_text(table), on=Where.TERMINAL)
+    return [sentence, _grid(table, title, 100.0 * needed_sigmas(table), ".2f")]
 
 
-def comparison_tables(compared: Sequence[Compared], files: Sequence[str]) -> None:
+def comparison_blocks(compared: Sequence[Compared], files: Sequence[str]) -> list[Block]:
     """The worst margins of every table, then the largest differences of the others from the first."""
-    console = new_console()
     first = compared[0].table
-    worst = new_table(
-        f"worst over the {first.scr.size * first.x_over_r.size} grids of {files[0]}, nominal",
-        ("table", "structure", "law", *(f"{figure.title} [{figure.unit}]" for figure in FIGURES.values())),
-        left=("table", "structure", "law"),
-    )
-    for c, file in zip(compared, files, strict=True):
-        cells = (f"{c.worst(name):.3g}" if math.isfinite(c.worst(name)) else "–" for name in FIGURES)
-        worst.add_row(escape(file), c.table.structure, c.table.law, *cells)
-    console.print(worst)
+    rows = [
+        (file, c.table.structure, c.table.law, *(_shown(c.worst(name), ".3g") for name in FIGURES))
+        for c, file in zip(compared, files, strict=True)
+    ]
+    head = ("table", "structure", "law", *(f"{figure.title} [{figure.unit}]" for figure in FIGURES.values()))
+    title = f"worst over the {first.scr.size * first.x_over_r.size} grids of {files[0]}, nominal"
+    found: list[Block] = [Table(title, head, tuple(rows), texts=3, on=Where.TERMINAL)]
     for other, file in zip(compared[1:], files[1:], strict=True):
-        table = new_table(
-            f"{file}, less {files[0]}: largest differences", ("figure", "difference", "where"), left=("figure", "where")
+        differences = tuple(
+            (row["figure"], f"SCR {row['scr']:g}, X/R {row['x_over_r']:g}", f"{row['difference']:+.3g}")
+            for row in _differences(compared[0], other)
         )
-        for row in _differences(compared[0], other):
-            where = f"SCR {row['scr']:g}, X/R {row['x_over_r']:g}"
-            table.add_row(row["figure"], f"{row['difference']:+.3g}", where)
-        console.print(table)
+        title = f"{file}, less {files[0]}: largest differences"
+        found.append(Table(title, ("figure", "where", "difference"), differences, texts=2, on=Where.TERMINAL))
+    return found
 
 
 def comparison_document(compared: Sequence[Compared], files: Sequence[str]) -> dict[str, Any]:
@@ -114,16 +109,14 @@ def _in_order(margins: Iterable[str]) -> list[str]:
     return known + [name for name in names if name not in known]
 
 
-def _print_grid(console: Console, table: GainTable, title: str, values: NDArray[Any], form: str) -> None:
-    # Its own line, not the grid's title, which would be wrapped to the width of the numbers.
-    console.print(escape(title), style="italic", highlight=False)
-    grid = new_table("", (r"SCR \ X/R", *(f"{x:g}" for x in table.x_over_r)))
-    for i, scr in enumerate(table.scr):
-        grid.add_row(f"{scr:g}", *(_shown(value, form) for value in values[i].tolist()))
-    console.print(grid)
+def _grid(table: GainTable, title: str, values: NDArray[Any], form: str) -> Table:
+    rows = tuple(
+        (f"{scr:g}", *(_shown(value, form) for value in values[i].tolist())) for i, scr in enumerate(table.scr)
+    )
+    return Table(title, (r"SCR \ X/R", *(f"{x:g}" for x in table.x_over_r)), rows, texts=0, on=Where.TERMINAL)
 
 
 def _shown(value: Any, form: str) -> str:
     if isinstance(value, str):
-        return escape(value)
-    return f"{value:{form}}" if math.isfinite(value) else "–"
+        return value
+    return f"{value:{form}}" if math.isfinite(value) else DASH
