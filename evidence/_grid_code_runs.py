@@ -14,10 +14,10 @@ from evidence.survival import CONVERTERS, STUDIES
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.compliance.case import FOR_EVER_S, Subject
 from vsgdesign.compliance.matrix import judged_test
+from vsgdesign.compliance.measuring import Trace
 from vsgdesign.compliance.reading import suite_from_text, suite_named
 from vsgdesign.compliance.rows import Check
 from vsgdesign.compliance.suite import Criterion, SuiteTest
-from vsgdesign.compliance.trace import Trace
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, SURVIVED
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline.survival import survival_tables

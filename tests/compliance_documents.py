@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.compliance.evidence import Evidence, csv_path, limits_at
+from vsgdesign.compliance.measuring import Trace
 from vsgdesign.compliance.rows import (
     FAIL,
     IMPOSSIBLE,
@@ -21,7 +22,6 @@ from vsgdesign.compliance.rows import (
     Check,
     Row,
 )
-from vsgdesign.compliance.trace import Trace
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 LIMIT_PU = 1.2

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.compliance.measures import MeasureInput, Ratings
+from vsgdesign.compliance.measuring import Trace
 from vsgdesign.compliance.suite import OURS, Source, SuiteTest
-from vsgdesign.compliance.trace import Trace
 from vsgdesign.parameters.event import Event
 
 Array = NDArray[np.float64]

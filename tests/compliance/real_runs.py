@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from tests.compliance.made_runs import SOURCE
-from vsgdesign.compliance.linear import nfp_of
 from vsgdesign.compliance.measures import MeasureInput, Ratings
+from vsgdesign.compliance.run import nfp_of, trace_of
 from vsgdesign.compliance.suite import SuiteTest
-from vsgdesign.compliance.tracing import trace_of
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.grid import Place

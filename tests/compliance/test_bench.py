@@ -11,12 +11,11 @@ import pytest
 
 from tests.compliance.bench_studies import TEXT, subject, suite_test
 from vsgdesign.compliance.case import Subject, case_of, case_text
-from vsgdesign.compliance.evidence import Evidence
+from vsgdesign.compliance.evidence import Evidence, thinned
 from vsgdesign.compliance.matrix import judged_test, network_in_words, summary_of
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
 from vsgdesign.compliance.run import run_test
 from vsgdesign.compliance.suite import Criterion, Suite, SuiteTest
-from vsgdesign.compliance.thinning import thinned
 from vsgdesign.explore.session import start_of
 from vsgdesign.explore.state import state_of
 from vsgdesign.frames import SPACE_VECTOR_POWER

@@ -10,12 +10,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vsgdesign.compliance.envelopes import ENVELOPES, Bounds, declared_machine
-from vsgdesign.compliance.measuring import MeasureInput, Ratings
+from vsgdesign.compliance.envelopes import (
+    ENVELOPES,
+    Bounds,
+    Machine,
+    Margins,
+    change_curves,
+    declared_machine,
+    power_after_jump,
+    power_curves,
+)
+from vsgdesign.compliance.measuring import MeasureInput, Ratings, Trace
 from vsgdesign.compliance.reading import suite_from_text
 from vsgdesign.compliance.suite import SuiteTest
-from vsgdesign.compliance.swing import Machine, Margins, change_curves, power_after_jump, power_curves
-from vsgdesign.compliance.trace import Trace
 from vsgdesign.equations.power_loops import PowerLoopGains
 
 SLOW = Machine(H_s=5.0, D_pu=250.0, X_pu=0.37, omega_n=314.0)

@@ -20,8 +20,8 @@ from vsgdesign.compliance.evidence import (
     slug,
     write_evidence,
 )
+from vsgdesign.compliance.measuring import Trace
 from vsgdesign.compliance.rows import FAIL, PASS
-from vsgdesign.compliance.trace import Trace
 from vsgdesign.errors import ArtifactError
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tests.compliance.bench_studies import subject, suite_test
-from vsgdesign.compliance.applies import not_applicable
-from vsgdesign.compliance.impossible import impossible, largest_power
+from vsgdesign.compliance.applies import impossible, largest_power, not_applicable
 from vsgdesign.compliance.run import run_test
 from vsgdesign.compliance.suite import Criterion
 from vsgdesign.parameters.event import Event

@@ -1,4 +1,4 @@
-"""Evidence of a verdict as a CSV file: the trace of a run, with the envelopes that it was judged by."""
+"""Evidence of a verdict as a CSV file: the trace of a run with fewer rows, and the envelopes that it was judged by."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import gzip
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.compliance.measuring import Trace
 from vsgdesign.compliance.rows import FAIL
-from vsgdesign.compliance.trace import Trace
 from vsgdesign.errors import ArtifactError
 
 Array = NDArray[np.float64]
@@ -195,3 +195,40 @@ def _digits(values: Array, decimals: int) -> NDArray[np.uint8]:
             text = f"{values[k]:g}".rjust(width + 2).encode()
             found[k] = np.frombuffer(text, dtype=np.uint8)
     return found
+
+
+BEFORE_S, AFTER_S = 0.02, 0.15
+"""Around each event every row is kept: from so long before it to so long after it, s."""
+
+REST_S = 5e-3
+"""Elsewhere one row is kept in so many seconds."""
+
+LARGEST, MEAN = ("i_s_pu", "i_phase_pu"), ("P_dc_pu", "limited")
+"""Columns of which a kept row has the largest, or the mean, of itself and of the rows left out before it."""
+
+
+def thinned(evidence: Evidence, events_s: Sequence[float]) -> Evidence:
+    """The evidence with fewer rows. All other columns have their value at the instant of the row."""
+    trace = evidence.trace
+    t, rows = trace.t_s, len(trace.t_s)
+    if rows < 3:
+        return evidence
+    step = float(t[-1] - t[0]) / (rows - 1)
+    keep = np.zeros(rows, dtype=bool)
+    keep[:: max(round(REST_S / step), 1)] = True
+    keep[-1] = True
+    for event_s in events_s:
+        keep |= (t >= event_s - BEFORE_S - 0.5 * step) & (t <= event_s + AFTER_S + 0.5 * step)
+    kept = np.flatnonzero(keep)
+    begins = np.concatenate(([0], kept[:-1] + 1))
+    counts = np.diff(np.append(begins, kept[-1] + 1))
+    columns: dict[str, Array] = {}
+    for name, values in vars(trace).items():
+        if name in LARGEST:
+            columns[name] = np.maximum.reduceat(values, begins)
+        elif name in MEAN:
+            columns[name] = np.add.reduceat(values, begins) / counts
+        else:
+            columns[name] = values[kept]
+    limits = tuple(replace(one, low=one.low[kept], high=one.high[kept]) for one in evidence.limits)
+    return Evidence(trace=Trace(**columns), limits=limits)

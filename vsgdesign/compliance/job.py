@@ -14,11 +14,10 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.compliance.case import Subject
-from vsgdesign.compliance.evidence import csv_path, write_evidence
+from vsgdesign.compliance.evidence import csv_path, thinned, write_evidence
 from vsgdesign.compliance.maps import Mapped, survival_map
 from vsgdesign.compliance.matrix import judged_test
 from vsgdesign.compliance.suite import Suite, SuiteTest
-from vsgdesign.compliance.thinning import thinned
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.jobs import Job
 from vsgdesign.parameters.study import Study

@@ -6,15 +6,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from vsgdesign.compliance.applies import not_applicable
+from vsgdesign.compliance.applies import impossible, not_applicable
 from vsgdesign.compliance.case import Subject
 from vsgdesign.compliance.envelopes import ENVELOPES
 from vsgdesign.compliance.evidence import Evidence, Limits, limits_at
-from vsgdesign.compliance.impossible import impossible
-from vsgdesign.compliance.linear import nfp_of
 from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS, VERDICTS, Check, Row
-from vsgdesign.compliance.run import TestRun, run_test
+from vsgdesign.compliance.run import TestRun, nfp_of, run_test
 from vsgdesign.compliance.suite import Criterion, Suite, SuiteTest
 from vsgdesign.errors import CircuitError, StudyError
 from vsgdesign.metrics.survival import SURVIVED

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from vsgdesign.compliance.measured.currents import CURRENTS
-from vsgdesign.compliance.measured.extremes import EXTREMES
+from vsgdesign.compliance.measured.extremes import CURRENTS, EXTREMES
 from vsgdesign.compliance.measured.faults import FAULTS
 from vsgdesign.compliance.measured.frequency import FREQUENCY
 from vsgdesign.compliance.measured.oscillations import OSCILLATIONS
-from vsgdesign.compliance.measured.recovery import RECOVERY
-from vsgdesign.compliance.measured.responses import RESPONSES
+from vsgdesign.compliance.measured.responses import RECOVERY, RESPONSES
 from vsgdesign.compliance.measuring import Measure, Measured, MeasureInput, Parameter, Ratings
 
 __all__ = ["MEASURES", "Measure", "MeasureInput", "Measured", "Parameter", "Ratings"]

@@ -1,4 +1,5 @@
-"""What a measure is: a figure of one run with its name, unit, meaning and parameters, or why it is not known."""
+"""The trace of a run, and what a measure of it is: a figure with name, unit, meaning and parameters, or why it is not
+known."""
 
 from __future__ import annotations
 
@@ -13,13 +14,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.compliance.suite import SuiteTest
-from vsgdesign.compliance.trace import Trace
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """Signals of one run, equally spaced arrays (n,). Time zero is the beginning of the test."""
+
+    t_s: Array
+    P_pu: Array
+    """At the capacitor, as the controller measures it, over the rating; unfiltered."""
+    Q_pu: Array
+    f_hz: Array
+    """Frequency of the converter's frame, Hz."""
+    V_pu: Array
+    """The converter's voltage reference, phase rms over the nominal one."""
+    delta_rad: Array
+    """Angle of the converter's frame against the grid source, rad, unwrapped."""
+    i_s_pu: Array
+    """Length of the converter current's vector over the rated peak."""
+    i_phase_pu: Array
+    """Largest magnitude of the three phases of i_s over the rated peak."""
+    v_alpha_pu: Array
+    v_beta_pu: Array
+    """Capacitor node, over the rated phase peak."""
+    i_g_alpha_pu: Array
+    i_g_beta_pu: Array
+    """Current into the PCC, over the rated peak."""
+    P_dc_pu: Array
+    """Power that the dc link gives to the bridge, over the rating, mean over each row's interval."""
+    limited: Array
+    """Share of the samples since the row before in which the limiter acted."""
+
+
 Complex = NDArray[np.complexfloating[Any, Any]]
 T = TypeVar("T")
 
@@ -87,7 +119,7 @@ class MeasureInput:
     """In force before the first event, in SI; None if they are not known."""
     nfp: Callable[[Array], Complex | str] | None = None
     """ΔP over Δω of the grid, per unit, at angular frequencies (rad/s), from a linear model at the test's first grid
-    and operating point, or why there is none (:func:`vsgdesign.compliance.linear.nfp_of`). None: no model is given."""
+    and operating point, or why there is none (:func:`vsgdesign.compliance.run.nfp_of`). None: no model is given."""
     shared: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
     """What several measures need, computed once (:meth:`once`)."""
 

@@ -189,9 +189,9 @@ def _tables(
 def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked) -> dict[str, Any]:
     """results.json without what differs from one run to the next."""
     from vsgdesign.compliance.evidence import figures_of
-    from vsgdesign.compliance.identity import identity_of
     from vsgdesign.compliance.job import in_order
     from vsgdesign.compliance.matrix import summary_of
+    from vsgdesign.compliance.rows import identity_of
     from vsgdesign.pipeline.explorer_links import explorer_link
     from vsgdesign.report.drawing.style import COLOURS
 

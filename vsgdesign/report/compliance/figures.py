@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.compliance.evidence import Evidence
+from vsgdesign.compliance.evidence import REST_S, Evidence
+from vsgdesign.compliance.measuring import Trace
 from vsgdesign.compliance.rows import FAIL
-from vsgdesign.compliance.thinning import REST_S
-from vsgdesign.compliance.trace import Trace
 from vsgdesign.report.compliance.arranged import Arranged, Group, Tested
 from vsgdesign.report.drawing.plot import Band, Curve, Plot, plot_sketch
 from vsgdesign.report.drawing.sketch import Sketch
