@@ -260,6 +260,7 @@ class EventsTable(TypedDict, total=False):
     synchronise: bool
     P_ref: Quantity
     Q_ref: Quantity
+    V_ref_pu: Quantity
 
 class EventsGridTable(TypedDict, total=False):
     """The fields of [events.grid]."""
@@ -427,6 +428,7 @@ class VerificationTable(TypedDict, total=False):
     sag: VerificationSagTable | Mapping[str, Any]
     ramp: VerificationRampTable | Mapping[str, Any]
     reference: VerificationReferenceTable | Mapping[str, Any]
+    voltage_set_point: VerificationVoltageSetPointTable | Mapping[str, Any]
 
 class VerificationStepTable(TypedDict, total=False):
     """The fields of [verification.step]."""
@@ -466,6 +468,12 @@ class VerificationReferenceTable(TypedDict, total=False):
     """The fields of [verification.reference]."""
 
     weight: Quantity
+
+class VerificationVoltageSetPointTable(TypedDict, total=False):
+    """The fields of [verification.voltage_set_point]."""
+
+    weight: Quantity
+    size: Quantity | Sequence[Quantity]
 
 class BackgroundTable(TypedDict, total=False):
     """The fields of [background]."""
@@ -637,6 +645,7 @@ def event(
     synchronise: bool = ...,
     P_ref: Quantity = ...,
     Q_ref: Quantity = ...,
+    V_ref_pu: Quantity = ...,
 ) -> dict[str, Any]:
     """An event at a time in s, or at a text such as "2 s".
 
@@ -664,6 +673,8 @@ def event(
         which closes when it has been in step for 0.2 s (default false).
         P_ref: set point (±`reference_limit_pu` S_rated in W; default unchanged).
         Q_ref: set point (±`reference_limit_pu` S_rated in var; default unchanged).
+        V_ref_pu: set point of the voltage in the Q–V droop, pu of rated. A controller without this droop does
+        not answer (`V_min_pu` to `V_max_pu`; default unchanged).
     """
     ...
 
