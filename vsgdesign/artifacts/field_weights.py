@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import GuardedFile, content_hash, is_number
+from vsgdesign.artifacts.network_weights import array_faults, fix_arrays
 from vsgdesign.equations.field_fusion import GateLimits, Posterior
 
 Array = NDArray[np.float64]
@@ -41,10 +42,7 @@ class FieldLayers:
     b_3: Array
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            array = np.array(getattr(self, f.name), dtype=np.float64)
-            array.flags.writeable = False
-            object.__setattr__(self, f.name, array)
+        fix_arrays(self)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -142,14 +140,7 @@ def _layer_faults(weights: FieldWeights) -> Iterator[str]:
         "W_3": (m, h_2),
         "b_3": (m,),
     }
-    for name, shape in wanted.items():
-        values = getattr(layers, name)
-        if values.shape != shape:
-            yield f"layers.{name}: has shape {values.shape}, must be {shape}"
-        elif not np.all(np.isfinite(values)):
-            yield f"layers.{name}: holds what is not a number"
-        elif name == "deviation" and np.any(values <= 0.0):
-            yield "layers.deviation: must be positive"
+    yield from array_faults({f"layers.{name}": (getattr(layers, name), shape) for name, shape in wanted.items()})
 
 
 def _gate_faults(gate: GateLimits) -> Iterator[str]:
@@ -171,5 +162,5 @@ FIELD_WEIGHTS_FILE = GuardedFile(
     again="train again",
     document=weights_document,
     build=_from_document,
-    faults=lambda weights: list(_faults(weights)),
+    faults=_faults,
 )

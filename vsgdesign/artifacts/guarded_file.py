@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -47,7 +47,7 @@ class GuardedFile(Generic[T]):
     again: str
     document: Callable[[T], dict[str, Any]]
     build: Callable[[dict[str, Any]], T]
-    faults: Callable[[T], Sequence[str]]
+    faults: Callable[[T], Iterable[str]]
     layout: Callable[[str], str] = str
     upgrades: tuple[Callable[[dict[str, Any]], dict[str, Any]], ...] = ()
     """The k-th makes a content of schema k + 2 of one of schema k + 1: what older versions wrote is read."""
@@ -62,7 +62,7 @@ class GuardedFile(Generic[T]):
 
         Raises ArtifactError with every fault where it would be unusable.
         """
-        faults = self.faults(value)
+        faults = list(self.faults(value))
         if faults:
             raise ArtifactError(
                 f'"{path}" was not written, because it would not be a usable {self._noun}.{_listed(faults)}'
@@ -112,7 +112,7 @@ class GuardedFile(Generic[T]):
             value = self.build(document)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ArtifactError(f"it is not a complete {self._noun} ({_reason(error)}); {self.again}.") from error
-        faults = self.faults(value)
+        faults = list(self.faults(value))
         if faults:
             raise ArtifactError(f"it is not a usable {self._noun}; {self.again}.{_listed(faults)}")
         if content_hash(self.document(value)) != said:

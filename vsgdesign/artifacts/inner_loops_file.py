@@ -132,5 +132,5 @@ INNER_LOOPS_FILE = GuardedFile(
     again="design them again",
     document=_document,
     build=_from_document,
-    faults=lambda record: list(_faults(record)),
+    faults=_faults,
 )

@@ -145,6 +145,6 @@ MEASURED_FILE = GuardedFile(
     again="measure again",
     document=_document,
     build=_from_document,
-    faults=lambda measured: list(_faults(measured)),
+    faults=_faults,
     layout=rows_on_a_line,
 )

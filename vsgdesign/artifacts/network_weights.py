@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ class Scaling:
     high: Array
 
     def __post_init__(self) -> None:
-        _fix(self)
+        fix_arrays(self)
 
     def gain_and_offset(self) -> tuple[Array, Array]:
         """α and β of αx + β."""
@@ -70,7 +70,7 @@ class Network:
     outputs: Scaling
 
     def __post_init__(self) -> None:
-        _fix(self)
+        fix_arrays(self)
 
     def evaluate(self, x: Array) -> Array:
         """(N, n) to (N, m) in SI, unfolded: scale, network, scale back (:eq:`network`)."""
@@ -175,13 +175,7 @@ def _faults(weights: NetworkWeights) -> Iterator[str]:
     for side, size in (("inputs", n), ("outputs", m)):
         scaling = getattr(network, side)
         wanted |= {f"{side}.{f.name}": (getattr(scaling, f.name), (size,)) for f in fields(Scaling)}
-    for name, (values, shape) in wanted.items():
-        if values.shape != shape:
-            yield f"{name}: has shape {values.shape}, must be {shape}"
-        elif not np.all(np.isfinite(values)):
-            yield f"{name}: holds what is not a number"
-        elif name.endswith("deviation") and np.any(values <= 0.0):
-            yield f"{name}: must be positive"
+    yield from array_faults(wanted)
     for side in (network.inputs, network.outputs):
         if side.low.shape == side.high.shape and np.any(side.low >= side.high):
             yield "low: must be below high"
@@ -201,11 +195,22 @@ def _faults(weights: NetworkWeights) -> Iterator[str]:
             yield f"trained_on.{name}: must be two numbers, the smaller first"
 
 
+def array_faults(wanted: Mapping[str, tuple[Array, tuple[int, ...]]]) -> Iterator[str]:
+    """What is wrong with arrays of a network, each by its name with the shape that it must have."""
+    for name, (values, shape) in wanted.items():
+        if values.shape != shape:
+            yield f"{name}: has shape {values.shape}, must be {shape}"
+        elif not np.all(np.isfinite(values)):
+            yield f"{name}: holds what is not a number"
+        elif name.endswith("deviation") and np.any(values <= 0.0):
+            yield f"{name}: must be positive"
+
+
 def _lists(value: Any) -> Any:
     return {name: _lists(item) for name, item in value.items()} if isinstance(value, dict) else value.tolist()
 
 
-def _fix(instance: Any) -> None:
+def fix_arrays(instance: Any) -> None:
     """Arrays of a frozen instance become read-only copies in float64."""
     for f in fields(instance):
         value: ArrayLike | Scaling = getattr(instance, f.name)
@@ -223,5 +228,5 @@ WEIGHTS_FILE = GuardedFile(
     again="train again",
     document=weights_document,
     build=_from_document,
-    faults=lambda weights: list(_faults(weights)),
+    faults=_faults,
 )
