@@ -17,8 +17,7 @@ from vsgdesign.certificate import Certificate, Region, certify
 from vsgdesign.certificate.box_check import compile_ahead, judge, survey
 from vsgdesign.certificate.boxes import Boxes, parameters_of, points_of, whole_region
 from vsgdesign.certificate.enclosure import programs
-from vsgdesign.certificate.lyapunov import residual
-from vsgdesign.certificate.motion import Motion
+from vsgdesign.certificate.lyapunov import Motion, residual
 from vsgdesign.certificate.proof import EMPTY, PROVED, UNDECIDED, look_at, prove
 from vsgdesign.certificate.region import System, nodes, point_of, random_points
 from vsgdesign.certificate.taylor_kernel import LANES, rows, run_program, sum_up

@@ -15,11 +15,17 @@ from scipy.optimize import fsolve
 from tests.gain_tables import table
 from vsgdesign.artifacts.certificate_record import StepStatement, step_statement
 from vsgdesign.certificate import Certificate, Region, certified_steps, certify, step_proof
-from vsgdesign.certificate.level_set import largest_level_set
+from vsgdesign.certificate.lyapunov import largest_level_set
 from vsgdesign.certificate.region import System, nodes, random_points
-from vsgdesign.certificate.rest_shift import rest_shift
 from vsgdesign.certificate.step_proof import prove_steps
-from vsgdesign.certificate.step_terms import ActingLimits, LevelShape, acting_limits, rest_current_pu, step_sizes
+from vsgdesign.certificate.step_terms import (
+    ActingLimits,
+    LevelShape,
+    acting_limits,
+    rest_current_pu,
+    rest_shift,
+    step_sizes,
+)
 from vsgdesign.equations.power_flow import power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, power_loops
 from vsgdesign.parameters import ControllerSpec, Study, load_study

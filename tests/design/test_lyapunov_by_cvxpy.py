@@ -11,8 +11,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from vsgdesign.certificate.level_set import largest_level_set
-from vsgdesign.certificate.lyapunov import Family, best_fit, fit, residual
+from vsgdesign.certificate.lyapunov import Family, best_fit, fit, largest_level_set, residual
 
 CELLS, ORDER = 25, 3
 

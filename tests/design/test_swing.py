@@ -14,13 +14,12 @@ from scipy.optimize import brentq
 
 from tests.design.test_certificate_proof import systems
 from vsgdesign.certificate import Region
-from vsgdesign.certificate.box_bounds import bounds, cover
+from vsgdesign.certificate.box_check import bounds, cover
 from vsgdesign.certificate.boxes import Boxes, parameters_of, whole_region
 from vsgdesign.certificate.region import System, random_points
 from vsgdesign.certificate.swing import SwingLaw, SwingStart, large_signal, swing_law, swing_statement
-from vsgdesign.certificate.swing.check import gains_hold, looks, with_angle
+from vsgdesign.certificate.swing.check import SwingLoops, gains_hold, looks, with_angle
 from vsgdesign.certificate.swing.conditions import gains_tests, limited_tests
-from vsgdesign.certificate.swing.loops import SwingLoops
 from vsgdesign.certificate.swing.statement import loops_at
 from vsgdesign.equations.limiters.interface import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.limiters.projection import PROJECTION, ProjectionMemory, grid_voltage_gate

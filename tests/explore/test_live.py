@@ -14,11 +14,11 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.explore import live
+from vsgdesign.explore.answer import MOST, thinned
 from vsgdesign.explore.events import LEAD_S, study_of
 from vsgdesign.explore.live import SIGNALS, emt_answer
 from vsgdesign.explore.scene import scene_of
 from vsgdesign.explore.state import state_of
-from vsgdesign.explore.thinning import MOST, thinned
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation import run_scenario

@@ -14,9 +14,9 @@ from vsgdesign.compliance.reading import suite_from_text
 from vsgdesign.compliance.run import run_test
 from vsgdesign.explore.events import study_of
 from vsgdesign.explore.live import emt_answer, simulated
+from vsgdesign.explore.maps import survived_cells
 from vsgdesign.explore.scene import scene_of
 from vsgdesign.explore.state import defaults, state_of
-from vsgdesign.explore.survived import survived_cells
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.event import Event
 from vsgdesign.simulation import run_scenario

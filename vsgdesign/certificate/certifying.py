@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.certificate_record import CertificateCell
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.boxes import encloses
-from vsgdesign.certificate.lyapunov import Family, Fit, best_fit, residual
-from vsgdesign.certificate.motion import Motion
-from vsgdesign.certificate.proof import Outcome, prove
+from vsgdesign.certificate.lyapunov import Family, Fit, Motion, best_fit, residual
+from vsgdesign.certificate.proof import Outcome, prove, worst_points
 from vsgdesign.certificate.region import (
     AtDesignPoint,
     MeasuredSchedule,
@@ -37,7 +36,6 @@ from vsgdesign.certificate.results import (
     NoFunctionError,
     growing_mode,
 )
-from vsgdesign.certificate.search import worst_points
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured, schedule_of

@@ -1,17 +1,20 @@
 """Quadratic Lyapunov functions for many cells at once: a cutting plane over small semidefinite programs.
 
 Thousands of cells, and a function of six or eighteen numbers: few cells decide. The program is handed to Clarabel as
-matrices; through a modelling layer most of the time would go into compiling it anew in every round.
+matrices; through a modelling layer most of the time would go into compiling it anew in every round. How fast a function
+changes while the grid moves, and the function whose sublevel sets reach furthest, are here too.
 """
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.certificate.region import Region
 from vsgdesign.frames import SQRT_2
 
 Array = NDArray[np.float64]
@@ -198,3 +201,99 @@ def _triangle(matrices: Array) -> Array:
     n = matrices.shape[-1]
     columns = [matrices[..., i, j] * (1.0 if i == j else SQRT_2) for j in range(n) for i in range(j + 1)]
     return np.stack(columns, axis=-1)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How P depends on the grid within a region (:eq:`certificate-coordinates`)."""
+
+    region: Region
+    moving: bool
+    """Whether P depends on the grid. With False there is one P for all grids."""
+
+    @property
+    def _middle(self) -> Array:
+        low, high = self._limits
+        return 0.5 * (low + high)
+
+    @property
+    def _radius(self) -> Array:
+        low, high = self._limits
+        return np.maximum(0.5 * (high - low), 1e-9)
+
+    @property
+    def _limits(self) -> tuple[Array, Array]:
+        (scr_low, scr_high), (ratio_low, ratio_high) = self.region.scr, self.region.x_over_r
+        return np.array([1.0 / scr_high, 1.0 / ratio_high]), np.array([1.0 / scr_low, 1.0 / ratio_low])
+
+    def weights(self, weakness: Any, r_over_x: Any) -> tuple[list[Any], list[list[Any]]]:
+        """1, ρ_1, ρ_2 from 1/SCR and R/X of points or boxes, and 0, dρ_1/dt, dρ_2/dt for the four ways of moving."""
+        if not self.moving:
+            return [1.0], [[0.0]]
+        raw = [weakness, r_over_x]
+        rho = [(raw[k] - self._middle[k]) * (1.0 / self._radius[k]) for k in range(2)]
+        speed = [raw[k] * (self.region.rate / self._radius[k]) for k in range(2)]
+        ways = [[0.0, speed[0] * one, speed[1] * other] for one in (-1.0, 1.0) for other in (-1.0, 1.0)]
+        return [1.0, *rho], ways
+
+    def family(self, points: Array) -> Family:
+        """The same for many points, for the solver."""
+        here, ways = self.weights(points[:, 0], 1.0 / np.tan(points[:, 1]))
+        count = len(points)
+
+        def column(values: list[Any]) -> Array:
+            return np.stack([np.broadcast_to(np.asarray(v, dtype=float), (count,)) for v in values], axis=-1)
+
+        corners = np.array([[1.0, a, b] for a in (-1.0, 1.0) for b in (-1.0, 1.0)]) if self.moving else np.ones((1, 1))
+        return Family(column(here), np.stack([column(way) for way in ways], axis=1), corners)
+
+
+_SET_ROUNDS, _SET_STRICT = 30, 1e-7
+"""The same of the search for the largest level set."""
+
+
+def largest_level_set(
+    A: Array, decay: float, V_limits_pu: tuple[float, float], V_share: float, start: tuple[int, ...] = ()
+) -> tuple[Array | None, tuple[int, ...]]:
+    """P (3, 3) of the set {xᵀPx ≤ 1} of largest volume that decays in all cells, and the cells that decide.
+
+    ``A`` (N, 3, 3): state matrices over the scaled states (δ, ω_r, V). The set keeps |Δv| ≤ 1 for every resting
+    voltage between ``V_limits_pu`` and ΔV² ≤ ``V_share``, and the inequality at ``decay`` (1/s) holds in every cell
+    (:eq:`largest-level-set`). None where there is no such function. ``start``: cells to begin with.
+    """
+    import cvxpy as cp  # heavy: imported where it is used
+
+    family = Family(np.ones((len(A), 1)), np.zeros((len(A), 1, 1)), np.ones((1, 1)))
+    active = list(start) or [int(np.argmax(np.linalg.eigvals(A).real.max(axis=1)))]
+    for _ in range(_SET_ROUNDS):
+        # Y = P⁻¹: the inequality is linear in it, and log det Y is the set's volume.
+        Y: Any = cp.Variable((3, 3), symmetric=True)
+        conditions = [
+            (a @ Y + Y @ a.T + 2.0 * decay * Y) / np.linalg.norm(a) << -_SET_STRICT * np.eye(3) for a in A[active]
+        ]
+        for V in V_limits_pu:
+            turn = np.array([[V, 0.0, 0.0], [0.0, 0.0, 1.0]])
+            conditions.append(turn @ Y @ turn.T << np.eye(2))
+        conditions.append(Y[2, 2] <= V_share)
+        problem = cp.Problem(cp.Maximize(cp.log_det(Y)), conditions)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # an inaccurate solution is checked below like any other
+                problem.solve(solver=cp.CLARABEL, max_threads=1)
+        except cp.SolverError:
+            return None, tuple(active)
+        if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) or Y.value is None:
+            return None, tuple(active)
+        try:
+            # What the solver returns is not believed.
+            P = np.asarray(np.linalg.inv(0.5 * (Y.value + Y.value.T)), dtype=float)
+            worst = residual(A, family, P[None], decay)
+        except np.linalg.LinAlgError:
+            return None, tuple(active)
+        if worst.max() < 1e-5 * max(decay, 1.0):
+            return P, tuple(active)
+        added = [int(k) for k in np.argsort(-worst)[:_WORST] if worst[k] >= 0.0 and k not in active]
+        if not added:
+            return P, tuple(active)
+        active += added
+    return None, tuple(active)

@@ -15,12 +15,10 @@ from vsgdesign.artifacts.certificate_record import StepRow, StepStatement
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.boxes import encloses
 from vsgdesign.certificate.certifying import prepared, proved_between
-from vsgdesign.certificate.level_set import largest_level_set
-from vsgdesign.certificate.lyapunov import residual
-from vsgdesign.certificate.motion import Motion
+from vsgdesign.certificate.lyapunov import Motion, largest_level_set, residual
+from vsgdesign.certificate.proof import worst_points
 from vsgdesign.certificate.region import MeasuredSchedule, Region, System, nodes, random_points
 from vsgdesign.certificate.results import GAP_FREE, GRIDDED, Certificate, Counterexample
-from vsgdesign.certificate.search import worst_points
 from vsgdesign.certificate.step_proof import prove_steps
 from vsgdesign.certificate.step_terms import ActingLimits, LevelShape, acting_limits, rest_current_pu, step_sizes
 from vsgdesign.execution.executors import Each

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import StudyError
 from vsgdesign.explore.answer import Answer
-from vsgdesign.explore.colours import OWN_COLOUR, colour_of
 from vsgdesign.explore.state import State, StateError, defaults, faults_of, state_of
 from vsgdesign.parameters.network import only_a_grid
 from vsgdesign.parameters.study import Study
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from vsgdesign.artifacts.network_weights import NetworkWeights
     from vsgdesign.equations.structures import Structure
     from vsgdesign.execution.executors import AnsweringProcess
+
 
 KEPT = 16
 """Changed studies that are kept: one drags the grid much more often than one changes the study."""
@@ -202,7 +202,7 @@ class Session:
         apart = [process for process in self._apart if process.alive]
         if apart and not stale():
             from vsgdesign.execution.executors import ask_all
-            from vsgdesign.explore.joining import joined_emt
+            from vsgdesign.explore.answer import joined_emt
 
             count = max(min(len(apart), len(state.controllers)), 1)
             places = [range(k, len(state.controllers), count) for k in range(count)]
@@ -285,3 +285,16 @@ def _no_state(text: str, why: str) -> StateError:
     shown = text if len(text) <= 60 else text[:57] + "..."
     words = f"{shown} is not the state of a link ({why}). Copy the link of the page, or its part after #."
     return StateError([{"field": "--state", "value": shown, "limit": "", "unit": "", "text": words}])
+
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#777777")
+"""As in the figures of the report (:data:`vsgdesign.report.drawing.style.COLOURS`), without the black of the text."""
+
+
+def colour_of(index: int) -> str:
+    """The colour of a controller by its place in the study."""
+    return COLOURS[index % len(COLOURS)]
+
+
+OWN_COLOUR = "#000000"
+"""Of gains that the user gives by hand."""

@@ -19,11 +19,10 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import ArtifactError, VsgDesignError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
-from vsgdesign.explore.answer import Answer, as_bytes
+from vsgdesign.explore.answer import Answer, as_bytes, thinned
 from vsgdesign.explore.server import PAGE
 from vsgdesign.explore.session import Session
 from vsgdesign.explore.state import PlaceOfState, State
-from vsgdesign.explore.thinning import thinned
 from vsgdesign.parameters.study import Study
 
 LIMIT_BYTES = 5_000_000

@@ -1,8 +1,15 @@
 """A large-signal statement: a function that falls while the limiter acts, and from where the swing returns."""
 
 from vsgdesign.certificate.swing.conditions import SwingLaw
-from vsgdesign.certificate.swing.results import SwingPart, SwingPoint, SwingStart, SwingStatement
-from vsgdesign.certificate.swing.statement import large_signal, swing_law, swing_statement
+from vsgdesign.certificate.swing.statement import (
+    SwingPart,
+    SwingPoint,
+    SwingStart,
+    SwingStatement,
+    large_signal,
+    swing_law,
+    swing_statement,
+)
 
 __all__ = [
     "SwingLaw",

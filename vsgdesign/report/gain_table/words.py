@@ -22,7 +22,7 @@ from vsgdesign.artifacts.table_text import (
 from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.certificate import Certificate, Counterexample
 from vsgdesign.certificate.swing import SwingStatement
-from vsgdesign.certificate.swing.results import EMPTY, RETURNS
+from vsgdesign.certificate.swing.statement import EMPTY, RETURNS
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import counted
 from vsgdesign.report.gain_table.inside import inside_sentence
