@@ -88,7 +88,9 @@ OF_ONE_LIMITER = tuple(
 Python, tests/simulation/test_limiters.py the compiled loop."""
 
 
-BRANCHING = tuple(f"vsgdesign.equations.{name}" for name in ("field", "scheduled_gains", "scheduling"))
+BRANCHING = tuple(
+    f"vsgdesign.equations.{name}" for name in ("field", "scheduled_gains", "estimate_guards", "scheduling")
+)
 """Never traced (test_field_recursions.py and test_scheduling.py beside this)."""
 
 

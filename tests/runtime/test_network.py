@@ -15,7 +15,7 @@ from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.errors import ArtifactError
 from vsgdesign.identification import STATUSES
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
-from vsgdesign.runtime.network import load_neural_estimator
+from vsgdesign.runtime import load_neural_estimator
 
 RNG = np.random.default_rng(6)
 
@@ -131,7 +131,7 @@ def test_reading_weights_needs_numpy_alone(tmp_path: Path) -> None:
     path = tmp_path / "weights.json"
     write_network_weights(random_weights(), path)
     names = imported(
-        "from vsgdesign.runtime.network import load_neural_estimator; import numpy; "
+        "from vsgdesign.runtime import load_neural_estimator; import numpy; "
         f"load_neural_estimator({str(path)!r}, sample_interval=200e-6).estimate(numpy.zeros(100), numpy.zeros(100))"
     )
     assert "vsgdesign" in names

@@ -6,21 +6,19 @@ error (:eq:`partly-followed`), doubt and staleness, rate (:eq:`place-rate`), cer
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from vsgdesign.equations.following import part_of_the_way, share_that_fits
-from vsgdesign.equations.grid import error_half_widths
+from vsgdesign.equations.estimate_guards import OLDEST, CheckedInput, drawn_in, estimate_is_finite, finite, followed
 from vsgdesign.equations.notation import WHOLE, Count
-from vsgdesign.equations.scheduled_gains import gains_at, grid_at, place_of
+from vsgdesign.equations.scheduled_gains import gains_at, place_of
 from vsgdesign.equations.scheduler_data import (
     CLAMPED,
     DOUBT,
     FALLBACK,
     FRESH,
     HELD,
-    IMPLAUSIBLE,
     JUMP,
     LIMITED,
     NO_REASON,
@@ -44,61 +42,13 @@ from vsgdesign.equations.scheduler_data import (
 HALF_RANGE = 0x80000000
 """A difference of the 32-bit counter of half its range means that time went backwards."""
 
-OLDEST = 0x7FFFFFFF
-"""Largest age, in ticks, that is counted to."""
-
-ROUNDED_CORRELATION = 1.001
-"""Largest square of a correlation: that of R and L that belong together fully, after rounding to single precision."""
-
 ARRIVED = 1e-5
 """Relative distance within which a place has reached its goal. A distance this small is rounding alone."""
-
-
-def finite(x: Any) -> bool:
-    """Whether a number is neither infinite nor NaN."""
-    return x - x == 0.0
-
-
-def near(scr: Any, r_over_x: Any, of_scr: Any, of_r_over_x: Any, share: Any, floor: Any) -> bool:
-    """Whether a place differs from another by at most a relative share (:eq:`place-band`)."""
-    f = 1.0 + share
-    band = share * np.maximum(np.abs(of_r_over_x), floor)
-    return scr <= of_scr * f and of_scr <= scr * f and np.abs(r_over_x - of_r_over_x) <= band
 
 
 def limited(goal: Any, present: Any, factor: Any) -> Any:
     """The goal, limited to at most a factor away from the present value (:eq:`place-rate`)."""
     return np.clip(goal, present / factor, present * factor)
-
-
-def drawn_in(scr: Any, r_over_x: Any, limits: SchedulerLimits) -> tuple[Any, Any]:
-    """Returns (drawn_scr, drawn_r_over_x): a place, drawn into the certified box."""
-    drawn_scr = np.clip(scr, limits.scr_low, limits.scr_high)
-    drawn_r_over_x = np.clip(r_over_x, limits.r_over_x_low, limits.r_over_x_high)
-    return drawn_scr, drawn_r_over_x
-
-
-class CheckedInput(NamedTuple):
-    """What is left of an update's inputs after the first guards."""
-
-    elapsed: Count
-    """Ticks since the last update."""
-    step: Count
-    """Ticks for which the place may move."""
-    reason: Count
-    """Why there is no estimate to follow."""
-    status: Count
-    """REFUSED, CLAMPED or 0."""
-    P: Any
-    Q: Any
-    V_rms: Any
-    """What the gains are made for, within the box."""
-
-
-def estimate_is_finite(given: SchedulerInput) -> bool:
-    """Whether every number of an estimate is finite."""
-    known = finite(given.var_R) and finite(given.cov_RL) and finite(given.var_L)
-    return finite(given.R_g) and finite(given.L_g) and (given.has_error == 0 or known)
 
 
 def checked_input(limits: SchedulerLimits, s: SchedulerState, given: SchedulerInput) -> CheckedInput:
@@ -110,7 +60,7 @@ def checked_input(limits: SchedulerLimits, s: SchedulerState, given: SchedulerIn
     numbers = finite(P) and finite(Q) and finite(V_rms)
     powers = np.abs(P) <= limits.power_range and np.abs(Q) <= limits.power_range
     in_range = powers and V_rms >= 0.0 and V_rms <= limits.voltage_range
-    refused = not (said != NOT_FINITE and said != SATURATED)
+    no_number, saturated = said == NOT_FINITE, said == SATURATED
     spoilt = said == NO_REASON and not estimate_is_finite(given)
     if backwards:
         elapsed, step, reason, status = limits.update_ticks, 0, TIME, REFUSED
@@ -118,7 +68,7 @@ def checked_input(limits: SchedulerLimits, s: SchedulerState, given: SchedulerIn
         reason, status = NOT_FINITE, REFUSED
     elif not in_range:
         reason, status = RANGE, REFUSED
-    elif refused:
+    elif no_number or saturated:
         status = REFUSED
     elif spoilt:
         reason, status = NOT_FINITE, REFUSED
@@ -131,93 +81,6 @@ def checked_input(limits: SchedulerLimits, s: SchedulerState, given: SchedulerIn
         V_rms = np.clip(V_rms, limits.V_low, limits.V_high)
         status = CLAMPED if P != given.P or Q != given.Q or V_rms != given.V_rms else 0
     return CheckedInput(elapsed, step, reason, status, P, Q, V_rms)
-
-
-def plausible_estimate(limits: SchedulerLimits, given: SchedulerInput) -> bool:
-    """Whether an estimate can be one of a grid, and its covariance one of an error."""
-    product = ROUNDED_CORRELATION * given.var_R * given.var_L
-    possible = given.var_R >= 0.0 and given.var_L >= 0.0 and given.cov_RL * given.cov_RL <= product
-    inside = limits.R_g_low <= given.R_g <= limits.R_g_high and limits.L_g_low <= given.L_g <= limits.L_g_high
-    return inside and (given.has_error == 0 or possible)
-
-
-def followed_share(
-    table: ScheduleTable, limits: SchedulerLimits, scr: Any, r_over_x: Any, given: SchedulerInput, law: ScheduleLaw
-) -> Any:
-    """The share of the way to an estimate that its covariance allows (:eq:`share-that-fits`). 1: the whole way.
-
-    The half-widths are those of the error set at the place of the estimate, drawn into the box.
-    """
-    at_scr, at_r_over_x = drawn_in(scr, r_over_x, limits)
-    R, L = grid_at(table, at_scr, at_r_over_x, law)
-    h_R, h_X = error_half_widths(R, table.omega * L, limits.error_R, limits.error_X, limits.error_Z)
-    return share_that_fits(h_R, h_X, given.var_R, table.omega * table.omega * given.var_L)
-
-
-class Followed(NamedTuple):
-    """What becomes of an estimate: the reason why it is not followed, and the goal."""
-
-    reason: Count
-    """Why the estimate is not followed."""
-    share: Any
-    """How much of the way to the estimate is gone; 1: all of it."""
-    goal_scr: Any
-    goal_r_over_x: Any
-    """The place to which the present place moves."""
-    candidate_scr: Any
-    candidate_r_over_x: Any
-    """A jump that waits to be confirmed, or is followed in part."""
-    agreed: Count
-    """Windows that agree on the jump."""
-    refuted: Count
-    """Ticks since the grid has left a place."""
-
-
-def followed(
-    table: ScheduleTable,
-    limits: SchedulerLimits,
-    s: SchedulerState,
-    given: SchedulerInput,
-    checked: CheckedInput,
-    law: ScheduleLaw,
-) -> Followed:
-    """Plausibility, jump, hysteresis and the estimate's own error."""
-    reason, agreed, share, floor = checked.reason, 0, 1.0, limits.ratio_floor
-    goal_scr, goal_r_over_x = s.goal_scr, s.goal_r_over_x
-    candidate_scr, candidate_r_over_x = s.candidate_scr, s.candidate_r_over_x
-    refuted = np.minimum(s.refuted + checked.elapsed, OLDEST) if s.refuted > 0 else 0
-    refuted = 0 if refuted > limits.stale_ticks else refuted
-    if reason == NO_REASON and not plausible_estimate(limits, given):
-        reason = IMPLAUSIBLE
-    if reason != NO_REASON and s.agreed >= limits.confirm:
-        # A confirmed jump that is followed in part waits for its next estimate.
-        agreed = s.agreed
-    if reason == NO_REASON:
-        scr, r_over_x = place_of(table, given.R_g, given.L_g, law)
-        if given.has_error != 0:
-            share = followed_share(table, limits, scr, r_over_x, given, law)
-        if not near(scr, r_over_x, goal_scr, goal_r_over_x, limits.jump, floor):
-            same = s.agreed > 0 and near(scr, r_over_x, candidate_scr, candidate_r_over_x, limits.jump, floor)
-            agreed = np.minimum(s.agreed + 1, limits.confirm) if same else 1
-            agreed = limits.confirm if s.told & TOLD_CHANGED != 0 else agreed
-            candidate_scr, candidate_r_over_x = scr, r_over_x
-            if agreed < limits.confirm:
-                reason = JUMP
-            elif share >= 1.0:
-                agreed = 0
-        if reason == NO_REASON and not near(scr, r_over_x, goal_scr, goal_r_over_x, limits.hysteresis, floor):
-            if share >= 1.0:
-                goal_scr, goal_r_over_x = scr, r_over_x
-            else:
-                from_scr, from_r = drawn_in(goal_scr, goal_r_over_x, limits)
-                to_scr, to_r = drawn_in(scr, r_over_x, limits)
-                left_scr, left_r = drawn_in(s.left_scr, s.left_r_over_x, limits)
-                if refuted == 0:
-                    left_scr, left_r = from_scr, from_r
-                goal_scr, goal_r_over_x = part_of_the_way(from_scr, from_r, to_scr, to_r, share, left_scr, left_r)
-        if reason == NO_REASON and share >= 1.0:
-            refuted = 0
-    return Followed(reason, share, goal_scr, goal_r_over_x, candidate_scr, candidate_r_over_x, agreed, refuted)
 
 
 def doubt_after(s: SchedulerState, reason: Count, elapsed: Count) -> Count:

@@ -1,7 +1,10 @@
-"""The R–L equation between the means of successive blocks of samples, for the recursive methods."""
+"""The R–L equation between the means of successive blocks of samples, and what the recursive methods have in common."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +16,16 @@ from vsgdesign.identification.frame import (
     space_vector_variance,
     turned,
 )
-from vsgdesign.identification.interface import Array, Installation, Samples
+from vsgdesign.identification.interface import (
+    Array,
+    Estimate,
+    Installation,
+    Needs,
+    Samples,
+    SpoiltBy,
+    no_estimate,
+    with_belief,
+)
 
 MODEL_VARIANCE = 1e-6
 """Variance of the equation itself, per unit. Sampled ripple changes the voltage by some thousandths, whatever the
@@ -112,3 +124,86 @@ def in_ohm_and_henry(at: Installation, covariance: Array) -> Array:
     """The covariance (2, 2) of (R_g, L_g) from that of (R, X) in per unit."""
     scale = np.array([at.Z_base, at.Z_base / at.omega_n])
     return covariance * np.outer(scale, scale)
+
+
+class RecursiveState(NamedTuple):
+    """State of a recursive method with n unknowns."""
+
+    blocks: BlockState
+    started: int
+    """Whether there was an equation: 0 until the first one."""
+    x: Array
+    """Unknowns (n,): R and X relative to the base impedance, the grid's phasor (2) in per unit, the method's own."""
+    P: Array
+    """Their covariance (n, n)."""
+
+
+@dataclass(frozen=True)
+class RecursiveMethod(ABC):
+    """A method that corrects its unknowns with each equation between two blocks."""
+
+    at: Installation
+    believed: float = 0.3
+    """An estimate is followed up to this standard deviation, relative to |Z|."""
+    signals: str = "windows"
+
+    @property
+    def needs(self) -> Needs:
+        """It needs windows of α and β."""
+        return Needs(self.at.samples, self.at.sample_interval)
+
+    def probe(self, state: RecursiveState) -> None:
+        """This method needs no probe."""
+        del state
+
+    def update(self, state: RecursiveState, samples: Samples) -> tuple[RecursiveState, Estimate]:
+        """The estimate after a window."""
+        spoilt = SpoiltBy(self.at.v_limit, self.at.i_limit).status(samples)
+        if spoilt is not None:
+            state = state._replace(blocks=skipped_window(state.blocks, samples, self.at.sample_interval))
+            for _ in range(blocks_per_window(self.at.samples)):
+                state = self.later(state)
+            return state, no_estimate(spoilt)
+        blocks, found = equations(self.at, state.blocks, samples)
+        state = state._replace(blocks=blocks)
+        for equation in found:
+            state = self.later(state)
+            if equation is not None:
+                state = self.corrected(state, equation)
+        if not state.started:
+            return state, no_estimate("waiting")
+        R, X = state.x[:2]
+        R_g, L_g = R * self.at.Z_base, X * self.at.Z_base / self.at.omega_n
+        covariance = in_ohm_and_henry(self.at, state.P[:2, :2])
+        return state, with_belief(R_g, L_g, covariance, self.at.omega_n, self.believed)
+
+    @abstractmethod
+    def first(self) -> RecursiveState:
+        """The first guess, with a large covariance."""
+
+    def later(self, state: RecursiveState) -> RecursiveState:
+        """The prediction for the next block."""
+        return state
+
+    @abstractmethod
+    def corrected(self, state: RecursiveState, equation: Equation) -> RecursiveState:
+        """The state with what an equation says."""
+
+    def guessed(self, others: Array, P: Array) -> RecursiveState:
+        """The state with the first guess of R and X, and with other unknowns behind them."""
+        R_g, L_g = self.at.guess
+        guess = np.array([R_g / self.at.Z_base, L_g * self.at.omega_n / self.at.Z_base])
+        return RecursiveState(BlockState(), 0, np.concatenate([guess, others]), P)
+
+    def solved(self, x: Array, P: Array, H: Array, wanted: Array) -> tuple[Array, Array, float]:
+        """Corrects unknowns with the equation H x = wanted. Returns x, P before it is made symmetric, and the square of
+        the error over its variance."""
+        PH = P @ H.T
+        S = H @ PH + self._variance * np.eye(2)
+        error = wanted - H @ x
+        solved = np.linalg.solve(S, np.column_stack([error, PH.T]))
+        return x + PH @ solved[:, 0], P - PH @ solved[:, 1:], float(error @ solved[:, 0])
+
+    @cached_property
+    def _variance(self) -> float:
+        return equation_variance(self.at)

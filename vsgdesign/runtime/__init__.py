@@ -22,13 +22,18 @@ from vsgdesign.runtime.closed_form import ClosedFormSchedule, closed_form_schedu
 from vsgdesign.runtime.guards import REASONS, STATUSES, SchedulerSettings, box_settings, settings_of, status_text
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
 from vsgdesign.runtime.schedule import Schedule
-from vsgdesign.runtime.scheduler import Scheduler, closed_form_scheduler, load_scheduler, scheduler_of
+from vsgdesign.runtime.scheduler import (
+    Scheduler,
+    closed_form_scheduler,
+    load_neural_estimator,
+    load_scheduler,
+    scheduler_of,
+)
 from vsgdesign.runtime.table import TableSchedule, table_schedule
 from vsgdesign.runtime.updating import Answer
 
 if TYPE_CHECKING:
     from vsgdesign.runtime.many import ManySchedulers
-    from vsgdesign.runtime.network import load_neural_estimator
     from vsgdesign.runtime.power_controller import PowerController
     from vsgdesign.runtime.whole_controller import guarded_step
 
@@ -36,7 +41,6 @@ _LATER = {
     "ManySchedulers": "many",
     "PowerController": "power_controller",
     "guarded_step": "whole_controller",
-    "load_neural_estimator": "network",
 }
 """What is imported when it is asked for, and its module here."""
 

@@ -331,6 +331,16 @@ def load_scheduler(
     return scheduler_of(found, neural_estimator(trained, **(fit or {})), **(window | changes))
 
 
+def load_neural_estimator(path: str | Path, **fit: Any) -> NeuralEstimator:
+    """The estimator of a weights file. ``fit`` is as in :func:`vsgdesign.identification.neural.neural_estimator`.
+
+    Raises ArtifactError where the file is damaged or its weights do not fit.
+    """
+    from vsgdesign.artifacts.network_weights import read_network_weights
+
+    return neural_estimator(read_network_weights(path), **fit)
+
+
 def read_table_of(path: str | Path, study: Study | None = None) -> GainTable:
     """The table of a file.
 

@@ -469,15 +469,17 @@ static inline void vsg_checked_input(const vsg_scheduler_limits_t *limits, const
     const int numbers = vsg_finite(P) && vsg_finite(Q) && vsg_finite(V_rms);
     const int powers = (VSG_ABS(P) <= limits->power_range) && (VSG_ABS(Q) <= limits->power_range);
     const int in_range = powers && (V_rms >= VSG_C(0.0)) && (V_rms <= limits->voltage_range);
-    const int refused = !((said != VSG_REASON_NOT_FINITE) && (said != VSG_REASON_SATURATED));
+    const int no_number = said == VSG_REASON_NOT_FINITE;
+    const int saturated = said == VSG_REASON_SATURATED;
     const int spoilt = (said == VSG_REASON_NONE) && !vsg_estimate_is_finite(given);
     const uint32_t elapsed_new = limits->update_ticks;
     const int condition = !numbers;
     const int condition_new = !in_range;
+    const int condition_new_2 = no_number || saturated;
     const uint32_t reason = spoilt ? VSG_REASON_NOT_FINITE : said;
     const uint32_t status = spoilt ? VSG_REFUSED : 0U;
-    const uint32_t reason_new = refused ? said : reason;
-    const uint32_t status_new = refused ? VSG_REFUSED : status;
+    const uint32_t reason_new = condition_new_2 ? said : reason;
+    const uint32_t status_new = condition_new_2 ? VSG_REFUSED : status;
     const uint32_t reason_new_2 = condition_new ? VSG_REASON_RANGE : reason_new;
     const uint32_t status_new_2 = condition_new ? VSG_REFUSED : status_new;
     const uint32_t reason_new_3 = condition ? VSG_REASON_NOT_FINITE : reason_new_2;
@@ -486,7 +488,7 @@ static inline void vsg_checked_input(const vsg_scheduler_limits_t *limits, const
     const uint32_t step_new = backwards ? 0U : step;
     const uint32_t reason_new_4 = backwards ? VSG_REASON_TIME : reason_new_3;
     const uint32_t status_new_4 = backwards ? VSG_REFUSED : status_new_3;
-    const int condition_new_2 = status_new_4 == VSG_REFUSED;
+    const int condition_new_3 = status_new_4 == VSG_REFUSED;
     const vsg_real_t P_new = s->P;
     const vsg_real_t Q_new = s->Q;
     const vsg_real_t V_rms_new = s->V_rms;
@@ -495,10 +497,10 @@ static inline void vsg_checked_input(const vsg_scheduler_limits_t *limits, const
     const vsg_real_t V_rms_new_2 = vsg_clip(V_rms, limits->V_low, limits->V_high);
     const uint32_t status_new_5 = ((P_new_2 != given->P) || (Q_new_2 != given->Q) || (V_rms_new_2 != given->V_rms))
         ? VSG_CLAMPED : 0U;
-    const vsg_real_t P_new_3 = condition_new_2 ? P_new : P_new_2;
-    const vsg_real_t Q_new_3 = condition_new_2 ? Q_new : Q_new_2;
-    const vsg_real_t V_rms_new_3 = condition_new_2 ? V_rms_new : V_rms_new_2;
-    const uint32_t status_new_6 = condition_new_2 ? status_new_4 : status_new_5;
+    const vsg_real_t P_new_3 = condition_new_3 ? P_new : P_new_2;
+    const vsg_real_t Q_new_3 = condition_new_3 ? Q_new : Q_new_2;
+    const vsg_real_t V_rms_new_3 = condition_new_3 ? V_rms_new : V_rms_new_2;
+    const uint32_t status_new_6 = condition_new_3 ? status_new_4 : status_new_5;
     checked_input->elapsed = elapsed_new_2;
     checked_input->step = step_new;
     checked_input->reason = reason_new_4;
