@@ -19,8 +19,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.operating_point.sampled import cold_start
 from vsgdesign.parameters import Study, load_study, study_from_text
 from vsgdesign.simulation import GainChange, build_timeline, gain_changes, run_scenario, simulate
+from vsgdesign.simulation.bodies import numbers_of
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.records import numbers_of
 
 PUBLISHED = Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml"
 

@@ -34,7 +34,7 @@ from vsgdesign.operating_point.equilibrium import solve_with_droop
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.sensors import CHANNELS
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.late import LateSchedule
+from vsgdesign.simulation.feeds import LateSchedule
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline

@@ -16,13 +16,13 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.parameters.grid import Grid
+from vsgdesign.simulation.feeds import LateSchedule, safe_grid
 from vsgdesign.simulation.lanes.alone import study_of_case
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.rests import rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.run import drive, parts_of, run_lanes
 from vsgdesign.simulation.lanes.telling import telling
-from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.run import simulate
 from vsgdesign.simulation.segments import segments_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of

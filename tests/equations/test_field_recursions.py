@@ -24,7 +24,7 @@ from vsgdesign.equations.field import (
     probe_value,
 )
 from vsgdesign.identification.field import field_settings
-from vsgdesign.simulation.records import record_like
+from vsgdesign.simulation.bodies import record_like
 
 OMEGA = 2.0 * math.pi * 50.0
 V_BASE, Z_BASE, T_S = 155.6, 7.26, 100e-6

@@ -13,10 +13,10 @@ from vsgdesign.metrics.step_response import step_response
 from vsgdesign.metrics.survival import GRACE_S, ExpectedRest, Survival, SurvivalDemand, SurvivalRecord, judge_survival
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.simulation.feeds import LateSchedule, safe_grid
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
 from vsgdesign.simulation.lanes.rests import STEP_WINDOW
-from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series
 from vsgdesign.simulation.survival.demand import settling_time_of

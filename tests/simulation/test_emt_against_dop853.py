@@ -21,7 +21,7 @@ from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
 from vsgdesign.operating_point.sampled import steady_state
 from vsgdesign.parameters import Grid, GridSource, Study, study_from_text
 from vsgdesign.simulation import GainChange, Simulation, gain_changes, simulate
-from vsgdesign.simulation.sensors import SensorsOfRun
+from vsgdesign.simulation.added_source import SensorsOfRun
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.simulation.wander import Wander
 

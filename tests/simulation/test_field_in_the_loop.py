@@ -26,8 +26,8 @@ from vsgdesign.identification.interface import Estimate, Samples
 from vsgdesign.parameters import Grid, Study
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation import GainChange, HeldBack, Probe, Recorder, Simulation, run_scenario, simulate
+from vsgdesign.simulation.bodies import numbers_of, record_like, zero_record
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle, settings_of_study
-from vsgdesign.simulation.records import numbers_of, record_like, zero_record
 
 FOLLOWING = """
 [[controllers]]

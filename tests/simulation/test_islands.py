@@ -17,8 +17,8 @@ from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.report.page.converter import network_in_words
 from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.feeds import LateSchedule, gain_feed, told_of
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.late import LateSchedule, gain_feed, told_of
 from vsgdesign.simulation.online import WindowPowers
 from vsgdesign.simulation.rest import expected_rests, knows_its_rests
 from vsgdesign.simulation.scenario import operating_points

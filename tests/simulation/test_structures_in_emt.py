@@ -15,7 +15,7 @@ from vsgdesign.parameters import Event, Grid, GridSource, Study, load_study
 from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.simulation import GainChange, simulate
-from vsgdesign.simulation.late import gain_feed
+from vsgdesign.simulation.feeds import gain_feed
 from vsgdesign.simulation.timeline import build_timeline
 
 P_0, Q_0, STEP = 2000.0, 1000.0, 250.0

@@ -11,8 +11,8 @@ from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.simulation import build_timeline, run_scenario
+from vsgdesign.simulation.feeds import told_at, told_of
 from vsgdesign.simulation.following import ScheduledAnswers
-from vsgdesign.simulation.late import told_at, told_of
 from vsgdesign.simulation.promises import promises_kept
 from vsgdesign.simulation.rest import expected_rests, knows_its_rests
 

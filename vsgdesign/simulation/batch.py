@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.llvm import Program, StandingLoop, aligned_zeros
 from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation.bodies import Kind, names_of
-from vsgdesign.simulation.circuit_program import CutSample
+from vsgdesign.simulation.bodies import Kind, names_of, numbers_of
+from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.field_feed import probe_of, settings_of_study
 from vsgdesign.simulation.loop import ALONE, Build, carrier_values, fed_names, loop_of, spans_of, spec_of
-from vsgdesign.simulation.program import ProgramWriter
-from vsgdesign.simulation.records import numbers_of
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]

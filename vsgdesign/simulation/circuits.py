@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import CircuitError, InfeasibleStudyError
 from vsgdesign.operating_point.network import NetworkStates, network_circuit, states_of_networks
 from vsgdesign.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
 from vsgdesign.operating_point.plants import PlantSteps
+from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.parameters.converter import Converter
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network
 from vsgdesign.parameters.network_fields import Base, Said, network_words
+from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.bodies import LARGEST_DEGREE, Axes
 from vsgdesign.simulation.timeline import Timeline
@@ -214,3 +218,29 @@ def _coupled(circuit: TwoAxisCircuit) -> bool:
 
 def _equal(one: TwoAxisCircuit, other: TwoAxisCircuit) -> bool:
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("A", "B", "E"))
+
+
+def start_of(study: Study, timeline: Timeline, circuits: Circuits, gains: PowerLoopGains) -> SampledState:
+    """The state at t = 0, with all the states of the circuit.
+
+    Raises InfeasibleStudyError where a steady start is asked for and there is no steady state.
+    """
+    source = timeline.source_at(0.0)
+    if study.simulation.start == "cold":
+        start = cold_start(study, source.phase)
+        plant = np.zeros(circuits.states)
+        plant[: len(start.plant)] = start.plant
+        return replace(start, plant=plant)
+    if not source.steady:
+        raise InfeasibleStudyError("a steady-state start cannot begin inside a ramp: move the ramp after t = 0.")
+    refs = timeline.references_at(0.0)
+    first, at_start = connection_at(timeline, 0.0), GridSource(source.V_g_rms, source.omega)
+    try:
+        circuit = circuit_at_rest(study, first, circuits.more)
+        state = steady_state(study, first.grid, at_start, refs, gains, source.phase, circuit)
+    except InfeasibleStudyError as error:
+        error.args = (f"the start: {error}",)
+        raise
+    plant = np.zeros(circuits.states)
+    plant[: len(state.plant)] = state.plant
+    return replace(state, plant=plant)

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from vsgdesign.artifacts.ready import Ready
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from typing import Any
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification import estimator_kind
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
+from vsgdesign.runtime.guards import SchedulerSettings, settings_of
+from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import EstimatedScheduler
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.late import gain_feed
+from vsgdesign.simulation.following import KnownGridScheduler, MeasuredPowers, ScheduledAnswers
+from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.stability.cells import GainLaw
+from vsgdesign.stability.safe_place import closed_form_place
 
 
 def feed_of(
@@ -22,3 +34,158 @@ def feed_of(
         return gain_feed(study, spec, timeline, ready)
     kind = FieldScheduler if estimator_kind(spec.estimate).by_sample else EstimatedScheduler
     return kind(study, spec, ready)
+
+
+STALE_S = SchedulerSettings.stale_ticks * SchedulerSettings.tick
+"""Time without an answer from which on gains are those of a safe place, s: as a table's scheduler has it."""
+
+
+Told = Sequence[tuple[float, Grid | None]]
+"""(s, grid) from each instant on; None where the estimator gives no answer. The first entry is a grid, at t = 0."""
+
+
+def knowledge_of(spec: ControllerSpec, timeline: Timeline) -> GridEstimate | None:
+    """How late and with which error a controller is told its grid; None if it always knows the true one.
+
+    While the breaker is open, a schedule gets no answer, even if it has no error or delay of its own.
+    """
+    if spec.knowledge is None and spec.kind == "scheduled" and timeline.islanded:
+        return GridEstimate()
+    return spec.knowledge
+
+
+def gain_feed(
+    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready = NOTHING
+) -> tuple[GainChange, ...] | OnlineScheduler:
+    """The gains of a run for a controller without an estimator: changes that are known beforehand, or a scheduler that
+    follows the grid that it is told and the measured values. Raises InfeasibleStudyError if there are no gains."""
+    knowledge = knowledge_of(spec, timeline)
+    if knowledge is not None:
+        return LateSchedule(study, spec, told_of(study, knowledge, timeline), ready, safe=safe_grid(study, spec, ready))
+    if follows_measured(spec):
+        return KnownGridScheduler(study, spec, timeline, ready)
+    return gain_changes(study, spec, timeline)
+
+
+def safe_grid(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> Grid | None:
+    """The grid whose gains a schedule takes once its estimate is stale (:eq:`safe-place`): that of the settings of its
+    table's scheduler, or the safe place of its closed form.
+
+    None for fixed gains, and for a closed form without a specification: it goes on with what it was told last.
+    """
+    if spec.kind == "fixed":
+        return None
+    table = ready.table(spec)
+    if table is None:
+        place = closed_form_place(study, spec)
+        return None if place is None else place.grid(study.converter)
+    settings = settings_of(table)
+    return Place(settings.safe_scr, 1.0 / settings.safe_r_over_x, table.base.scr_basis).grid(study.converter)
+
+
+def told_of(study: Study, knowledge: GridEstimate, timeline: Timeline) -> Told:
+    """What a controller with this knowledge is told over a run.
+
+    It is told nothing for a time after each event that changes the grid or its source. The end of a ramp is not such an
+    event. If the next event comes before an answer, this time begins again. While the breaker is open, it is told
+    nothing. In a run that begins with an open breaker, the first grid is the one behind the breaker.
+    """
+    told: list[tuple[float, Grid | None]] = [(0.0, knowledge.of(timeline.grid_at(0.0)))]
+    if not timeline.network_at(0.0).connected:
+        told.append((0.0, None))
+    instants = sorted({event.t_s for event in study.events if event.of_grid and event.t_s > 0.0})
+    for k, instant in enumerate(instants):
+        told.append((instant, None))
+        if not timeline.network_at(instant).connected:
+            continue
+        answer_s = instant + knowledge.silent_s
+        if k + 1 == len(instants) or answer_s < instants[k + 1]:
+            told.append((answer_s, knowledge.of(timeline.grid_at(instant))))
+    return tuple(told)
+
+
+def told_at(told: Told, t_s: float) -> tuple[Grid, bool]:
+    """The last grid that was told up to an instant, and whether it is still told at this instant."""
+    until = [grid for start_s, grid in told if start_s <= t_s]
+    return [grid for grid in until if grid is not None][-1], until[-1] is not None
+
+
+def as_told(law: GainLaw, spec: ControllerSpec) -> GainLaw:
+    """The gains of a controller as a function of the true grid, where it knows its grid only with an error."""
+    knowledge = spec.knowledge
+    if knowledge is None:
+        return law
+
+    def of_true(R_g: Any, L_g: Any, P: Any, Q: Any, V_rms: Any) -> PowerLoopGains:
+        return law(R_g * (1.0 + knowledge.error_R), L_g * (1.0 + knowledge.error_X), P, Q, V_rms)
+
+    return of_true
+
+
+class LateSchedule:
+    """An online scheduler that is told of the grid what an estimator says, which may be late and wrong.
+
+    The first grid of ``told`` is that for which the run starts. Without an answer a table's scheduler holds its place
+    and its age grows, as in the field. A closed form goes on with the grid that it was told last, and after ``stale_s``
+    with the grid ``safe``, if there is one. The object has a state, so it serves one run at a time.
+    """
+
+    powers_alone = True
+
+    def __init__(
+        self,
+        study: Study,
+        spec: ControllerSpec,
+        told: Told,
+        ready: Ready = NOTHING,
+        *,
+        safe: Grid | None = None,
+        stale_s: float = STALE_S,
+    ) -> None:
+        if not told or told[0][0] > 0.0 or told[0][1] is None:
+            raise ValueError("told: the first entry must be a grid, at or before t = 0.")
+        self._answers = ScheduledAnswers(study, spec, ready)
+        self._starts, self._grids = [t_s for t_s, _ in told], [grid for _, grid in told]
+        self._first: Grid = told[0][1]
+        self._safe, self._stale_s = safe, stale_s
+        self._holds = spec.schedule == "table"
+        self._follows = follows_measured(spec)
+        self._period = ready.update_period(spec) or UPDATE_PERIOD
+        self._T_s = study.converter.T_s
+
+    @property
+    def update_period(self) -> float:
+        """That of the controller, s."""
+        return self._period
+
+    @property
+    def sample_interval(self) -> float:
+        """One row a window: nothing is looked at but the powers at its end."""
+        return self._period
+
+    @property
+    def grid(self) -> Grid:
+        """The grid that the present gains are for."""
+        return self._answers.grid
+
+    def first_gains(self) -> PowerLoopGains:
+        """Gains of the first grid that is told, in the steady state on the true one."""
+        self._last = self._first
+        return self._answers.first(self._first)
+
+    def update(self, window: MeasuredPowers) -> PowerLoopGains | None:
+        """Gains for what is told; an answer that coincides with the update is seen by the next one."""
+        now = window.t_s - 0.5 * self._T_s
+        k = max(bisect_right(self._starts, now) - 1, 0)
+        grid = self._grids[k]
+        if grid is None:
+            if self._holds:
+                return self._answers.to(window, math.nan, math.nan, surprised=True)[0]
+            while k > 0 and self._grids[k - 1] is None:
+                k -= 1
+            stale = self._safe is not None and now - self._starts[k] >= self._stale_s
+            grid = self._safe if stale and self._safe is not None else self._last
+        elif not self._follows and grid == self._last:
+            return None
+        self._last = grid
+        return self._answers.to(window, grid.R_g, grid.L_g)[0]

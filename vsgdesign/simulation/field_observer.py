@@ -25,7 +25,7 @@ from vsgdesign.equations.field import (
     first_lock_in,
     first_track,
 )
-from vsgdesign.simulation.records import numbers_of, record_like, zero_record
+from vsgdesign.simulation.bodies import numbers_of, record_like, zero_record
 
 Array = NDArray[np.float64]
 

@@ -167,7 +167,7 @@ class ScheduledAnswers:
 class KnownGridScheduler:
     """An online scheduler that is told the true grid at every update, as it was up to that instant.
 
-    In runs whose breaker opens, :func:`vsgdesign.simulation.late.gain_feed` takes another one.
+    In runs whose breaker opens, :func:`vsgdesign.simulation.feeds.gain_feed` takes another one.
     """
 
     powers_alone = True

@@ -31,7 +31,7 @@ def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tupl
 
     A scheduled controller updates at whole multiples of its period. It then knows the grid up to that instant, so the
     next update is the first to see a change of grid at this instant. Raises ValueError for gains that follow
-    measurements (:func:`vsgdesign.simulation.late.gain_feed`).
+    measurements (:func:`vsgdesign.simulation.feeds.gain_feed`).
     """
     if follows_measured(spec):
         raise ValueError(f"controller {spec.name}: its gains follow the measured P, Q and V; give simulate a gain_feed")

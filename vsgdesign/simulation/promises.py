@@ -21,7 +21,7 @@ from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.simulation.late import as_told
+from vsgdesign.simulation.feeds import as_told
 from vsgdesign.simulation.scenario import OperatingPointRow, ScenarioResult
 from vsgdesign.stability.cells import GainLaw, cells_under, full_order_cells, reduced_cells
 from vsgdesign.stability.margins import MarginTable, full_order_margins, reduced_margins

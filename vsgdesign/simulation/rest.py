@@ -32,8 +32,8 @@ from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.at_pcc import pcc_vectors
+from vsgdesign.simulation.feeds import knowledge_of, told_at, told_of
 from vsgdesign.simulation.gains import GainChange, gain_changes
-from vsgdesign.simulation.late import knowledge_of, told_at, told_of
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
 from vsgdesign.stability.loci import Mode, mode_in_words, modes
 

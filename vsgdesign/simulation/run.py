@@ -18,17 +18,15 @@ from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
 from vsgdesign.identification import Probe
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.batch import Batch, Log
-from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample
-from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
+from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample, ProgramWriter
+from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, start_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import ALONE, LOG_COLUMNS, fed_names, kind_of, log_names
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence
-from vsgdesign.simulation.program import ProgramWriter
 from vsgdesign.simulation.run_state import RunOf, RunState
 from vsgdesign.simulation.segments import segments_of_timelines
-from vsgdesign.simulation.starting import start_of
 from vsgdesign.simulation.timeline import Timeline
 
 Array = NDArray[np.float64]

@@ -18,8 +18,9 @@ from vsgdesign.identification import Probe
 from vsgdesign.operating_point.sampled import SampledState
 from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.floats import on_floats
-from vsgdesign.simulation.added_source import AddedSource
+from vsgdesign.simulation.added_source import AddedSource, sensors_of
 from vsgdesign.simulation.batch import Batch
+from vsgdesign.simulation.bodies import numbers_of
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
 from vsgdesign.simulation.connecting import Connecting
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -29,8 +30,6 @@ from vsgdesign.simulation.loop import LOG_COLUMNS, SENSED_COLUMNS
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, good_rows, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
-from vsgdesign.simulation.records import numbers_of
-from vsgdesign.simulation.sensors import sensors_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]

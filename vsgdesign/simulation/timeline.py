@@ -18,8 +18,7 @@ from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network
 from vsgdesign.parameters.source import GridSource, SourceComponent
 from vsgdesign.parameters.study import Event, Study
-from vsgdesign.simulation.replay import Replay
-from vsgdesign.simulation.wander import Wander
+from vsgdesign.simulation.wander import Replay, Wander
 
 _T = TypeVar("_T")
 

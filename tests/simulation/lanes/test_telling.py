@@ -20,12 +20,12 @@ from vsgdesign.parameters import study_from_text
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.simulation import build_timeline
+from vsgdesign.simulation.feeds import LateSchedule, safe_grid
 from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.gains_of_run import ListedGains
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, LaneCases, no_events
 from vsgdesign.simulation.lanes.telling import Telling, alone_because, telling
-from vsgdesign.simulation.late import LateSchedule, safe_grid
 
 SPECIFIED = TEXT.replace(
     "[simulation]", "[specification]\nscr = [2, 10]\nx_over_r = [1, 5]\nP = [-0.5, 0.5]\nQ = [-0.2, 0.2]\n[simulation]"

@@ -15,7 +15,7 @@ from vsgdesign.pipeline.survival import subjects_of, survival_cases
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.survival import CaseRun, GridState, Subject, SurvivalCase, field_cases, trace_case
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
-from vsgdesign.simulation.survival.field import at_asked_powers, late_grid
+from vsgdesign.simulation.survival.demand import at_asked_powers, late_grid
 
 TEXT = """
 base = "case:hoang2025_5kva"

@@ -15,7 +15,7 @@ from vsgdesign.operating_point.equilibrium import solve_with_droop
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.event import Event
 from vsgdesign.simulation import build_timeline
-from vsgdesign.simulation.late import LateSchedule
+from vsgdesign.simulation.feeds import LateSchedule
 from vsgdesign.simulation.survival import (
     FOR_EVER,
     CaseRun,

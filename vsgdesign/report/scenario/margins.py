@@ -15,7 +15,7 @@ from vsgdesign.parameters import Grid
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation import ControllerResult, ScenarioResult
-from vsgdesign.simulation.late import as_told
+from vsgdesign.simulation.feeds import as_told
 from vsgdesign.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
 
 

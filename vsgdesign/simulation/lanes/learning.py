@@ -22,6 +22,7 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
+from vsgdesign.simulation.bodies import numbers_of
 from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, network_of, settings_of_study
 from vsgdesign.simulation.field_observer import conclusion_spec
 from vsgdesign.simulation.lanes.cases import LaneCases
@@ -30,7 +31,6 @@ from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults
 from vsgdesign.simulation.lanes.speaking import ManyNetworks
-from vsgdesign.simulation.records import numbers_of
 from vsgdesign.simulation.scenario import mean_cycles
 from vsgdesign.simulation.segments import START_PHASE
 

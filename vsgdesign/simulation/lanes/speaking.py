@@ -22,8 +22,7 @@ from vsgdesign.equations.field_fusion import (
     step_refuted,
 )
 from vsgdesign.identification.field_network import FieldNetwork
-from vsgdesign.simulation.bodies import names_of
-from vsgdesign.simulation.records import numbers_of
+from vsgdesign.simulation.bodies import names_of, numbers_of
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 class ToldGrids(NamedTuple):
     """What N controllers are told: arrays (N, M) over the instants of each, as
-    :class:`vsgdesign.simulation.late.LateSchedule` takes them.
+    :class:`vsgdesign.simulation.feeds.LateSchedule` takes them.
 
     The first instant is −inf. Instants that are not used are inf and stand at the end; the last column is never used.
     """

@@ -8,7 +8,7 @@ from vsgdesign.simulation.survival.cases import (
     case_from_document,
 )
 from vsgdesign.simulation.survival.clearing import ClearingTimes, Verdicts, critical_clearing_times
-from vsgdesign.simulation.survival.field import field_cases
+from vsgdesign.simulation.survival.demand import field_cases
 from vsgdesign.simulation.survival.many import run_many
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
 from vsgdesign.simulation.survival.sets import fixed_set, random_set

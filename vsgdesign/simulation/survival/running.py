@@ -32,13 +32,12 @@ from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.circuits import Connection, circuit_at_rest
 from vsgdesign.simulation.estimated import EstimateLog
+from vsgdesign.simulation.feeds import LateSchedule, safe_grid
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, gain_changes
-from vsgdesign.simulation.late import LateSchedule, safe_grid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
-from vsgdesign.simulation.survival.field import at_asked_powers, field_demand, late_grid
+from vsgdesign.simulation.survival.demand import at_asked_powers, demand_of, field_demand, late_grid, settling_time_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 Array = NDArray[np.float64]

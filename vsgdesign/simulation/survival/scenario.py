@@ -22,10 +22,9 @@ from vsgdesign.metrics.survival import (
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.simulation.late import STALE_S, Told, knowledge_of, told_at, told_of
+from vsgdesign.simulation.feeds import STALE_S, Told, knowledge_of, told_at, told_of
 from vsgdesign.simulation.run import Simulation
-from vsgdesign.simulation.survival.demand import demand_of, silent_s_of
-from vsgdesign.simulation.survival.held import held_fault
+from vsgdesign.simulation.survival.demand import demand_of, held_fault, silent_s_of
 from vsgdesign.simulation.survival.running import Subject, own_rest_of, record_of, rest_on
 from vsgdesign.simulation.timeline import Timeline
 
