@@ -194,117 +194,89 @@ def _echo_field(document: dict[str, Any], report: str | None) -> None:
         click.echo(f"report: {Path(report) / 'report.html'}")
 
 
-_FOLDER = click.option("--out", required=True, metavar="FOLDER", help="Folder for the results and the report.")
-_WEIGHTS = click.option(
-    "--weights",
-    "weights",
-    multiple=True,
-    metavar="FILE.json",
-    help="A network to compare. Repeat the option for several.",
-)
-_RECIPES = click.option(
-    "--recipe",
-    "recipes",
-    multiple=True,
-    metavar="NAME|FILE.toml",
-    help="Train a network of this recipe and compare it. Repeat the option for several.  "
-    "[default: without --weights: published, and continuous with noise]",
-)
-
-
 BACKGROUNDS = ("clean", "measured", "dirty")
 SENSORS = ("ideal", "typical", "dirty")
 """The packaged levels by name: importing them would make every verb slow to start."""
 
-_BACKGROUND = click.option(
-    "--background",
-    type=click.Choice(BACKGROUNDS),
-    default=None,
-    help="Packaged background of the grid, in place of that of the study.  [default: that of the study, else none]",
+_COMPARED = (
+    STUDY,
+    click.option("--out", required=True, metavar="FOLDER", help="Folder for the results and the report."),
+    click.option(
+        "--weights",
+        multiple=True,
+        metavar="FILE.json",
+        help="A network to compare. Repeat the option for several.",
+    ),
+    click.option(
+        "--recipe",
+        "recipes",
+        multiple=True,
+        metavar="NAME|FILE.toml",
+        help="Train a network of this recipe and compare it. Repeat the option for several.  "
+        "[default: without --weights: published, and continuous with noise]",
+    ),
+    _SEED,
+    click.option(
+        "--background",
+        type=click.Choice(BACKGROUNDS),
+        default=None,
+        help="Packaged background of the grid, in place of that of the study.  [default: that of the study, else none]",
+    ),
+    click.option(
+        "--sensors",
+        type=click.Choice(SENSORS),
+        default=None,
+        help="Packaged sensors in the loop, in place of those of the study.  [default: those of the study, else white "
+        "noise and 12 bits after the run]",
+    ),
+    WORKERS,
+    JSON,
 )
-_SENSORS = click.option(
-    "--sensors",
-    type=click.Choice(SENSORS),
-    default=None,
-    help="Packaged sensors in the loop, in place of those of the study.  [default: those of the study, else white "
-    "noise and 12 bits after the run]",
-)
+"""The arguments of the two verbs that compare methods."""
+
+
+def _compares(function: Callable[..., None]) -> Callable[..., None]:
+    """Give a verb the arguments of a comparison."""
+    for argument in reversed(_COMPARED):
+        function = argument(function)
+    return function
 
 
 @estimator.command()
-@STUDY
-@_FOLDER
-@_WEIGHTS
-@_RECIPES
-@_SEED
-@_BACKGROUND
-@_SENSORS
-@WORKERS
-@JSON
+@_compares
 @verb
-def compare(
-    study_file: str,
-    out: str,
-    weights: tuple[str, ...],
-    recipes: tuple[str, ...],
-    seed: int | None,
-    background: str | None,
-    sensors: str | None,
-    workers: int | None,
-    as_json: bool,
-) -> None:
+def compare(**asked: Any) -> None:
     """Compare classical methods and networks on the same windows.
 
     The report shows the error and its theoretical bound, how much each method disturbs the grid, and its delay.
     """
     from vsgdesign.pipeline.estimator import report_comparison
 
-    around = (background, sensors)
-    networks = {"weights": weights, "recipes": recipes, "workers": workers}
-    _report(report_comparison, study_file, out, as_json, around, seed=seed, **networks)
+    _report(report_comparison, **asked)
 
 
 @estimator.command()
-@STUDY
-@_FOLDER
-@_WEIGHTS
-@_RECIPES
-@_SEED
-@_BACKGROUND
-@_SENSORS
-@WORKERS
-@JSON
+@_compares
 @verb
-def stress(
-    study_file: str,
-    out: str,
-    weights: tuple[str, ...],
-    recipes: tuple[str, ...],
-    seed: int | None,
-    background: str | None,
-    sensors: str | None,
-    workers: int | None,
-    as_json: bool,
-) -> None:
+def stress(**asked: Any) -> None:
     """Test the same methods in conditions they were not trained for.
 
     Frequency, phase, voltage, X/R, SCR, noise or harmonics differ from the training.
     """
     from vsgdesign.pipeline.estimator import report_stress
 
-    around = (background, sensors)
-    networks = {"weights": weights, "recipes": recipes, "workers": workers}
-    _report(report_stress, study_file, out, as_json, around, seed=seed, **networks)
+    _report(report_stress, **asked)
 
 
 def _report(
     make: Callable[..., dict[str, Any]],
+    *,
     study_file: str,
     out: str,
-    as_json: bool,
-    around: tuple[str | None, str | None],
-    *,
     seed: int | None,
+    background: str | None,
+    sensors: str | None,
+    as_json: bool,
     **networks: Any,
 ) -> None:
     from dataclasses import replace
@@ -315,7 +287,6 @@ def _report(
 
     study = load(study_file)
     drawn_from = (study.estimator or EstimatorSpec()).seed if seed is None else seed
-    background, sensors = around
     if background is not None:
         study = replace(study, background=draw_background({}, drawn_from, background))
     if sensors is not None:

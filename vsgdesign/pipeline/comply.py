@@ -18,7 +18,7 @@ from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.errors import Fault, StudyError
+from vsgdesign.errors import Fault, StudyError, WorkerError
 from vsgdesign.execution.progress import Progress
 from vsgdesign.parameters.study import ControllerSpec, Study
 
@@ -104,11 +104,11 @@ def comply_study(
             run_job(job, journal, executor=executor, progress=progress)
             run_s = time.perf_counter() - begin - ready_s
             document = _document(job, journal.whole, asked)
-            _place_traces(journal, folder)
+            _place_traces(document["rows"], journal, folder)
             document |= {"provenance": provenance()}
             chosen = _rows_with_case(document, asked.cases)
             cases = partial(_write_cases, job, chosen, str(folder), os.path.realpath(out))
-            if executor is None:
+            if executor is None or cluster is not None:  # workers elsewhere do not reach the folder
                 cases()
                 _write_report(folder, document)
             else:  # side by side: both take a second
@@ -263,11 +263,18 @@ def c_hash(study: Study, spec: ControllerSpec, table: GainTable | None) -> str |
     return str(made.manifest["sha256"])
 
 
-def _place_traces(journal: Journal[Any], folder: Path) -> None:
-    """The traces beside the result. They stay with the journal too, until the folder is complete."""
-    kept = None if journal.files is None else journal.files / "traces"
-    if kept is not None and kept.is_dir():
-        shutil.copytree(kept, folder / "traces", copy_function=_linked)
+def _place_traces(rows: Iterable[Mapping[str, Any]], journal: Journal[Any], folder: Path) -> None:
+    """The traces beside the result. They stay with the journal too, until the folder is complete. Raises WorkerError
+    where one is not there."""
+    kept = Path() if journal.files is None else journal.files
+    lost = next((row["csv"] for row in rows if row["csv"] and not (kept / row["csv"]).is_file()), None)
+    if lost is not None:
+        raise WorkerError(
+            f'cluster: its workers have not written "{kept / lost}" to a disk that this machine reads. Give --out in a '
+            "folder that all machines of the cluster share, and --fresh."
+        )
+    if (kept / "traces").is_dir():
+        shutil.copytree(kept / "traces", folder / "traces", copy_function=_linked)
 
 
 def _linked(source: str, target: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
 from vsgdesign.artifacts import staged_folder, write_record
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
@@ -20,25 +20,38 @@ if TYPE_CHECKING:
     from vsgdesign.estimator.methods import ComparisonSettings
     from vsgdesign.estimator.stress import Stress
 
-T = TypeVar("T")
+
+class Asked(TypedDict, total=False):
+    """What is asked of a comparison or a stress test."""
+
+    weights: tuple[str, ...]
+    """Files of networks to compare."""
+    recipes: tuple[str, ...]
+    """Names or files of recipes; one network is trained for each. Without networks of either kind, the published
+    network and one with noise in its training data are trained."""
+    seed: int
+    """Of the training."""
+    workers: int | None
+    """Processes that make the windows: one where it is not said; None: one per core."""
+    settings: ComparisonSettings | None
+    progress: Progress | None
 
 
-def report_comparison(
-    study: Study,
-    out: str | Path,
-    *,
-    weights: tuple[str, ...] = (),
-    recipes: tuple[str, ...] = (),
-    seed: int = 0,
-    workers: int | None = 1,
-    settings: ComparisonSettings | None = None,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
-    """Writes results.json, figures and report.html to ``out``. Returns the content of results.json.
+class _Kind(NamedTuple):
+    """A comparison or a stress test: how it is made, and what is made of it."""
 
-    ``weights`` are files of networks to compare. ``recipes`` are names or files of recipes; one network is trained for
-    each, with ``seed`` on ``workers`` processes. Without either, the published network and one with noise in its
-    training data are trained. The folder appears when everything is done. Raises the errors of
+    verb: str
+    find: Callable[..., Any]
+    document: Callable[[Any], dict[str, Any]]
+    figures: Callable[[Any], Any]
+    write_page: Callable[..., Any]
+
+
+def report_comparison(study: Study, out: str | Path, **asked: Unpack[Asked]) -> dict[str, Any]:
+    """Compares methods (:class:`Asked`) and writes results.json, figures and report.html to ``out``. Returns the
+    content of results.json.
+
+    The folder appears when everything is done. Raises the errors of
     :func:`vsgdesign.estimator.comparison.compare_methods`, and ArtifactError.
     """
     from vsgdesign.estimator.comparison import compare_methods
@@ -56,23 +69,12 @@ def report_comparison(
             ],
         }
 
-    make = (compare_methods, document, comparison_figures, write_comparison_page)
-    networks = (weights, recipes, seed, workers)
-    settings = settings or ComparisonSettings()
-    return _report("vsgdesign estimator compare", study, out, networks, settings, progress, *make)
+    verb = "vsgdesign estimator compare"
+    kind = _Kind(verb, compare_methods, document, comparison_figures, write_comparison_page)
+    return _report(kind, study, out, asked.get("settings") or ComparisonSettings(), asked)
 
 
-def report_stress(
-    study: Study,
-    out: str | Path,
-    *,
-    weights: tuple[str, ...] = (),
-    recipes: tuple[str, ...] = (),
-    seed: int = 0,
-    workers: int | None = 1,
-    settings: ComparisonSettings | None = None,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
+def report_stress(study: Study, out: str | Path, **asked: Unpack[Asked]) -> dict[str, Any]:
     """Does the same as :func:`report_comparison` for the stress test."""
     from vsgdesign.estimator.methods import nominal_settings
     from vsgdesign.estimator.stress import STRESS_SETTINGS, stress_methods
@@ -80,64 +82,43 @@ def report_stress(
     from vsgdesign.report.estimator.page import write_stress_page
 
     def document(found: Stress) -> dict[str, Any]:
-        return {
-            "methods": found.methods,
-            "axes": [
-                {
-                    "name": one.axis.name,
-                    "unit": one.axis.unit,
-                    "values": one.axis.values,
-                    "rms": one.rms,
-                    "p95": one.p95,
-                }
-                for one in found.results
-            ],
-        }
+        names = ("name", "unit", "values")
+        axes = [
+            {name: getattr(one.axis, name) for name in names} | {"rms": one.rms, "p95": one.p95}
+            for one in found.results
+        ]
+        return {"methods": found.methods, "axes": axes}
 
-    make = (stress_methods, document, stress_figures, write_stress_page)
-    networks = (weights, recipes, seed, workers)
-    settings = nominal_settings(settings or STRESS_SETTINGS)
-    return _report("vsgdesign estimator stress", study, out, networks, settings, progress, *make)
+    kind = _Kind("vsgdesign estimator stress", stress_methods, document, stress_figures, write_stress_page)
+    return _report(kind, study, out, nominal_settings(asked.get("settings") or STRESS_SETTINGS), asked)
 
 
-def _report(
-    verb: str,
-    study: Study,
-    out: str | Path,
-    networks: tuple[tuple[str, ...], tuple[str, ...], int, int | None],
-    settings: ComparisonSettings,
-    progress: Progress | None,
-    find: Callable[..., T],
-    document: Callable[[T], dict[str, Any]],
-    figures_of: Callable[[T], Any],
-    write_page: Callable[..., Any],
-) -> dict[str, Any]:
+def _report(kind: _Kind, study: Study, out: str | Path, settings: ComparisonSettings, asked: Asked) -> dict[str, Any]:
     from vsgdesign.estimator.methods import runnable_settings
     from vsgdesign.report.estimator.figures import write_all
 
-    tell = progress or silent
-    weights, recipes, *_ = networks
-    with staged_folder(out, verb, inputs=[*study.input_files, *weights, *recipes]) as folder:
+    tell = asked.get("progress") or silent
+    inputs = [*study.input_files, *asked.get("weights", ()), *asked.get("recipes", ())]
+    with staged_folder(out, kind.verb, inputs=inputs) as folder:
         # Asked before networks are trained: that nothing can be run is known in a moment.
         runnable_settings(study, settings)
-        made = _networks(study, *networks, tell)
-        found: Any = find(study, made, settings, progress=tell)
+        made = _networks(study, asked, tell)
+        found: Any = kind.find(study, made, settings, progress=tell)
         (folder / "figures").mkdir()
-        figures = write_all(figures_of(found), folder / "figures")
-        write_page(study.title, found, figures, folder / "report.html")
+        figures = write_all(kind.figures(found), folder / "figures")
+        kind.write_page(study.title, found, figures, folder / "report.html")
         whole = {"study": study.name, "study_hash": study.hash, "weights": found.weights}
         whole |= {"networks": {name: network_document(one) for name, one in made.items()}}
-        whole |= {"settings": vars(found.settings), "left_out": found.left_out} | document(found)
+        whole |= {"settings": vars(found.settings), "left_out": found.left_out} | kind.document(found)
         whole["figures"] = [figure.name for figure in figures]
-        return write_record(folder, whole, verb)
+        return write_record(folder, whole, kind.verb)
 
 
-def _networks(
-    study: Study, files: tuple[str, ...], recipes: tuple[str, ...], seed: int, workers: int | None, progress: Progress
-) -> dict[str, NetworkWeights]:
+def _networks(study: Study, asked: Asked, progress: Progress) -> dict[str, NetworkWeights]:
     from vsgdesign.estimator.comparison import train_networks
     from vsgdesign.estimator.recipes import WINDOW_RECIPES
 
+    files, recipes = asked.get("weights", ()), asked.get("recipes", ())
     loaded = [WINDOW_RECIPES.load(recipe) for recipe in recipes]
     found: dict[str, NetworkWeights] = {}
     unfit: list[str] = []
@@ -149,7 +130,8 @@ def _networks(
         raise ArtifactError("these weights do not fit the converter of the study:\n" + "\n".join(unfit))
     if files and not recipes:
         return found
-    for name, weights in train_networks(study, loaded, seed=seed, workers=workers, progress=progress):
+    options = {"seed": asked.get("seed", 0), "workers": asked.get("workers", 1)}
+    for name, weights in train_networks(study, loaded, **options, progress=progress):
         found[_free(name, found)] = weights
     return found
 
