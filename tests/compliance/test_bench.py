@@ -187,6 +187,7 @@ def test_a_rest_at_the_limit_is_held_and_said() -> None:
         ((Event.of_pu(0.0, df_hz=-1.0, over_s=0.5),), "ramp"),
         ((Event.of_pu(0.0, scr=2.0, x_over_r=3.0),), "grid"),
         ((Event.of_pu(0.0, P_pu=0.7),), "step"),
+        ((Event.of_pu(0.0, V_ref_pu=1.03),), "voltage_set_point"),
     ],
 )
 def test_a_link_shows_the_test_in_the_explorer(events: tuple[Event, ...], kind: str) -> None:

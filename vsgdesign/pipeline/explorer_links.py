@@ -11,7 +11,7 @@ from typing import Any
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.explore.state import StateError, state_of
-from vsgdesign.parameters.event import Event
+from vsgdesign.parameters.event import EVENT_KINDS, Event
 from vsgdesign.parameters.network_fields import NOTHING_SAID
 from vsgdesign.parameters.source import Sag
 from vsgdesign.parameters.study import Study
@@ -67,6 +67,11 @@ def _event(study: Study, test: SuiteTest) -> dict[str, Any] | None:
         return {"kind": "grid", "to_scr": _short(to.scr), "to_x_over_r": _short(to.x_over_r)}
     if changed == {"P_pu"} and first.P_ref is not None:
         return {"kind": "step", "signal": "P", "size": _short(first.P_ref - test.P_pu)}
+    for kind, step in EVENT_KINDS.steps.values():
+        value = kind.value(first)
+        if changed == {kind.of_suite.name} and value is not None:
+            c = study.converter
+            return {"kind": step.name, "size": _short((kind.on(value, c) - step.start(c)) / step.one(c))}
     if changed == {"Q_pu"} and first.Q_ref is not None:
         return {"kind": "step", "signal": "Q", "size": _short(first.Q_ref - test.Q_pu)}
     return None

@@ -47,7 +47,6 @@ class Connecting:
             return
         _check(timeline, probes)
         self._V_base_pk, self._circuit = rms_to_peak(c.V_rated_rms), study.circuit()
-        self._refs = c.references()
         self._seeks = math.isinf(event.synchronised_until)
         self._first = math.ceil(event.t_s / c.T_s - 1e-6)
         if self._seeks:
@@ -66,11 +65,13 @@ class Connecting:
         if sample < self._first or sample > self._end or (sample == self._end and not self._seeks):
             return state
         v_g = self.grid_voltage(sample)
-        self._watch = GridWatch(*map(float, watch_grid(self._watch, v_g.real, v_g.imag, self._refs, self._T_s)))
+        now = (sample + 1e-6) * self._T_s
+        refs = self._timeline.references_at(now)
+        self._watch = GridWatch(*map(float, watch_grid(self._watch, v_g.real, v_g.imag, refs, self._T_s)))
         v = [float(capacitor_node_voltage(x[k], x[2 + k], x[4 + k], self._circuit)) for k in (0, 1)]
         measured = Measurement(v[0], v[1], 0.0, 0.0, 0.0, 0.0)
-        fault = self._timeline.network_at((sample + 1e-6) * self._T_s).fault is not None
-        self._ready = self._ready + 1 if in_step(measured, self._watch, self._refs) > 0.5 and not fault else 0
+        fault = self._timeline.network_at(now).fault is not None
+        self._ready = self._ready + 1 if in_step(measured, self._watch, refs) > 0.5 and not fault else 0
         if self._seeks and self._ready >= round(IN_STEP_S / self._T_s):
             # The last sample before which the state is set is the one before that in which the breaker closes.
             raise InStep((sample + 1) * self._T_s)
