@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from vsgdesign.compliance.measured.extremes import CURRENTS, EXTREMES
-from vsgdesign.compliance.measured.faults import FAULTS
-from vsgdesign.compliance.measured.frequency import FREQUENCY
-from vsgdesign.compliance.measured.oscillations import OSCILLATIONS
-from vsgdesign.compliance.measured.responses import RECOVERY, RESPONSES
+from vsgdesign.compliance.measured_extremes import CURRENTS, EXTREMES
+from vsgdesign.compliance.measured_faults import FAULTS
+from vsgdesign.compliance.measured_frequency import FREQUENCY
+from vsgdesign.compliance.measured_oscillations import OSCILLATIONS
+from vsgdesign.compliance.measured_responses import RECOVERY, RESPONSES
 from vsgdesign.compliance.measuring import Measure, Measured, MeasureInput, Parameter, Ratings
 
 __all__ = ["MEASURES", "Measure", "MeasureInput", "Measured", "Parameter", "Ratings"]

@@ -1,1 +1,0 @@
-"""The measures, by what they look at."""
