@@ -14,11 +14,10 @@ import pytest
 from tests.simulation.studies import lc_study, lcl_study
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, StudyError
 from vsgdesign.estimator import specification
-from vsgdesign.estimator.blocks import WORK
 from vsgdesign.estimator.data_set import DataSet, read_data_set
 from vsgdesign.estimator.recipe_fields import log_uniform, one_of, uniform
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED
-from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
+from vsgdesign.estimator.specification import WINDOW_NETWORK, WORK, generate
 from vsgdesign.execution.journal import kept_count, kept_folder
 
 STUDY = lc_study("1 s")

@@ -156,7 +156,7 @@ def _kept(file: str | None, what: str, whole: bool = True) -> Callable[[], str]:
     """What an interruption says of what is kept beside a file or, if it counts when it is ``whole``, in it."""
 
     def kept() -> str:
-        from vsgdesign.estimator.blocks import kept_blocks
+        from vsgdesign.estimator.specification import kept_blocks
 
         if file is None or not (kept_blocks(file) or (whole and Path(file).exists())):
             return "nothing was written"
