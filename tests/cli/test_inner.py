@@ -18,7 +18,7 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline import open_study, opening
 from vsgdesign.pipeline.opening import check_study, inner_loops_file
-from vsgdesign.report.inner.words import headline
+from vsgdesign.report.inner.page import headline
 
 TEXT = """
 base = "case:lab_12kva_lcl"

@@ -19,8 +19,8 @@ from vsgdesign import __version__
 from vsgdesign.design import design_closed_form
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline import make_ready
-from vsgdesign.report.design import design_blocks
 from vsgdesign.report.page.terminal import print_terminal
+from vsgdesign.report.terminals import design_blocks
 from vsgdesign.runtime.of_study import gain_law
 
 VERBS = ("run", "simulate", "design", "validate")

@@ -32,11 +32,11 @@ from vsgdesign.parameters.background import draw_background
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.pipeline.estimator import report_comparison
-from vsgdesign.report.estimator.answer import stress_answer
 from vsgdesign.report.estimator.figures import comparison_figures, stress_figures, write_all
 from vsgdesign.report.estimator.page import (
     comparison_conclusion,
     delay_table,
+    stress_answer,
     stress_conclusion,
     write_comparison_page,
     write_stress_page,

@@ -17,11 +17,10 @@ from tests.compliance_documents import document, evidence, traces_of
 from vsgdesign.compliance.evidence import figures_of
 from vsgdesign.compliance.rows import FAIL, INFORMATIONAL, PASS, VERDICTS
 from vsgdesign.report.compliance.answer import counts_answer, headline, strip
-from vsgdesign.report.compliance.arranged import Arranged, arrange, asked_words, value_words
+from vsgdesign.report.compliance.arranged import LOOKS, Arranged, arrange, asked_words, value_words
 from vsgdesign.report.compliance.figures import shown_signal
 from vsgdesign.report.compliance.matrix import explore_command
 from vsgdesign.report.compliance.page import write_page
-from vsgdesign.report.compliance.verdicts import LOOKS
 
 VOID = {"col", "meta", "input", "br", "link", "img", "path", "rect"}
 
@@ -217,7 +216,7 @@ def test_only_so_many_failing_tests_have_a_figure_and_the_page_says_so(
 ) -> None:
     monkeypatch.setattr("vsgdesign.compliance.evidence.MOST_FIGURES", 1)
     monkeypatch.setattr("vsgdesign.report.compliance.page.MOST_FIGURES", 1)
-    monkeypatch.setattr("vsgdesign.report.compliance.drawn.MOST_FIGURES", 1)
+    monkeypatch.setattr("vsgdesign.report.compliance.figures.MOST_FIGURES", 1)
     write_page(tmp_path, made(), traces_of(made(), 200))
     failing = [test for test in arranged().tests() if test.fails]
     text = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -14,7 +14,7 @@ import pytest
 from tests.compliance_documents import document, traces_of
 from tests.report.pdf_texts import maps_of, objects_of, texts_of
 from vsgdesign.report.compliance.arranged import Arranged, arrange
-from vsgdesign.report.compliance.drawn import draw
+from vsgdesign.report.compliance.figures import draw
 from vsgdesign.report.compliance.page import compliance_page
 from vsgdesign.report.drawing import paper
 from vsgdesign.report.drawing.paper import HEIGHT, MARGIN, WIDTH, Sheet, text_width, wrapped

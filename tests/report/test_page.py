@@ -18,8 +18,7 @@ from vsgdesign.report import write_report
 from vsgdesign.report.page import converter
 from vsgdesign.report.quantities import number, plain_quantity, prefix_for, quantity
 from vsgdesign.report.scenario import tables
-from vsgdesign.report.scenario.outcomes import step_outcomes
-from vsgdesign.report.scenario.second_order import overshoot_of, settling_factor, uncoupled_P
+from vsgdesign.report.scenario.outcomes import overshoot_of, settling_factor, step_outcomes, uncoupled_P
 from vsgdesign.report.scenario.signals import source_frequency
 from vsgdesign.report.scenario.verdict import explanation, verdict
 from vsgdesign.simulation import build_timeline

@@ -16,8 +16,14 @@ from tests.verification_documents import document
 from vsgdesign.artifacts.verification_text import promise_sentences
 from vsgdesign.report import write_verification_report
 from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.verification.page import verification_figures
-from vsgdesign.report.verification.tables import again_text, case_value, cases_table, left_out_table, promises_table
+from vsgdesign.report.verification.page import (
+    again_text,
+    case_value,
+    cases_table,
+    left_out_table,
+    promises_table,
+    verification_figures,
+)
 
 UNIT = re.compile(r"\[[^\]]+\]$")
 

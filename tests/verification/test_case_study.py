@@ -20,7 +20,7 @@ from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.loading import load_study
 from vsgdesign.parameters.toml_text import toml_text
-from vsgdesign.report.scenario.survived import survival_text
+from vsgdesign.report.scenario.verdict import survival_text
 from vsgdesign.report.scenario.verdict import verdict as verdict_text
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.lanes.results import JUDGED

@@ -50,8 +50,8 @@ def design(study_file: str, as_json: bool) -> None:
             }
         )
     else:
-        from vsgdesign.report.design import design_blocks
         from vsgdesign.report.page.terminal import print_terminal
+        from vsgdesign.report.terminals import design_blocks
 
         print_terminal(design_blocks(study, designs, missing))
 

@@ -70,7 +70,7 @@ def survive(
             print_json(document)
             return
         from vsgdesign.report.page.terminal import print_terminal
-        from vsgdesign.report.survival import survival_blocks
+        from vsgdesign.report.terminals import survival_blocks
 
         print_terminal(survival_blocks(document))
         click.echo(f"results: {folder / 'results.json'}, every case: {folder / 'cases.csv'}")

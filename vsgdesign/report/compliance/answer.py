@@ -10,8 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
-from vsgdesign.report.compliance.arranged import Arranged, Tested
-from vsgdesign.report.compliance.verdicts import LOOKS, Counts
+from vsgdesign.report.compliance.arranged import LOOKS, Arranged, Counts, Tested
 from vsgdesign.report.drawing.sketch import Area, Sketch, svg
 from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row
 

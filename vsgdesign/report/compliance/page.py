@@ -19,12 +19,10 @@ from vsgdesign.report.compliance.answer import (
     strips,
 )
 from vsgdesign.report.compliance.arranged import Arranged, arrange
-from vsgdesign.report.compliance.drawn import Drawn, draw
-from vsgdesign.report.compliance.figures import Traces
+from vsgdesign.report.compliance.figures import Drawn, Traces, draw
 from vsgdesign.report.compliance.heat import LEGEND, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
-from vsgdesign.report.compliance.matrix import Matrix, matrix_html
-from vsgdesign.report.compliance.paper import draw_matrix, draw_strips
+from vsgdesign.report.compliance.matrix import Matrix, draw_matrix, draw_strips, matrix_html
 from vsgdesign.report.drawing.sketch import svg_file
 from vsgdesign.report.page.blocks import (
     BULLETS,

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.structures import STRUCTURES
+from vsgdesign.errors import NoOperatingPointError
+from vsgdesign.operating_point import solve_operating_point
+from vsgdesign.parameters import Grid
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.page.converter import grid_label
 from vsgdesign.report.quantities import plain_quantity
-from vsgdesign.report.scenario.margins import LoopOnGrid, loops_on_grids
-from vsgdesign.simulation import ScenarioResult
+from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.simulation import ControllerResult, ScenarioResult
+from vsgdesign.simulation.feeds import as_told
+from vsgdesign.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
 
 _MOST_GRIDS = 6
 _LEFT, _RIGHT, _BOTTOM, _BETWEEN = 0.55, 0.13, 0.36, 0.62
@@ -135,3 +145,70 @@ def _legend(loop: LoopOnGrid) -> str:
     if crossover is None or margin is None:
         return f"{loop.label}: no crossover"
     return f"{loop.label}: $\\omega_c$ = {crossover:.3g} rad/s, $\\varphi_m$ = {margin:.1f}°"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopOnGrid:
+    """The open P loop of one controller on one grid, at the operating point of the controller's design."""
+
+    label: str
+    Z_ohm: float
+    P: float
+    Q: float
+    gains: PowerLoopGains
+    numerator: NDArray[np.float64]
+    denominator: NDArray[np.float64]
+    margins: LoopMargins
+
+    @property
+    def corner_rad_s(self) -> float:
+        """The loop's fastest corner; K_ip·D_p for the published structure."""
+        return float(np.abs(np.roots(self.denominator)).max())
+
+    def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Frequency response at angular frequencies in rad/s."""
+        s = 1j * omega
+        return np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
+
+
+def distinct_grids(result: ScenarioResult) -> tuple[Grid, ...]:
+    """Every grid of the scenario once, in order of appearance."""
+    return tuple(dict.fromkeys(grid for _, grid in result.timeline.grids))
+
+
+def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tuple[LoopOnGrid, ...]:
+    """The loops on all grids that can carry the power of the controller's design."""
+    study, target = result.study, controller.spec.target
+    law = as_told(gain_law(study, controller.spec, result.ready), controller.spec)
+    loops = []
+    for grid in distinct_grids(result):
+        R, X = study.path_to_grid(grid)
+        try:
+            point = solve_operating_point(target.P, target.Q, study.grid_source.V_g_rms, R, X)
+        except NoOperatingPointError:
+            continue
+        at_point = law(grid.R_g, grid.L_g, target.P, target.Q, point.V_rms)
+        gains = PowerLoopGains(*(float(value) for value in at_point))
+        if not np.isfinite(gains).all():
+            continue
+        # Beyond A = 0 the loop has positive feedback: it has no margin to speak of.
+        if point.A <= 0.0:
+            continue
+        if STRUCTURES[target.structure].uncoupled:
+            open_loop = power_loops(gains, point.A, point.D).P_open
+        else:
+            open_loop = coupled_loop(point, gains, study.grid_source.V_g_rms, R, X, loop=0)
+        numerator, denominator = (np.trim_zeros(np.ravel(part[0][0]), "f") for part in (open_loop.num, open_loop.den))
+        loops.append(
+            LoopOnGrid(
+                label=grid_label(result, grid),
+                Z_ohm=float(np.hypot(R, X)),
+                P=target.P,
+                Q=target.Q,
+                gains=gains,
+                numerator=numerator,
+                denominator=denominator,
+                margins=loop_margins(open_loop),
+            )
+        )
+    return tuple(loops)

@@ -11,9 +11,8 @@ from vsgdesign.artifacts.table_text import certificate_sentence, table_lines, ta
 from vsgdesign.identification.registry import why_no_c
 from vsgdesign.metrics import mean_in_words
 from vsgdesign.report.figure_types import WrittenFigure
-from vsgdesign.report.inner.page import inner_tables
-from vsgdesign.report.inner.words import explanation as explanation_of
-from vsgdesign.report.inner.words import headline, what_for
+from vsgdesign.report.inner.page import explanation as explanation_of
+from vsgdesign.report.inner.page import headline, inner_tables, what_for
 from vsgdesign.report.page.blocks import (
     BULLETS,
     SOURCE,
@@ -36,8 +35,7 @@ from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
 from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
 from vsgdesign.report.scenario.outcomes import step_outcomes
-from vsgdesign.report.scenario.survived import survival_sentence
-from vsgdesign.report.scenario.verdict import explanation, verdict
+from vsgdesign.report.scenario.verdict import explanation, survival_sentence, verdict
 from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.judging import Judgement, judge_estimates
 from vsgdesign.simulation.promises import promises_kept

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics.events import UNSTABLE
+from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.quantities import number, percent, plain
-from vsgdesign.report.scenario.outcomes import StepOutcome
-from vsgdesign.report.scenario.second_order import settling_factor
-from vsgdesign.report.scenario.survived import survival_text
+from vsgdesign.report.scenario.outcomes import StepOutcome, settling_factor
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.promises import CLOSED_FORM
 
@@ -246,3 +245,27 @@ def _other_grid(missed: Sequence[StepOutcome]) -> str:
         "Fixed gains meet operating points for which they were not designed. The damping ratio of the uncoupled P "
         f"loop is {'; '.join(parts[:4])}."
     )
+
+
+def survival_text(result: ScenarioResult) -> str:
+    """Which controllers survive the events, and how; empty where the study does not ask for it."""
+    return " ".join(survival_sentence(c.spec.name, c.survival) for c in result.controllers if c.survival is not None)
+
+
+def survival_sentence(name: str, verdict: Survival) -> str:
+    """Whether a controller survives the events of its scenario, and its largest current."""
+    if not verdict.judged:
+        return f"{name} is not judged as one disturbance: {verdict.status}, {_ended(verdict.reason)}"
+    said = f"{name} does not survive the events: {verdict.status}, {_ended(verdict.reason)}"
+    if verdict.survived and verdict.recovery_s is not None:
+        said = f"{name} survives the events and is at rest {plain(verdict.recovery_s)} s after the last one."
+        if verdict.reason is not None:
+            said = f"{said[:-1]}: {_ended(verdict.reason)}"
+    if verdict.peak_pu is not None:
+        said += f" Its largest current later than 5 ms after an event is {plain(verdict.peak_pu)} pu of the rated peak."
+    return said
+
+
+def _ended(reason: str | None) -> str:
+    """A reason as the end of a sentence; some of them have several sentences and their own full stop."""
+    return f"{(reason or 'no reason is known').removesuffix('.')}."

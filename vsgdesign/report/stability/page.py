@@ -33,9 +33,8 @@ from vsgdesign.report.page.converter import converter_table, filter_table, specs
 from vsgdesign.report.page.html import print_html, text_file
 from vsgdesign.report.quantities import DASH, plain_quantity
 from vsgdesign.report.stability import tables as made
-from vsgdesign.report.stability.answer import stability_answer, stability_headline
 from vsgdesign.report.stability.hover import hover_json
-from vsgdesign.report.stability.verdict import verdict_text
+from vsgdesign.report.stability.verdict import stability_answer, stability_headline, verdict_text
 from vsgdesign.simulation.stability_result import (
     StabilityResult,
     frequency_file,
