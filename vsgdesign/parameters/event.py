@@ -331,8 +331,11 @@ class EventKinds(Mapping[str, EventKind]):
         return {kind.step.name: (kind, kind.step) for kind in self.values() if kind.step is not None}
 
     def register(self, kind: EventKind) -> Callable[[], None]:
-        """Makes a kind known to studies, suites, verifications and survival cases. Returns a function that removes it
-        again. Raises ValueError if another kind has its name."""
+        """Makes a kind known to everything that reads or runs events in this process.
+
+        Returns a function that removes it again. Other processes do not know it: give a verification of it one worker.
+        Raises ValueError if another kind has its name.
+        """
         if self._by_name.get(kind.name, kind) != kind:
             raise ValueError(f"kind of event: {kind.name!r} is already the name of another kind. Choose another name.")
         self._by_name[kind.name] = kind
