@@ -14,7 +14,7 @@ from vsgdesign.equations.field_fusion import CHI_SQUARE_95, Posterior, posterior
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.estimator.data_set import FieldCycles, Split
 from vsgdesign.estimator.scores import evaluate
-from vsgdesign.estimator.training import torch_threads
+from vsgdesign.estimator.training import not_finite, too_few, torch_threads
 from vsgdesign.execution.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -159,19 +159,16 @@ def conformal_radii(layers: FieldLayers, cycles: FieldCycles, rows: NDArray[np.i
 
 
 def _check(cycles: FieldCycles, split: Split, settings: FieldTrainingSettings, seed: int) -> None:
-    faults = []
+    faults: list[Fault] = []
     for name in ("features", "answer", "truth"):
-        bad = np.flatnonzero(~np.isfinite(getattr(cycles, name)).all(axis=1))
-        if len(bad):
-            faults.append(Fault(name, f"{len(bad)} cycles", f"not finite, first in row {bad[0]}", "Leave them out."))
+        faults += not_finite(name, getattr(cycles, name), "cycle", "Leave them out.")
     for name in ("hidden", "epochs", "batch"):
         if getattr(settings, name) < 1:
             faults.append(Fault(name, str(getattr(settings, name)), "must be at least 1"))
     for name in ("rate", "weight", "weighted"):
         if not (math.isfinite(getattr(settings, name)) and getattr(settings, name) > 0.0):
             faults.append(Fault(name, str(getattr(settings, name)), "must be positive"))
-    if len(split.training) < 2 * settings.hidden:
-        faults.append(Fault("split.training", str(len(split.training)), f"too few for {settings.hidden} hidden units"))
+    faults += too_few(split, settings.hidden)
     if seed < 0:
         faults.append(Fault("seed", str(seed), "must be a whole number, zero or more"))
     if faults:

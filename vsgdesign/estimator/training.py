@@ -227,41 +227,54 @@ def _correlation(a: Array, b: Array) -> tuple[float, ...]:
 
 
 def _check(inputs: Array, targets: Array, split: Split, settings: TrainingSettings, seed: int) -> None:
-    faults: list[Fault] = []
-
-    def fault(name: str, value: object, problem: str, advice: str = "") -> None:
-        faults.append(Fault(name, str(value), problem, advice))
-
-    if inputs.ndim != 2 or targets.ndim != 2 or len(inputs) != len(targets) or targets.shape[-1] != 2:
-        fault("targets", targets.shape, f"must be (N, 2) for inputs of {inputs.shape}")
-    else:
-        for name, values in (("inputs", inputs), ("targets", targets)):
-            bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-            if len(bad):
-                fault(name, counted(len(bad), "row"), f"not finite, first in row {bad[0]}", "Leave these windows out.")
-        if len(split.training) < 2 * settings.hidden:
-            fault("split.training", len(split.training), f"too few for {settings.hidden} hidden units")
-        rows = np.concatenate([split.training, split.validation, split.test])
-        if len(rows) and (rows.min() < 0 or rows.max() >= len(inputs)):
-            fault("split", f"{rows.min()} to {rows.max()}", f"has rows that {len(inputs)} windows have not")
-        elif len(np.unique(rows)) != len(rows):
-            fault("split", len(rows), "has a window twice", "A window is for one purpose only.")
-    if settings.form not in FORMS:
-        fault("form", settings.form, f"must be one of {', '.join(FORMS)}")
-    for name, least in (("hidden", 1), ("components", 0), ("starts", 1)):
-        if getattr(settings, name) < least:
-            fault(name, getattr(settings, name), f"must be at least {least}")
-    if not 0.0 <= settings.regularisation < 1.0:
-        fault("regularisation", settings.regularisation, "must be from 0 to below 1")
-    damping = settings.damping
-    if not (0.0 < damping.mu <= damping.mu_max and damping.increase > 1.0 and 0.0 < damping.decrease < 1.0):
-        fault("damping", damping, "needs 0 < mu ≤ mu_max, increase above 1, decrease between 0 and 1")
-    if damping.epochs < 0 or damping.checks < 1:
-        fault("damping", damping, "needs epochs of at least 0 and checks of at least 1")
+    faults = [*_data_faults(inputs, targets, split, settings.hidden), *_settings_faults(settings)]
     if seed < 0:
-        fault("seed", seed, "must be a whole number, zero or more")
+        faults.append(Fault("seed", str(seed), "must be a whole number, zero or more"))
     if faults:
         raise StudyError("training", faults)
+
+
+def _data_faults(inputs: Array, targets: Array, split: Split, hidden: int) -> Iterator[Fault]:
+    if inputs.ndim != 2 or targets.ndim != 2 or len(inputs) != len(targets) or targets.shape[-1] != 2:
+        yield Fault("targets", str(targets.shape), f"must be (N, 2) for inputs of {inputs.shape}")
+        return
+    for name, values in (("inputs", inputs), ("targets", targets)):
+        yield from not_finite(name, values, "row", "Leave these windows out.")
+    yield from too_few(split, hidden)
+    rows = np.concatenate([split.training, split.validation, split.test])
+    if len(rows) and (rows.min() < 0 or rows.max() >= len(inputs)):
+        yield Fault("split", f"{rows.min()} to {rows.max()}", f"has rows that {len(inputs)} windows have not")
+    elif len(np.unique(rows)) != len(rows):
+        yield Fault("split", str(len(rows)), "has a window twice", "A window is for one purpose only.")
+
+
+def not_finite(name: str, values: Array, word: str, advice: str) -> Iterator[Fault]:
+    """A fault if rows (N, n) of data are not finite; a row is a ``word``."""
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if len(bad):
+        yield Fault(name, counted(len(bad), word), f"not finite, first in row {bad[0]}", advice)
+
+
+def too_few(split: Split, hidden: int) -> Iterator[Fault]:
+    """A fault if too few rows are for the training of so many hidden units."""
+    if len(split.training) < 2 * hidden:
+        yield Fault("split.training", str(len(split.training)), f"too few for {hidden} hidden units")
+
+
+def _settings_faults(settings: TrainingSettings) -> Iterator[Fault]:
+    if settings.form not in FORMS:
+        yield Fault("form", settings.form, f"must be one of {', '.join(FORMS)}")
+    for name, least in (("hidden", 1), ("components", 0), ("starts", 1)):
+        if getattr(settings, name) < least:
+            yield Fault(name, str(getattr(settings, name)), f"must be at least {least}")
+    if not 0.0 <= settings.regularisation < 1.0:
+        yield Fault("regularisation", str(settings.regularisation), "must be from 0 to below 1")
+    damping = settings.damping
+    if not (0.0 < damping.mu <= damping.mu_max and damping.increase > 1.0 and 0.0 < damping.decrease < 1.0):
+        needs = "needs 0 < mu ≤ mu_max, increase above 1, decrease between 0 and 1"
+        yield Fault("damping", str(damping), needs)
+    if damping.epochs < 0 or damping.checks < 1:
+        yield Fault("damping", str(damping), "needs epochs of at least 0 and checks of at least 1")
 
 
 def _fingerprint(inputs: Array, targets: Array, split: Split, settings: TrainingSettings, seed: int) -> str:
