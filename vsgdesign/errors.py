@@ -42,6 +42,19 @@ class Fault:
         return f"{shown}: {self.problem}.{advice}"
 
 
+def nearest(name: str, known: Iterable[str], alike: float = 0.6) -> str | None:
+    """The known name that is most like a wrong one; None where none is. ``alike``: how much they share, 0 to 1."""
+    import difflib
+
+    return next(iter(difflib.get_close_matches(name, tuple(known), n=1, cutoff=alike)), None)
+
+
+def did_you_mean(name: str, known: Iterable[str], otherwise: str, alike: float = 0.6) -> str:
+    """Advice for a wrong name: the nearest known one, or what else to do."""
+    near = nearest(name, known, alike)
+    return otherwise if near is None else f"Did you mean {near}?"
+
+
 class UnknownNameError(VsgDesignError, KeyError):
     """A name that must be one of those known is none of them."""
 

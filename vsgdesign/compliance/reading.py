@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable
 from dataclasses import replace
@@ -16,7 +15,7 @@ from vsgdesign.compliance.expanding import MOST_TESTS, axes_of, combinations, si
 from vsgdesign.compliance.measures import MEASURES, Parameter
 from vsgdesign.compliance.reading_events import LONGEST_S, read_events
 from vsgdesign.compliance.suite import CONFIDENCES, ENVELOPE, USER, Criterion, Source, Suite, SuiteTest
-from vsgdesign.errors import Fault, StudyError
+from vsgdesign.errors import Fault, StudyError, did_you_mean, nearest
 from vsgdesign.parameters.event import BASIS, MOST_DF_HZ, MOST_POWER_PU
 from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, Place
 from vsgdesign.parameters.network_fields import read_load
@@ -41,8 +40,8 @@ def suite_named(name_or_path: str | Path) -> Suite:
     if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or Path(text).is_file():
         path = Path(name_or_path)
         return suite_from_document(read_toml(path, "suite file"), str(path), path.stem)
-    near = difflib.get_close_matches(text, SUITES, n=1, cutoff=0.5)
-    advice = (f'Did you mean "{near[0]}"? ' if near else "") + "Or give the path of a .toml file."
+    near = nearest(text, SUITES, 0.5)
+    advice = (f'Did you mean "{near}"? ' if near else "") + "Or give the path of a .toml file."
     problem = "there is no such suite; packaged are " + ", ".join(SUITES)
     raise StudyError(text, [Fault("suite", f'"{text}"', problem, advice)])
 
@@ -172,9 +171,8 @@ def _source_of(table: TableReader, sources: dict[str, Source], own: Source) -> S
         if name in sources:
             found = sources[name]
         elif name:
-            near = difflib.get_close_matches(name, sources, n=1, cutoff=0.5)
-            known = ", ".join(sources) or "none"
-            advice = f"Did you mean {near[0]}?" if near else f"Sources here: {known}. Add [sources.{name}]."
+            known = f"Sources here: {', '.join(sources) or 'none'}. Add [sources.{name}]."
+            advice = did_you_mean(name, sources, known, 0.5)
             table.fault("source", name, "there is no such source", advice)
     table.skip("source")
     ours = table.text("ours", default="")
@@ -192,8 +190,7 @@ def _needs(table: TableReader) -> tuple[str, ...]:
     names = [name if isinstance(name, str) else repr(name) for name in raw]
     for name in names:
         if name not in NEEDS:
-            near = difflib.get_close_matches(name, NEEDS, n=1, cutoff=0.5)
-            advice = f"Did you mean {near[0]}?" if near else f"Known: {', '.join(NEEDS)}."
+            advice = did_you_mean(name, NEEDS, f"Known: {', '.join(NEEDS)}.", 0.5)
             table.fault("needs", name, "there is no such need", advice)
     return tuple(name for name in names if name in NEEDS)
 
@@ -260,8 +257,7 @@ def _name(table: TableReader, field: str, known: Iterable[str]) -> str:
         return ""
     name = table.text(field)
     if name and name not in known:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
-        advice = f"Did you mean {near[0]}?" if near else f"Known: {', '.join(known)}."
+        advice = did_you_mean(name, known, f"Known: {', '.join(known)}.", 0.4)
         table.fault(field, name, f"there is no such {field}", advice)
     return name
 

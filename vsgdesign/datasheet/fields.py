@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from dataclasses import dataclass
+
+from vsgdesign.errors import nearest
 
 
 @dataclass(frozen=True)
@@ -161,9 +162,9 @@ def is_unused(key: str) -> bool:
     return squeezed(key) in _UNUSED or bool(words & _UNUSED)
 
 
-def nearest(key: str) -> str:
+def advice_for(key: str) -> str:
     """Advice for an unknown key."""
-    near = difflib.get_close_matches(squeezed(key.rpartition(".")[2]), _KNOWN, n=1, cutoff=0.6)
-    if near:
-        return f"Did you mean {_KNOWN[near[0]][0]}?"
+    near = nearest(squeezed(key.rpartition(".")[2]), _KNOWN)
+    if near is not None:
+        return f"Did you mean {_KNOWN[near][0]}?"
     return "Take the row out, or give it one of these names: " + ", ".join(BY_NAME) + "."

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from vsgdesign.datasheet.converter_sheet import Assumption
-from vsgdesign.datasheet.fields import BY_NAME, find_field, is_unused, nearest
+from vsgdesign.datasheet.fields import BY_NAME, advice_for, find_field, is_unused
 from vsgdesign.datasheet.quantities import RATIO, Amount, AmountError, other_prefix, read_amount
 from vsgdesign.datasheet.reading import Entry, Sheet
 from vsgdesign.datasheet.words import chosen
@@ -59,7 +59,7 @@ class Rows:
             if is_unused(entry.key):
                 self.unused.append(entry.key)
             else:
-                self.faults.append(Fault(_where(entry), "", "unknown field", nearest(entry.key)))
+                self.faults.append(Fault(_where(entry), "", "unknown field", advice_for(entry.key)))
             return
         name, word = found
         if name in self.given:

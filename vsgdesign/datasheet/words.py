@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 
 from vsgdesign.datasheet.quantities import AmountError, read_amount
+from vsgdesign.errors import did_you_mean
 
 _SAME_RANGE = "min_max: simulated as min-max injection, which has the same voltage range"
 
@@ -80,11 +80,8 @@ def chosen(text: str, known: dict[str, str]) -> tuple[str | None, str]:
     key = _squeezed(text)
     if key in known:
         return known[key], ""
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.7)
-    if near:
-        return None, f"Did you mean {near[0]}?"
     short = sorted({min((k for k in known if known[k] == v), key=len) for v in known.values()})
-    return None, f"Known are among others: {', '.join(short)}."
+    return None, did_you_mean(key, known, f"Known are among others: {', '.join(short)}.", 0.7)
 
 
 def read_sampling(text: str, unit: str, f_sw: float, decimal_comma: bool) -> int:

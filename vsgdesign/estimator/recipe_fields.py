@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -13,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Generic, TypeVar, get_type_hints
 import numpy as np
 
 from vsgdesign.artifacts.files import plain
-from vsgdesign.errors import Fault, StudyError
+from vsgdesign.errors import Fault, StudyError, did_you_mean
 from vsgdesign.parameters.toml_file import read_toml
 from vsgdesign.parameters.units import UnitError, parse_quantity
 
@@ -174,10 +173,9 @@ class Library(Generic[R]):
         if name in self.others:
             advice = f"vsgdesign estimator train alone takes it. Known here: {known}."
             return Fault(field, f'"{name}"', self.refusal, advice)
-        near = difflib.get_close_matches(name, self.packaged, n=1)
-        advice = f"Did you mean {near[0]}? " if near else ""
         files = "; or a .toml file" if field == "recipe" else ""
-        return Fault(field, f'"{name}"', "unknown", f"{advice}Known: {known}{files}.")
+        advice = f"{did_you_mean(name, self.packaged, '')} Known: {known}{files}.".lstrip()
+        return Fault(field, f'"{name}"', "unknown", advice)
 
 
 def read_fields(
@@ -188,9 +186,8 @@ def read_fields(
     faults: list[Fault] = []
     for field, raw in document.items():
         if field not in rules:
-            near = difflib.get_close_matches(field, rules, n=1)
             known = "Known: " + ", ".join(rules) + "."
-            faults.append(Fault(field, "", "unknown field", f"Did you mean {near[0]}?" if near else known))
+            faults.append(Fault(field, "", "unknown field", did_you_mean(field, rules, known)))
             continue
         try:
             values[field] = _read(raw, rules[field], folder)

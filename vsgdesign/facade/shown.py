@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.errors import ArtifactError
+from vsgdesign.errors import ArtifactError, did_you_mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,8 +66,7 @@ class Shown(ABC):
             names.append(figure.name)
         if picture is None:
             raise KeyError("this result has no picture")
-        near = difflib.get_close_matches(picture, names, n=1)
-        advice = f"Did you mean {near[0]}?" if near else f"There are: {', '.join(names)}."
+        advice = did_you_mean(picture, names, f"There are: {', '.join(names)}.")
         raise KeyError(f"no picture is called {picture!r}. {advice}")
 
     def _repr_html_(self) -> str:

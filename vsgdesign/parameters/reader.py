@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import math
 from typing import Any, NamedTuple
 
-from vsgdesign.errors import Fault
+from vsgdesign.errors import Fault, did_you_mean
 from vsgdesign.parameters.units import UnitError, format_quantity, parse_quantity
 
 REQUIRED = object()
@@ -247,9 +246,8 @@ class TableReader:
         """Report every field that nothing asked for, with the nearest known name."""
         for field in self.table:
             if field not in self._known:
-                near = difflib.get_close_matches(field, self._known, n=1, cutoff=0.5)
-                advice = f"Did you mean {near[0]}?" if near else "Known here: " + ", ".join(sorted(set(self._known)))
-                self.fault(field, None, "unknown field", advice)
+                known = "Known here: " + ", ".join(sorted(set(self._known)))
+                self.fault(field, None, "unknown field", did_you_mean(field, self._known, known, 0.5))
 
     def _raw(self, field: str, default: object, expected: str) -> Any:
         self._known.append(field)
