@@ -11,7 +11,8 @@ import numpy as np
 
 from bench.timing import REPEATS, Row, figure
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.codegen.llvm import compiled_loop, instruction_set
+from vsgdesign.codegen.llvm import compiled_loop
+from vsgdesign.codegen.machine_code import instruction_set
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.simulation.bodies import MEAN_STEP, STEP
 from vsgdesign.simulation.lanes.cases import LaneCases
