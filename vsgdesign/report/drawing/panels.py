@@ -1,22 +1,31 @@
-"""Panels of cells on one colour scale: the frame that all maps share."""
+"""Maps over SCR and X/R: panels of cells on one colour scale, or each on a scale of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.report.drawing.look import MOST_VECTORS, Cells, Scale, colour_bar, draw_cells, legend_patches
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, look, new_figure, text_width
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
 _LEFT, _BOTTOM, _TOP = 0.5, 0.36, 0.22
 _BAR, _BAR_GAP, _BAR_ROOM = 0.11, 0.12, 0.48
 _BETWEEN_X, _BETWEEN_Y = 0.16, 0.3
 _LEGEND_ROW = 0.17
 _WIDEST = 2.9
+_OWN_TOP, _OWN_BAR_ROOM, _OWN_BETWEEN, _OWN_GAP = 0.24, 0.8, 0.34, 0.3
+"""Where each map has its own colour bar; the last is between its label and the numbers of the next axis."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +116,129 @@ def _map_figure(frame: Frame, rows: Sequence[Sequence[Panel]], scale: Scale) -> 
             handleheight=1.1,
         )
     return NamedFigure(frame.name, frame.title, frame.caption, figure, frame.part)
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """What stands beside a map that has a colour scale of its own. ``label`` is that of its colour bar.
+
+    ``values`` are all that the map shows: those beyond the scale are marked at the ends of the bar.
+    """
+
+    title: str
+    label: str
+    values: Array
+    scale: Scale
+
+
+def scaled_maps(
+    panels: Sequence[Scaled],
+    x_label: str,
+    draw: Callable[[Any, int, float, float], None],
+    entries: Sequence[tuple[Any, str]] = (),
+) -> Figure:
+    """Maps over SCR and X/R, two in a row, each with its own colour bar; ``entries`` of a legend below them.
+
+    ``draw`` is given the axes of a map, its number, and the width and height of the axes (in).
+    """
+    width = (PAGE_IN - _LEFT - 2.0 * _OWN_BAR_ROOM - _OWN_GAP) / 2.0
+    height = width * 0.56
+    rows = -(-len(panels) // 2)
+    below = _BOTTOM + (0.24 if entries else 0.0)
+    total = below + rows * height + (rows - 1) * _OWN_BETWEEN + _OWN_TOP
+    figure = new_figure(PAGE_IN if len(panels) > 1 else _LEFT + width + _OWN_BAR_ROOM, total)
+    for k, panel in enumerate(panels):
+        row, column = divmod(k, 2)
+        left = _LEFT + column * (width + _OWN_BAR_ROOM + _OWN_GAP)
+        bottom = below + (rows - 1 - row) * (height + _OWN_BETWEEN)
+        axes = add_axes(figure, left, bottom, width, height)
+        draw(axes, k, width, height)
+        axes.set_title(panel.title)
+        if column == 0:
+            axes.set_ylabel("X/R [1]")
+        if k + 2 >= len(panels):
+            axes.set_xlabel(x_label)
+        else:
+            axes.tick_params(axis="x", which="both", labelbottom=False)
+        known = panel.values[~np.isnan(panel.values)]
+        beyond = (bool((known < panel.scale.low).any()), bool((known > panel.scale.high).any()))
+        colour_bar(figure, (left + width + 0.08, bottom, 0.1, height), panel.scale, panel.label, beyond)
+    if entries:
+        figure.legend(
+            *zip(*entries, strict=True),
+            ncols=len(entries),
+            loc="lower left",
+            bbox_to_anchor=(_LEFT / float(figure.get_size_inches()[0]), 0.03 / total),
+            handleheight=1.1,
+            handlelength=1.6,
+        )
+    return figure
+
+
+MOST = 4
+"""Surfaces of one figure."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """One quantity over SCR and X/R. ``symbol`` may be a formula; ``key`` names what a pointer reads out."""
+
+    title: str
+    symbol: str
+    unit: str
+    values: Array
+    key: str = ""
+
+
+def surface_figure(
+    named: tuple[str, str, str], scr: Array, x_over_r: Array, surfaces: Sequence[Surface], x_label: str, part: int
+) -> NamedFigure:
+    """Up to MOST surfaces, two in a row; ``named``: name, title and caption of the figure. NaN cells are crossed."""
+    raster = len(surfaces) * len(scr) * len(x_over_r) > MOST_VECTORS
+    nowhere = np.zeros((len(scr), len(x_over_r)), dtype=bool)
+    panels = []
+    for surface in surfaces:
+        factor, power = _power_of(surface.values)
+        values, label = surface.values / factor, f"{surface.symbol} [{power}{surface.unit}]"
+        panels.append(Scaled(surface.title, label, values, surface_scale(values)))
+
+    def draw(axes: Any, k: int, width: float, height: float) -> None:
+        values = panels[k].values
+        cells = Cells(x=scr, y=x_over_r, values=values, unstable=nowhere, missing=np.isnan(values), partial=nowhere)
+        draw_cells(axes, cells, panels[k].scale, width, height, raster)
+        if surfaces[k].key:
+            axes.patch.set_gid(f"hover.{surfaces[k].key}")
+
+    name, title, caption = named
+    with look():
+        return NamedFigure(name, title, caption, scaled_maps(panels, x_label, draw), part)
+
+
+def surface_scale(values: Array) -> Scale:
+    """Logarithmic for values of one sign that vary; the ticks are round numbers within the values."""
+    from matplotlib.ticker import MaxNLocator
+
+    known = values[np.isfinite(values)]
+    low, high = float(known.min()), float(known.max())
+    if high - low <= 1e-6 * max(abs(low), abs(high)):
+        room = 0.05 * abs(low) or 1.0
+        return Scale(low - room, high + room, ticks=(low,))
+    if low > 0.0 and high > 4.0 * low:
+        decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+        round_numbers = [m * 10.0**d for d in decades for m in (1.0, 2.0, 5.0)]
+        inside = [t for t in round_numbers if low <= t <= high]
+        return Scale(low, high, log=True, ticks=tuple(inside if len(inside) > 1 else np.geomspace(low, high, 4)))
+    inside = [float(t) for t in MaxNLocator(5).tick_values(low, high) if low <= t <= high]
+    return Scale(low, high, ticks=tuple(inside))
+
+
+def _power_of(values: Array) -> tuple[float, str]:
+    """(factor, "10⁻⁴ ") that makes the numbers short; (1, "") if they are already short."""
+    exponent = int(np.floor(np.log10(np.nanmax(np.abs(values)) or 1.0)))
+    if -1 <= exponent <= 3:
+        return 1.0, ""
+    power = str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return 10.0**exponent, f"10{power} "
 
 
 def groups(items: Sequence, most: int) -> list[Sequence]:

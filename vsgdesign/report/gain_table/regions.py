@@ -11,9 +11,8 @@ from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.parameters.stability import Gates
 from vsgdesign.report.drawing.look import NO_POINT, Cells, edges, value_ticks
-from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
+from vsgdesign.report.drawing.panels import Frame, Panel, map_figure, surface_scale
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
-from vsgdesign.report.drawing.surfaces import surface_scale
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.gain_table.maps import scr_label, table_cells
 from vsgdesign.report.quantities import plain

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.report.drawing.surfaces import MOST, Surface, surface_figure
+from vsgdesign.report.drawing.panels import MOST, Surface, surface_figure
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import GAIN_UNITS, plain

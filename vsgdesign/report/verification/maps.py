@@ -19,9 +19,9 @@ from vsgdesign.artifacts.verification_text import (
     promise_about,
     value_text,
 )
-from vsgdesign.report.drawing.look import Scale, colour_bar, gate_scale
-from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
-from vsgdesign.report.drawing.surfaces import surface_scale
+from vsgdesign.report.drawing.look import Scale, gate_scale
+from vsgdesign.report.drawing.panels import Scaled, scaled_maps, surface_scale
+from vsgdesign.report.drawing.style import COLOURS, look
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain
 
@@ -30,9 +30,6 @@ Array = NDArray[np.float64]
 MAPS = 2
 """Part of the page."""
 
-_LEFT, _BOTTOM, _TOP, _BAR_ROOM, _BETWEEN, _GAP = 0.5, 0.36, 0.24, 0.8, 0.34, 0.3
-_LEGEND = 0.24
-_ASPECT = 0.56
 _EMPTY = "#C9C9C9"
 """Grey of bins without cases: apart from the pale blue of bins without a broken case."""
 _BROKEN: dict[str, Any] = {
@@ -71,16 +68,12 @@ class _CountScale(Scale):
 
 
 @dataclass(frozen=True, eq=False)
-class _Panel:
+class _Panel(Scaled):
     """A quantity of every bin; NaN where it has no cases.
 
     ``broken``: which bins get a dot. ``places``: whether the worst cases are marked in it.
     """
 
-    title: str
-    label: str
-    values: Array
-    scale: Scale
     broken: NDArray[np.bool_] | None = None
     places: bool = False
 
@@ -195,38 +188,10 @@ def _round_ticks(low: float, high: float, count: int = 6) -> list[float]:
 
 
 def _draw(name: str, family: Mapping[str, Any], panels: Sequence[_Panel], bins: _Bins) -> NamedFigure:
-    width = (PAGE_IN - _LEFT - 2.0 * _BAR_ROOM - _GAP) / 2.0
-    height = width * _ASPECT
-    rows = -(-len(panels) // 2)
-    entries = _legend_entries(panels, bins)
-    below = _BOTTOM + (_LEGEND if entries else 0.0)
-    total = below + rows * height + (rows - 1) * _BETWEEN + _TOP
-    figure = new_figure(PAGE_IN if len(panels) > 1 else _LEFT + width + _BAR_ROOM, total)
-    for k, panel in enumerate(panels):
-        row, column = divmod(k, 2)
-        left = _LEFT + column * (width + _BAR_ROOM + _GAP)
-        bottom = below + (rows - 1 - row) * (height + _BETWEEN)
-        axes = add_axes(figure, left, bottom, width, height)
-        _draw_panel(axes, panel, bins)
-        axes.set_title(panel.title)
-        if column == 0:
-            axes.set_ylabel("X/R [1]")
-        if k + 2 >= len(panels):
-            axes.set_xlabel(bins.scr_label)
-        else:
-            axes.tick_params(axis="x", which="both", labelbottom=False)
-        known = panel.values[~np.isnan(panel.values)]
-        beyond = (bool((known < panel.scale.low).any()), bool((known > panel.scale.high).any()))
-        colour_bar(figure, (left + width + 0.08, bottom, 0.1, height), panel.scale, panel.label, beyond)
-    if entries:
-        figure.legend(
-            *zip(*entries, strict=True),
-            ncols=len(entries),
-            loc="lower left",
-            bbox_to_anchor=(_LEFT / float(figure.get_size_inches()[0]), 0.03 / total),
-            handleheight=1.1,
-            handlelength=1.6,
-        )
+    def draw(axes: Any, k: int, _width: float, _height: float) -> None:
+        _draw_panel(axes, panels[k], bins)
+
+    figure = scaled_maps(panels, bins.scr_label, draw, _legend_entries(panels, bins))
     caption = (
         "How to read: each bin is a range of SCR and X/R of the grid on which a case ends. The colour of a worst "
         "figure is that of the worst judged case in the bin: blue within the limit, orange beyond it. Bins without "
