@@ -20,9 +20,9 @@ from vsgdesign.cli.program import main
 from vsgdesign.errors import ArtifactError
 from vsgdesign.estimator.bound import sensor_noise
 from vsgdesign.estimator.comparison import Comparison, bound_of_run, compare_methods, judged, relative_errors
+from vsgdesign.estimator.comparison_runs import Run, in_surroundings, measure, run_case
 from vsgdesign.estimator.methods import BEFORE, ComparisonSettings, Estimates, all_methods, installation, methods_of
 from vsgdesign.estimator.recipes import with_sampling
-from vsgdesign.estimator.record import Run, in_surroundings, measure, run_case
 from vsgdesign.estimator.stress import STRESS_SETTINGS, Stress, stress_axes, stress_methods
 from vsgdesign.identification import ESTIMATORS
 from vsgdesign.identification.injection import Injection

@@ -26,7 +26,7 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import cells_under, full_order_cells
 from vsgdesign.stability.loci import mode_sensitivities, modes
 from vsgdesign.stability.margins import full_order_margins
-from vsgdesign.stability.steps import full_order_step
+from vsgdesign.stability.step_responses import full_order_step
 
 STATES = 10 * TIMES
 """Of each of two studies."""

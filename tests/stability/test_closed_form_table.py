@@ -28,7 +28,7 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import cells_under, reduced_cells
 from vsgdesign.stability.loci import stability_limit
 from vsgdesign.stability.margins import MarginTable, reduced_margins
-from vsgdesign.stability.steps import reduced_step_metrics
+from vsgdesign.stability.step_responses import reduced_step_metrics
 
 Array = NDArray[np.floating[Any]]
 

@@ -16,7 +16,7 @@ from vsgdesign.metrics.modes import partial_fractions
 from vsgdesign.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.stability.loops import BREAKS, FullOrderLoop
-from vsgdesign.stability.steps import full_order_step
+from vsgdesign.stability.step_responses import full_order_step
 
 T_S = 1e-4
 ORDER = 9

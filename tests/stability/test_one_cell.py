@@ -17,7 +17,7 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.stability.cells import CellSet, cells_under, full_order_cells, gains_in_force, grid_arrays, reduced_cells
 from vsgdesign.stability.loci import RANKED, mode_movements, mode_sensitivities
 from vsgdesign.stability.margins import MARGINS, full_order_margins, margins_named, reduced_margins
-from vsgdesign.stability.steps import full_order_settling, full_order_step, reduced_step
+from vsgdesign.stability.step_responses import full_order_settling, full_order_step, reduced_step
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from vsgdesign.operating_point.full_order import Cell
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.study import Event
 from vsgdesign.simulation import GainChange, simulate
-from vsgdesign.stability.steps import full_order_step
+from vsgdesign.stability.step_responses import full_order_step
 
 Array = NDArray[np.float64]
 

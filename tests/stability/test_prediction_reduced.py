@@ -22,7 +22,7 @@ from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.study import Event
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.stability.cells import cell_set, reduced_cells
-from vsgdesign.stability.steps import reduced_step
+from vsgdesign.stability.step_responses import reduced_step
 
 S_RATED, V_N, OMEGA_0 = 5000.0, 110.0, 100.0 * np.pi
 COUNT = 20

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from vsgdesign.certificate.certified_steps import certified_steps, with_steps
     from vsgdesign.certificate.certifying import certify, largest_rate, region_of
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
         Trajectory,
         refusal_record,
     )
-    from vsgdesign.certificate.steps import certified_steps, with_steps
 
 _HOMES = {
     "Certificate": "results",

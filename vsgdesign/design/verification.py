@@ -21,7 +21,7 @@ from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import Study
 from vsgdesign.stability.loops import FullOrderLoop
-from vsgdesign.stability.steps import sampled_steps
+from vsgdesign.stability.step_responses import sampled_steps
 
 Array = NDArray[np.float64]
 

@@ -10,6 +10,15 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.estimator.bound import Bound, probe_bound, sensor_noise, steady_window_bound, windows_bound
+from vsgdesign.estimator.comparison_runs import (
+    LINE_ORDERS,
+    Record,
+    Run,
+    has_surroundings,
+    measure,
+    run_case,
+    surroundings_in_words,
+)
 from vsgdesign.estimator.data_set import check_enough
 from vsgdesign.estimator.methods import (
     BEFORE,
@@ -26,15 +35,6 @@ from vsgdesign.estimator.methods import (
 )
 from vsgdesign.estimator.recipe_fields import one_of
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe
-from vsgdesign.estimator.record import (
-    LINE_ORDERS,
-    Record,
-    Run,
-    has_surroundings,
-    measure,
-    run_case,
-    surroundings_in_words,
-)
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification.interface import ProbeLines
 from vsgdesign.identification.two_windows import TwoWindows

@@ -12,9 +12,9 @@ import numpy as np
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
+from vsgdesign.estimator.comparison_runs import Record
 from vsgdesign.estimator.recipe_fields import check_recipe, one_of
 from vsgdesign.estimator.recipes import PUBLISHED, WindowRecipe, with_sampling
-from vsgdesign.estimator.record import Record
 from vsgdesign.estimator.scenarios import why_not
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import ESTIMATORS, GUESS_SCR, Estimator, EstimatorKind, Installation, Samples

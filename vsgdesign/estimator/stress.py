@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.estimator.comparison import judged, probed_runs, relative_errors
+from vsgdesign.estimator.comparison_runs import surroundings_in_words
 from vsgdesign.estimator.methods import (
     ComparisonSettings,
     comparison_recipe,
@@ -22,7 +23,6 @@ from vsgdesign.estimator.methods import (
 )
 from vsgdesign.estimator.recipe_fields import one_of
 from vsgdesign.estimator.recipes import WindowRecipe
-from vsgdesign.estimator.record import surroundings_in_words
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.parameters.study import Study
 

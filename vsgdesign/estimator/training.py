@@ -20,7 +20,7 @@ from vsgdesign.artifacts.network_weights import Network, fit_scaling
 from vsgdesign.errors import ArtifactError, Fault, StudyError, counted
 from vsgdesign.estimator.data_set import Split
 from vsgdesign.estimator.levenberg_marquardt import Damping, Epoch, Fit, State, minimise
-from vsgdesign.estimator.network import (
+from vsgdesign.estimator.tanh_network import (
     NetworkProblem,
     Projection,
     Shape,

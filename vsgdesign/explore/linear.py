@@ -25,7 +25,7 @@ from vsgdesign.stability.cells import CellSet, full_order_cells, reduced_cells
 from vsgdesign.stability.loci import mode_movements, modes
 from vsgdesign.stability.loops import FullOrderLoop
 from vsgdesign.stability.margins import MARGINS, eigenvalues_of, margins_named
-from vsgdesign.stability.steps import full_order_settling, full_order_step, reduced_step
+from vsgdesign.stability.step_responses import full_order_settling, full_order_step, reduced_step
 
 Array = NDArray[np.float64]
 

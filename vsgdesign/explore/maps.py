@@ -22,7 +22,7 @@ from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, Lane
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.stability.cells import CellSet, cell_set, full_order_cells, gains_in_force, grid_arrays
 from vsgdesign.stability.margins import eigenvalues_of, margins_named
-from vsgdesign.stability.steps import full_order_settling
+from vsgdesign.stability.step_responses import full_order_settling
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from vsgdesign.operating_point.full_order import FullOrderModel
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.steps import simulate_step
 from vsgdesign.stability.assessment import FocusCell
-from vsgdesign.stability.steps import full_order_step, reduced_step
+from vsgdesign.stability.step_responses import full_order_step, reduced_step
 
 Array = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from vsgdesign.stability.loops import (
 )
 from vsgdesign.stability.maps import MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
 from vsgdesign.stability.margins import MarginTable, frequency_grid, full_order_margins, reduced_margins
-from vsgdesign.stability.steps import reduced_step_metrics
+from vsgdesign.stability.step_responses import reduced_step_metrics
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]

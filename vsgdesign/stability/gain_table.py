@@ -20,7 +20,7 @@ from vsgdesign.model.coupled import coupled_model
 from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.table import node_gains, table_grids, table_schedule
 from vsgdesign.stability.margins import reduced_margins
-from vsgdesign.stability.steps import reduced_step_metrics
+from vsgdesign.stability.step_responses import reduced_step_metrics
 
 Array = NDArray[np.float64]
 
