@@ -12,7 +12,8 @@ from scipy.optimize import root
 from tests.simulation import event_kinds as everywhere
 from vsgdesign.errors import StudyError
 from vsgdesign.parameters import Study
-from vsgdesign.parameters.event import EVENT_KINDS, Event
+from vsgdesign.parameters.event import Event
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.verification.draws import cases_of, families, uniforms_of

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from vsgdesign.parameters.event import EVENT_KINDS
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.reader import TableReader
 
 MOST_TESTS = 2000
@@ -38,7 +38,7 @@ _OF_EVENT = {
     "breaker": "breaker {}",
 }
 """The same of an event, in the order in which they stand in an id. The words of a quantity are those of its kind
-(:data:`vsgdesign.parameters.event.EVENT_KINDS`); kinds that are not listed follow."""
+(:data:`vsgdesign.parameters.event_kinds.EVENT_KINDS`); kinds that are not listed follow."""
 _NESTED = {
     "sag": {"type": "type {}", "V_pu": "{} pu", "angle": "{:+}"},
     "synchro_check": {"around": "around {}"},

@@ -16,7 +16,8 @@ from vsgdesign.compliance.measures import MEASURES, Parameter
 from vsgdesign.compliance.reading_events import LONGEST_S, read_events
 from vsgdesign.compliance.suite import CONFIDENCES, ENVELOPE, USER, Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import Fault, StudyError, did_you_mean, nearest
-from vsgdesign.parameters.event import BASIS, MOST_DF_HZ, MOST_POWER_PU
+from vsgdesign.parameters.event import BASIS
+from vsgdesign.parameters.event_kinds import MOST_DF_HZ, MOST_POWER_PU
 from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, Place
 from vsgdesign.parameters.network_fields import read_load
 from vsgdesign.parameters.reader import TableReader

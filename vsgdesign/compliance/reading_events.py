@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from vsgdesign.parameters.event import BASIS, EVENT_KINDS, Event
+from vsgdesign.parameters.event import BASIS, Event
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, Place
 from vsgdesign.parameters.network import Load, Network
 from vsgdesign.parameters.network_fields import (

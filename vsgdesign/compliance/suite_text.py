@@ -9,7 +9,7 @@ from typing import Any
 from vsgdesign.compliance.envelopes import ENVELOPES
 from vsgdesign.compliance.measures import MEASURES
 from vsgdesign.compliance.suite import OURS, READ, SECONDARY, USER, Criterion, Source, Suite, SuiteTest
-from vsgdesign.parameters.event import EVENT_KINDS
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.network import PHASE_TO_PHASE, THREE_PHASE
 
 CONFIDENCE_WORDS = {

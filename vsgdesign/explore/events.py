@@ -11,7 +11,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.explore.scene import Scene, Shown
 from vsgdesign.explore.state import EventOfState, State
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, WATCHED
-from vsgdesign.parameters.event import EVENT_KINDS, Event
+from vsgdesign.parameters.event import Event
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.knowledge import GridEstimate
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study

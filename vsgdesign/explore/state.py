@@ -11,7 +11,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError, VsgDesignError
 from vsgdesign.parameters.controllers import read_power_gains
-from vsgdesign.parameters.event import EVENT_KINDS
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.reader import Asked, TableReader
 from vsgdesign.parameters.study import Study
@@ -19,7 +19,7 @@ from vsgdesign.parameters.units import UnitError, parse_quantity
 
 EVENTS = ("step", "grid", "phase", "sag", "ramp")
 """Events of the page: step of a reference, jump of the impedance, phase jump, voltage sag, ramp of the frequency. The
-kinds that have a step of their own follow (:attr:`vsgdesign.parameters.event.EventKinds.steps`)."""
+kinds that have a step of their own follow (:attr:`vsgdesign.parameters.event_kinds.EventKinds.steps`)."""
 
 SIGNALS = ("P", "Q")
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.event import EVENT_KINDS, Event
+from vsgdesign.parameters.event import Event
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.fields import (
     DURATION,
     Field,
@@ -82,7 +83,7 @@ _GRID = tuple(
 
 
 class EventFields:
-    """The fields of [[events]] beside the quantities of :data:`vsgdesign.parameters.event.EVENT_KINDS`."""
+    """The fields of [[events]] beside the quantities of :data:`vsgdesign.parameters.event_kinds.EVENT_KINDS`."""
 
     time: float = number("s", 0.0, DURATION, hint="Events must lie within simulation.duration.")
     """Instant."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from vsgdesign.equations.grid import MOST_ERROR_Z
 from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.event import EVENT_KINDS
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.fields import (
     F_N,
     S_RATED,
@@ -246,7 +246,7 @@ class _Reference:
 
 
 class _Stepped:
-    """Steps of a quantity by a size, up or down (:class:`vsgdesign.parameters.event.StepOfKind`)."""
+    """Steps of a quantity by a size, up or down (:class:`vsgdesign.parameters.event_kinds.StepOfKind`)."""
 
     weight: float | None = _weight("never")
     """Weight among all disturbances."""
@@ -272,8 +272,7 @@ class _Families:
 
 
 FAMILIES = tuple(one.name for one in fields_of(_Families))
-"""The kinds of disturbance, in the order of their numbers. Those of :attr:`vsgdesign.parameters.event.EventKinds.steps`
-follow."""
+"""The kinds of disturbance, in the order of their numbers. Those that kinds of events add follow (:func:`families`)."""
 
 
 def families() -> tuple[str, ...]:

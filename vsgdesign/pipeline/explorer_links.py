@@ -11,7 +11,8 @@ from typing import Any
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.explore.state import StateError, state_of
-from vsgdesign.parameters.event import EVENT_KINDS, Event
+from vsgdesign.parameters.event import Event
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.network_fields import NOTHING_SAID
 from vsgdesign.parameters.source import Sag
 from vsgdesign.parameters.study import Study

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from vsgdesign.artifacts.table_text import error_text
 from vsgdesign.artifacts.verification_text import family_words
 from vsgdesign.identification.registry import samples_itself
-from vsgdesign.parameters.event import EVENT_KINDS
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.ranges import Range
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW

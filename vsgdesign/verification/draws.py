@@ -22,7 +22,7 @@ from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics.survival import REST_SHARE
 from vsgdesign.operating_point.equilibrium import converter_current_rms, static_limit_uses
 from vsgdesign.parameters.converter import scope_of
-from vsgdesign.parameters.event import EVENT_KINDS
+from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.fields import at
 from vsgdesign.parameters.ranges import Range, logarithmic_of, signed_of, uniform_of
 from vsgdesign.parameters.study import ControllerSpec, Study
