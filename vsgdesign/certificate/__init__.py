@@ -8,7 +8,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vsgdesign.certificate.certified_steps import certified_steps, with_steps
     from vsgdesign.certificate.certifying import certify, largest_rate, region_of
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
         Trajectory,
         refusal_record,
     )
+    from vsgdesign.certificate.step_certificates import certified_steps, with_steps
 
 _HOMES = {
     "Certificate": "results",
@@ -28,12 +28,12 @@ _HOMES = {
     "NoFunctionError": "results",
     "Region": "region",
     "Trajectory": "results",
-    "certified_steps": "steps",
+    "certified_steps": "step_certificates",
     "certify": "certifying",
     "largest_rate": "certifying",
     "refusal_record": "results",
     "region_of": "certifying",
-    "with_steps": "steps",
+    "with_steps": "step_certificates",
 }
 
 
