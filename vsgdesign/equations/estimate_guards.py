@@ -67,16 +67,22 @@ class CheckedInput(NamedTuple):
 
 def estimate_is_finite(given: SchedulerInput) -> bool:
     """Whether every number of an estimate is finite."""
-    known = finite(given.var_R) and finite(given.cov_RL) and finite(given.var_L)
-    return finite(given.R_g) and finite(given.L_g) and (given.has_error == 0 or known)
+    return (
+        finite(given.R_g)
+        and finite(given.L_g)
+        and (given.has_error == 0 or (finite(given.var_R) and finite(given.cov_RL) and finite(given.var_L)))
+    )
+
+
+def possible_covariance(var_R: Any, cov_RL: Any, var_L: Any) -> bool:
+    """Whether finite numbers can be a covariance: no negative variance, no correlation beyond ±1."""
+    return var_R >= 0.0 and var_L >= 0.0 and cov_RL * cov_RL <= ROUNDED_CORRELATION * var_R * var_L
 
 
 def plausible_estimate(limits: SchedulerLimits, given: SchedulerInput) -> bool:
     """Whether an estimate can be one of a grid, and its covariance one of an error."""
-    product = ROUNDED_CORRELATION * given.var_R * given.var_L
-    possible = given.var_R >= 0.0 and given.var_L >= 0.0 and given.cov_RL * given.cov_RL <= product
     inside = limits.R_g_low <= given.R_g <= limits.R_g_high and limits.L_g_low <= given.L_g <= limits.L_g_high
-    return inside and (given.has_error == 0 or possible)
+    return inside and (given.has_error == 0 or possible_covariance(given.var_R, given.cov_RL, given.var_L))
 
 
 def followed_share(

@@ -68,7 +68,8 @@ def normalised_at(table: ScheduleTable, scr: Any, r_over_x: Any) -> tuple[Normal
     design; then the first result means nothing."""
     row, next_row, r = interval(table.scr, scr)
     column, next_column, c = interval(table.r_over_x, r_over_x)
-    w00, w01, w10, w11 = (1.0 - r) * (1.0 - c), (1.0 - r) * c, r * (1.0 - c), r * c
+    r_left, c_left = 1.0 - r, 1.0 - c
+    w00, w01, w10, w11 = r_left * c_left, r_left * c, r * c_left, r * c
     columns, nodes = len(table.r_over_x), table.nodes
     a, b = (row * columns + column) * 6, (row * columns + next_column) * 6
     d, e = (next_row * columns + column) * 6, (next_row * columns + next_column) * 6

@@ -451,8 +451,8 @@ static inline int vsg_finite(vsg_real_t x)
 /* Whether every number of an estimate is finite. */
 static inline int vsg_estimate_is_finite(const vsg_scheduler_input_t *given)
 {
-    const int known = vsg_finite(given->var_R) && vsg_finite(given->cov_RL) && vsg_finite(given->var_L);
-    return vsg_finite(given->R_g) && vsg_finite(given->L_g) && ((given->has_error == 0U) || known);
+    return vsg_finite(given->R_g) && vsg_finite(given->L_g) && ((given->has_error == 0U) || (vsg_finite(given->var_R)
+        && vsg_finite(given->cov_RL) && vsg_finite(given->var_L)));
 }
 
 /* Time and inputs: a measurement that is refused is replaced by the last good one. */
@@ -510,15 +510,19 @@ static inline void vsg_checked_input(const vsg_scheduler_limits_t *limits, const
     checked_input->V_rms = V_rms_new_3;
 }
 
+/* Whether finite numbers can be a covariance: no negative variance, no correlation beyond +-1. */
+static inline int vsg_possible_covariance(vsg_real_t var_R, vsg_real_t cov_RL, vsg_real_t var_L)
+{
+    return (var_R >= VSG_C(0.0)) && (var_L >= VSG_C(0.0)) && (cov_RL * cov_RL <= VSG_ROUNDED_CORRELATION * var_R
+        * var_L);
+}
+
 /* Whether an estimate can be one of a grid, and its covariance one of an error. */
 static inline int vsg_plausible_estimate(const vsg_scheduler_limits_t *limits, const vsg_scheduler_input_t *given)
 {
-    const vsg_real_t product = VSG_ROUNDED_CORRELATION * given->var_R * given->var_L;
-    const int possible = (given->var_R >= VSG_C(0.0)) && (given->var_L >= VSG_C(0.0)) && (given->cov_RL
-        * given->cov_RL <= product);
     const int inside = (limits->R_g_low <= given->R_g) && (given->R_g <= limits->R_g_high)
         && ((limits->L_g_low <= given->L_g) && (given->L_g <= limits->L_g_high));
-    return inside && ((given->has_error == 0U) || possible);
+    return inside && ((given->has_error == 0U) || vsg_possible_covariance(given->var_R, given->cov_RL, given->var_L));
 }
 
 /* Short-circuit ratio of a grid, taken on |Z_g|. */
@@ -765,9 +769,11 @@ static inline void vsg_normalised_at(const vsg_schedule_table_t *table, vsg_real
     uint32_t column, next_column;
     vsg_real_t c;
     vsg_interval(table->r_over_x, r_over_x, &column, &next_column, &c);
-    const vsg_real_t w00 = (VSG_C(1.0) - r) * (VSG_C(1.0) - c);
-    const vsg_real_t w01 = (VSG_C(1.0) - r) * c;
-    const vsg_real_t w10 = r * (VSG_C(1.0) - c);
+    const vsg_real_t r_left = VSG_C(1.0) - r;
+    const vsg_real_t c_left = VSG_C(1.0) - c;
+    const vsg_real_t w00 = r_left * c_left;
+    const vsg_real_t w01 = r_left * c;
+    const vsg_real_t w10 = r * c_left;
     const vsg_real_t w11 = r * c;
     const uint32_t columns = table->r_over_x.count;
     const vsg_numbers_t nodes = table->nodes;
