@@ -21,8 +21,8 @@ from vsgdesign.parameters import (
     background,
     building,
     estimator,
+    grid,
     inner_loops,
-    knowledge,
     network_fields,
     replay,
     scenario,
@@ -30,7 +30,6 @@ from vsgdesign.parameters import (
     specification,
     stability,
     study_from_text,
-    survival,
     verification,
 )
 from vsgdesign.parameters.building import Sections
@@ -264,14 +263,13 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
         building,
         estimator,
         inner_loops,
-        knowledge,
+        grid,
         network_fields,
         replay,
         scenario,
         sensors,
         specification,
         stability,
-        survival,
         verification,
     ):
         for node in ast.walk(ast.parse(inspect.getsource(module))):

@@ -10,8 +10,7 @@ import pytest
 
 from vsgdesign.errors import StudyError
 from vsgdesign.parameters import Study, load_study, study_from_text
-from vsgdesign.parameters.changing import built
-from vsgdesign.parameters.loading import merged_document
+from vsgdesign.parameters.loading import built, merged_document
 from vsgdesign.parameters.study import StudyOrigin
 
 ROOT = Path(__file__).resolve().parents[2]

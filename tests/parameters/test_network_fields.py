@@ -11,7 +11,7 @@ import pytest
 from tests.parameters.documents import build, case_document, changed, faults_of, the_fault
 from vsgdesign.errors import Fault as Wrong
 from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.changing import changed as with_changes
+from vsgdesign.parameters.loading import changed as with_changes
 from vsgdesign.parameters.network import PLAIN, Fault, Load, Network, SynchroCheck
 from vsgdesign.parameters.network_fields import (
     Base,
@@ -25,7 +25,7 @@ from vsgdesign.parameters.network_fields import (
 )
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.source import Sag
-from vsgdesign.parameters.toml_text import toml_text
+from vsgdesign.parameters.toml_file import toml_text
 from vsgdesign.simulation.timeline import build_timeline
 
 BASE = Base(7.26, 100.0 * math.pi, 5000.0)

@@ -13,8 +13,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.grid import Grid, GridEstimate
 from vsgdesign.report.page.converter import network_in_words
 from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.feeds import LateSchedule, gain_feed, told_of

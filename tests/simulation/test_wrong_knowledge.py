@@ -9,7 +9,7 @@ from tests import gain_tables
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.grid import GridEstimate
 from vsgdesign.simulation import build_timeline, run_scenario
 from vsgdesign.simulation.feeds import told_at, told_of
 from vsgdesign.simulation.following import ScheduledAnswers

@@ -17,9 +17,9 @@ from vsgdesign.errors import StudyError
 from vsgdesign.metrics.events import MEASURED
 from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.grid import GridEstimate
 from vsgdesign.parameters.loading import load_study
-from vsgdesign.parameters.toml_text import toml_text
+from vsgdesign.parameters.toml_file import toml_text
 from vsgdesign.report.scenario.verdict import survival_text
 from vsgdesign.report.scenario.verdict import verdict as verdict_text
 from vsgdesign.simulation import run_scenario

@@ -89,8 +89,8 @@ def _check(text: str, source: str) -> None:
 
 def _asked() -> Sheet:
     """A datasheet from answers. Each answer is checked immediately; ``back`` returns to the previous question."""
-    from vsgdesign.datasheet.questions import answer_faults, answered_sheet, entry_of, next_question
     from vsgdesign.datasheet.reading import Entry
+    from vsgdesign.datasheet.resolving import answer_faults, answered_sheet, entry_of, next_question
 
     click.echo(
         "Answer from the datasheet, with units. Enter accepts the value in brackets, back returns, Ctrl-C ends.\n"

@@ -17,13 +17,13 @@ from vsgdesign.parameters.converter import scope_of
 from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.events import read_events
 from vsgdesign.parameters.fields import DURATION
-from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.grid import GridEstimate
 from vsgdesign.parameters.loading import study_from_document
 from vsgdesign.parameters.network import Network
 from vsgdesign.parameters.network_fields import CLEARED, Said, load_document
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.study import ControllerSpec, SimulationSpec, Study, StudyOrigin
-from vsgdesign.parameters.toml_text import toml_text
+from vsgdesign.parameters.toml_file import toml_text
 from vsgdesign.simulation.clearing import MOST_CYCLES, cleared_events, clearings, with_instants
 from vsgdesign.simulation.lanes.telling import learns, told_controller
 from vsgdesign.simulation.reclosing import closings_of

@@ -1,9 +1,9 @@
 """From a one-page datasheet to a study: reading, resolving, writing. This room designs and simulates nothing."""
 
-from vsgdesign.datasheet.converter_sheet import Assumption, Datasheet
 from vsgdesign.datasheet.fields import FIELDS, Field
 from vsgdesign.datasheet.reading import Entry, Sheet, read_sheet
-from vsgdesign.datasheet.resolving import faults_of, resolve
+from vsgdesign.datasheet.resolving import Datasheet, faults_of, resolve
+from vsgdesign.datasheet.rows import Assumption
 from vsgdesign.datasheet.study_text import study_text
 
 __all__ = [

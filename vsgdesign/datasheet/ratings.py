@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 
+from vsgdesign.datasheet.fields import MODULATIONS, read_delay, read_sampling
 from vsgdesign.datasheet.quantities import RATIO, AmountError, read_amount
 from vsgdesign.datasheet.reading import Entry
 from vsgdesign.datasheet.rows import LIMITS, Rows
-from vsgdesign.datasheet.words import MODULATIONS, read_delay, read_sampling
 from vsgdesign.frames import (
     linear_modulation_limit,
     ll_to_phase,

@@ -1,13 +1,24 @@
-"""From rows as people write them to a converter in SI, with all faults at once and every assumption listed."""
+"""From rows, or answers to questions, to a converter in SI: all faults at once and every assumption listed."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from vsgdesign.datasheet.converter_sheet import Datasheet
-from vsgdesign.datasheet.filter_parts import check_resonance, read_capacitor, read_inductor, read_outer, read_resistance
-from vsgdesign.datasheet.grids import DEFAULT_X_OVER_R, read_range, read_scr, strongest_inductance
-from vsgdesign.datasheet.quantities import RATIO
+from vsgdesign.datasheet.circuit import (
+    DEFAULT_X_OVER_R,
+    check_resonance,
+    read_capacitor,
+    read_inductor,
+    read_outer,
+    read_range,
+    read_resistance,
+    read_scr,
+    strongest_inductance,
+)
+from vsgdesign.datasheet.fields import BY_NAME, FILTERS, Field
+from vsgdesign.datasheet.quantities import RATIO, AmountError, read_amount
 from vsgdesign.datasheet.ratings import (
     check_voltages,
     read_current_limit,
@@ -19,9 +30,8 @@ from vsgdesign.datasheet.ratings import (
     read_samples,
     read_voltage,
 )
-from vsgdesign.datasheet.reading import Sheet
-from vsgdesign.datasheet.rows import Rows
-from vsgdesign.datasheet.words import FILTERS
+from vsgdesign.datasheet.reading import Entry, Sheet
+from vsgdesign.datasheet.rows import Assumption, Rows
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.frames import base_impedance, linear_modulation_limit, ll_to_phase, rms_to_peak
 from vsgdesign.parameters.inner_loops import ENOUGH_SAMPLING
@@ -32,6 +42,43 @@ INDUCTOR_X_OVER_R = 30.0
 
 _LITTLE_HEADROOM = 1.1
 """Smallest ratio of the bridge voltage to the rated voltage."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Datasheet:
+    """Everything that a study of a converter needs, in SI, and where each value comes from."""
+
+    title: str
+    source: str
+    S_rated: float
+    V_rated_ll_rms: float
+    f_n: float
+    V_dc: float
+    f_sw: float
+    samples_per_carrier: int
+    delay_samples: int
+    modulation: str
+    """``sine_triangle`` or ``min_max``."""
+    current_limit_pu: float
+    L_1: float
+    R_1: float
+    C: float
+    """Per phase in star, F."""
+    R_c: float
+    """In series with each star capacitor."""
+    L_2: float
+    """0: an LC filter."""
+    R_2: float
+    scr: tuple[float, float]
+    """Smallest and largest short-circuit ratio of its grids, on the impedance."""
+    x_over_r: tuple[float, float]
+    remarks: dict[str, str]
+    """How a field was read, if the datasheet writes it differently from a study."""
+    assumptions: tuple[Assumption, ...]
+    notes: tuple[str, ...]
+    """Facts that a user should know before anything is designed."""
+    unused: tuple[str, ...]
+    """Rows of the datasheet that no study needs."""
 
 
 def resolve(sheet: Sheet) -> Datasheet:
@@ -102,3 +149,70 @@ def faults_of(sheet: Sheet) -> list[Fault]:
     except StudyError as error:
         return list(error.faults)
     return []
+
+
+_ORDER = (
+    "rating", "power_factor", "voltage", "frequency", "pwm", "dc_link", "carrier", "sampling", "delay", "current_limit",
+    "L_1", "R_1", "C", "capacitor_connection", "R_c", "L_2", "transformer", "R_2", "scr", "x_over_r", "title", "source",
+)  # fmt: skip
+
+TERMINAL = "the terminal"
+
+
+def next_question(answers: Sequence[Entry], asked: Sequence[str]) -> Field | None:
+    """The field to ask for next, given the answers and the questions so far; None if there is no further question."""
+    given = {entry.key: str(entry.value) for entry in answers}
+    for name in _ORDER:
+        if name in asked:
+            continue
+        if name == "power_factor" and not _reads(given.get("rating", ""), "W"):
+            continue
+        if name == "capacitor_connection" and not _needs_connection(given.get("C", "")):
+            continue
+        if name == "R_2" and not {"L_2", "transformer"} & given.keys():
+            continue
+        return BY_NAME[name]
+    return None
+
+
+def answer_faults(answers: Sequence[Entry], answer: Entry) -> list[Fault]:
+    """What is wrong with one more answer, by itself or together with the earlier answers."""
+    before = {str(fault) for fault in faults_of(Sheet(TERMINAL, tuple(answers), decimal_comma=_comma(answers)))}
+    after = faults_of(Sheet(TERMINAL, (*answers, answer), decimal_comma=_comma([*answers, answer])))
+    return [fault for fault in after if str(fault) not in before and fault.problem != "missing"]
+
+
+def entry_of(field: Field, text: str) -> Entry:
+    """An answer as a row. The strength of the grids may also be given as a power or an impedance."""
+    name = field.name
+    if name == "scr":
+        for other, base in (("short_circuit_power", "VA"), ("grid_impedance", "ohm")):
+            if _reads(text, base, ranged=True):
+                name = other
+    return Entry(name, text, "", name)
+
+
+def answered_sheet(answers: Sequence[Entry]) -> Sheet:
+    """All answers as a datasheet."""
+    return Sheet(TERMINAL, tuple(answers), decimal_comma=_comma(answers))
+
+
+def _comma(answers: Sequence[Entry]) -> bool:
+    return any("," in str(entry.value) and "." not in str(entry.value) for entry in answers)
+
+
+def _reads(text: str, base: str, ranged: bool = False) -> bool:
+    try:
+        amount = read_amount(text, (base,), decimal_comma=True, ranged=ranged)
+    except AmountError:
+        return False
+    return not amount.bare
+
+
+def _needs_connection(text: str) -> bool:
+    """Whether C was given in farads without saying star or delta."""
+    try:
+        amount = read_amount(text, ("F", "var", "1"), decimal_comma=True)
+    except AmountError:
+        return False
+    return amount.base == "F" and not {"star", "delta"} & amount.words

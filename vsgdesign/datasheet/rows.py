@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
-from vsgdesign.datasheet.converter_sheet import Assumption
-from vsgdesign.datasheet.fields import BY_NAME, advice_for, find_field, is_unused
+from vsgdesign.datasheet.fields import BY_NAME, advice_for, chosen, find_field, is_unused
 from vsgdesign.datasheet.quantities import RATIO, Amount, AmountError, other_prefix, read_amount
 from vsgdesign.datasheet.reading import Entry, Sheet
-from vsgdesign.datasheet.words import chosen
 from vsgdesign.errors import Fault
 from vsgdesign.parameters.units import format_quantity
 
@@ -36,6 +35,14 @@ LIMITS = {
 
 _ANY_CONVERTER = {"H": (1e-7, 0.5), "F": (1e-8, 0.1), "ohm": (0.0, 100.0)}
 """Limits of the filter as long as rating, voltage or frequency are not known."""
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A value that the datasheet does not give and that was assumed."""
+
+    field: str
+    text: str
 
 
 class Rows:

@@ -6,7 +6,7 @@ import json
 import math
 import textwrap
 
-from vsgdesign.datasheet.converter_sheet import Datasheet
+from vsgdesign.datasheet.resolving import Datasheet
 from vsgdesign.parameters.units import format_quantity
 
 _NODES = 6

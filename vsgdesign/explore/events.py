@@ -13,8 +13,7 @@ from vsgdesign.explore.state import EventOfState, State
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, WATCHED
 from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.event_kinds import EVENT_KINDS
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.grid import GridEstimate, Place
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
 from vsgdesign.simulation.steps import references_at
 from vsgdesign.simulation.survival.demand import settling_time_of

@@ -12,8 +12,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import StudyError
 from vsgdesign.explore.state import LABELS, StateError, defaults, fault, faults_of, limits_of, shown_units
-from vsgdesign.parameters.changing import changed_with_same_inner_loops
 from vsgdesign.parameters.fields import Field, at, picked
+from vsgdesign.parameters.loading import changed_with_same_inner_loops
 from vsgdesign.parameters.reader import Asked
 from vsgdesign.parameters.reference import field_at, plain_meaning
 from vsgdesign.parameters.study import ControllerSpec, Study

@@ -16,7 +16,7 @@ from vsgdesign.explore.scene import Scene, scene_of
 from vsgdesign.explore.state import OWN, State
 from vsgdesign.parameters.loading import study_from_document
 from vsgdesign.parameters.study import Study, StudyOrigin
-from vsgdesign.parameters.toml_text import toml_text
+from vsgdesign.parameters.toml_file import toml_text
 from vsgdesign.parameters.units import format_quantity
 from vsgdesign.simulation.steps import references_at
 from vsgdesign.verification.case_study import inner_loops_document, placed_document

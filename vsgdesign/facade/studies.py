@@ -10,12 +10,11 @@ from typing import Any, TypeVar
 
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.parameters.building import GRID, Sections
-from vsgdesign.parameters.changing import built, plain_document
 from vsgdesign.parameters.controllers import CONTROLLER
 from vsgdesign.parameters.events import event_fields
 from vsgdesign.parameters.fields import Field, fields_of, picked
 from vsgdesign.parameters.inner_loops import InnerLoopSource
-from vsgdesign.parameters.loading import files_of, merged_document, read_document
+from vsgdesign.parameters.loading import built, files_of, merged_document, plain_document, read_document
 from vsgdesign.parameters.reference import type_text
 from vsgdesign.parameters.scenario import SimulationSpec
 from vsgdesign.parameters.study import InnerLoopRequest, Study, StudyOrigin

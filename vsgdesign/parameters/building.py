@@ -60,9 +60,8 @@ from vsgdesign.parameters.scenario import (
 from vsgdesign.parameters.sensors import SENSORS, read_sensors
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.specification import SPECIFICATION, read_specification
-from vsgdesign.parameters.stability import StabilitySpec, read_stability
+from vsgdesign.parameters.stability import StabilitySpec, SurvivalSpec, read_stability
 from vsgdesign.parameters.study import Event, InnerLoopRequest, Study
-from vsgdesign.parameters.survival import SurvivalSpec
 from vsgdesign.parameters.targets import POWER_LOOPS, Filters, read_target
 from vsgdesign.parameters.verification import read_verification, verification_fields
 

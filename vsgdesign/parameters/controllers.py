@@ -27,8 +27,7 @@ from vsgdesign.parameters.fields import (
     values,
     word,
 )
-from vsgdesign.parameters.grid import Grid, Impedance, basis_field, read_grid
-from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.grid import Grid, GridEstimate, Impedance, basis_field, read_grid
 from vsgdesign.parameters.reader import TableReader
 from vsgdesign.parameters.targets import TARGETS, ClosedFormTarget, Gains, read_power_gains, read_target
 from vsgdesign.parameters.units import format_quantity

@@ -1,4 +1,4 @@
-"""The grid's impedance at the PCC, in Ω and H or as a converter sees it."""
+"""The grid's impedance at the PCC, in Ω and H or as a converter sees it, and what a controller knows of it."""
 
 from __future__ import annotations
 
@@ -94,3 +94,19 @@ def read_grid(table: TableReader, scope: Scope, converter: Converter, basis: str
     if not (table.has("scr") or table.has("x_over_r")):
         return Grid(math.nan, math.nan)
     return Place(**values(place, table, scope), basis=basis).grid(converter)
+
+
+@dataclass(frozen=True)
+class GridEstimate:
+    """What a scheduled controller without an estimator of its own knows of the grid."""
+
+    error_R: float = number("1", -1.0, 10.0, default=0.0)
+    """The controller takes R_g for R_g (1 + `error_R`)."""
+    error_X: float = number("1", -0.99, 10.0, default=0.0)
+    """The same of L_g."""
+    silent_s: float = number("s", 0.0, 36000.0, default=0.0, name="silent")
+    """After each change of the grid or its source it is told nothing for this long."""
+
+    def of(self, grid: Grid) -> Grid:
+        """The estimate of a grid."""
+        return Grid(grid.R_g * (1.0 + self.error_R), grid.L_g * (1.0 + self.error_X))

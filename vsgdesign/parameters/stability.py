@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from vsgdesign.parameters.fields import S_RATED, Scope, number, numbers, read, section, subtable
+from vsgdesign.parameters.fields import S_RATED, SEEDS, Scope, number, numbers, read, section, subtable, whole
 from vsgdesign.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.parameters.reader import REQUIRED, TableReader
-from vsgdesign.parameters.study import ClosedFormTarget
+from vsgdesign.parameters.targets import ClosedFormTarget
 
 DEFAULT_SCR = (1.2, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0, 12.5, 16.0, 20.0)
 DEFAULT_X_OVER_R = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0)
@@ -57,3 +57,13 @@ def read_stability(
     """
     gates = read(Gates, table.child("gates") if table else None, defaults={"settling_time": settling_time})
     return read(StabilitySpec, table, scope, {"P": (target.P,), "Q": (target.Q,)}, gates=gates)
+
+
+@section
+class SurvivalSpec:
+    """Random disturbances beside the systematic ones."""
+
+    random: int = whole(0, 1_000_000, default=600)
+    """Number of random disturbances."""
+    seed: int = whole(0, SEEDS, default=1)
+    """Seed of their draw."""

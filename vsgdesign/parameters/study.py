@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants, notch_delay
+from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.controllers import NO_LIMITER, ControllerSpec
 from vsgdesign.parameters.controllers import UPDATE_PERIOD as UPDATE_PERIOD
 from vsgdesign.parameters.converter import Converter, Filter, limiter_ratings
@@ -21,7 +22,7 @@ from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network import PLAIN, Network
 from vsgdesign.parameters.scenario import SimulationSpec
 from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.survival import SurvivalSpec
+from vsgdesign.parameters.stability import SurvivalSpec
 from vsgdesign.parameters.targets import NOTCH_DAMPING, ClosedFormTarget
 
 if TYPE_CHECKING:
@@ -61,6 +62,8 @@ class StudyOrigin:
     source: str
     """Name of the document in messages."""
     default_name: str
+    changed: Callable[[Study, Mapping[str, Any]], Study] | None = field(default=None, compare=False, repr=False)
+    """The reader's function that makes a study with changed sections of one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,9 +166,10 @@ class Study:
         Tables are merged field by field (``simulation={"duration": "6 s"}``); lists (``controllers``, ``events``) are
         replaced. The present study stays as it is. Raises StudyError with every fault.
         """
-        from vsgdesign.parameters.changing import changed
-
-        return changed(self, sections)
+        if self.origin is None or self.origin.changed is None:
+            problem = "was built from its parts and not read from a document"
+            raise StudyError(self.name, [Fault("study", "", problem, "Use vd.load.")])
+        return self.origin.changed(self, sections)
 
     def with_controllers(self, *controllers: Mapping[str, Any]) -> Study:
         """The study with these controllers instead of its own; fields as in a study file's [[controllers]]."""

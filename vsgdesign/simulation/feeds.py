@@ -10,8 +10,7 @@ from typing import Any
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification import estimator_kind
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.grid import Grid, GridEstimate, Place
 from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
 from vsgdesign.runtime.guards import SchedulerSettings, settings_of
 from vsgdesign.runtime.of_study import follows_measured

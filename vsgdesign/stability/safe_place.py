@@ -28,8 +28,8 @@ from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.network import PLAIN
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.specification import Specification
+from vsgdesign.parameters.stability import SurvivalSpec
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.parameters.survival import SurvivalSpec
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.of_study import ControllerGains, follows_measured

@@ -13,11 +13,11 @@ import numpy as np
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.knowledge import GridEstimate
+from vsgdesign.parameters.grid import GridEstimate
 from vsgdesign.parameters.loading import FILES, study_from_document
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study, StudyOrigin
-from vsgdesign.parameters.toml_text import toml_text
+from vsgdesign.parameters.toml_file import toml_text
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.segments import segments_of
