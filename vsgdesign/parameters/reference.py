@@ -122,7 +122,7 @@ def _meaning(text: str) -> str:
 
 def plain_meaning(one: Field) -> str:
     """The meaning of a field as text without links and marks."""
-    text = re.sub(r" \(:eq:`[^`]*`\)", "", one.meaning.removesuffix("."))
+    text = re.sub(r" \(:eq:.[a-z0-9-]+.\)", "", one.meaning.removesuffix("."))
     return re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", text).replace("`", "")
 
 
