@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.report.drawing.style import TEXT_PT, text_width
-from vsgdesign.report.drawing.ticks import Labels, power_of_ten
 from vsgdesign.report.quantities import plain
 
 Array = NDArray[np.float64]
@@ -159,6 +158,8 @@ def value_ticks(
     """
     from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator
 
+    from vsgdesign.report.drawing.ticks import Labels
+
     border = edges(np.asarray(values, dtype=float), log)
     scale = np.log if log else np.asarray
     span = float(scale(border[-1]) - scale(border[0]))
@@ -189,6 +190,8 @@ def _value_text(factor: float, value: float) -> str:
 def decades(axis: Any, most: int = 12) -> None:
     """Plain powers of ten on a logarithmic axis, without minor ticks: both cost matplotlib much time."""
     from matplotlib.ticker import LogLocator, NullLocator
+
+    from vsgdesign.report.drawing.ticks import Labels, power_of_ten
 
     axis.set_major_locator(LogLocator(numticks=most))
     axis.set_major_formatter(Labels(power_of_ten))

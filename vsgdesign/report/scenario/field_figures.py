@@ -22,7 +22,6 @@ from vsgdesign.report.drawing.style import (
     look,
     new_figure,
 )
-from vsgdesign.report.drawing.ticks import Labels
 from vsgdesign.report.drawing.time_axis import (
     draw_labels,
     event_labels,
@@ -157,6 +156,8 @@ def _truth(result: ScenarioResult, edges_s: Array) -> tuple[Array, NDArray[np.co
 def _plain_ticks(axes: Any) -> None:
     """Few decades: 0.3, 1, 3 read more easily than powers of ten."""
     from matplotlib.ticker import LogLocator, NullFormatter
+
+    from vsgdesign.report.drawing.ticks import Labels
 
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(Labels("{:g}".format))

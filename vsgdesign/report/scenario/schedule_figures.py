@@ -18,7 +18,6 @@ from vsgdesign.report.drawing.style import (
     new_figure,
     text_width,
 )
-from vsgdesign.report.drawing.ticks import Labels, PlainNumbers, ten_to
 from vsgdesign.report.drawing.time_axis import (
     draw_labels,
     event_labels,
@@ -135,6 +134,8 @@ def _step_line(
 
 def _gain_scale(axes: Any, low: float, high: float) -> None:
     """Logarithmic over a wide range; else linear with some room, so that a constant stands clear of the frame."""
+    from vsgdesign.report.drawing.ticks import Labels, PlainNumbers
+
     if low > 0.0 and high > _LOG_FROM * low:
         from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -151,6 +152,8 @@ def _gain_scale(axes: Any, low: float, high: float) -> None:
 
 
 def _log_tick(value: float) -> str:
+    from vsgdesign.report.drawing.ticks import ten_to
+
     if 1e-4 <= value < 1e5:
         return f"{value:g}"
     mantissa, _, power = f"{value:.0e}".partition("e")

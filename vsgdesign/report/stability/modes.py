@@ -13,7 +13,6 @@ from vsgdesign.parameters.study import Study
 from vsgdesign.report.drawing.look import UNSTABLE, colour_bar
 from vsgdesign.report.drawing.panels import groups
 from vsgdesign.report.drawing.style import LABEL_PT, PAGE_IN, add_axes, look, new_figure
-from vsgdesign.report.drawing.ticks import Labels
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import plain
@@ -181,6 +180,8 @@ def _rays(axes: Any, limits: tuple[float, float, float, float], study: Study) ->
 def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigure:
     from matplotlib.lines import Line2D
     from matplotlib.ticker import LogLocator, NullFormatter
+
+    from vsgdesign.report.drawing.ticks import Labels
 
     gates = result.study.stability.gates
     scale = DAMPING.scale(gates)
