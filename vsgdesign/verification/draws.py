@@ -21,12 +21,13 @@ from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics.survival import REST_SHARE
 from vsgdesign.operating_point.equilibrium import converter_current_rms, static_limit_uses
+from vsgdesign.parameters.case_families import FAMILIES, families
 from vsgdesign.parameters.converter import scope_of
 from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.parameters.fields import at
 from vsgdesign.parameters.ranges import Range, logarithmic_of, signed_of, uniform_of
 from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.parameters.verification import FAMILIES, CaseBox, VerificationSpec, families
+from vsgdesign.parameters.verification import CaseBox, VerificationSpec
 from vsgdesign.runtime.error_set import ErrorSet, error_shares
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents, no_events
