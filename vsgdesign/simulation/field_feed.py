@@ -22,7 +22,6 @@ from vsgdesign.equations.field_fusion import FIRST_GATE
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import rms_to_peak
-from vsgdesign.identification import Probe
 from vsgdesign.identification.field import FieldEstimator, estimate_of, field_settings
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.registry import estimator_kind
@@ -34,8 +33,7 @@ from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog
 from vsgdesign.simulation.field_observer import FieldMemory
 from vsgdesign.simulation.following import ScheduledAnswers
-from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.probing import HeldProbe
+from vsgdesign.simulation.gains import GainChange, RunFeed
 from vsgdesign.simulation.timeline import Timeline
 
 Array = NDArray[np.float64]
@@ -143,7 +141,7 @@ class FieldRow(NamedTuple):
     """Whether the rate limit of the scheduler delayed the gains."""
 
 
-class FieldScheduler:
+class FieldScheduler(RunFeed):
     """What ``simulate`` is given for a controller with ``estimate = "field"``.
 
     It gets nothing that a real converter does not have. Until the first valid answer the gains are those of a safe
@@ -151,9 +149,6 @@ class FieldScheduler:
     followed. With any other the last one is held, while the gains go on following the measured P, Q and V, if the
     schedule does. The object has a state, so it serves one run at a time.
     """
-
-    probe_hold: float | None = None
-    log_samples = 0
 
     def __init__(
         self, study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, probe: bool | None = None
@@ -166,10 +161,6 @@ class FieldScheduler:
         self._has_table = ready.table(spec) is not None
         self._box, self._follows = box_of(study), follows_measured(spec)
         self._network = network_of(study, spec)
-        self.held: HeldProbe | None = None
-        self.limited_samples = 0
-        self.sensed: Array | None = None
-        self.more: Array | None = None
         self.begin()
 
     def fresh(self) -> FieldScheduler:
@@ -182,7 +173,7 @@ class FieldScheduler:
         V_n = self._study.converter.V_rated_rms
         self._fresh = True
         self._gate = FIRST_GATE
-        self._memory = FieldMemory(self._settings, omega_n, V_n, allowed=self._probing)
+        self.memory = self._memory = FieldMemory(self._settings, omega_n, V_n, allowed=self._probing)
         self._held = self._box.middle.grid(self._study.converter)
         self._first = self._answers.first(self._held, known=False)
         self.rows: list[FieldRow] = []
@@ -190,38 +181,17 @@ class FieldScheduler:
         return self
 
     @property
-    def memory(self) -> FieldMemory:
-        """The estimator's numbers."""
-        return self._memory
-
-    @property
     def closed(self) -> bool:
-        """Whether a cycle of the estimator has ended."""
+        """Whether a cycle of the estimator has ended. It may do so at any sample: the loop stops by itself."""
         return self._memory.closed
 
-    def wanted(self) -> Probe | None:
-        """No held probe: the estimator sends its own in every sample."""
-        return None
-
     def first(self) -> PowerLoopGains:
-        """Gains from t = 0 on."""
         self._fresh = False
         return self._first
 
-    def cuts(self, samples: int) -> set[int]:  # noqa: ARG002
-        """None: the loop stops by itself."""
-        return set()
-
-    def grid(self, sample: int) -> Grid:  # noqa: ARG002
-        """The grid that the present gains are for."""
+    def grid(self, sample: int) -> Grid:
+        del sample
         return self._answers.grid
-
-    def update(self, sample: int, present: PowerLoopGains, *_: object) -> PowerLoopGains:  # noqa: ARG002
-        """Nothing changes between two cycles."""
-        return present
-
-    def finish(self, *_: object) -> None:
-        """The run is over."""
 
     def conclude(self, sample: int, present: PowerLoopGains, state: ControllerState) -> PowerLoopGains:
         """Ends the estimator's cycle before a sample. Returns the gains from this sample on."""

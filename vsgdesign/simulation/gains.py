@@ -7,13 +7,22 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from vsgdesign.equations.power_loops import PowerLoopGains
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.identification import Probe
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured, schedule_of
 from vsgdesign.runtime.schedule import Schedule
+from vsgdesign.simulation.field_observer import FieldMemory
+from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -24,6 +33,69 @@ class GainChange:
     gains: PowerLoopGains
     grid: Grid | None = field(default=None, compare=False)
     """The grid for which the gains are made; None for given gains, which belong to no grid."""
+
+
+class RunFeed:
+    """What gives a run its gains. The run sets the last four attributes, and asks before each stretch.
+
+    This class says nothing: its gains never change, it sends no probe and needs no rows of the log.
+    """
+
+    memory: FieldMemory | None = None
+    """The numbers of a field estimator, which the loop of the run moves."""
+    closed = False
+    """Whether a cycle of the field estimator has ended that is not concluded."""
+    log_samples = 0
+    """The spacing of the rows of the log that it looks at, in samples; 0: it looks at none."""
+    probe_hold: float | None = None
+    """For how long each value of its probes is held, s; None: it sends none."""
+    held: HeldProbe | None = None
+    """The run's probe, if it sends one."""
+    limited_samples = 0
+    """In how many samples the run has limited its current so far."""
+    sensed: Array | None = None
+    """What the sensors say of the capacitor node's voltage and of i_g, (rows of the log, 4); no rows: the sensors are
+    ideal."""
+    more: Array | None = None
+    """The circuit's states besides i_s, v_c and i_g, (rows of the log, m)."""
+    changes: list[GainChange]
+    """The gains so far, from t = 0 on."""
+
+    def first(self) -> PowerLoopGains:
+        """Gains from t = 0 on."""
+        return self.changes[0].gains
+
+    def wanted(self) -> Probe | None:
+        """The probe that it wants since its last update."""
+        return None
+
+    def cuts(self, samples: int) -> set[int]:
+        """Samples of a run of so many at which gains may change."""
+        del samples
+        return set()
+
+    def grid(self, sample: int) -> Grid | None:
+        """The grid that the gains of a sample are for; None where nothing says which."""
+        del sample
+        return None
+
+    def update(
+        self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
+    ) -> PowerLoopGains:
+        """Gains from a sample on; ``log`` has a row every ``log_every`` samples."""
+        del sample, state, refs, log, log_every
+        return present
+
+    def conclude(self, sample: int, present: PowerLoopGains, state: ControllerState) -> PowerLoopGains:
+        """Gains from a sample on, before which a cycle of the field estimator has ended."""
+        del sample, state
+        return present
+
+    def finish(
+        self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
+    ) -> None:
+        """The run is over."""
+        del sample, present, state, refs, log, log_every
 
 
 def gain_changes(study: Study, spec: ControllerSpec, timeline: Timeline) -> tuple[GainChange, ...]:

@@ -16,9 +16,8 @@ from vsgdesign.identification import Probe
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.at_pcc import AtPcc
-from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.gains import GainChange, RunFeed
 from vsgdesign.simulation.online import MeasuredWindow, OnlineScheduler, WindowPowers, grid_of, probe_hold_of, wanted_of
-from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
 
 Array = NDArray[np.float64]
@@ -31,10 +30,8 @@ def sensed_vectors(log: Array, sensed: Array, v_pcc: Array, circuit: FilterGrid)
     return v_pcc + (sensed[:, 0:2] - node), sensed[:, 2:4]
 
 
-class ListedGains:
+class ListedGains(RunFeed):
     """Gains over time that are known beforehand, as a run takes them."""
-
-    memory, closed = None, False
 
     def __init__(self, changes: Sequence[GainChange], T_s: float) -> None:
         if not changes or changes[0].t_s > 0.0:
@@ -42,48 +39,26 @@ class ListedGains:
         self.changes = list(changes)
         # What the controller is told takes effect at the first sample at or after its time.
         starts = [max(math.ceil(change.t_s / T_s - 1e-6), 0) for change in changes]
-        self._at = {k: change.gains for k, change in zip(starts, changes, strict=True)}
-        self._grids = {k: change.grid for k, change in zip(starts, changes, strict=True)}
-        self.log_samples = 0
-        self.probe_hold: float | None = None
-        self.held: HeldProbe | None = None
-        """The run's probe, if it sends one."""
-        self.limited_samples = 0
-        self.sensed: Array | None = None
-        self.more: Array | None = None
-
-    def wanted(self) -> Probe | None:
-        """No probe."""
-        return None
+        self._at = dict(zip(starts, changes, strict=True))
 
     def first(self) -> PowerLoopGains:
-        """Gains from t = 0 on."""
-        return self._at[0]
+        return self._at[0].gains
 
     def cuts(self, samples: int) -> set[int]:
-        """Samples at which gains may change."""
         return {k for k in self._at if k <= samples}
 
     def grid(self, sample: int) -> Grid | None:
-        """The grid that the gains of a sample are for; None where nothing says which."""
-        return self._grids[max(k for k in self._grids if k <= sample)]
+        return self._at[max(k for k in self._at if k <= sample)].grid
 
-    def update(self, sample: int, present: PowerLoopGains, *_: object) -> PowerLoopGains:
-        """Gains from a sample on."""
-        return self._at.get(sample, present)
-
-    def conclude(self, sample: int, present: PowerLoopGains, *_: object) -> PowerLoopGains:  # noqa: ARG002
-        """Nothing: no cycle ever ends."""
-        return present
-
-    def finish(self, *_: object) -> None:
-        """The run is over."""
+    def update(
+        self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
+    ) -> PowerLoopGains:
+        del state, refs, log, log_every
+        return self._at[sample].gains if sample in self._at else present
 
 
-class OnlineGains:
+class OnlineGains(RunFeed):
     """An online scheduler, as a run takes it: cuts windows out of the log and asks."""
-
-    memory, closed = None, False
 
     def __init__(self, scheduler: OnlineScheduler, study: Study, timeline: Timeline) -> None:
         self._scheduler, self._study, self._timeline = scheduler, study, timeline
@@ -94,42 +69,25 @@ class OnlineGains:
         self._period = self._every * whole_multiple(period, interval, "update_period", "the sample interval")
         self.log_samples = self._every
         self._T_s = T_s
-        self._gains = scheduler.first_gains()
-        self.changes = [GainChange(0.0, self._gains)]
+        self.changes = [GainChange(0.0, scheduler.first_gains())]
         self.probe_hold = probe_hold_of(scheduler)
-        self.held: HeldProbe | None = None
-        """The run's probe, if it sends one."""
-        self.limited_samples = 0
-        """How many samples the run has limited its current in so far; the run keeps it up to date."""
-        self.sensed: Array | None = None
-        """What the sensors say of the capacitor node's voltage and of i_g, (rows of the log, 4); no rows: the sensors
-        are ideal. The run sets it."""
-        self.more: Array | None = None
-        """The circuit's states besides i_s, v_c and i_g, (rows of the log, m). The run sets it."""
         self._limited_before = 0
         self._wanted = wanted_of(scheduler)
         self._powers_alone: bool = getattr(scheduler, "powers_alone", False)
 
     def wanted(self) -> Probe | None:
-        """The probe that the scheduler wants since its last update."""
         return self._wanted
 
-    def first(self) -> PowerLoopGains:
-        """Gains from t = 0 on."""
-        return self._gains
-
     def cuts(self, samples: int) -> set[int]:
-        """Samples at which gains may change."""
         return set(range(self._period, samples + 1, self._period))
 
-    def grid(self, sample: int) -> Grid | None:  # noqa: ARG002
-        """The grid that the present gains are for; None where the scheduler does not say."""
+    def grid(self, sample: int) -> Grid | None:
+        del sample
         return grid_of(self._scheduler)
 
     def update(
         self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
     ) -> PowerLoopGains:
-        """Ask the scheduler if a window ends at this sample; ``log`` has a row every ``log_every`` samples."""
         if sample == 0 or sample % self._period:
             return present
         if self._powers_alone:
@@ -142,10 +100,6 @@ class OnlineGains:
             return present
         self.changes.append(GainChange(sample * self._T_s, answer))
         return answer
-
-    def conclude(self, sample: int, present: PowerLoopGains, *_: object) -> PowerLoopGains:  # noqa: ARG002
-        """Nothing: no cycle ever ends."""
-        return present
 
     def finish(
         self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int

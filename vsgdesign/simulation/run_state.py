@@ -24,7 +24,7 @@ from vsgdesign.simulation.bodies import numbers_of
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
 from vsgdesign.simulation.connecting import Connecting
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.gains import GainChange, RunFeed
 from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
 from vsgdesign.simulation.loop import LOG_COLUMNS, SENSED_COLUMNS
 from vsgdesign.simulation.online import OnlineScheduler
@@ -277,7 +277,7 @@ def with_gains(
     return state._replace(omega_i=_gain_transfer(state.omega_i, refs, before, after))
 
 
-def _feed(of: RunOf, timeline: Timeline) -> ListedGains | OnlineGains | FieldScheduler:
+def _feed(of: RunOf, timeline: Timeline) -> RunFeed:
     schedule, study = of.schedule, of.study
     if isinstance(schedule, FieldScheduler):
         if of.probe is not None:
