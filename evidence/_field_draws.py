@@ -203,8 +203,8 @@ def _measured_jump(rng: np.random.Generator) -> _Drawing | None:
 def _jump_and_step(rng: np.random.Generator) -> _Drawing | None:
     drawing = _jumped(rng)
     if drawing is not None:
-        step = _step_of_source(rng, drawing.start)
-        drawing.changes = (replace(drawing.changes[0], **step),)
+        step = Event.of_pu(0.0, **_step_of_source(rng, drawing.start))
+        drawing.changes = (replace(step, t_s=drawing.changes[0].t_s, place=drawing.changes[0].place),)
     return drawing
 
 

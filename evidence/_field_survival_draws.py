@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -172,7 +172,7 @@ def survival_draw(converter: Converter, seed: int) -> FieldDraw:
         currents = resting_currents(converter, start, found.changes, each=found.rests_between)
         if currents is None or max(currents) > ROOM_PU:
             continue
-        changes = tuple(Event.of_pu(**{**vars(one), "t_s": round(at_s + one.t_s, 6)}) for one in found.changes)
+        changes = tuple(replace(one, t_s=round(at_s + one.t_s, 6)) for one in found.changes)
         return FieldDraw(
             group=group,
             converter=converter.name,

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from evidence._field_converters import after
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.metrics.survival import (
     GRACE_S,
@@ -92,9 +93,8 @@ def last_state(case: SurvivalCase) -> GridState:
     """The grid and the references after a case."""
     state = case.start
     for change in case.changes:
-        names = ("scr", "x_over_r", "V_g_pu", "P_pu")
-        given = {name: value for name in names if (value := getattr(change, name)) is not None}
-        state = replace(state, **given)
+        state = after(state, change)
+        state = state if change.P_ref is None else replace(state, P_pu=change.P_ref)
     return state
 
 
