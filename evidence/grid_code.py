@@ -22,6 +22,8 @@ from evidence.survival import CONVERTERS
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, NOT_APPLICABLE
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.metrics.survival import NOT_AT_REST, SURVIVED
+from vsgdesign.parameters.network import PHASE_TO_PHASE, Fault
+from vsgdesign.parameters.source import Sag
 
 Result = tuple[GridCodeTask, dict[str, Any]]
 
@@ -209,8 +211,8 @@ def table_of_currents(found: Sequence[Result]) -> list[str]:
 def unbalanced(test: SuiteTest) -> bool:
     """Whether a test has a two-phase fault or a dip that is not of type A."""
     return any(
-        (event.sag is not None and event.sag.kind != "A")
-        or (event.fault is not None and event.fault.kind == "phase_to_phase")
+        (isinstance(event.sag, Sag) and event.sag.kind != "A")
+        or (isinstance(fault := event.switched.fault, Fault) and fault.kind == PHASE_TO_PHASE)
         for event in test.events
     )
 
@@ -222,7 +224,7 @@ def table_of_unbalanced(found: Sequence[Result]) -> list[str]:
         "phase | positive sequence | negative sequence | P, mean | P at 2ω | frequency at 2ω |",
         "| --- |" + " --- |" * 9,
     ]
-    with_fault = [name for name, test in tests().items() if any(one.sag or one.fault for one in test.events)]
+    with_fault = [name for name, test in tests().items() if any(one.sag or one.switched.fault for one in test.events)]
     for converter in CONVERTERS:
         for words, wanted in (("balanced", False), ("unbalanced", True)):
             names = {name for name in with_fault if unbalanced(tests()[name]) == wanted}
