@@ -10,7 +10,7 @@ import pytest
 from tests.simulation.studies import FAST_GAINS, lc_study, lcl_study
 from vsgdesign.estimator.recipes import PUBLISHED, WindowRecipe
 from vsgdesign.estimator.windows import background_vectors, harmonic_phasors, measured_channels
-from vsgdesign.simulation import FixedGains, Recorder, run, simulate
+from vsgdesign.simulation import FixedGains, Recorder, run_state, simulate
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 
 AMPLITUDES = {-5: 1.2 * np.exp(0.4j), 7: 0.8 * np.exp(-2.0j)}
@@ -53,7 +53,7 @@ def test_background_harmonics_are_the_emts_own_response(kind: str, monkeypatch: 
     study = (lc_study if kind == "lc" else lcl_study)("80 ms")
     clean, dirty = Recorder(FixedGains(FAST_GAINS)), Recorder(FixedGains(FAST_GAINS))
     simulate(study, clean)
-    monkeypatch.setattr(run, "build_timeline", lambda s: distorted(build_timeline(s), 50e-6, 1601))
+    monkeypatch.setattr(run_state, "build_timeline", lambda s: distorted(build_timeline(s), 50e-6, 1601))
     simulate(study, dirty)
     references = (study.simulation.P_ref, study.simulation.Q_ref)
     phasors = harmonic_phasors(study, study.grid, FAST_GAINS, references, list(AMPLITUDES))

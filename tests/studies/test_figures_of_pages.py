@@ -14,7 +14,6 @@ from vsgdesign.simulation import run_scenario
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
     ("structures", "studies/structures/README.md", ("published", "decoupled", "angle_damped"), 2),
-    ("structures", "README.md", ("published", "angle_damped"), 2),
     ("laboratory", "studies/laboratory/README.md", ("fixed", "scheduled"), 3),
     ("utility", "studies/utility/README.md", ("fixed", "scheduled"), 3),
 ]

@@ -220,7 +220,7 @@ class StandingLoop:
         if self._slots is not None and end > begin:
             first, every, room = self._slots
             if begin < first or room <= (end - 1 - first) // every:
-                raise ValueError(f"log has {room} slots from sample {first} on: give {(end - 1 - first) // every + 1}.")
+                raise ValueError(f"log has {room} slots: give {(end - 1 - first) // every + 1} from sample {first} on.")
         if spec.fed:
             wanted = (groups, end - begin, len(spec.fed), spec.width)
             fits = fed is not None and fed.shape[1:] == wanted[1:] and len(fed) >= groups and fed.dtype == np.float64

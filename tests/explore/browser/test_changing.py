@@ -145,7 +145,7 @@ def test_held_gains_stay_while_the_grid_moves(explorer: Explorer, opened: Explor
 def test_every_kind_of_event_is_simulated(explorer: Explorer, opened: ExplorerPage) -> None:
     page = opened.page
     kinds = [event["kind"] for event in explorer.session.info()["events"]]
-    assert kinds == ["step", "grid", "phase", "sag", "ramp"]
+    assert kinds == ["step", "grid", "phase", "sag", "ramp", "voltage_set_point"]
     pictures = set()
     for kind in [*kinds[1:], "step"]:
         before = opened.counts()
