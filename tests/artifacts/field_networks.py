@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers, FieldWeights
-from vsgdesign.equations.field_fusion import GateLimits
+from vsgdesign.equations.field.fusion import GateLimits
 
 
 def random_field_weights(features: Sequence[str] = ("size", "angle", "doubt"), seed: int = 0) -> FieldWeights:

@@ -13,8 +13,8 @@ from tests.codegen.twins import twin
 from vsgdesign.codegen.llvm import LoopSpec, compiled_loop, empty_rows, flat_block
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiter_interface import LimiterRatings
 from vsgdesign.equations.limiters import LIMITERS, GridEstimate, Limiter
-from vsgdesign.equations.limiters.interface import LimiterRatings
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 
 LANES, SAMPLES = 8, 200

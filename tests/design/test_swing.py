@@ -21,7 +21,7 @@ from vsgdesign.certificate.swing import SwingLaw, SwingStart, large_signal, swin
 from vsgdesign.certificate.swing.check import SwingLoops, gains_hold, looks, with_angle
 from vsgdesign.certificate.swing.conditions import gains_tests, limited_tests
 from vsgdesign.certificate.swing.statement import loops_at
-from vsgdesign.equations.limiters.interface import GridEstimate, IntegratorSteps, LimiterView
+from vsgdesign.equations.limiter_interface import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.limiters.projection import PROJECTION, ProjectionMemory, grid_voltage_gate
 from vsgdesign.equations.power_loops import References, frequency_at_rest, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError

@@ -22,8 +22,8 @@ from vsgdesign import equations, frames
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.controller_data import Nothing, flat_settings, flat_state
 from vsgdesign.equations.integration import advanced
+from vsgdesign.equations.limiter_interface import always, no_memory
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, LimiterLaw, limiter_named
-from vsgdesign.equations.limiters.interface import always, no_memory
 from vsgdesign.equations.sags import sag_sequences
 
 RANGES: dict[str, tuple[float, float]] = {

@@ -27,7 +27,7 @@ from vsgdesign.equations.field import (
     listen,
 )
 from vsgdesign.equations.field import probe_value as probe_of
-from vsgdesign.equations.field_fusion import FIRST_GATE, GateLimits
+from vsgdesign.equations.field.fusion import FIRST_GATE, GateLimits
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export import CompiledC, compile_c, export_c_files
 from vsgdesign.export.c_code import export_c

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.artifacts.field_networks import random_field_weights
-from vsgdesign.equations.field_fusion import (
+from vsgdesign.equations.field.fusion import (
     CHI_SQUARE_95,
     FIRST_GATE,
     GateLimits,

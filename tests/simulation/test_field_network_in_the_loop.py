@@ -12,7 +12,7 @@ from tests.artifacts.field_networks import random_field_weights
 from tests.simulation.studies import lc_study
 from vsgdesign.artifacts.field_weights import FieldWeights, write_field_weights
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures
-from vsgdesign.equations.field_fusion import FIRST_GATE, LONG_AGO
+from vsgdesign.equations.field.fusion import FIRST_GATE, LONG_AGO
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.identification.field_network import field_network
 from vsgdesign.identification.interface import Installation

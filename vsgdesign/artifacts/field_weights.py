@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import GuardedFile, content_hash, is_number
 from vsgdesign.artifacts.network_weights import array_faults, fix_arrays
-from vsgdesign.equations.field_fusion import GateLimits, Posterior
+from vsgdesign.equations.field.fusion import GateLimits, Posterior
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from vsgdesign.equations.inner_loops import (
     voltage_loop,
 )
 from vsgdesign.equations.integration import advanced
-from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterLaw, LimiterView
+from vsgdesign.equations.limiter_interface import GridEstimate, IntegratorSteps, LimiterLaw, LimiterView
 from vsgdesign.equations.power_filter import notch
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate, rotate_back

@@ -16,7 +16,7 @@ import numpy as np
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures
-from vsgdesign.equations.field_fusion import step_refuted
+from vsgdesign.equations.field.fusion import step_refuted
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError

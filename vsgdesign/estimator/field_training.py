@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers
-from vsgdesign.equations.field_fusion import CHI_SQUARE_95, Posterior, posterior_distance
+from vsgdesign.equations.field.fusion import CHI_SQUARE_95, Posterior, posterior_distance
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.estimator.data_set import FieldCycles, Split
 from vsgdesign.estimator.scores import evaluate

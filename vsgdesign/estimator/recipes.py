@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
-from vsgdesign.equations.field_fusion import GateLimits
+from vsgdesign.equations.field.fusion import GateLimits
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.estimator.recipe_fields import FieldRule, Library, Recipe, Spread, log_uniform, one_of, uniform

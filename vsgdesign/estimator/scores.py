@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers
 from vsgdesign.artifacts.files import plain
 from vsgdesign.equations.field import FieldAnswer
-from vsgdesign.equations.field_fusion import FIRST_GATE, LONG_AGO, GateLimits, Posterior, fused_answer, next_gate
+from vsgdesign.equations.field.fusion import FIRST_GATE, LONG_AGO, GateLimits, Posterior, fused_answer, next_gate
 from vsgdesign.estimator.data_set import CHANGES, FieldCycles
 from vsgdesign.metrics.answers import Answers, answers_of, inside_ellipse, time_to_stay, valid_and_wrong
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from vsgdesign import __version__
 from vsgdesign.artifacts.table_text import certificate_sentence
-from vsgdesign.equations.field_fusion import FIRST_GATE
+from vsgdesign.equations.field.fusion import FIRST_GATE
 from vsgdesign.equations.limiters import CIRCULAR, limiter_named
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.field import ConverterConstants, field_content

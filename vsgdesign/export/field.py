@@ -20,8 +20,8 @@ from vsgdesign.equations.field import (
     listen,
     probe_value,
 )
+from vsgdesign.equations.field.fusion import fused_answer, next_gate, step_refuted
 from vsgdesign.equations.field.tracks import Track
-from vsgdesign.equations.field_fusion import fused_answer, next_gate, step_refuted
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import References
 from vsgdesign.equations.probe import probe_offset

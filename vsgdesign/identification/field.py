@@ -22,7 +22,7 @@ from vsgdesign.equations.field import (
     listen,
     probe_value,
 )
-from vsgdesign.equations.field_fusion import FIRST_GATE, NetworkGate
+from vsgdesign.equations.field.fusion import FIRST_GATE, NetworkGate
 from vsgdesign.errors import ArtifactError
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.interface import Estimate, Installation, Needs, Probe, Samples

@@ -1,6 +1,6 @@
 """The learned part of the field estimator as it runs on the controller, with NumPy alone.
 
-Once a cycle it turns the recursions' features into a posterior of ln(Z/Ẑ). :mod:`vsgdesign.equations.field_fusion` says
+Once a cycle it turns the recursions' features into a posterior of ln(Z/Ẑ). :mod:`vsgdesign.equations.field.fusion` says
 when this answer may be used and what it makes of the estimate.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, FieldSettings
-from vsgdesign.equations.field_fusion import GateLimits, NetworkGate, Posterior, fused_answer, next_gate, step_refuted
+from vsgdesign.equations.field.fusion import GateLimits, NetworkGate, Posterior, fused_answer, next_gate, step_refuted
 from vsgdesign.errors import ArtifactError
 from vsgdesign.identification.interface import Array
 

@@ -18,7 +18,7 @@ from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, FieldSettings
-from vsgdesign.equations.field_fusion import FIRST_GATE
+from vsgdesign.equations.field.fusion import FIRST_GATE
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.frames import rms_to_peak

@@ -10,7 +10,7 @@ import pytest
 from tests.estimator.field.made_up import EVENT, PER_RUN, made_up_cycles
 from vsgdesign.artifacts.field_weights import MODES, FieldLayers
 from vsgdesign.equations.field import TRACK, FieldAnswer
-from vsgdesign.equations.field_fusion import GateLimits
+from vsgdesign.equations.field.fusion import GateLimits
 from vsgdesign.estimator.data_set import FieldCycles
 from vsgdesign.estimator.scores import answers_of_ways, field_scores
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.estimator.field.made_up import PER_RUN, made_up_cycles, told_cycles
-from vsgdesign.equations.field_fusion import posterior_distance
+from vsgdesign.equations.field.fusion import posterior_distance
 from vsgdesign.errors import StudyError
 from vsgdesign.estimator.data_set import FieldCycles
 from vsgdesign.estimator.field_training import FieldTraining, FieldTrainingSettings, evaluate, train_layers

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from vsgdesign.equations.limiters.circular import CIRCULAR
-from vsgdesign.equations.limiters.hybrid import HYBRID
-from vsgdesign.equations.limiters.interface import (
+from vsgdesign.equations.limiter_interface import (
     GridEstimate,
     IntegratorSteps,
     KnownRatings,
@@ -15,6 +13,8 @@ from vsgdesign.equations.limiters.interface import (
     LimiterRatings,
     LimiterView,
 )
+from vsgdesign.equations.limiters.circular import CIRCULAR
+from vsgdesign.equations.limiters.hybrid import HYBRID
 from vsgdesign.equations.limiters.projection import PROJECTION
 from vsgdesign.equations.limiters.saturation import SATURATION
 from vsgdesign.equations.limiters.threshold_impedance import THRESHOLD_IMPEDANCE

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 from vsgdesign.equations.controller_data import ControllerSettings, Nothing
 from vsgdesign.equations.inner_loops import limit_length
-from vsgdesign.equations.limiters.circular import circular_move
-from vsgdesign.equations.limiters.interface import (
+from vsgdesign.equations.limiter_interface import (
     GridEstimate,
     LimitedSample,
     Limiter,
@@ -22,6 +21,7 @@ from vsgdesign.equations.limiters.interface import (
     LimiterView,
     always,
 )
+from vsgdesign.equations.limiters.circular import circular_move
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 
 

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from vsgdesign.equations.controller_data import ControllerSettings, Nothing
-from vsgdesign.equations.limiters.circular import circular_move
-from vsgdesign.equations.limiters.interface import (
+from vsgdesign.equations.limiter_interface import (
     GridEstimate,
     LimitedSample,
     Limiter,
@@ -18,6 +17,7 @@ from vsgdesign.equations.limiters.interface import (
     LimiterView,
     always,
 )
+from vsgdesign.equations.limiters.circular import circular_move
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 
 

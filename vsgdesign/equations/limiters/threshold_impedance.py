@@ -10,7 +10,7 @@ import numpy as np
 
 from vsgdesign.equations.controller_data import ControllerSettings
 from vsgdesign.equations.inner_loops import limit_length
-from vsgdesign.equations.limiters.interface import (
+from vsgdesign.equations.limiter_interface import (
     GridEstimate,
     IntegratorSteps,
     LimitedSample,

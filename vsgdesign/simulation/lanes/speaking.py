@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.flat import flat_block
 from vsgdesign.codegen.llvm import Loop, LoopSpec, best_lanes, compiled_loop, empty_rows
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, FieldSettings
-from vsgdesign.equations.field_fusion import (
+from vsgdesign.equations.field.fusion import (
     FIRST_GATE,
     GateLimits,
     NetworkGate,
