@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,33 +13,18 @@ from numpy.typing import NDArray
 
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse, polar_band
-from vsgdesign.report.drawing.style import (
-    BAND,
-    COLOURS,
-    PAGE_IN,
-    REFERENCE,
-    add_axes,
-    line_style,
-    look,
-    new_figure,
-)
-from vsgdesign.report.drawing.time_axis import (
-    draw_labels,
-    event_labels,
-    mark_events,
-    short_name,
-    symbols,
-    time_unit,
-    whole_scenario,
-)
+from vsgdesign.report.drawing.run_figure import Row, RunFigure, View, legend, run_figure
+from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, REFERENCE, add_axes, line_style, look, new_figure
+from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.scenario.estimate_figures import change_zooms
 from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of
 from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.judging import twin_of
 
 Array = NDArray[np.float64]
 
-_LEFT, _RIGHT, _BOTTOM, _GAP = 0.6, 0.13, 0.36, 0.1
+_LEFT, _RIGHT, _BOTTOM = 0.6, 0.13, 0.36
 _BEFORE_S, _AFTER_S = 0.1, 0.6
 """Stretch about a change of the grid that is enlarged, s."""
 
@@ -46,6 +32,7 @@ _LATEST_S = 1.0
 """End of the axis of time since a change, s."""
 
 _MOST_ZOOMS = 3
+_NOT_VALID: dict[str, Any] = {"facecolor": "#777777"}
 _LEVELS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99])
 _HIGHEST_HZ = 420.0
 _WINDOW_S = 1.0
@@ -58,71 +45,53 @@ def field_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
     if not controllers:
         return
     for make in (_impedance_figure, _error_figure, _probe_figure):
-        with look():
-            figure = make(result, controllers)
+        figure = make(result, controllers)
         if figure is not None:
             yield figure
 
 
+@look()
 def _impedance_figure(result: ScenarioResult, controllers: list[tuple[int, ControllerResult]]) -> NamedFigure:
     """|Z| and arg Z of the first controller with the field estimator."""
     index, controller = controllers[0]
     answers = field_answers(result, controller)
     result = replace(result, timeline=controller.simulation.timeline)  # a breaker may close at an instant of its own
-    study, duration = result.study, result.study.simulation.duration
-    unit = time_unit(duration)
-    changes = _changes(result)[:_MOST_ZOOMS]
-    labels = event_labels([(e.t_s, short_name(e)) for e in study.events], duration, PAGE_IN - _LEFT - _RIGHT)
-    height, zoom = 1.25, 1.05
-    below = _BOTTOM + (zoom + 0.5 if changes else 0.0)
-    total = below + 2 * height + _GAP + labels.height_in + 0.24
-    figure = new_figure(PAGE_IN, total)
-    width = PAGE_IN - _LEFT - _RIGHT
-    upper = add_axes(figure, _LEFT, below + height + _GAP, width, height)
-    lower = add_axes(figure, _LEFT, below, width, height)
-    for axes, kind in ((upper, "size"), (lower, "angle")):
-        _draw(axes, result, answers, index, kind, 0.0, unit.seconds)
-        mark_events(axes, [event.t_s for event in study.events], unit)
-        whole_scenario(axes, duration, unit, label=axes is lower)
-    draw_labels(upper, labels, unit)
-    between = 0.5
-    panel = (width - between * (len(changes) - 1)) / max(len(changes), 1)
-    for column, change in enumerate(changes):
-        axes = add_axes(figure, _LEFT + column * (panel + between), _BOTTOM, panel, zoom)
-        begin, end = max(change - _BEFORE_S, 0.0), min(change + _AFTER_S, duration)
-        rows = answers.rows(begin - 0.05, end + 0.05)
-        _draw(axes, result, _some(answers, rows), index, "size", change, 1e-3)
-        axes.set_xlim(1e3 * (begin - change), 1e3 * (end - change))
-        mark_events(axes, [0.0], time_unit(0.1))
-        axes.set_xlabel("Time after event [ms]")
-        event = next((e for e in study.events if e.t_s == change), None)
-        axes.set_title(symbols(f"({'abc'[column]}) {'change of grid' if event is None else short_name(event)}"))
-        if column:
-            axes.set_ylabel("")
-    figure.align_ylabels([upper, lower])
-    _legend(figure, total, index, controller.spec.name)
+    rows = [
+        Row(label, functools.partial(_draw, result, answers, index, kind))
+        for kind, label in (("size", "|$Z_g$| [Ω]"), ("angle", "arg $Z_g$ [°]"))
+    ]
     caption = (
         f"Magnitude and angle of the grid's impedance at nominal frequency as {controller.spec.name} estimates them, "
-        "with the 95 % band of its own covariance, and the truth. Grey at the bottom: the answer is not valid, and "
+        "with the 95 % band of its own covariance, and the truth. Grey at the top: the answer is not valid, and "
         "the gains hold. Below: changes of the grid, enlarged."
     )
-    return NamedFigure("field_impedance", "Estimated impedance with its 95 % band", caption, figure)
+    return run_figure(
+        RunFigure(
+            name="field_impedance",
+            title="Estimated impedance with its 95 % band",
+            caption=caption,
+            duration_s=result.study.simulation.duration,
+            events=result.study.events,
+            columns=[rows],
+            zooms=[change_zooms(result, _BEFORE_S, _AFTER_S)[:_MOST_ZOOMS]],
+            entries=_legend_entries(index, controller.spec.name),
+        )
+    )
 
 
-def _draw(
-    axes: Any, result: ScenarioResult, answers: Answers, index: int, kind: str, origin: float, seconds: float
-) -> None:
+def _draw(result: ScenarioResult, answers: Answers, index: int, kind: str, axes: Any, view: View) -> None:
+    rows = answers.rows(view.begin_s - 0.05, view.end_s + 0.05)
+    arrays = ("t_s", "Z", "Z_hat", "covariance", "valid", "changed")
+    answers = replace(answers, **{name: getattr(answers, name)[rows] for name in arrays})
     band = polar_band(answers)
     edges_s = np.append(answers.t_s, max(answers.end_s, answers.t_s[-1]))
-    t = (edges_s - origin) / seconds
+    t = view.place(edges_s)
     times, true = _truth(result, edges_s)
     if kind == "size":
         truth, value, half = np.abs(true), band.size, band.size_half
         axes.set_yscale("log")
-        axes.set_ylabel("|$Z_g$| [Ω]")
     else:
         truth, value, half = (np.degrees(x) for x in (np.angle(true), band.angle, band.angle_half))
-        axes.set_ylabel("arg $Z_g$ [°]")
     known = truth[np.isfinite(truth)] if np.isfinite(truth).any() else value[np.isfinite(value)]
     least, most = (float(known.min()), float(known.max())) if len(known) else (1.0, 1.0)
     low = least / 1.6 if kind == "size" else least - 25.0
@@ -137,9 +106,9 @@ def _draw(
         t, *(np.append(edge, edge[-1]) for edge in edges), step="post", color=colour, alpha=0.25, linewidth=0.0
     )
     axes.step(t, np.append(value, value[-1]), where="post", color=colour, linewidth=0.8, zorder=3.0)
-    axes.step((times - origin) / seconds, truth, where="post", **REFERENCE)
+    axes.step(view.place(times), truth, where="post", **REFERENCE)
     silent = [(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(~answers.valid)]
-    axes.broken_barh(silent, (0.0, 0.05), transform=axes.get_xaxis_transform(), color="#777777", linewidth=0.0)
+    axes.broken_barh(silent, (0.95, 0.05), transform=axes.get_xaxis_transform(), linewidth=0.0, **_NOT_VALID)
 
 
 def _truth(result: ScenarioResult, edges_s: Array) -> tuple[Array, NDArray[np.complex128]]:
@@ -164,6 +133,7 @@ def _plain_ticks(axes: Any) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
+@look()
 def _error_figure(result: ScenarioResult, controllers: list[tuple[int, ControllerResult]]) -> NamedFigure:
     height, between = 1.7, 0.75
     wide = 0.6 * (PAGE_IN - _LEFT - _RIGHT - between)
@@ -209,12 +179,7 @@ def _error_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
     right.set_xlabel("Level of the ellipse [%]")
     right.set_ylabel("Truth inside [%]")
     right.set_title("(b) at rest")
-    figure.legend(
-        *left.get_legend_handles_labels(),
-        ncols=4,
-        loc="upper left",
-        bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.04 / total),
-    )
+    legend(figure, list(zip(*left.get_legend_handles_labels(), strict=True)), PAGE_IN - _LEFT)
     caption = (
         f"(a) Error of the answers against the time since a change of the grid, with the {100 * FOUND:g} % line. "
         "(b) How often the truth lies inside the ellipse of an answer's own covariance, against the ellipse's level. "
@@ -224,6 +189,7 @@ def _error_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
     return NamedFigure("field_error", "Errors after a change, and coverage at rest", caption, figure)
 
 
+@look()
 def _probe_figure(result: ScenarioResult, controllers: list[tuple[int, ControllerResult]]) -> NamedFigure | None:
     index, controller = controllers[0]
     twin = twin_of(result, controller)
@@ -254,13 +220,7 @@ def _probe_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
         axes.set_ylabel("Amplitude [% of rated peak]")
         axes.set_title(title)
     names = ([] if twin is None else [f"{twin.spec.name}, no probe"]) + [controller.spec.name]
-    figure.legend(
-        lines[: len(names)],
-        [symbols(name) for name in names],
-        ncols=2,
-        loc="upper left",
-        bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.04 / total),
-    )
+    legend(figure, [(line, symbols(name)) for line, name in zip(lines, names, strict=False)], PAGE_IN - _LEFT)
     f_n = c.omega_n / (2.0 * math.pi)
     caption = (
         f"Spectra at rest, {rests[0].begin_s:g} to {rests[0].end_s:g} s, in windows of {_WINDOW_S:g} s. The probe's "
@@ -288,29 +248,14 @@ def _changes(result: ScenarioResult) -> list[float]:
     return [t_s for t_s, _ in result.timeline.grids if t_s > 0.0]
 
 
-def _some(answers: Answers, rows: NDArray[np.bool_]) -> Answers:
-    """The answers of some rows."""
-    return Answers(
-        t_s=answers.t_s[rows],
-        Z=answers.Z[rows],
-        Z_hat=answers.Z_hat[rows],
-        covariance=answers.covariance[rows],
-        valid=answers.valid[rows],
-        changed=answers.changed[rows],
-        end_s=answers.end_s,
-    )
-
-
-def _legend(figure: Any, height: float, index: int, name: str) -> None:
+def _legend_entries(index: int, name: str) -> list[tuple[Any, str]]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     colour = COLOURS[index % len(COLOURS)]
-    handles = [
-        Line2D([], [], color=colour),
-        Patch(facecolor=colour, alpha=0.25),
-        Line2D([], [], **REFERENCE),
-        Patch(facecolor=BAND["color"]),
+    return [
+        (Line2D([], [], color=colour), symbols(f"estimate of {name}")),
+        (Patch(facecolor=colour, alpha=0.25), "95 % band"),
+        (Line2D([], [], **REFERENCE), "truth"),
+        (Patch(**_NOT_VALID), "not valid"),
     ]
-    names = [symbols(f"estimate of {name}"), "95 % band", "truth", "not valid"]
-    figure.legend(handles, names, ncols=4, loc="upper left", bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.05 / height))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,39 +13,14 @@ import numpy as np
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.parameters.study import Event
 from vsgdesign.report.drawing.decimation import Trace, envelope, extreme_indices
-from vsgdesign.report.drawing.style import (
-    BAND,
-    LABEL_PT,
-    LIMITS_BAND,
-    PAGE_IN,
-    REFERENCE,
-    ZOOM_SPAN,
-    add_axes,
-    line_style,
-    look,
-    new_figure,
-    text_width,
-)
-from vsgdesign.report.drawing.time_axis import (
-    EventLabels,
-    TimeUnit,
-    draw_labels,
-    event_labels,
-    mark_events,
-    short_name,
-    symbols,
-    time_unit,
-    whole_scenario,
-)
+from vsgdesign.report.drawing.run_figure import LETTERS, Row, RunFigure, View, Zoom, run_figure
+from vsgdesign.report.drawing.style import BAND, LABEL_PT, LIMITS_BAND, REFERENCE, line_style, look
+from vsgdesign.report.drawing.time_axis import short_name, symbols
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.scenario.schedule_figures import schedule_figures
 from vsgdesign.report.scenario.signals import Signal, events_of, signals
 from vsgdesign.simulation import ScenarioResult
 
-_LEFT, _RIGHT, _BOTTOM = 0.58, 0.13, 0.36
-_RIGHT_WITH_PU = 0.52
-_MAIN_HEIGHT, _ZOOM_HEIGHT, _BETWEEN = 1.75, 1.25, 0.56
-_LEGEND_ROW = 0.15
 _MOST_ZOOMS = 4
 _PIXELS_PER_IN = 100.0
 _HIDING_RIPPLE = 0.004
@@ -57,15 +32,11 @@ _COLUMNS_FOR_ALL = 300.0
 
 
 @dataclass(frozen=True)
-class Zoom:
-    """A stretch of time around one event. ``letter`` ties its panel to the overview."""
+class EventZoom(Zoom):
+    """A stretch of time around one event. ``is_step``: whether the event steps this signal's own reference."""
 
-    event: Event
-    letter: str
-    begin_s: float
-    end_s: float
-    is_step: bool
-    """Whether the event steps this signal's own reference."""
+    event: Event = field(kw_only=True)
+    is_step: bool = field(kw_only=True)
 
 
 def scenario_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
@@ -75,48 +46,33 @@ def scenario_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
     yield from schedule_figures(result)
 
 
+@look()
 def signal_figure(result: ScenarioResult, signal: Signal) -> NamedFigure:
     """One signal: the whole scenario on top, the events below at their own scale."""
-    with look():
-        return _signal_figure(result, signal)
-
-
-def _signal_figure(result: ScenarioResult, signal: Signal) -> NamedFigure:
-    study = result.study
-    duration = study.simulation.duration
     zooms = choose_zooms(result, signal)
-    right = _RIGHT_WITH_PU if signal.per_unit else _RIGHT
-    width = PAGE_IN - _LEFT - right
-    letters = {zoom.event.t_s: f"({zoom.letter}) " for zoom in zooms}
-    labels = event_labels([(e.t_s, letters.get(e.t_s, "") + short_name(e)) for e in study.events], duration, width)
-    entries = _legend_entries(result, signal)
-    columns, rows = _legend_shape([label for _, label in entries], width)
-    below = _BOTTOM + (_ZOOM_HEIGHT + _BETWEEN if zooms else 0.0)
-    top = labels.height_in + rows * _LEGEND_ROW + 0.12
-    height = below + _MAIN_HEIGHT + top
-    figure = new_figure(PAGE_IN, height)
-    axes = add_axes(figure, _LEFT, below, width, _MAIN_HEIGHT)
-    unit = time_unit(duration)
-    rippled = _draw_main(axes, signal, zooms, study.events, labels, unit, width)
-    whole_scenario(axes, duration, unit)
-    axes.set_ylabel(f"{signal.axis_label} [{signal.unit}]")
-    if signal.per_unit:
-        _per_unit_axis(axes, signal.per_unit)
-    for index, zoom in enumerate(zooms):
-        gap = 0.46
-        panel = min((width - gap * (len(zooms) - 1)) / len(zooms), 3.2)
-        place = add_axes(figure, _LEFT + index * (panel + gap), _BOTTOM, panel, _ZOOM_HEIGHT)
-        rippled |= _draw_zoom(place, result, signal, zoom, panel, first=index == 0)
-    figure.legend(
-        *zip(*entries, strict=True),
-        ncols=columns,
-        loc="upper left",
-        bbox_to_anchor=(_LEFT / PAGE_IN, 1.0 - 0.04 / height),
+    name, unit = signal.axis_label, signal.unit
+    second = functools.partial(_per_unit_axis, signal.per_unit) if signal.per_unit else None
+    row = Row(
+        f"{name} [{unit}]",
+        functools.partial(_draw, result, signal),
+        f"{name.partition(',')[0]} [{unit}]",
+        second,
     )
-    return NamedFigure(signal.name, signal.title, _caption(result, signal, zooms, labels, rippled), figure)
+    return run_figure(
+        RunFigure(
+            name=signal.name,
+            title=signal.title,
+            caption=_caption(result, signal, zooms),
+            duration_s=result.study.simulation.duration,
+            events=result.study.events,
+            columns=[[row]],
+            zooms=[zooms],
+            entries=_legend_entries(result, signal),
+        )
+    )
 
 
-def choose_zooms(result: ScenarioResult, signal: Signal) -> tuple[Zoom, ...]:
+def choose_zooms(result: ScenarioResult, signal: Signal) -> tuple[EventZoom, ...]:
     """The signal's own reference steps first, then the events that move it most, in order of time."""
     duration = result.study.simulation.duration
     starts = sorted({event.t_s for event in result.study.events})
@@ -134,10 +90,10 @@ def choose_zooms(result: ScenarioResult, signal: Signal) -> tuple[Zoom, ...]:
     ranked.sort(key=lambda item: (item[0], item[1]), reverse=True)
     chosen = sorted(ranked[:_MOST_ZOOMS], key=lambda item: item[2].t_s)
     zooms = []
-    for letter, (is_step, _, event) in zip("abcdefgh", chosen, strict=False):
+    for is_step, _, event in chosen:
         end_s = min(event.t_s + interesting_time(result, event, ends[event.t_s]), ends[event.t_s])
         begin_s = max(event.t_s - 0.08 * (end_s - event.t_s), 0.0)
-        zooms.append(Zoom(event, letter, begin_s, end_s, is_step))
+        zooms.append(EventZoom(begin_s, end_s, short_name(event), event.t_s, event=event, is_step=is_step))
     return tuple(zooms)
 
 
@@ -160,55 +116,72 @@ def interesting_time(result: ScenarioResult, event: Event, end_s: float) -> floa
     return max(1.5 * longest, event.over * 1.2, 5.0 * cycle)
 
 
-def _draw_main(
-    axes: Any,
-    signal: Signal,
-    zooms: Sequence[Zoom],
-    events: Sequence[Event],
-    labels: EventLabels,
-    unit: TimeUnit,
-    width_in: float,
-) -> bool:
-    for zoom in zooms:
-        axes.axvspan(zoom.begin_s / unit.seconds, zoom.end_s / unit.seconds, ymax=0.03, **ZOOM_SPAN)
-    mark_events(axes, [event.t_s for event in events], unit)
-    draw_labels(axes, labels, unit)
-    rippled = draw_traces(axes, signal, 0.0, unit, width_in, signal.traces)
-    if signal.target is not None:
-        t_s, values = signal.target
-        axes.plot(t_s / unit.seconds, values, **REFERENCE)
-    low, high = _limits(axes, signal)
+def _draw(result: ScenarioResult, signal: Signal, axes: Any, view: View) -> None:
+    """The curves, what they should follow, and their limits, in the whole run or around one event."""
+    zoom = view.zoom
+    traces = _shown(signal, zoom)
+    if isinstance(zoom, EventZoom) and zoom.is_step:
+        _draw_step_bands(axes, result, signal, zoom)
+    draw_traces(axes, signal, view, traces)
+    if zoom is None:
+        _draw_target(axes, signal, view)
+        low, high = _limits(axes, signal)
+    else:
+        low, high = _limits(axes, signal)
+        axes.set_ylim(low, high)
+        _draw_target(axes, signal, view)
+        low, high = _with_near_target(signal, zoom, low, high)
     if signal.band is not None:
         axes.axhspan(*signal.band, **LIMITS_BAND)
         span = high - low
         # Limits just outside the data are worth showing, far ones would flatten the curves.
-        for limit in signal.band:
+        for limit in signal.band if zoom is None else ():
             low = min(low, limit - 0.05 * span) if limit > low - 1.0 * span else low
             high = max(high, limit + 0.05 * span) if limit < high + 1.0 * span else high
     axes.set_ylim(low, high)
-    return rippled
 
 
-def draw_traces(
-    axes: Any, signal: Signal, origin_s: float, unit: TimeUnit, width_in: float, traces: Sequence[Trace]
-) -> bool:
-    """Draw every controller's curve; for large ripple, a light envelope and the dark mean. Returns whether it is
-    large.
-    """
-    columns = round(width_in * min(_PIXELS_PER_IN, _COLUMNS_FOR_ALL / len(traces)))
-    drawn_range = max([signal.smallest_range, *(float(np.ptp(trace.y)) for trace in traces if len(trace.y))])
-    rippled = any(trace.ripple > _HIDING_RIPPLE * drawn_range for trace in traces)
+def _shown(signal: Signal, zoom: Zoom | None) -> Sequence[Trace]:
+    return signal.traces if zoom is None else [trace.between(zoom.begin_s, zoom.end_s) for trace in signal.traces]
+
+
+def _draw_target(axes: Any, signal: Signal, view: View) -> None:
+    if signal.target is not None:
+        t_s, values = signal.target
+        axes.plot(view.place(t_s), values, **REFERENCE)
+
+
+def _with_near_target(signal: Signal, zoom: Zoom, low: float, high: float) -> tuple[float, float]:
+    """Limits with the reference inside. One far away (a ramp elsewhere in the scenario) does not set the scale."""
+    if signal.target is None:
+        return low, high
+    t_s, values = signal.target
+    seen = values[(t_s >= zoom.begin_s) & (t_s <= zoom.end_s)]
+    lowest, highest = min([low, *seen]), max([high, *seen])
+    room = 0.04 * (highest - lowest)
+    return (lowest - room if lowest < low else low), (highest + room if highest > high else high)
+
+
+def draw_traces(axes: Any, signal: Signal, view: View, traces: Sequence[Trace]) -> None:
+    """Draw every controller's curve; for large ripple, a light envelope and the dark mean."""
+    columns = round(view.width_in * min(_PIXELS_PER_IN, _COLUMNS_FOR_ALL / len(traces)))
+    rippled = _is_rippled(signal, traces)
     for index, trace in enumerate(traces):
         if not len(trace.y):  # a simulation that had diverged before
             continue
         style = line_style(index)
-        t = (trace.t - origin_s) / unit.seconds
+        t = view.place(trace.t)
         if rippled:
             axes.fill_between(*envelope(t, trace.y, columns), color=style["color"], alpha=0.25, linewidth=0.3, zorder=2)
         y = trace.mean if rippled else trace.y
         picks = extreme_indices(y, columns)
         axes.plot(t[picks], y[picks], zorder=3 + 0.01 * index, **style)
-    return rippled
+
+
+def _is_rippled(signal: Signal, traces: Sequence[Trace]) -> bool:
+    """Whether the ripple is so large beside what is drawn that it would hide the mean."""
+    drawn_range = max([signal.smallest_range, *(float(np.ptp(trace.y)) for trace in traces if len(trace.y))])
+    return any(trace.ripple > _HIDING_RIPPLE * drawn_range for trace in traces)
 
 
 def _limits(axes: Any, signal: Signal) -> tuple[float, float]:
@@ -221,44 +194,7 @@ def _limits(axes: Any, signal: Signal) -> tuple[float, float]:
     return (low - 0.5 * missing, high + 0.5 * missing) if missing > 0.0 else (low, high)
 
 
-def _draw_zoom(axes: Any, result: ScenarioResult, signal: Signal, zoom: Zoom, width_in: float, first: bool) -> bool:
-    unit = time_unit(zoom.end_s - zoom.event.t_s)
-    origin = zoom.event.t_s
-    parts = [trace.between(zoom.begin_s, zoom.end_s) for trace in signal.traces]
-    if zoom.is_step:
-        _draw_step_bands(axes, result, signal, zoom)
-    rippled = draw_traces(axes, signal, origin, unit, width_in, parts)
-    axes.set_ylim(*_limits(axes, signal))
-    if signal.target is not None:
-        limits = axes.get_ylim()
-        t_s, values = signal.target
-        axes.plot((t_s - origin) / unit.seconds, values, **REFERENCE)
-        # A reference far away (a ramp elsewhere in the scenario) must not set the scale; a near one may.
-        seen = values[(t_s >= zoom.begin_s) & (t_s <= zoom.end_s)]
-        low, high = min([limits[0], *seen]), max([limits[1], *seen])
-        room = 0.04 * (high - low)
-        axes.set_ylim(low - room if low < limits[0] else low, high + room if high > limits[1] else high)
-    if signal.band is not None:
-        limits = axes.get_ylim()
-        axes.axhspan(*signal.band, **LIMITS_BAND)
-        axes.set_ylim(limits)
-    mark_events(axes, [0.0], unit)
-    axes.set_xlim((zoom.begin_s - origin) / unit.seconds, (zoom.end_s - origin) / unit.seconds)
-    axes.set_xlabel(f"Time after event [{unit.symbol}]")
-    axes.set_title(symbols(_fitting(f"({zoom.letter}) {short_name(zoom.event)}", width_in)))
-    axes.locator_params(axis="x", nbins=max(int(width_in / 0.28), 2))
-    axes.locator_params(axis="y", nbins=5)
-    if first:
-        axes.set_ylabel(f"{signal.axis_label.partition(',')[0]} [{signal.unit}]")
-    return rippled
-
-
-def _fitting(text: str, width_in: float) -> str:
-    room = max(int((width_in + 0.3) / text_width("x")), 6)
-    return text if len(text) <= room else text[: room - 1] + "…"
-
-
-def _draw_step_bands(axes: Any, result: ScenarioResult, signal: Signal, zoom: Zoom) -> None:
+def _draw_step_bands(axes: Any, result: ScenarioResult, signal: Signal, zoom: EventZoom) -> None:
     """The ±2 % band of the step about each final value; one grey band where the controllers end together."""
     bands = []
     for index, controller in enumerate(result.controllers):
@@ -278,7 +214,7 @@ def _draw_step_bands(axes: Any, result: ScenarioResult, signal: Signal, zoom: Zo
         axes.axhspan(final - half, final + half, **style)
 
 
-def _per_unit_axis(axes: Any, per_unit: float) -> None:
+def _per_unit_axis(per_unit: float, axes: Any) -> None:
     # No lambdas: the figure may be sent to another process.
     functions = functools.partial(_in_per_unit, per_unit), functools.partial(operator.mul, per_unit)
     second = axes.secondary_yaxis("right", functions=functions)
@@ -308,17 +244,13 @@ def _legend_entries(result: ScenarioResult, signal: Signal) -> list[tuple[Any, s
     return entries
 
 
-def _legend_shape(labels: Sequence[str], width_in: float) -> tuple[int, int]:
-    """(columns, rows) of a legend that stays within the axes' width."""
-    widest = max(text_width(label) for label in labels) + 0.55
-    columns = max(min(int(width_in / widest), len(labels)), 1)
-    return columns, -(-len(labels) // columns)
-
-
-def _caption(result: ScenarioResult, signal: Signal, zooms: Sequence[Zoom], labels: EventLabels, rippled: bool) -> str:
+def _caption(result: ScenarioResult, signal: Signal, zooms: Sequence[EventZoom]) -> str:
     parts = [f"{signal.caption}."]
     if zooms:
-        names = ", ".join(f"({zoom.letter}) {zoom.event.name} at {zoom.event.t_s:g} s" for zoom in zooms)
+        names = ", ".join(
+            f"({letter}) {zoom.event.name} at {zoom.event.t_s:g} s"
+            for letter, zoom in zip(LETTERS, zooms, strict=False)
+        )
         more = len({event.t_s for event in result.study.events}) - len(zooms)
         rest = f"; {more} other event{'s' if more > 1 else ''} not enlarged" if more > 0 else ""
         parts.append(f"Top: the whole scenario; below: the stretches marked on its time axis, enlarged, {names}{rest}.")
@@ -327,8 +259,6 @@ def _caption(result: ScenarioResult, signal: Signal, zooms: Sequence[Zoom], labe
             "Bands: ±2 % of the step about the value that the response ends at, in a controller's colour where the "
             "controllers end apart."
         )
-    if rippled:
+    if any(_is_rippled(signal, _shown(signal, zoom)) for zoom in (None, *zooms)):
         parts.append("Light: range of the instantaneous value; dark: its mean over the preceding cycle.")
-    if labels.numbered:
-        parts.append("Numbers above the axes: events as numbered in the study.")
     return " ".join(parts)
