@@ -18,9 +18,10 @@ from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, GridEstimate, Limit
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.operating_point.sampled import cold_start
 from vsgdesign.parameters import Study, load_study, study_from_text
-from vsgdesign.simulation import GainChange, build_timeline, gain_changes, run_scenario, simulate
+from vsgdesign.simulation import GainChange, build_timeline, gain_changes, simulate
 from vsgdesign.simulation.bodies import numbers_of
 from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.scenario import run_scenario
 
 PUBLISHED = Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml"
 

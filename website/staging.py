@@ -58,7 +58,7 @@ API = {
         ),
     ),
     "design": ("Design", ("vsgdesign.design", "vsgdesign.design.inner")),
-    "simulation": ("Simulation", ("vsgdesign.simulation",)),
+    "simulation": ("Simulation", ("vsgdesign.simulation", "vsgdesign.simulation.scenario")),
     "certificate": ("Certificate", ("vsgdesign.certificate",)),
     "identification": ("Estimators of the grid", ("vsgdesign.identification",)),
     "stability": ("Stability", ("vsgdesign.stability.maps", "vsgdesign.stability.margins", "vsgdesign.stability.loci")),

@@ -20,7 +20,7 @@ from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import Event
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.stability.cells import cells_under, full_order_cells, grid_arrays
 from vsgdesign.stability.loci import modes
 from vsgdesign.stability.maps import margin_map

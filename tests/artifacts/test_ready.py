@@ -18,7 +18,7 @@ from vsgdesign.parameters.estimator import EstimatorSpec
 from vsgdesign.parameters.study import ControllerSpec
 from vsgdesign.pipeline import make_ready
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.stability.assessment import assess
 
 TABLED = replace(controller(robust_study()), name="tabled", schedule="table")

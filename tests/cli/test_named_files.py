@@ -24,7 +24,7 @@ from vsgdesign.design import certify
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline import make_ready
 from vsgdesign.runtime.of_study import schedule_of
-from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import run_scenario
 
 TABLE = """
 [[controllers]]

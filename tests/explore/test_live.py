@@ -21,7 +21,7 @@ from vsgdesign.explore.scene import scene_of
 from vsgdesign.explore.state import state_of
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import Study
-from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import run_scenario
 
 EVENTS: tuple[dict[str, Any], ...] = (
     {"kind": "step", "size": 0.1},

@@ -32,7 +32,7 @@ from vsgdesign.explore.state import StateError, state_of
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.grid import Place
 from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import run_scenario
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from vsgdesign.estimator.methods import ComparisonSettings
 from vsgdesign.identification import ESTIMATORS, Estimate, EstimatorKind, Installation, Needs, Probe, Samples
 from vsgdesign.parameters import load_study, study_from_text
 from vsgdesign.pipeline.run import run_study
-from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import run_scenario
 
 ANSWER = (0.9, 2.9e-3)
 

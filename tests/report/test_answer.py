@@ -21,9 +21,9 @@ from vsgdesign.report.quantities import number, percent
 from vsgdesign.report.scenario import tables
 from vsgdesign.report.scenario.answer import MOST_STEPS, scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.outcomes import step_outcomes
-from vsgdesign.simulation.judging import judge_estimates
 from vsgdesign.simulation.outcome import Outcome
-from vsgdesign.simulation.promises import promises_kept
+from vsgdesign.simulation.scenario.judging import judge_estimates
+from vsgdesign.simulation.scenario.promises import promises_kept
 
 
 def answered(result):

@@ -21,8 +21,7 @@ from vsgdesign.report.scenario.field_rests import (
     rests_of,
 )
 from vsgdesign.report.scenario.page import write_page
-from vsgdesign.simulation import ScenarioResult
-from vsgdesign.simulation.scenario import mean_cycles, run_scenario
+from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles, run_scenario
 
 STUDY = """
 base = "case:hoang2025_5kva"

@@ -19,10 +19,10 @@ from vsgdesign.explore.scene import scene_of
 from vsgdesign.explore.state import defaults, state_of
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.event import Event
-from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.run import Simulation
+from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.survival import CaseRun, GridState, Subject, SurvivalCase, trace_case
 from vsgdesign.stability.cells import cells_under
 from vsgdesign.verification.case_study import case_study

@@ -10,8 +10,7 @@ import pytest
 from vsgdesign.parameters import study_from_text
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.verdict import verdict
-from vsgdesign.simulation import run_scenario
-from vsgdesign.simulation.scenario import ScenarioResult
+from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 
 STUDY = """base = "case:hoang2025_5kva"
 [converter]

@@ -17,10 +17,11 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.frames import clarke_inverse
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Network
-from vsgdesign.simulation import build_timeline, gain_changes, run_scenario, simulate
+from vsgdesign.simulation import build_timeline, gain_changes, simulate
 from vsgdesign.simulation.clearing import cleared_at_zeros, found_events, with_instants
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation
+from vsgdesign.simulation.scenario import run_scenario
 
 ASKED_S = 0.22
 

@@ -20,10 +20,11 @@ from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.report.scenario.estimate_tables import estimate_text
 from vsgdesign.runtime.of_study import schedule_of
-from vsgdesign.simulation import MeasuredWindow, run_scenario, simulate
+from vsgdesign.simulation import MeasuredWindow, simulate
 from vsgdesign.simulation.estimated import NO_DESIGN, TRAINED_PHASE, EstimatedScheduler, window_channels
 from vsgdesign.simulation.gains import GainChange, settled_changes
-from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.simulation.scenario.judging import judge_estimates
 
 TEXT = """
 base = "case:hoang2025_5kva"

@@ -25,9 +25,10 @@ from vsgdesign.identification.field import FieldEstimator, FieldState, estimate_
 from vsgdesign.identification.interface import Estimate, Samples
 from vsgdesign.parameters import Grid, Study
 from vsgdesign.runtime.scheduler import scheduler_of
-from vsgdesign.simulation import GainChange, HeldBack, Probe, Recorder, Simulation, run_scenario, simulate
+from vsgdesign.simulation import GainChange, HeldBack, Probe, Recorder, Simulation, simulate
 from vsgdesign.simulation.bodies import numbers_of, record_like, zero_record
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle, settings_of_study
+from vsgdesign.simulation.scenario import run_scenario
 
 FOLLOWING = """
 [[controllers]]

@@ -15,12 +15,11 @@ from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.parameters.grid import Grid, GridEstimate
 from vsgdesign.report.page.converter import network_in_words
-from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.feeds import LateSchedule, gain_feed, told_of
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.online import WindowPowers
 from vsgdesign.simulation.rest import expected_rests, knows_its_rests
-from vsgdesign.simulation.scenario import operating_points
+from vsgdesign.simulation.scenario import operating_points, run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 
 ISLAND = """

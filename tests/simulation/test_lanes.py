@@ -16,11 +16,10 @@ from vsgdesign.metrics.survival import ExpectedRest
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes import run as lanes_run
-from vsgdesign.simulation.lanes.cases import STEP, LaneCases
+from vsgdesign.simulation.lanes.cases import STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import Rests, last_of, rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.telling import telling
-from vsgdesign.simulation.segments import segments_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import own_rest_of
 from vsgdesign.simulation.timeline import build_timeline

@@ -29,15 +29,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import StudyError
 from vsgdesign.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.parameters import Grid, Study, study_from_text
-from vsgdesign.simulation import (
-    FixedGains,
-    GainChange,
-    MeasuredWindow,
-    Recorder,
-    Simulation,
-    run_scenario,
-    simulate,
-)
+from vsgdesign.simulation import FixedGains, GainChange, MeasuredWindow, Recorder, Simulation, simulate
+from vsgdesign.simulation.scenario import run_scenario
 
 SAG = """
 [[events]]

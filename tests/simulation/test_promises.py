@@ -18,8 +18,8 @@ from vsgdesign.parameters.grid import Grid, Place
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.promise_tables import promise_sentences, promises_table
 from vsgdesign.report.scenario.verdict import verdict
-from vsgdesign.simulation import ScenarioResult, run_scenario
-from vsgdesign.simulation.promises import CLOSED_FORM, GATES, TABLE, promises_kept, promises_of
+from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
+from vsgdesign.simulation.scenario.promises import CLOSED_FORM, GATES, TABLE, promises_kept, promises_of
 from vsgdesign.stability.cells import cells_under, full_order_cells
 from vsgdesign.stability.margins import full_order_margins
 

@@ -17,8 +17,8 @@ from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, TOO_SHORT, UNSTA
 from vsgdesign.model.full_order import full_order_map
 from vsgdesign.parameters import Study, load_study, study_from_text
 from vsgdesign.parameters.grid import GridEstimate
-from vsgdesign.simulation import ScenarioResult, run_scenario
 from vsgdesign.simulation.rest import expected_rests, expected_rests_of, rests
+from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.stability.loci import quantity_of
 

@@ -14,7 +14,7 @@ from vsgdesign.errors import StudyError
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.event import Event
 from vsgdesign.parameters.event_kinds import EVENT_KINDS
-from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.verification.draws import cases_of, families, uniforms_of
 

@@ -16,8 +16,8 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.parameters import Study, load_study
 from vsgdesign.parameters.grid import Place
 from vsgdesign.pipeline.training import make_network
-from vsgdesign.simulation import run_scenario
-from vsgdesign.simulation.judging import Judgement, judge_estimates
+from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.simulation.scenario.judging import Judgement, judge_estimates
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 

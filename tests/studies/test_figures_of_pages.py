@@ -9,7 +9,7 @@ import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.parameters import load_study
-from vsgdesign.simulation import run_scenario
+from vsgdesign.simulation.scenario import run_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [

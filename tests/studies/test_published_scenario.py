@@ -12,7 +12,7 @@ import pytest
 
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.parameters import load_study
-from vsgdesign.simulation import ScenarioResult, run_scenario
+from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "published_averaged" / "study.toml"
 

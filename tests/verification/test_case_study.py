@@ -22,9 +22,9 @@ from vsgdesign.parameters.loading import load_study
 from vsgdesign.parameters.toml_file import toml_text
 from vsgdesign.report.scenario.verdict import survival_text
 from vsgdesign.report.scenario.verdict import verdict as verdict_text
-from vsgdesign.simulation import run_scenario
 from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
+from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.verification.case_study import case_study
 from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
 

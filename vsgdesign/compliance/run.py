@@ -24,8 +24,8 @@ from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.clearing import with_instants
 from vsgdesign.simulation.energy import dc_energy_steps
+from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.scenario import feed_of
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.stability.loops import network_frequency_perturbation

@@ -44,7 +44,7 @@ def events_of(study: Study) -> list[dict[str, Any]]:  # noqa: ARG001 - as the se
 
 
 def study_of(scene: Scene, ready: Ready, state: State, k: int) -> Study:
-    """The study whose run :func:`vsgdesign.simulation.run_scenario` gives the page's EMT of the ``k``-th shown
+    """The study whose run :func:`vsgdesign.simulation.scenario.run_scenario` gives the page's EMT of the ``k``-th shown
     controller: this controller alone, from the state's grid and powers through its event.
 
     The references are those that put this controller at the state's powers in spite of its droops. The bridge is

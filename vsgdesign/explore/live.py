@@ -23,10 +23,11 @@ from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, EventMetrics
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
 from vsgdesign.parameters.study import Study
+from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.outcome import outcome_of
 from vsgdesign.simulation.rest import Rest, expected_rests_of
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.scenario import feed_of, measure_events, rest_at_limit, series_at_pcc
+from vsgdesign.simulation.scenario import measure_events, rest_at_limit, series_at_pcc
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline

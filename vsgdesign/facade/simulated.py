@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from vsgdesign.artifacts.ready import Ready
     from vsgdesign.metrics import EventMetrics
     from vsgdesign.report.figure_types import NamedFigure
-    from vsgdesign.simulation import ControllerResult, ScenarioResult
+    from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def simulate(
     """
     from vsgdesign.execution.progress import silent
     from vsgdesign.pipeline.making import make_ready
-    from vsgdesign.simulation import run_scenario
+    from vsgdesign.simulation.scenario import run_scenario
 
     tell = progress or silent
     there = ready or make_ready(study, bridge=bridge, workers=workers, progress=progress)

@@ -31,12 +31,11 @@ from vsgdesign.parameters import Study
 from vsgdesign.pipeline.inner import assess_inner_loops, inner_document
 from vsgdesign.pipeline.making import Made, made, nothing_to_make
 from vsgdesign.pipeline.training import judgement_document, network_document, training_document
-from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.gains import GainChange, settled_changes
-from vsgdesign.simulation.judging import judge_estimates
-from vsgdesign.simulation.promises import Kept, promises_kept
 from vsgdesign.simulation.rest import Instability
-from vsgdesign.simulation.scenario import mean_cycles
+from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, mean_cycles, run_scenario
+from vsgdesign.simulation.scenario.judging import judge_estimates
+from vsgdesign.simulation.scenario.promises import Kept, promises_kept
 from vsgdesign.stability.loci import shares_of
 
 if TYPE_CHECKING:
@@ -65,8 +64,8 @@ def run_study(
     shows no meaningful response. A design that ``out`` has already, made from the same inputs by the same program,
     is taken from there, and ``say`` is told; the files are the same. ``show`` is given what a terminal prints of
     the run. Returns the content of results.json. The folder appears when everything is done; after an error or an
-    interruption the old folder is unchanged. Raises the errors of :func:`vsgdesign.simulation.run_scenario` and
-    ArtifactError.
+    interruption the old folder is unchanged. Raises the errors of
+    :func:`vsgdesign.simulation.scenario.run_scenario` and ArtifactError.
     """
     tell = progress or silent
     verb = "vsgdesign run" if report else "vsgdesign simulate"

@@ -23,7 +23,7 @@ from vsgdesign.simulation.estimated import same_period
 if TYPE_CHECKING:  # the estimator's room is loaded by who trains
     from vsgdesign.estimator.recipes import WindowRecipe
     from vsgdesign.estimator.trained import TrainedEstimator, TrainedFieldNetwork
-    from vsgdesign.simulation.judging import Judgement
+    from vsgdesign.simulation.scenario.judging import Judgement
 
 
 def trains(study: Study) -> bool:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
     from vsgdesign.design.comparison import Comparison
     from vsgdesign.estimator.trained import TrainedEstimator
-    from vsgdesign.simulation import ScenarioResult
+    from vsgdesign.simulation.scenario import ScenarioResult
     from vsgdesign.simulation.stability_result import StabilityResult
 
 __all__ = [

@@ -6,26 +6,21 @@ from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import FixedGains, HeldBack, MeasuredWindow, OnlineScheduler, Recorder
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, run_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 
 __all__ = [
-    "ControllerResult",
     "FieldScheduler",
     "FixedGains",
     "GainChange",
     "HeldBack",
     "MeasuredWindow",
     "OnlineScheduler",
-    "OperatingPointRow",
     "Probe",
     "Recorder",
-    "ScenarioResult",
     "Simulation",
     "Timeline",
     "build_timeline",
     "gain_changes",
     "gain_feed",
-    "run_scenario",
     "simulate",
 ]

@@ -18,9 +18,8 @@ from vsgdesign.parameters.loading import FILES, study_from_document
 from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study, StudyOrigin
 from vsgdesign.parameters.toml_file import toml_text
-from vsgdesign.simulation.lanes.cases import STEP, LaneCases
+from vsgdesign.simulation.lanes.cases import STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import ends_of
-from vsgdesign.simulation.segments import segments_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 
 _LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "network", "events", "grid", "simulation")

@@ -17,9 +17,9 @@ from vsgdesign.report.scenario.outcomes import StepOutcome
 from vsgdesign.report.scenario.promise_tables import PROMISES, reached, slack
 from vsgdesign.report.scenario.signals import Signal, power_signals
 from vsgdesign.report.scenario.verdict import verdict
-from vsgdesign.simulation import ControllerResult, ScenarioResult
-from vsgdesign.simulation.judging import Judgement
-from vsgdesign.simulation.promises import Kept
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
+from vsgdesign.simulation.scenario.judging import Judgement
+from vsgdesign.simulation.scenario.promises import Kept
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.verification.promises import LIMIT_ROOM
 

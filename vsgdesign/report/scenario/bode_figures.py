@@ -20,8 +20,8 @@ from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.report.quantities import plain_quantity
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.feeds import as_told
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
 
 _MOST_GRIDS = 6

@@ -17,9 +17,9 @@ from vsgdesign.report.drawing.time_axis import short_name, symbols
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.report.quantities import prefix_for
-from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.estimated import EstimateLog
-from vsgdesign.simulation.judging import judge_estimates
+from vsgdesign.simulation.scenario import ScenarioResult
+from vsgdesign.simulation.scenario.judging import judge_estimates
 
 _MOST_ZOOMS = 3
 _COLUMNS = 700

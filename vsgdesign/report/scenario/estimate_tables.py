@@ -18,10 +18,10 @@ from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.runtime.guards import SchedulerSettings
-from vsgdesign.simulation import ScenarioResult
 from vsgdesign.simulation.estimated import estimator_of
 from vsgdesign.simulation.field_feed import probe_of
-from vsgdesign.simulation.judging import Judgement
+from vsgdesign.simulation.scenario import ScenarioResult
+from vsgdesign.simulation.scenario.judging import Judgement
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator

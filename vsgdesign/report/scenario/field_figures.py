@@ -19,8 +19,8 @@ from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.scenario.estimate_figures import change_zooms
 from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of
-from vsgdesign.simulation import ControllerResult, ScenarioResult
-from vsgdesign.simulation.judging import twin_of
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
+from vsgdesign.simulation.scenario.judging import twin_of
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,8 @@ from vsgdesign.parameters.grid import Grid
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.report.quantities import DASH, number, plain
-from vsgdesign.simulation import ControllerResult, ScenarioResult
-from vsgdesign.simulation.judging import twin_of
-from vsgdesign.simulation.scenario import samples_per_mean
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
+from vsgdesign.simulation.scenario.judging import twin_of
 
 SETTLE_S = 4.0
 """From an event to the rest after it, s. What the estimator reaches at rest needs this long."""

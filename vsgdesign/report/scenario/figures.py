@@ -19,7 +19,7 @@ from vsgdesign.report.drawing.time_axis import short_name, symbols
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.scenario.schedule_figures import schedule_figures
 from vsgdesign.report.scenario.signals import Signal, events_of, signals
-from vsgdesign.simulation import ScenarioResult
+from vsgdesign.simulation.scenario import ScenarioResult
 
 _MOST_ZOOMS = 4
 _PIXELS_PER_IN = 100.0

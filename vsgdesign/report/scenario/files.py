@@ -13,7 +13,7 @@ from vsgdesign.report.scenario.bode_figures import bode_figures
 from vsgdesign.report.scenario.estimate_figures import estimate_figures
 from vsgdesign.report.scenario.field_figures import field_figures
 from vsgdesign.report.scenario.figures import scenario_figures
-from vsgdesign.simulation import ScenarioResult
+from vsgdesign.simulation.scenario import ScenarioResult
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator

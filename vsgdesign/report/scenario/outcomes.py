@@ -14,9 +14,8 @@ from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.quantities import number, percent
-from vsgdesign.simulation import ControllerResult, OperatingPointRow, ScenarioResult
-from vsgdesign.simulation.promises import Promises, not_promised, promises_of
-from vsgdesign.simulation.scenario import samples_per_mean
+from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, samples_per_mean
+from vsgdesign.simulation.scenario.promises import Promises, not_promised, promises_of
 
 _TIME_SLACK = 1.005
 _OVERSHOOT_SLACK_PCT = 0.05

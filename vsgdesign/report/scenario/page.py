@@ -36,11 +36,10 @@ from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline,
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.verdict import explanation, survival_sentence, verdict
-from vsgdesign.simulation import ScenarioResult
-from vsgdesign.simulation.judging import Judgement, judge_estimates
-from vsgdesign.simulation.promises import promises_kept
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
-from vsgdesign.simulation.scenario import mean_cycles
+from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles
+from vsgdesign.simulation.scenario.judging import Judgement, judge_estimates
+from vsgdesign.simulation.scenario.promises import promises_kept
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.quantities import DASH, number, plain
-from vsgdesign.simulation.promises import Kept
+from vsgdesign.simulation.scenario.promises import Kept
 
 PROMISES = {
     "damping_ratio": "damping ratio",

@@ -14,7 +14,7 @@ from vsgdesign.report.drawing.style import COLOURS, COLUMN_IN, line_style, look
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.quantities import prefix_for
-from vsgdesign.simulation import ScenarioResult
+from vsgdesign.simulation.scenario import ScenarioResult
 
 _LOG_FROM = 4.0
 """A ratio of largest to smallest from which a logarithmic axis reads better."""

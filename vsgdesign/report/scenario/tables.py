@@ -12,9 +12,8 @@ from vsgdesign.report.page.converter import grid_label, specs_table
 from vsgdesign.report.quantities import DASH, GAIN_UNITS, number, percent, plain, prefix_for, quantity
 from vsgdesign.report.scenario.bode_figures import distinct_grids, loops_on_grids
 from vsgdesign.report.scenario.outcomes import RULE, StepOutcome, coupling
-from vsgdesign.simulation import ControllerResult, ScenarioResult
 from vsgdesign.simulation.gains import settled_changes
-from vsgdesign.simulation.scenario import mean_cycles
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, mean_cycles
 
 
 def controllers_table(result: ScenarioResult) -> Table:

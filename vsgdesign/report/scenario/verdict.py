@@ -9,8 +9,8 @@ from vsgdesign.metrics.events import UNSTABLE
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.scenario.outcomes import StepOutcome, settling_factor
-from vsgdesign.simulation import ControllerResult, ScenarioResult
-from vsgdesign.simulation.promises import CLOSED_FORM
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
+from vsgdesign.simulation.scenario.promises import CLOSED_FORM
 
 _MOST_LISTED = 6
 _WEAK_COUPLING = 0.1

@@ -23,13 +23,12 @@ from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
+from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import Rests, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import DIVERGED, JUDGED, NO_REST, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.telling import OfTrueGrid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series, samples_per_mean
-from vsgdesign.simulation.segments import segments_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import own_rest_of, record_of
 

@@ -20,10 +20,10 @@ from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.bodies import DISTURBANCE, MEAN_STEP, Kind
 from vsgdesign.simulation.bodies import STEP as STEP_WATCHED
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, ProgramWriter
-from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
+from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
 from vsgdesign.simulation.loop import Build, kind_of, side_by_side, watched_names
-from vsgdesign.simulation.segments import START_PHASE, segments_of
+from vsgdesign.simulation.segments import START_PHASE
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]

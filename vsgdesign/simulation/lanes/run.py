@@ -22,7 +22,7 @@ from vsgdesign.parameters.network import only_a_grid
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.alone import run_alone
-from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases
+from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.learning import Listeners, before_learning, samples_of_mean
 from vsgdesign.simulation.lanes.own_rest import judge_steps, pieces, recovered
 from vsgdesign.simulation.lanes.part import Part, make_part
@@ -40,7 +40,7 @@ from vsgdesign.simulation.lanes.results import (
 )
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, alone_because, learns, telling
 from vsgdesign.simulation.outcome import BOUND_PU
-from vsgdesign.simulation.segments import Segments, segments_of
+from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
 
 Array = NDArray[np.float64]

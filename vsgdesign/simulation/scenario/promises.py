@@ -22,7 +22,7 @@ from vsgdesign.parameters.source import GridSource
 from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.feeds import as_told
-from vsgdesign.simulation.scenario import OperatingPointRow, ScenarioResult
+from vsgdesign.simulation.scenario.controllers import OperatingPointRow, ScenarioResult
 from vsgdesign.stability.cells import GainLaw, cells_under, full_order_cells, reduced_cells
 from vsgdesign.stability.margins import MarginTable, full_order_margins, reduced_margins
 
