@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.report.drawing.look import blues, scale_between
 from vsgdesign.report.drawing.sketch import END, MIDDLE, Sketch, Words
 from vsgdesign.report.quantities import plain
 
@@ -17,9 +18,6 @@ _CELL_WIDTH, _CELL_HEIGHT = 41.0, 19.0
 _LEFT, _TOP, _BOTTOM, _RIGHT = 56.0, 26.0, 34.0, 8.0
 _LEGEND = 24.0
 _LOST, _HATCH, _NO_VERDICT = "#F0B48C", "#B4622A", "#E4E4E4"
-
-_RAMP = np.array([[0.93, 0.96, 0.99], [0.68, 0.82, 0.92], [0.35, 0.60, 0.80], [0.05, 0.33, 0.56]])
-"""From pale to dark blue; what is lost is orange and hatched."""
 
 _SHORT = {
     "slipped": "slips",
@@ -100,11 +98,11 @@ def _label(axis: Mapping[str, Any]) -> str:
 
 def _cell(sketch: Sketch, corner: tuple[float, float], value: float, status: str, ends: tuple[float, float]) -> None:
     x, y = corner
-    share = _share(value, ends)
     said = _said(value, status)
     # A fault of no length at all is what a converter survives that survives none.
     known = bool(np.isfinite(value)) and value != 0.0
-    colour = _colour(share) if known else _NO_VERDICT if said in _WITHOUT_VERDICT else _LOST
+    lost = _NO_VERDICT if said in _WITHOUT_VERDICT else _LOST
+    colour = _colour(float(scale_between(*ends)(value))) if known else lost
     sketch.box(x, y, _CELL_WIDTH, _CELL_HEIGHT, colour, "#FFFFFF")
     if colour == _LOST:
         # Along the lower edge, so that the word stays readable.
@@ -149,17 +147,5 @@ def _ends(values: Array) -> tuple[float, float]:
     return (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
 
 
-def _share(value: float, ends: tuple[float, float]) -> float:
-    """Place on the ramp; logarithmic for values of one sign that vary much, because the long ones hide the rest."""
-    low, high = ends
-    if not np.isfinite(value) or high <= low:
-        return 0.5
-    if low > 0.0 and high > 4.0 * low:
-        return float(np.log(value / low) / np.log(high / low))
-    return float((value - low) / (high - low))
-
-
 def _colour(share: float) -> str:
-    places = np.linspace(0.0, 1.0, len(_RAMP))
-    rgb = (float(np.interp(share, places, _RAMP[:, k])) for k in range(3))
-    return "#" + "".join(f"{round(255 * value):02X}" for value in rgb)
+    return "#" + "".join(f"{round(255 * value):02X}" for value in blues(share).tolist())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,8 @@ class Scale:
     larger_is_better: bool = True
     log: bool = False
     ticks: tuple[float, ...] = ()
+    listed: Any = field(default=None, compare=False)
+    """Colours from ``low`` to ``high``; None: the ramp, or the two sides of the gate."""
 
     def __call__(self, values: Any) -> Array:
         """Place on the colour bar, 0 to 1."""
@@ -80,9 +82,22 @@ class Scale:
 
     def colours(self) -> Any:
         """The colour map that goes with it."""
-        if self.gate is None:
-            return _ramp_map()
-        return _gate_map(self.larger_is_better)
+        if self.listed is not None:
+            from matplotlib.colors import ListedColormap
+
+            return ListedColormap(self.listed, name="listed")
+        return _ramp_map() if self.gate is None else _gate_map(self.larger_is_better)
+
+
+def scale_between(low: float, high: float) -> Scale:
+    """Logarithmic for positive values that vary much, because the large ones would hide the rest.
+
+    A value alone lies in the middle, and is the only tick.
+    """
+    if high - low <= 1e-6 * max(abs(low), abs(high)):
+        room = 0.05 * abs(low) or 1.0
+        return Scale(low - room, high + room, ticks=(low,))
+    return Scale(low, high, log=low > 0.0 and high > 4.0 * low)
 
 
 def gate_scale(
@@ -100,10 +115,20 @@ def gate_scale(
 def _gate_map(larger_is_better: bool) -> Any:
     from matplotlib.colors import ListedColormap
 
-    worse = _oklch(np.linspace(0.46, 0.89, 64), np.linspace(0.125, 0.085, 64), np.linspace(45.0, 75.0, 64))
-    better = _oklch(np.linspace(0.91, 0.40, 64), np.linspace(0.045, 0.115, 64), np.linspace(225.0, 258.0, 64))
-    colours = np.concatenate([worse, better])
+    colours = np.concatenate([oranges(np.linspace(0.0, 1.0, 64))[::-1], blues(np.linspace(0.0, 1.0, 64))])
     return ListedColormap(colours if larger_is_better else colours[::-1], name="gate")
+
+
+def blues(shares: Any) -> Array:
+    """sRGB (..., 3) from pale (0) to dark blue (1)."""
+    s = np.asarray(shares, dtype=float)
+    return _oklch(0.91 - 0.51 * s, 0.045 + 0.07 * s, 225.0 + 33.0 * s)
+
+
+def oranges(shares: Any) -> Array:
+    """sRGB (..., 3) from pale (0) to dark orange (1)."""
+    s = np.asarray(shares, dtype=float)
+    return _oklch(0.89 - 0.43 * s, 0.085 + 0.04 * s, 75.0 - 30.0 * s)
 
 
 @functools.cache
@@ -217,17 +242,44 @@ class Cells:
 
 def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in: float, raster: bool = False) -> None:
     """Colours, unstable and missing cells, and the staircase between cells that meet the gate and those that do not."""
-    from matplotlib.collections import PolyCollection
+    x, y = node_axes(axes, cells.x, cells.y, width_in, height_in, (cells.x_log, cells.y_log))
+    paint(axes, x, y, np.where(cells.unstable | cells.missing, np.nan, cells.values), scale, raster)
+    shade(axes, x, y, cells.missing, NO_POINT)
+    shade(axes, x, y, cells.unstable, UNSTABLE)
+    _marks(axes, cells, cells.missing, CROSS)
+    _marks(axes, cells, cells.partial & ~cells.missing, PARTIAL)
+    if cells.outside is not None:
+        _marks(axes, cells, cells.outside & ~cells.missing, OUTSIDE)
+    _gate_line(axes, x, y, cells, scale)
 
-    x, y = edges(cells.x, cells.x_log), edges(cells.y, cells.y_log)
+
+def node_axes(
+    axes: Any, x: Array, y: Array, width_in: float, height_in: float, log: tuple[bool, bool] = (True, True)
+) -> tuple[Array, Array]:
+    """Axes with a tick at every node that has room, and the borders of the nodes' cells; linear ones in per cent."""
+    x_edges, y_edges = edges(x, log[0]), edges(y, log[1])
+    bin_axes(axes, x_edges, y_edges, log)
+    value_ticks(axes.xaxis, x.tolist(), width_in, log[0], along=True, factor=1.0 if log[0] else 100.0)
+    value_ticks(axes.yaxis, y.tolist(), height_in, log[1], along=False, factor=1.0 if log[1] else 100.0)
+    return x_edges, y_edges
+
+
+def bin_axes(axes: Any, x_edges: Array, y_edges: Array, log: tuple[bool, bool] = (True, True)) -> None:
+    """Axes of a map from the first border of its cells to the last one."""
     axes.grid(False)
-    axes.set_xscale("log" if cells.x_log else "linear")
-    axes.set_yscale("log" if cells.y_log else "linear")
-    shown = np.where(cells.unstable | cells.missing, np.nan, scale(cells.values))
+    axes.set_xscale("log" if log[0] else "linear")
+    axes.set_yscale("log" if log[1] else "linear")
+    axes.set_xlim(x_edges[0], x_edges[-1])
+    axes.set_ylim(y_edges[0], y_edges[-1])
+    axes.tick_params(which="both", direction="out")
+
+
+def paint(axes: Any, x_edges: Array, y_edges: Array, values: Array, scale: Scale, raster: bool = False) -> None:
+    """The colours of all cells, ``values`` (x, y); a cell that is NaN stays as it is."""
     axes.pcolormesh(
-        x,
-        y,
-        np.ma.masked_invalid(shown.T),
+        x_edges,
+        y_edges,
+        np.ma.masked_invalid(scale(values).T),
         cmap=scale.colours(),
         vmin=0.0,
         vmax=1.0,
@@ -237,20 +289,15 @@ def draw_cells(axes: Any, cells: Cells, scale: Scale, width_in: float, height_in
         rasterized=raster,
         clip_on=False,
     )
-    for mask, style in ((cells.missing, NO_POINT), (cells.unstable, UNSTABLE)):
-        if mask.any():
-            boxes = [_box(x, y, i, j) for i, j in np.argwhere(mask)]
-            axes.add_collection(PolyCollection(boxes, zorder=2, **style))
-    _marks(axes, cells, cells.missing, CROSS)
-    _marks(axes, cells, cells.partial & ~cells.missing, PARTIAL)
-    if cells.outside is not None:
-        _marks(axes, cells, cells.outside & ~cells.missing, OUTSIDE)
-    _gate_line(axes, x, y, cells, scale)
-    axes.set_xlim(x[0], x[-1])
-    axes.set_ylim(y[0], y[-1])
-    value_ticks(axes.xaxis, cells.x.tolist(), width_in, cells.x_log, along=True, factor=1.0 if cells.x_log else 100.0)
-    value_ticks(axes.yaxis, cells.y.tolist(), height_in, cells.y_log, along=False, factor=1.0 if cells.y_log else 100.0)
-    axes.tick_params(which="both", direction="out")
+
+
+def shade(axes: Any, x_edges: Array, y_edges: Array, cells: NDArray[np.bool_], style: dict[str, Any]) -> None:
+    """A hatch or a colour over some cells (x, y)."""
+    from matplotlib.collections import PolyCollection
+
+    if cells.any():
+        boxes = [_box(x_edges, y_edges, i, j) for i, j in np.argwhere(cells)]
+        axes.add_collection(PolyCollection(boxes, zorder=2, **style), autolim=False)
 
 
 def _box(x: Array, y: Array, i: int, j: int) -> list[tuple[float, float]]:

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.report.drawing.look import MOST_VECTORS, Cells, Scale, colour_bar, draw_cells, legend_patches
+from vsgdesign.report.drawing.look import (
+    MOST_VECTORS,
+    Cells,
+    Scale,
+    colour_bar,
+    draw_cells,
+    legend_patches,
+    scale_between,
+)
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, look, new_figure, text_width
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.figure_types import NamedFigure
@@ -55,13 +63,9 @@ class Frame:
     """Why a cell may have no value."""
 
 
+@look()
 def map_figure(frame: Frame, rows: Sequence[Sequence[Panel]], scale: Scale) -> NamedFigure:
     """Panels in rows, one scale and one colour bar for all, axes labelled at the outer panels only."""
-    with look():
-        return _map_figure(frame, rows, scale)
-
-
-def _map_figure(frame: Frame, rows: Sequence[Sequence[Panel]], scale: Scale) -> NamedFigure:
     columns = max(len(row) for row in rows)
     bar = _BAR_GAP + _BAR + _BAR_ROOM
     width = min((PAGE_IN - _LEFT - bar - 0.02 - _BETWEEN_X * (columns - 1)) / columns, _WIDEST)
@@ -190,6 +194,7 @@ class Surface:
     key: str = ""
 
 
+@look()
 def surface_figure(
     named: tuple[str, str, str], scr: Array, x_over_r: Array, surfaces: Sequence[Surface], x_label: str, part: int
 ) -> NamedFigure:
@@ -209,9 +214,7 @@ def surface_figure(
         if surfaces[k].key:
             axes.patch.set_gid(f"hover.{surfaces[k].key}")
 
-    name, title, caption = named
-    with look():
-        return NamedFigure(name, title, caption, scaled_maps(panels, x_label, draw), part)
+    return NamedFigure(*named, scaled_maps(panels, x_label, draw), part)
 
 
 def surface_scale(values: Array) -> Scale:
@@ -220,16 +223,15 @@ def surface_scale(values: Array) -> Scale:
 
     known = values[np.isfinite(values)]
     low, high = float(known.min()), float(known.max())
-    if high - low <= 1e-6 * max(abs(low), abs(high)):
-        room = 0.05 * abs(low) or 1.0
-        return Scale(low - room, high + room, ticks=(low,))
-    if low > 0.0 and high > 4.0 * low:
+    scale = scale_between(low, high)
+    if scale.ticks:
+        return scale
+    if scale.log:
         decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
         round_numbers = [m * 10.0**d for d in decades for m in (1.0, 2.0, 5.0)]
         inside = [t for t in round_numbers if low <= t <= high]
-        return Scale(low, high, log=True, ticks=tuple(inside if len(inside) > 1 else np.geomspace(low, high, 4)))
-    inside = [float(t) for t in MaxNLocator(5).tick_values(low, high) if low <= t <= high]
-    return Scale(low, high, ticks=tuple(inside))
+        return replace(scale, ticks=tuple(inside if len(inside) > 1 else np.geomspace(low, high, 4)))
+    return replace(scale, ticks=tuple(float(t) for t in MaxNLocator(5).tick_values(low, high) if low <= t <= high))
 
 
 def _power_of(values: Array) -> tuple[float, str]:

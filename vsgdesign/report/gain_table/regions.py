@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.parameters.stability import Gates
-from vsgdesign.report.drawing.look import NO_POINT, Cells, edges, value_ticks
+from vsgdesign.report.drawing.look import CROSS, Cells, Scale, draw_cells, edges, node_axes, shade
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure, surface_scale
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.figure_types import NamedFigure
@@ -19,13 +19,16 @@ from vsgdesign.report.quantities import plain
 from vsgdesign.report.stability.maps import DAMPING, DISK
 from vsgdesign.stability.gain_table import stale_margins
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 CONSTRAINTS, CERTIFICATE, STALE = 4, 5, 6
 """Parts of the page."""
 
 _NONE = "no constraint active"
 _FREE = "#F3F6F9"
 _HATCH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#FFFFFF", "hatch": "\\\\\\\\\\\\", "linewidth": 0.0}
-_WIDTH, _LEFT, _BOTTOM, _TOP = 3.4, 0.5, 0.36, 0.08
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 3.4, 2.1, 0.5, 0.36, 0.08
 
 
 def constraint_figures(table: GainTable) -> Iterator[NamedFigure]:
@@ -49,49 +52,40 @@ def constraint_figures(table: GainTable) -> Iterator[NamedFigure]:
         yield map_figure(frame, [[Panel("", table_cells(table, table.price))]], surface_scale(known))
 
 
-def active_figure(table: GainTable) -> NamedFigure:
-    """The active constraint of each cell, with relaxed cells hatched."""
-    with look():
-        return _draw_active(table)
-
-
 def _kind(active: str) -> str:
     """What limits a cell, without the value that would have to be allowed, because cells are coloured by kind."""
     return active.split(" → ")[0].split(":")[0].replace("_", " ") or _NONE
 
 
-def _draw_active(table: GainTable) -> NamedFigure:
-    from matplotlib.collections import PolyCollection
+@look()
+def active_figure(table: GainTable) -> NamedFigure:
+    """The active constraint of each cell, with relaxed cells hatched."""
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    height = 0.62 * _WIDTH
-    figure = new_figure(PAGE_IN, _BOTTOM + height + _TOP)
-    axes = _plane(figure, table, height)
-    x, y = edges(table.scr), edges(table.x_over_r)
     words = np.vectorize(_kind, otypes=[object])(table.active).astype(str)
     kinds = sorted(set(words[table.valid].tolist()), key=lambda word: (word == _NONE, word))
-    colours = {word: _FREE if word == _NONE else _lighter(COLOURS[k % len(COLOURS)]) for k, word in enumerate(kinds)}
+    colours = [_FREE if word == _NONE else _lighter(COLOURS[k % len(COLOURS)]) for k, word in enumerate(kinds)]
+    numbers = np.full(table.shape, np.nan)
     entries: list[tuple[Any, str]] = []
-    for word in kinds:
-        cells = np.argwhere(table.valid & (words == word))
-        boxes = [_corners(x, y, i, j) for i, j in cells]
-        axes.add_collection(
-            PolyCollection(boxes, facecolor=colours[word], edgecolor="#FFFFFF", linewidth=0.4, zorder=1)
-        )
-        entries.append((Patch(facecolor=colours[word], edgecolor="#999999", linewidth=0.4), f"{word} ({len(cells)})"))
-    relaxed = np.argwhere(table.status == "relaxed")
-    if len(relaxed):
-        boxes = [_corners(x, y, i, j) for i, j in relaxed]
-        axes.add_collection(PolyCollection(boxes, zorder=2, **_HATCH))
+    for k, word in enumerate(kinds):
+        cells = table.valid & (words == word)
+        numbers[cells] = k
+        entries.append((Patch(facecolor=colours[k], edgecolor="#999999", linewidth=0.4), f"{word} ({cells.sum()})"))
+    figure, axes = _beside_legend()
+    nowhere = np.zeros(table.shape, dtype=bool)
+    cells = Cells(
+        x=table.scr, y=table.x_over_r, values=numbers, unstable=nowhere, missing=~table.valid, partial=nowhere
+    )
+    draw_cells(axes, cells, Scale(-0.5, len(kinds) - 0.5, listed=colours), _WIDTH, _HEIGHT)
+    relaxed = table.status == "relaxed"
+    if relaxed.any():
+        shade(axes, edges(table.scr), edges(table.x_over_r), relaxed, _HATCH)
         patch = Patch(facecolor="#9A9A9A", edgecolor="#FFFFFF", hatch="\\\\\\\\\\\\\\\\", linewidth=0.0)
-        entries.append((patch, f"hatched: a promise was relaxed ({len(relaxed)})"))
-    outside = np.argwhere(~table.valid)
-    if len(outside):
-        boxes = [_corners(x, y, i, j) for i, j in outside]
-        axes.add_collection(PolyCollection(boxes, zorder=2, **NO_POINT))
-        axes.plot(table.scr[outside[:, 0]], table.x_over_r[outside[:, 1]], "x", markersize=2.6, color="#8A8A8A")
-        entries.append((Patch(**{**NO_POINT, "edgecolor": "#999999", "linewidth": 0.4}), f"outside ({len(outside)})"))
-    _legend(figure, entries, height)
+        entries.append((patch, f"hatched: a promise was relaxed ({relaxed.sum()})"))
+    if not table.valid.all():
+        entries.append((Line2D([], [], **{**CROSS, "markersize": 4.0}), f"outside ({(~table.valid).sum()})"))
+    _label(figure, axes, table, entries)
     caption = (
         "How to read: the colour says which constraint keeps the design of a cell from being better; in brackets the "
         "number of cells."
@@ -104,18 +98,17 @@ def certificate_figure(table: GainTable) -> NamedFigure | None:
     certificate = table.certificate
     if certificate is None or certificate.region.scr is None or certificate.region.x_over_r is None:
         return None
-    with look():
-        return _draw_certificate(table, certificate, certificate.region.scr, certificate.region.x_over_r)
+    return _draw_certificate(table, certificate, certificate.region.scr, certificate.region.x_over_r)
 
 
+@look()
 def _draw_certificate(
     table: GainTable, certificate: CertificateRecord, scr: tuple[float, float], x_over_r: tuple[float, float]
 ) -> NamedFigure:
     from matplotlib.patches import Rectangle
 
-    height = 0.62 * _WIDTH
-    figure = new_figure(PAGE_IN, _BOTTOM + height + _TOP)
-    axes = _plane(figure, table, height)
+    figure, axes = _beside_legend()
+    node_axes(axes, table.scr, table.x_over_r, _WIDTH, _HEIGHT)
     failed, decay = not certificate.certified, certificate.decay
     proved = "certified" if decay is None else f"certified: decay ≥ {plain(decay, 3)} 1/s"
     shade = {"facecolor": "#CFE3F1", "edgecolor": COLOURS[0], "linewidth": 1.2, "zorder": 1}
@@ -149,7 +142,7 @@ def _draw_certificate(
     if (cell := certificate.cell) is not None:
         (mark,) = axes.plot([cell.scr], [cell.x_over_r], "*", markersize=11.0, color=COLOURS[1], zorder=4)
         entries.append((mark, "counterexample: unstable" if cell.is_unstable else "slowest cell"))
-    _legend(figure, entries, height)
+    _label(figure, axes, table, entries)
     if failed:
         caption = (
             "How to read: for the hatched region, with the certificate's powers and errors of the estimate, no proof "
@@ -199,35 +192,22 @@ def stale_figures(table: GainTable) -> Iterator[NamedFigure]:
         yield map_figure(frame, [panels], quantity.scale(gates))
 
 
-def _plane(figure: Any, table: GainTable, height: float) -> Any:
-    axes = add_axes(figure, _LEFT, _BOTTOM, _WIDTH, height)
-    axes.grid(False)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    x, y = edges(table.scr), edges(table.x_over_r)
-    axes.set_xlim(x[0], x[-1])
-    axes.set_ylim(y[0], y[-1])
-    value_ticks(axes.xaxis, table.scr.tolist(), _WIDTH, True, along=True)
-    value_ticks(axes.yaxis, table.x_over_r.tolist(), height, True, along=False)
+def _beside_legend() -> tuple[Figure, Any]:
+    """A figure with one map on the left and room for a legend on the right; and the axes of the map."""
+    figure = new_figure(PAGE_IN, _BOTTOM + _HEIGHT + _TOP)
+    return figure, add_axes(figure, _LEFT, _BOTTOM, _WIDTH, _HEIGHT)
+
+
+def _label(figure: Figure, axes: Any, table: GainTable, entries: list[tuple[Any, str]]) -> None:
     axes.set_xlabel(scr_label(table))
     axes.set_ylabel("X/R [1]")
-    axes.tick_params(which="both", direction="out")
-    return axes
-
-
-def _legend(figure: Any, entries: list[tuple[Any, str]], height: float) -> None:
-    total = _BOTTOM + height + _TOP
     figure.legend(
         *zip(*entries, strict=True),
         loc="upper left",
         handleheight=1.1,
         labelspacing=0.5,
-        bbox_to_anchor=((_LEFT + _WIDTH + 0.2) / PAGE_IN, (_BOTTOM + height) / total),
+        bbox_to_anchor=((_LEFT + _WIDTH + 0.2) / PAGE_IN, (_BOTTOM + _HEIGHT) / (_BOTTOM + _HEIGHT + _TOP)),
     )
-
-
-def _corners(x: Any, y: Any, i: int, j: int) -> list[tuple[float, float]]:
-    return [(x[i], y[j]), (x[i + 1], y[j]), (x[i + 1], y[j + 1]), (x[i], y[j + 1])]
 
 
 def _lighter(colour: str) -> tuple[float, float, float]:
@@ -235,7 +215,3 @@ def _lighter(colour: str) -> tuple[float, float, float]:
 
     red, green, blue = (0.35 + 0.65 * part for part in to_rgb(colour))
     return red, green, blue
-
-
-def _is_pair(value: object) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(isinstance(v, int | float) and v > 0.0 for v in value)

@@ -19,7 +19,7 @@ from vsgdesign.artifacts.verification_text import (
     promise_about,
     value_text,
 )
-from vsgdesign.report.drawing.look import Scale, gate_scale
+from vsgdesign.report.drawing.look import Scale, bin_axes, blues, oranges, paint
 from vsgdesign.report.drawing.panels import Scaled, scaled_maps, surface_scale
 from vsgdesign.report.drawing.style import COLOURS, look
 from vsgdesign.report.figure_types import NamedFigure
@@ -32,6 +32,10 @@ MAPS = 2
 
 _EMPTY = "#C9C9C9"
 """Grey of bins without cases: apart from the pale blue of bins without a broken case."""
+_SHARES = np.concatenate([[[0.90, 0.945, 0.975]], oranges(np.linspace(0.04, 1.0, 255))])
+"""Nothing broken is pale blue; shares go from light to dark orange."""
+_COUNTS = blues(np.linspace(0.0, 0.7, 256))
+"""Few cases are pale and many are blue, so that marks of any other colour stand out."""
 _BROKEN: dict[str, Any] = {
     "marker": "o",
     "markersize": 3.4,
@@ -43,28 +47,6 @@ _BROKEN: dict[str, Any] = {
 }
 _RANK: dict[str, Any] = {"marker": "+", "markersize": 5.0, "markeredgewidth": 1.0, "linestyle": "", "zorder": 7}
 _FOUND: dict[str, Any] = {"marker": "x", "markersize": 4.4, "markeredgewidth": 1.1, "linestyle": "", "zorder": 7}
-
-
-class _ShareScale(Scale):
-    """Nothing broken is pale blue; shares go from light to dark orange."""
-
-    def colours(self) -> Any:
-        """A colour map whose first step is zero alone."""
-        from matplotlib.colors import ListedColormap
-
-        orange = gate_scale(0.0, 2.0, 1.0, (), larger_is_better=False).colours()(np.linspace(0.52, 1.0, 255))
-        return ListedColormap(np.concatenate([[[0.90, 0.945, 0.975, 1.0]], orange]), name="share")
-
-
-class _CountScale(Scale):
-    """Few cases are pale and many are blue, so that marks of any other colour stand out."""
-
-    def colours(self) -> Any:
-        """The better half of the colours of a limit, reversed."""
-        from matplotlib.colors import ListedColormap
-
-        blue = gate_scale(0.0, 2.0, 1.0, ()).colours()(np.linspace(0.5, 0.85, 256))
-        return ListedColormap(blue, name="count")
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,12 +155,13 @@ def _count_panels(name: str, family: Mapping[str, Any], bins: _Bins) -> Iterator
     if bins.broken.any():
         shares = np.where(empty, np.nan, 100.0 * bins.broken / np.where(empty, 1.0, bins.judged))
         top = float(np.nanmax(shares))
-        scale = _ShareScale(0.0, top, ticks=tuple(_round_ticks(0.0, top)))
+        scale = Scale(0.0, top, ticks=tuple(_round_ticks(0.0, top)), listed=_SHARES)
         yield _Panel("Share of broken cases", "Broken [%]", shares, scale, bins.broken > 0.0)
     counts = np.where(empty, np.nan, bins.judged)
     top = float(bins.judged.max())
     title = f"Judged {noun}" + (", and the worst of them" if bins.worst or bins.found else "")
-    yield _Panel(title, "Cases [1]", counts, _CountScale(0.0, top, ticks=tuple(_round_ticks(0.0, top))), places=True)
+    scale = Scale(0.0, top, ticks=tuple(_round_ticks(0.0, top)), listed=_COUNTS)
+    yield _Panel(title, "Cases [1]", counts, scale, places=True)
 
 
 def _round_ticks(low: float, high: float, count: int = 6) -> list[float]:
@@ -210,26 +193,11 @@ def _draw(name: str, family: Mapping[str, Any], panels: Sequence[_Panel], bins: 
 
 def _draw_panel(axes: Any, panel: _Panel, bins: _Bins) -> None:
     x, y = bins.scr, bins.x_over_r
-    axes.grid(False)
     axes.set_facecolor(_EMPTY)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.pcolormesh(
-        x,
-        y,
-        np.ma.masked_invalid(panel.scale(panel.values).T),
-        cmap=panel.scale.colours(),
-        vmin=0.0,
-        vmax=1.0,
-        zorder=1,
-        edgecolors="face",
-        linewidth=0.4,
-    )
-    axes.set_xlim(x[0], x[-1])
-    axes.set_ylim(y[0], y[-1])
+    bin_axes(axes, x, y)
+    paint(axes, x, y, panel.values, panel.scale)
     for axis, ends in ((axes.xaxis, x), (axes.yaxis, y)):
         _log_ticks(axis, float(ends[0]), float(ends[-1]))
-    axes.tick_params(which="both", direction="out")
     if panel.places:
         for cases, style, colour in ((bins.worst, _RANK, COLOURS[1]), (bins.found, _FOUND, COLOURS[6])):
             ends = [case.get("end") or case["start"] for case in cases]
