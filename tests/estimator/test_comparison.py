@@ -32,6 +32,7 @@ from vsgdesign.parameters.background import draw_background
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.pipeline.estimator import report_comparison
+from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.estimator.figures import comparison_figures, stress_figures, write_all
 from vsgdesign.report.estimator.page import (
     comparison_conclusion,
@@ -41,7 +42,6 @@ from vsgdesign.report.estimator.page import (
     write_comparison_page,
     write_stress_page,
 )
-from vsgdesign.report.quantities import number
 
 SETTINGS = ComparisonSettings(scr=(8.0,), grid_steps=((2.0, 8.0),), draws=3)
 NETWORKS = {"Untrained": random_weights(synchronised=True)}

@@ -13,7 +13,7 @@ from vsgdesign.explore.fields import STUDY_FIELDS, changed_study, fields_of, gai
 from vsgdesign.explore.state import OWN, StateError, defaults, state_of
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.study import Study
-from vsgdesign.report.quantities import GAIN_UNITS
+from vsgdesign.report.drawing.quantities import GAIN_UNITS
 
 STUDIES = ("structures", "utility", "table")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vsgdesign.metrics.beside_limit import beside_limit
-from vsgdesign.report.quantities import number, percent
+from vsgdesign.report.drawing.quantities import number, percent
 
 
 def decimals(value: float, digits: int) -> str:

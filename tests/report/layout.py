@@ -7,9 +7,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import compact
 from vsgdesign.report.drawing.style import look
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 
 
 def assert_apart(figure: Figure, slack: float, name: str) -> None:

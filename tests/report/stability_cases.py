@@ -12,7 +12,7 @@ from tests.report.layout import write_svg
 from vsgdesign.parameters import study_from_text
 from vsgdesign.pipeline import StabilityResult, assess_study
 from vsgdesign.report import WrittenFigure, write_stability_figures, write_stability_report
-from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.stability.figures import stability_figures
 from vsgdesign.simulation.evidence import step_evidence
 

@@ -14,10 +14,10 @@ from vsgdesign.metrics.events import UNSTABLE
 from vsgdesign.metrics.step_response import no_figures
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing import spark
+from vsgdesign.report.drawing.quantities import number, percent
 from vsgdesign.report.drawing.sketch import Area, Sketch, Stroke, svg
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.page.html import print_fragment
-from vsgdesign.report.quantities import number, percent
 from vsgdesign.report.scenario import tables
 from vsgdesign.report.scenario.answer import MOST_STEPS, scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.outcomes import step_outcomes

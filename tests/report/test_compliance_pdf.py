@@ -18,9 +18,9 @@ from vsgdesign.report.compliance.figures import draw
 from vsgdesign.report.compliance.page import compliance_page
 from vsgdesign.report.drawing import paper
 from vsgdesign.report.drawing.paper import HEIGHT, MARGIN, WIDTH, Sheet, text_width, wrapped
+from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.drawing.sketch import END, MIDDLE, Words
 from vsgdesign.report.page.pdf import print_pdf
-from vsgdesign.report.quantities import typeset
 
 
 @functools.cache

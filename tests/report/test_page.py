@@ -15,8 +15,8 @@ from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE
 from vsgdesign.metrics.step_response import no_figures
 from vsgdesign.report import write_report
+from vsgdesign.report.drawing.quantities import number, plain_quantity, prefix_for, quantity
 from vsgdesign.report.page import converter
-from vsgdesign.report.quantities import number, plain_quantity, prefix_for, quantity
 from vsgdesign.report.scenario import tables
 from vsgdesign.report.scenario.outcomes import overshoot_of, settling_factor, step_outcomes, uncoupled_P
 from vsgdesign.report.scenario.signals import source_frequency

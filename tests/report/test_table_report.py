@@ -18,8 +18,8 @@ from tests.report.layout import assert_apart, write_svg
 from vsgdesign.artifacts import GainTable, read_table_file
 from vsgdesign.pipeline.table import report_table
 from vsgdesign.report import write_table_figures, write_table_report
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.panels import surface_scale
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.figures import table_figures
 from vsgdesign.report.gain_table.maps import limit_of, varies

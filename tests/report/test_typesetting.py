@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.page.html import environment, with_subscripts
-from vsgdesign.report.quantities import typeset
 from vsgdesign.stability.verdict import _margin
 
 

@@ -15,7 +15,7 @@ from tests.report.layout import assert_apart
 from tests.verification_documents import document
 from vsgdesign.artifacts.verification_text import promise_sentences
 from vsgdesign.report import write_verification_report
-from vsgdesign.report.figure_types import NamedFigure
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.verification.page import (
     again_text,
     case_value,

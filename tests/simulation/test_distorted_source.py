@@ -9,8 +9,8 @@ from tests.simulation.studies import lc_study
 from vsgdesign.operating_point.plant import plant_step
 from vsgdesign.operating_point.plants import state_matrices
 from vsgdesign.parameters.source import SourceComponent
+from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.page.terminal import print_terminal
-from vsgdesign.report.quantities import number
 from vsgdesign.report.scenario.page import limits_of_validity, terminal_blocks
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import Connection

@@ -11,7 +11,7 @@ from vsgdesign.facade.shown import Shown
 from vsgdesign.parameters.study import Study
 
 if TYPE_CHECKING:
-    from vsgdesign.report.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figure_types import NamedFigure
     from vsgdesign.simulation.stability_result import StabilityResult
 
 

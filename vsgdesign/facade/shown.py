@@ -13,7 +13,7 @@ from vsgdesign.errors import ArtifactError, did_you_mean
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from vsgdesign.report.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figure_types import NamedFigure
 
 _MARK = "vsgdesign"
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from vsgdesign.artifacts.ready import Ready
     from vsgdesign.metrics import EventMetrics
-    from vsgdesign.report.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figure_types import NamedFigure
     from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 
 

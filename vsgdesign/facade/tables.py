@@ -15,7 +15,7 @@ from vsgdesign.parameters.study import Study
 if TYPE_CHECKING:
     from vsgdesign.certificate import Certificate, Counterexample
     from vsgdesign.export import ExportedC
-    from vsgdesign.report.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figure_types import NamedFigure
 
 Progress = Callable[[str, float], None]
 

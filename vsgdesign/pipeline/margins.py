@@ -23,7 +23,7 @@ from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.parameters import Study
 from vsgdesign.parameters.study import ControllerSpec
 from vsgdesign.pipeline.study_tables import study_tables
-from vsgdesign.report.figure_types import ExplorerFile
+from vsgdesign.report.drawing.figure_types import ExplorerFile
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.stability.assessment import (

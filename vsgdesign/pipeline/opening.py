@@ -25,7 +25,7 @@ from vsgdesign.identification.registry import needs_network
 from vsgdesign.parameters import load_study
 from vsgdesign.parameters.loading import base_files
 from vsgdesign.parameters.study import InnerLoopRequest, Study
-from vsgdesign.report.quantities import plain
+from vsgdesign.report.drawing.quantities import plain
 
 Say = Callable[[str], None]
 """Takes one sentence for the user."""

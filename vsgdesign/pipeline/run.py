@@ -39,7 +39,7 @@ from vsgdesign.simulation.scenario.promises import Kept, promises_kept
 from vsgdesign.stability.loci import shares_of
 
 if TYPE_CHECKING:
-    from vsgdesign.report.figure_types import WrittenFigure
+    from vsgdesign.report.drawing.figure_types import WrittenFigure
     from vsgdesign.report.page.blocks import Block
 
 

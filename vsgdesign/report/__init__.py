@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.report.figure_types import ExplorerFile, WrittenFigure
+from vsgdesign.report.drawing.figure_types import ExplorerFile, WrittenFigure
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from vsgdesign.report.drawing.quantities import DASH
 from vsgdesign.report.page.blocks import Block, Table, Where, words
-from vsgdesign.report.quantities import DASH
 
 if TYPE_CHECKING:
     from vsgdesign.design import ClosedFormDesign

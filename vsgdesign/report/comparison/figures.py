@@ -11,11 +11,11 @@ import numpy as np
 
 from vsgdesign.design.comparison import STATES, Compared, Comparison
 from vsgdesign.report.comparison.tables import bounds_inertia, error_of, inertia_asked, label, share
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.look import NO_POINT
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import COLUMN_IN, TEXT_PT, add_axes, look, new_figure
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.quantities import plain
 
 LOOKS: dict[str, dict[str, Any]] = {
     "kept": {"facecolor": "#0072B2"},

@@ -19,7 +19,8 @@ from vsgdesign.report.comparison.tables import (
     verdicts,
 )
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.drawing.quantities import number, plain
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -40,7 +41,6 @@ from vsgdesign.report.page.blocks import (
     without_empty,
     words,
 )
-from vsgdesign.report.quantities import number, plain
 
 
 def comparison_page(comparison: Comparison, figures: Sequence[WrittenFigure] = ()) -> Page:

@@ -7,8 +7,8 @@ import math
 from vsgdesign.design.comparison import CLOSED_FORM, TABLE, Comparison, summary_of
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.parameters.specification import UNBOUNDED_H
+from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.quantities import DASH, GAIN_UNITS, number, plain, plain_quantity
 from vsgdesign.report.stability.gains import used_gains
 
 _ROUNDING = 1e-9

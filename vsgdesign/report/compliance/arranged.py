@@ -8,7 +8,7 @@ from typing import Any
 
 from vsgdesign.compliance.evidence import slug
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS, VERDICTS
-from vsgdesign.report.quantities import number, plain
+from vsgdesign.report.drawing.quantities import number, plain
 
 Document = Mapping[str, Any]
 RowDict = Mapping[str, Any]

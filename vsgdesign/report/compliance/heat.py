@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.report.drawing.look import blues, scale_between
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.sketch import END, MIDDLE, Sketch, Words
-from vsgdesign.report.quantities import plain
 
 Array = NDArray[np.float64]
 

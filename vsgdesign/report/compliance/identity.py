@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from vsgdesign.report.drawing.quantities import plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.quantities import plain, plain_quantity
 
 Document = Mapping[str, Any]
 

@@ -17,8 +17,8 @@ from vsgdesign.report.compliance.arranged import LOOKS, Arranged, Group, Line, R
 from vsgdesign.report.compliance.figures import Drawn, TestFigure, dashes_of
 from vsgdesign.report.drawing.flow import DIM, Cells, Flow, Said
 from vsgdesign.report.drawing.paper import MARGIN, text_width
+from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.drawing.sketch import Sketch, svg
-from vsgdesign.report.quantities import typeset
 
 MOST_OPEN = 30
 """A group with more tests is closed at first, also if one of them fails."""

@@ -1,1 +1,1 @@
-"""What all figures share: style, axes, colours, panels and files."""
+"""What all figures and pages share: style, axes, colours, panels, files, and how a number is written."""

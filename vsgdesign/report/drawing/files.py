@@ -8,8 +8,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.style import look
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vsgdesign.report.drawing.paper import HEIGHT, MARGIN, WIDTH, Picture, Sheet, png_size, wrapped
+from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.drawing.sketch import END, START, Sketch
-from vsgdesign.report.quantities import typeset
 
 SIZE, LEADING = 6.6, 8.4
 """Size of the text of tables and distance of its lines, pt."""

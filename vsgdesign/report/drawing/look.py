@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import TEXT_PT, text_width
-from vsgdesign.report.quantities import plain
 
 Array = NDArray[np.float64]
 

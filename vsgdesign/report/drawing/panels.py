@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import (
     MOST_VECTORS,
     Cells,
@@ -20,7 +21,6 @@ from vsgdesign.report.drawing.look import (
 )
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, look, new_figure, text_width
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.figure_types import NamedFigure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.report.drawing.decimation import extreme_indices
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.sketch import END, MIDDLE, Area, Sketch, Stroke, Words
-from vsgdesign.report.quantities import plain
 
 Array = NDArray[np.float64]
 

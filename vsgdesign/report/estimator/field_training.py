@@ -10,6 +10,8 @@ import numpy as np
 
 from vsgdesign.estimator.scores import AFTER, GROUP_WORDS, GROUPS, SEEN, WAYS, WINDOWS
 from vsgdesign.estimator.trained import TrainedFieldNetwork
+from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.quantities import DASH, number
 from vsgdesign.report.drawing.style import (
     COLUMN_IN,
     PAGE_IN,
@@ -19,9 +21,7 @@ from vsgdesign.report.drawing.style import (
     look,
     new_figure,
 )
-from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.quantities import DASH, number
 
 WAY_WORDS = {
     "physics": "Recursions alone",

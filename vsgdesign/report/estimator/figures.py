@@ -10,7 +10,9 @@ import numpy as np
 
 from vsgdesign.estimator.comparison import WITHIN, Comparison, GridStep
 from vsgdesign.estimator.stress import AxisResult, Stress
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import (
     BAND,
     EVENT_LINE,
@@ -22,8 +24,6 @@ from vsgdesign.report.drawing.style import (
     look,
     new_figure,
 )
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.quantities import plain
 
 LOW_PCT, HIGH_PCT = 0.03, 1000.0
 """Range of the error axes. Values beyond it are drawn on the edge."""

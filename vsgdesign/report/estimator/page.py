@@ -15,8 +15,9 @@ from vsgdesign.estimator.stress import Stress
 from vsgdesign.estimator.trained import TrainedFieldNetwork
 from vsgdesign.identification import SIGNAL_SETS
 from vsgdesign.report.drawing import spark
+from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.estimator.field_training import WAY_WORDS, coverage_table, runs_table, score_table
-from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.page.blocks import (
     BULLETS,
     FACT,
@@ -40,7 +41,6 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.html import print_html
-from vsgdesign.report.quantities import DASH, number, plain
 
 
 def write_comparison_page(study: str, found: Comparison, figures: Sequence[WrittenFigure], out_path: Path) -> Path:

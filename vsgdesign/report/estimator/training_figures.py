@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.estimator.trained import PartOfData, TrainedEstimator
+from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import (
     COLOURS,
     COLUMN_IN,
@@ -19,8 +21,6 @@ from vsgdesign.report.drawing.style import (
     look,
     new_figure,
 )
-from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.quantities import plain
 
 PARTS = ("training", "validation", "test")
 OUTPUTS = (("R", "Ω", "mΩ", 1.0, 1e3), ("L", "mH", "µH", 1e3, 1e6))

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.measured_errors import MeasuredErrors, shipped_errors
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.gain_table.inside import inside_figure
 from vsgdesign.report.gain_table.maps import gain_surfaces, margin_figures
 from vsgdesign.report.gain_table.regions import certificate_figure, constraint_figures, stale_figures

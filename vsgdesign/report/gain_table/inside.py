@@ -8,8 +8,8 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.measured_errors import MeasuredErrors
 from vsgdesign.artifacts.table_text import certificate_failed, error_text
 from vsgdesign.errors import counted
-from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.quantities import plain
+from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.stability.safe_place import SETTLED, InsideSet, inside_set
 
 PART = 5

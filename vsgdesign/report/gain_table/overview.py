@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable
+from vsgdesign.report.drawing.quantities import DASH
 from vsgdesign.report.gain_table.words import heading
 from vsgdesign.report.page.blocks import Block, Table, Where, words
-from vsgdesign.report.quantities import DASH
 from vsgdesign.runtime.needed_sigma import needed_sigma_text, needed_sigmas
 from vsgdesign.stability.gain_table import FIGURES, Compared, figure_of, largest_difference
 

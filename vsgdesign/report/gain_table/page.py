@@ -25,7 +25,8 @@ from vsgdesign.artifacts.table_text import (
 )
 from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.drawing.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.inside import inside_sentence
 from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
@@ -43,7 +44,6 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.html import print_html
-from vsgdesign.report.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
 from vsgdesign.stability.gain_table import figure_of

@@ -13,8 +13,8 @@ from vsgdesign.identification import estimator_kind
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.network_fields import OPEN, Base, Said, network_words
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.report.drawing.quantities import number, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.quantities import number, plain, plain_quantity
 from vsgdesign.simulation.timeline import build_timeline
 
 

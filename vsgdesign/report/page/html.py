@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup, escape
 
 from vsgdesign import __version__
+from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.drawing.sketch import svg
-from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -38,7 +39,6 @@ from vsgdesign.report.page.blocks import (
     numbered,
     printed,
 )
-from vsgdesign.report.quantities import typeset
 
 if TYPE_CHECKING:
     import jinja2

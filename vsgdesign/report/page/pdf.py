@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from vsgdesign import __version__
+from vsgdesign.report.drawing.figure_types import WrittenFigure
 from vsgdesign.report.drawing.flow import BAD, DIM, GOOD, INK, PAD, SIZE, Cells, Flow, Said, alone
 from vsgdesign.report.drawing.paper import HEIGHT, WIDTH, png_size, save, text_width
+from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.drawing.sketch import Sketch
-from vsgdesign.report.figure_types import WrittenFigure
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -37,7 +38,6 @@ from vsgdesign.report.page.blocks import (
     plain_text,
     printed,
 )
-from vsgdesign.report.quantities import typeset
 
 _LEAST_MAP = 0.62
 """Points for each px of a map, at least."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.page.blocks import (
     HEADLINE,
     NUMBERS,
@@ -23,7 +24,6 @@ from vsgdesign.report.page.blocks import (
     plain_text,
     printed,
 )
-from vsgdesign.report.quantities import typeset
 
 if TYPE_CHECKING:
     import rich.table

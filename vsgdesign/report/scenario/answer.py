@@ -10,8 +10,8 @@ from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
 from vsgdesign.metrics.survival import Survival, loads_of
 from vsgdesign.report.drawing import spark
+from vsgdesign.report.drawing.quantities import number, percent, plain
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
-from vsgdesign.report.quantities import number, percent, plain
 from vsgdesign.report.scenario.figures import interesting_time
 from vsgdesign.report.scenario.outcomes import StepOutcome
 from vsgdesign.report.scenario.promise_tables import PROMISES, reached, slack

@@ -14,11 +14,11 @@ from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.operating_point import solve_operating_point
 from vsgdesign.parameters import Grid
+from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.quantities import plain_quantity
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.page.converter import grid_label
-from vsgdesign.report.quantities import plain_quantity
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.feeds import as_told
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult

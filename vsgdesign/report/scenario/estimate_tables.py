@@ -14,9 +14,9 @@ from vsgdesign.identification.registry import needs_network
 from vsgdesign.metrics.estimation import FOUND_PCT
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label
-from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.simulation.estimated import estimator_of
 from vsgdesign.simulation.field_feed import probe_of

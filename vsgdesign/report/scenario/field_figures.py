@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse, polar_band
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.run_figure import Row, RunFigure, View, legend, run_figure
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, REFERENCE, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.scenario.estimate_figures import change_zooms
 from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult

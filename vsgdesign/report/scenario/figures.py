@@ -13,10 +13,10 @@ import numpy as np
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.parameters.study import Event
 from vsgdesign.report.drawing.decimation import Trace, envelope, extreme_indices
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.run_figure import LETTERS, Row, RunFigure, View, Zoom, run_figure
 from vsgdesign.report.drawing.style import BAND, LABEL_PT, LIMITS_BAND, REFERENCE, line_style, look
 from vsgdesign.report.drawing.time_axis import short_name, symbols
-from vsgdesign.report.figure_types import NamedFigure
 from vsgdesign.report.scenario.schedule_figures import schedule_figures
 from vsgdesign.report.scenario.signals import Signal, events_of, signals
 from vsgdesign.simulation.scenario import ScenarioResult

@@ -7,8 +7,8 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.scenario.bode_figures import bode_figures
 from vsgdesign.report.scenario.estimate_figures import estimate_figures
 from vsgdesign.report.scenario.field_figures import field_figures

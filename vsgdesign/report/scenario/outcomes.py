@@ -13,7 +13,7 @@ from vsgdesign.metrics import EventMetrics, step_response
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.report.quantities import number, percent
+from vsgdesign.report.drawing.quantities import number, percent
 from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, samples_per_mean
 from vsgdesign.simulation.scenario.promises import Promises, not_promised, promises_of
 

@@ -10,7 +10,8 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_text import certificate_sentence, table_lines, table_summary
 from vsgdesign.identification.registry import why_no_c
 from vsgdesign.metrics import mean_in_words
-from vsgdesign.report.figure_types import WrittenFigure
+from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.drawing.quantities import plain, plain_quantity
 from vsgdesign.report.inner.page import explanation as explanation_of
 from vsgdesign.report.inner.page import headline, inner_tables, what_for
 from vsgdesign.report.page.blocks import (
@@ -30,7 +31,6 @@ from vsgdesign.report.page.blocks import (
 )
 from vsgdesign.report.page.converter import converter_table, filter_table, known_grid
 from vsgdesign.report.page.html import print_html
-from vsgdesign.report.quantities import plain, plain_quantity
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
 from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers

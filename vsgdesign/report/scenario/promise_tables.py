@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 from vsgdesign.metrics.beside_limit import beside_limit
+from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.quantities import DASH, number, plain
 from vsgdesign.simulation.scenario.promises import Kept
 
 PROMISES = {

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.report.drawing.decimation import extreme_indices
+from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.quantities import prefix_for
 from vsgdesign.report.drawing.run_figure import Row, RunFigure, View, run_figure
 from vsgdesign.report.drawing.style import COLOURS, COLUMN_IN, line_style, look
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.quantities import prefix_for
 from vsgdesign.simulation.scenario import ScenarioResult
 
 _LOG_FROM = 4.0

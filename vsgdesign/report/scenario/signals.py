@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.frames import clarke, peak_to_rms
 from vsgdesign.metrics import EventMetrics, cycle_mean
 from vsgdesign.report.drawing.decimation import Trace, ripple_level
-from vsgdesign.report.quantities import prefix_for
+from vsgdesign.report.drawing.quantities import prefix_for
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
 
 Array = NDArray[np.float64]

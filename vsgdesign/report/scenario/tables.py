@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 from vsgdesign.metrics import EventMetrics, ResponseMetrics, mean_in_words
 from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, TOO_SHORT
+from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, percent, plain, prefix_for, quantity
 from vsgdesign.report.page.blocks import Table, Where
 from vsgdesign.report.page.converter import grid_label, specs_table
-from vsgdesign.report.quantities import DASH, GAIN_UNITS, number, percent, plain, prefix_for, quantity
 from vsgdesign.report.scenario.bode_figures import distinct_grids, loops_on_grids
 from vsgdesign.report.scenario.outcomes import RULE, StepOutcome, coupling
 from vsgdesign.simulation.gains import settled_changes

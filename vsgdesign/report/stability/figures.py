@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.stability.frequency import frequency_figures
 from vsgdesign.report.stability.maps import map_figures
 from vsgdesign.report.stability.modes import mode_figures

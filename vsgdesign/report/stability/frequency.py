@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import decades
 from vsgdesign.report.drawing.panels import groups
+from vsgdesign.report.drawing.quantities import plain, prefix_for
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure, text_width
 from vsgdesign.report.drawing.ticks import Labels, power_of_ten
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.quantities import plain, prefix_for
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment, FocusCell
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.panels import MOST, Surface, surface_figure
+from vsgdesign.report.drawing.quantities import GAIN_UNITS, plain
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.quantities import GAIN_UNITS, plain
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment

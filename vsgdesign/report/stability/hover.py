@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.report.drawing.look import edges
-from vsgdesign.report.quantities import typeset
+from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.stability.gains import used_gains
 from vsgdesign.report.stability.maps import disk_margin_of
 from vsgdesign.report.stability.modes import VIEWS, finite_points, locus_limits

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from vsgdesign.parameters.stability import Gates
 from vsgdesign.parameters.study import Study
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import Frame, Panel, groups, map_figure
-from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.quantities import GAIN_UNITS, plain
+from vsgdesign.report.drawing.quantities import GAIN_UNITS, plain
 from vsgdesign.report.stability.gains import gain_figures, used_gains
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment

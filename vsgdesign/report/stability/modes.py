@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.parameters.study import Study
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import UNSTABLE, colour_bar
 from vsgdesign.report.drawing.panels import groups
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import LABEL_PT, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.quantities import plain
 from vsgdesign.report.stability.maps import DAMPING, axis_labels, baseline_first
 from vsgdesign.report.stability.schedule import place_of_design
 from vsgdesign.simulation.stability_result import StabilityResult

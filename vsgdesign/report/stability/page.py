@@ -9,7 +9,8 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from vsgdesign.report.figure_types import ExplorerFile, WrittenFigure
+from vsgdesign.report.drawing.figure_types import ExplorerFile, WrittenFigure
+from vsgdesign.report.drawing.quantities import DASH, plain_quantity
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -31,7 +32,6 @@ from vsgdesign.report.page.blocks import (
 )
 from vsgdesign.report.page.converter import converter_table, filter_table, specs_table
 from vsgdesign.report.page.html import print_html, text_file
-from vsgdesign.report.quantities import DASH, plain_quantity
 from vsgdesign.report.stability import tables as made
 from vsgdesign.report.stability.hover import hover_json
 from vsgdesign.report.stability.verdict import stability_answer, stability_headline, verdict_text

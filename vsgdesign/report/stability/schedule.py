@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.parameters.study import Study
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Cells
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.quantities import plain
 from vsgdesign.report.stability.maps import CIRCLES, DAMPING, DISK, Quantity, axis_labels
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment

@@ -11,8 +11,8 @@ from vsgdesign.artifacts import provenance
 from vsgdesign.frames import phase_to_ll
 from vsgdesign.metrics.events import TOO_SHORT
 from vsgdesign.metrics.margins import guaranteed_margins
+from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.report.stability.steps import SOURCES, metrics_of
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment

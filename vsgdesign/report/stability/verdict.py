@@ -11,8 +11,8 @@ import numpy as np
 from vsgdesign.model.full_order import PARAMETERS
 from vsgdesign.parameters.study import Study
 from vsgdesign.report.drawing import spark
+from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.page.blocks import MET, MISSED, UNKNOWN, Answer, Cell, Row, counted
-from vsgdesign.report.quantities import number
 from vsgdesign.report.stability.tables import complex_text, state_symbol
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.stability.assessment import ControllerAssessment

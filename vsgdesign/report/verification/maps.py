@@ -19,11 +19,11 @@ from vsgdesign.artifacts.verification_text import (
     promise_about,
     value_text,
 )
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Scale, bin_axes, blues, oranges, paint
 from vsgdesign.report.drawing.panels import Scaled, scaled_maps, surface_scale
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import COLOURS, look
-from vsgdesign.report.figure_types import NamedFigure
-from vsgdesign.report.quantities import plain
 
 Array = NDArray[np.float64]
 

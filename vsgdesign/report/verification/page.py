@@ -26,8 +26,9 @@ from vsgdesign.artifacts.verification_text import (
     value_text,
     worst_text,
 )
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
-from vsgdesign.report.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -42,7 +43,6 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.html import print_html
-from vsgdesign.report.quantities import DASH, number, plain
 from vsgdesign.report.verification.maps import map_figures
 from vsgdesign.report.verification.promises import promises_figure
 

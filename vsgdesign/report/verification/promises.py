@@ -14,9 +14,9 @@ from vsgdesign.artifacts.verification_text import (
     promise_text,
     promises_of,
 )
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.style import COLOURS, NOTE_COLOUR, PAGE_IN, TEXT_PT, add_axes, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.figure_types import NamedFigure
 
 PROMISES = 1
 """Part of the page."""
