@@ -14,6 +14,7 @@ from evidence._field_converters import Converter
 from evidence._field_draws import FieldDraw
 from evidence._field_runs import converter_of, simulate_field, study_of
 from evidence._field_summary import SCR_BINS, quantile
+from evidence._tables import table
 from vsgdesign.equations.field.measuring import LONGER, LONGER_FROM, SLOW_MEMORY
 from vsgdesign.estimator.bound import sensor_noise, tracked_probe_bound
 from vsgdesign.frames import instantaneous_power
@@ -120,16 +121,13 @@ def _line(i: ComplexArray, omega: float, T_s: float, length: float) -> float:
     return float(np.median([abs(np.mean(turned[a:b])) for a, b in itertools.pairwise(edges)]))
 
 
-def probe_table(rows: list[dict[str, Any]]) -> list[str]:
+def probe_table(found: list[dict[str, Any]]) -> list[str]:
     """Markdown: by converter and range of SCR, the median and the largest of each figure."""
-    lines = [
-        "| converter | SCR | runs | line at 3/2 f, % of V: with (without) | line at 5/2 f | ripple of P, % of S: more "
-        "by | least rms error of Z, % | error over it |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    names = dict.fromkeys(row["converter"] for row in rows)
+    head = ("converter", "SCR", "runs", "line at 3/2 f, % of V: with (without)", "line at 5/2 f")
+    errors = ("ripple of P, % of S: more by", "least rms error of Z, %", "error over it")
+    names, rows = dict.fromkeys(row["converter"] for row in found), []
     for name, (low, high) in itertools.product(names, SCR_BINS):
-        mine = [row for row in rows if row["converter"] == name and low <= row["scr"] < high]
+        mine = [row for row in found if row["converter"] == name and low <= row["scr"] < high]
         if not mine:
             continue
         cells = [name, f"{low:g}–{high:g}", f"{len(mine)}"]
@@ -142,5 +140,5 @@ def probe_table(rows: list[dict[str, Any]]) -> list[str]:
         cells.append(f"{quantile(bounds, 0.5):.1f}, at most {max(bounds):.1f}")
         ratios = [row["rms_error"] / row["bound"] for row in mine if row["rms_error"] is not None]
         cells.append(f"{quantile(ratios, 0.5):.2f}" if ratios else "–")
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        rows.append(cells)
+    return table((*head, *errors), rows)

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from evidence._tables import table
+
 Row = dict[str, Any]
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 SCR_BINS = ((1.2, 3.0), (3.0, 8.0), (8.0, 20.0))
 X_OVER_R_BINS = ((0.3, 1.0), (1.0, 3.0), (3.0, 10.0), (10.0, 20.0))
@@ -59,8 +63,7 @@ def between(answers: Array, scr: tuple[float, float], x_over_r: tuple[float, flo
 
 def quantile(values: Any, share: float) -> float:
     """The smallest value that at least ``share`` of the values do not exceed; NaN of nothing. Infinity is a value."""
-    ordered = np.sort(np.asarray(values, dtype=float))
-    return float(ordered[max(math.ceil(share * len(ordered)) - 1, 0)]) if len(ordered) else math.nan
+    return float(np.quantile(values, share, method="inverted_cdf")) if len(values) else math.nan
 
 
 def times_to_find(rows: Sequence[Row]) -> list[float]:
@@ -96,11 +99,33 @@ def errors_since(rows: Sequence[Row], cycles: int) -> list[dict[str, float]]:
     return found
 
 
-Figure = tuple[str, str, Callable[[Sequence[Row]], str], Callable[[Sequence[Row]], bool | None]]
-"""What, what is asked, the figure in words, and whether it is kept (None: it was not measured)."""
+NOT_ASKED = "–"
 
 
-def figures() -> list[Figure]:
+@dataclass(frozen=True)
+class Figure:
+    """Something that is measured over the runs of some groups, beside what is asked of it."""
+
+    what: str
+    groups: tuple[str, ...]
+    value: Callable[[Sequence[Row]], float]
+    """NaN where it was not measured."""
+    words: Callable[[float, Sequence[Row]], str]
+    """The value and its runs in words."""
+    asked: str = NOT_ASKED
+    low: float = -math.inf
+    high: float = math.inf
+
+    def of(self, rows: Sequence[Row]) -> tuple[str, bool | None]:
+        """The figure in words, and whether it is kept: None where it is not asked for or was not measured."""
+        mine = of(rows, *self.groups)
+        value = self.value(mine)
+        if math.isnan(value):
+            return "–", None
+        return self.words(value, mine), None if self.asked == NOT_ASKED else self.low <= value <= self.high
+
+
+def asked_figures() -> list[Figure]:
     """All figures that the issue of the estimator asks for and that follow from one run each."""
     return [
         _rest_error("error of Z at rest, SCR 1.2–8, X/R 0.3–10: p95", (1.2, 8.0), 4.0, RESTS),
@@ -122,8 +147,10 @@ def figures() -> list[Figure]:
         _false("measured background: false changes at rest", ("measured: rest",)),
         _found("measured background: time to stay within 10 %: median", ("measured: jump",), 0.5, 0.100),
         _found("the same: p95", ("measured: jump",), 0.95, 0.250),
-        _beat_coverage(),
-        _beat_valid(),
+        Figure(
+            "beat of another converter within 2 Hz of a line: coverage", ("beat",), _inside_pct, _pct, **_at_least(90.0)
+        ),
+        Figure("the same: share of time valid", ("beat",), _valid_pct, _pct, **_at_least(50.0)),
         _rest_error("sensor noise of 1 %: error at rest, SCR 1.2–8: p95", (1.2, 8.0), None, ("noise 1 %",)),
         _wrong("valid and > 20 % wrong from 40 ms after an event: longest", EVENTS, "< 20 ms"),
         _wrong("the same after a small jump", ("small jump",), "–"),
@@ -135,29 +162,32 @@ def figures() -> list[Figure]:
 
 def asked_table(rows: Sequence[Row]) -> tuple[list[str], list[Row]]:
     """Lines of Markdown, and the same as data: every figure by converter and over all."""
-    names = list(dict.fromkeys(row["converter"] for row in rows))
-    lines = [f"| figure | asked | {' | '.join(names)} | all |", "| --- |" + " --- |" * (len(names) + 2)]
-    data = []
-    for what, asked, value, kept in figures():
-        by = {name: [row for row in rows if row["converter"] == name] for name in names} | {"all": list(rows)}
-        cells = [value(mine) + {True: "", False: " ✗", None: ""}[kept(mine)] for mine in by.values()]
-        lines.append(f"| {what} | {asked} | {' | '.join(cells)} |")
-        data.append({"what": what, "asked": asked} | {name: value(mine) for name, mine in by.items()})
-        data[-1]["kept"] = kept(rows)
-    return lines, data
+    by = by_converter(rows, lambda row: row["converter"])
+    cells, data = [], []
+    for figure in asked_figures():
+        found = {name: figure.of(mine) for name, mine in by.items()}
+        marked = (words + " ✗" * (kept is False) for words, kept in found.values())
+        cells.append((figure.what, figure.asked, *marked))
+        words = {name: words for name, (words, _) in found.items()}
+        data.append({"what": figure.what, "asked": figure.asked} | words | {"kept": found["all"][1]})
+    return table(("figure", "asked", *by), cells), data
+
+
+def by_converter(items: Sequence[T], name_of: Callable[[T], str]) -> dict[str, list[T]]:
+    """What belongs to each converter, in the order of the items, and ``all``."""
+    names = dict.fromkeys(map(name_of, items))
+    return {name: [one for one in items if name_of(one) == name] for name in names} | {"all": list(items)}
 
 
 def bins_table(rows: Sequence[Row], of_bin: Callable[[list[Row]], str]) -> list[str]:
     """Markdown of a figure by SCR and X/R of the last grid."""
-    lines = ["| SCR \\ X/R | " + " | ".join(f"{a:g}–{b:g}" for a, b in X_OVER_R_BINS) + " |"]
-    lines.append("| --- |" + " --- |" * len(X_OVER_R_BINS))
-    for scr in SCR_BINS:
-        cells = []
-        for x_over_r in X_OVER_R_BINS:
-            mine = [r for r in rows if _within(r["scr"][1], scr) and _within(r["x_over_r"][1], x_over_r)]
-            cells.append(of_bin(mine) if mine else "–")
-        lines.append(f"| {scr[0]:g}–{scr[1]:g} | {' | '.join(cells)} |")
-    return lines
+
+    def cell(scr: tuple[float, float], x_over_r: tuple[float, float]) -> str:
+        mine = [r for r in rows if _within(r["scr"][1], scr) and _within(r["x_over_r"][1], x_over_r)]
+        return of_bin(mine) if mine else "–"
+
+    head = ["SCR \\ X/R", *(f"{low:g}–{high:g}" for low, high in X_OVER_R_BINS)]
+    return table(head, ([f"{scr[0]:g}–{scr[1]:g}", *(cell(scr, one) for one in X_OVER_R_BINS)] for scr in SCR_BINS))
 
 
 def rest_of_bin(rows: list[Row]) -> str:
@@ -204,122 +234,88 @@ def _ms(seconds: float) -> str:
 
 
 def _rest_error(what: str, scr: tuple[float, float], asked: float | None, groups: tuple[str, ...]) -> Figure:
-    def p95(rows: Sequence[Row]) -> float:
-        return 100.0 * quantile(errors(between(at_rest(of(rows, *groups)), scr, ASKED_X_OVER_R)), 0.95)
+    def percent(rows: Sequence[Row], share: float) -> float:
+        return 100.0 * quantile(errors(between(at_rest(rows), scr, ASKED_X_OVER_R)), share)
 
-    def value(rows: Sequence[Row]) -> str:
-        found = errors(between(at_rest(of(rows, *groups)), scr, ASKED_X_OVER_R))
-        return f"{p95(rows):.1f} % (median {100.0 * quantile(found, 0.5):.1f} %)" if len(found) else "–"
+    def words(value: float, rows: Sequence[Row]) -> str:
+        return f"{value:.1f} % (median {percent(rows, 0.5):.1f} %)"
 
-    return what, _at_most(asked, "%"), value, lambda rows: _low(p95(rows), asked)
+    return Figure(what, groups, lambda rows: percent(rows, 0.95), words, **_at_most(asked, "%"))
 
 
 def _found(what: str, groups: tuple[str, ...], share: float, asked: float | None) -> Figure:
-    def time_of(rows: Sequence[Row]) -> float:
-        return quantile(times_to_find(of(rows, *groups)), share)
-
-    def value(rows: Sequence[Row]) -> str:
-        times = times_to_find(of(rows, *groups))
+    def words(value: float, rows: Sequence[Row]) -> str:
+        times = times_to_find(rows)
         never = sum(map(math.isinf, times))
-        more = f" of {len(times)}" + (f", {never} never" if never else "")
-        return f"{_ms(time_of(rows))} ms{more}" if times else "–"
+        return f"{_ms(value)} ms of {len(times)}" + (f", {never} never" if never else "")
 
-    return what, _at_most(None if asked is None else 1e3 * asked, "ms"), value, lambda rows: _low(time_of(rows), asked)
+    limits = _at_most(asked, "ms", 1e3)
+    return Figure(what, groups, lambda rows: quantile(times_to_find(rows), share), words, **limits)
+
+
+def _inside_pct(rows: Sequence[Row]) -> float:
+    return inside(at_rest(rows))
 
 
 def _inside(what: str, groups: tuple[str, ...]) -> Figure:
-    def share(rows: Sequence[Row]) -> float:
-        return inside(at_rest(of(rows, *groups)))
-
     low, high = COVERAGE_PCT
-    kept = lambda rows: None if math.isnan(share(rows)) else low <= share(rows) <= high  # noqa: E731
-    return what, f"{low:g}–{high:g} %", lambda rows: _pct(share(rows)), kept
+    return Figure(what, groups, _inside_pct, _pct, f"{low:g}–{high:g} %", low, high)
 
 
 def _covered(what: str, cycles: int, asked: float | None) -> Figure:
-    def share(rows: Sequence[Row]) -> float:
-        return covered_from(of(rows, *EVENTS), cycles)
-
-    text = "–" if asked is None else f"≥ {asked:g} %"
-    return what, text, lambda rows: _pct(share(rows)), lambda rows: _high(share(rows), asked)
+    return Figure(what, EVENTS, lambda rows: covered_from(rows, cycles), _pct, **_at_least(asked))
 
 
 def _false(what: str, groups: tuple[str, ...]) -> Figure:
-    def value(rows: Sequence[Row]) -> str:
-        mine = of(rows, *groups)
-        seconds = sum(row["duration_s"] for row in mine)
-        return f"{sum(row['false_changes'] for row in mine)} in {seconds / 60.0:.0f} min" if mine else "–"
+    def count(rows: Sequence[Row]) -> float:
+        return float(sum(row["false_changes"] for row in rows)) if rows else math.nan
 
-    def kept(rows: Sequence[Row]) -> bool | None:
-        mine = of(rows, *groups)
-        return None if not mine else sum(row["false_changes"] for row in mine) == 0
+    def words(value: float, rows: Sequence[Row]) -> str:
+        return f"{value:.0f} in {sum(row['duration_s'] for row in rows) / 60.0:.0f} min"
 
-    return what, "0", value, kept
+    return Figure(what, groups, count, words, "0", high=0.0)
 
 
 def _worst(what: str, groups: tuple[str, ...], asked: float) -> Figure:
-    def worst(rows: Sequence[Row]) -> float:
-        return max((100.0 * row["worst"] for row in of(rows, *groups)), default=math.nan)
+    def words(value: float, rows: Sequence[Row]) -> str:
+        beyond = sum(100.0 * row["worst"] > asked for row in rows)
+        return f"{value:.0f} %; {beyond} of {len(rows)} runs above {asked:g} %"
 
-    def value(rows: Sequence[Row]) -> str:
-        mine = of(rows, *groups)
-        beyond = sum(100.0 * row["worst"] > asked for row in mine)
-        return f"{worst(rows):.0f} %; {beyond} of {len(mine)} runs above {asked:g} %" if mine else "–"
-
-    return what, _at_most(asked, "%"), value, lambda rows: _low(worst(rows), asked)
+    return Figure(what, groups, lambda rows: 100.0 * _largest(rows, "worst"), words, **_at_most(asked, "%"))
 
 
 def _wrong(what: str, groups: tuple[str, ...], asked: str) -> Figure:
-    def longest(rows: Sequence[Row]) -> float:
-        return max((row["wrong_s"] for row in of(rows, *groups)), default=math.nan)
+    def words(value: float, rows: Sequence[Row]) -> str:
+        beyond = sum(row["wrong_s"] >= 0.02 for row in rows)
+        return f"{_ms(value)} ms; {beyond} of {len(rows)} runs 20 ms or more"
 
-    def value(rows: Sequence[Row]) -> str:
-        mine = of(rows, *groups)
-        beyond = sum(row["wrong_s"] >= 0.02 for row in mine)
-        return f"{_ms(longest(rows))} ms; {beyond} of {len(mine)} runs 20 ms or more" if mine else "–"
-
-    return what, asked, value, lambda rows: _low(longest(rows), None if asked == "–" else 0.02 - 1e-9)
+    return Figure(what, groups, lambda rows: _largest(rows, "wrong_s"), words, asked, high=0.02 - 1e-9)
 
 
 def _silence() -> Figure:
-    def longest(rows: Sequence[Row]) -> float:
-        return max((row["longest_silence_s"] for row in of(rows, *EVENTS)), default=math.nan)
+    def words(value: float, rows: Sequence[Row]) -> str:
+        median, high = (_ms(quantile([row["longest_silence_s"] for row in rows], share)) for share in (0.5, 0.95))
+        return f"{_ms(value)} ms (median {median}, p95 {high})"
 
-    def value(rows: Sequence[Row]) -> str:
-        mine = [row["longest_silence_s"] for row in of(rows, *EVENTS)]
-        median, high = quantile(mine, 0.5), quantile(mine, 0.95)
-        return f"{_ms(longest(rows))} ms (median {_ms(median)}, p95 {_ms(high)})" if mine else "–"
-
-    return "longest silence after an event", "≤ 1 s", value, lambda rows: _low(longest(rows), 1.0)
+    what, limits = "longest silence after an event", _at_most(1.0, "s")
+    return Figure(what, EVENTS, lambda rows: _largest(rows, "longest_silence_s"), words, **limits)
 
 
-def _beat_coverage() -> Figure:
-    def share(rows: Sequence[Row]) -> float:
-        return inside(at_rest(of(rows, "beat")))
-
-    what = "beat of another converter within 2 Hz of a line: coverage"
-    return what, "≥ 90 %", lambda rows: _pct(share(rows)), lambda rows: _high(share(rows), 90.0)
+def _valid_pct(rows: Sequence[Row]) -> float:
+    return 100.0 * float(np.mean([row["share_valid"] for row in rows])) if rows else math.nan
 
 
-def _beat_valid() -> Figure:
-    def share(rows: Sequence[Row]) -> float:
-        mine = [row["share_valid"] for row in of(rows, "beat")]
-        return 100.0 * float(np.mean(mine)) if mine else math.nan
-
-    return "the same: share of time valid", "≥ 50 %", lambda rows: _pct(share(rows)), lambda r: _high(share(r), 50.0)
+def _largest(rows: Sequence[Row], name: str) -> float:
+    return max((row[name] for row in rows), default=math.nan)
 
 
-def _pct(value: float) -> str:
-    return "–" if math.isnan(value) else f"{value:.1f} %"
+def _pct(value: float, _rows: Sequence[Row]) -> str:
+    return f"{value:.1f} %"
 
 
-def _at_most(asked: float | None, unit: str) -> str:
-    return "–" if asked is None else f"≤ {asked:g} {unit}"
+def _at_most(asked: float | None, unit: str, of_unit: float = 1.0) -> dict[str, Any]:
+    return {} if asked is None else {"asked": f"≤ {of_unit * asked:g} {unit}", "high": asked}
 
 
-def _low(value: float, asked: float | None) -> bool | None:
-    return None if asked is None or math.isnan(value) else value <= asked
-
-
-def _high(value: float, asked: float | None) -> bool | None:
-    return None if asked is None or math.isnan(value) else value >= asked
+def _at_least(asked: float | None) -> dict[str, Any]:
+    return {} if asked is None else {"asked": f"≥ {asked:g} %", "low": asked}

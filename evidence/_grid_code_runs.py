@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from evidence.survival import CONVERTERS, STUDIES
+from evidence._field_converters import CONVERTERS, STUDIES
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.compliance.case import FOR_EVER_S, Subject
 from vsgdesign.compliance.matrix import judged_test

@@ -77,17 +77,18 @@ def kept_runs(
     job = Runs(run, dict(zip(keys, tasks, strict=True)))
     pool = nullcontext() if workers == 1 else worker_processes(workers)
     with journal_at(job, path) as journal, pool as executor:
-        found = run_job(job, journal, executor=executor, progress=_progress(name, len(tasks)))
+        found = run_job(job, journal, executor=executor, progress=progress(name))
     return [found[key] for key in keys]
 
 
-def _progress(name: str, count: int) -> Progress:
+def progress(name: str) -> Progress:
+    """Shows on stderr each twentieth that is done."""
     shown = [-1]
 
-    def show(_what: str, done: float) -> None:
+    def show(what: str, done: float) -> None:
         if (twentieth := int(20.0 * done)) != shown[0]:
             shown[0] = twentieth
-            print(f"{name}: {5 * twentieth} % of {count} runs", file=sys.stderr, flush=True)
+            print(f"{name}: {what} {5 * twentieth} %", file=sys.stderr, flush=True)
 
     return show
 

@@ -8,7 +8,6 @@ another seed.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from evidence._field_summary import (
     rest_of_bin,
 )
 from evidence._kept_runs import first_seed, kept_runs, share
+from evidence._tables import leave, table
 from vsgdesign.artifacts.measured_errors import MEASURED_FILE, SHIPPED
 
 COUNTS = {
@@ -72,7 +72,7 @@ def judged(rows: list[Row]) -> list[Row]:
     return [row for row in rows if "left_out" not in row]
 
 
-def markdown(everything: list[Row]) -> tuple[str, dict[str, Any]]:
+def markdown(everything: list[Row]) -> tuple[list[str], dict[str, Any]]:
     """All tables, and the same as data."""
     rows = judged(everything)
     asked, data = asked_table(rows)
@@ -94,19 +94,22 @@ def markdown(everything: list[Row]) -> tuple[str, dict[str, Any]]:
     for group in ("jump", "jump and step", "grid-side step"):
         since[group] = errors_since(of(rows, group), max(CYCLES) + 1)
         lines += ["", f"Answers after the event of the group *{group}*.", ""]
-        lines += ["| cycles since | valid | error, median | p95 | p95 of the valid | coverage of the valid |"]
-        lines += ["| --- |" + " --- |" * 5]
+        cells = []
         for one in (since[group][k] for k in CYCLES):
             shown = [one[k] for k in ("valid_pct", "median_pct", "p95_pct", "valid_p95_pct", "coverage_pct")]
-            lines.append(f"| {one['cycle']} | " + " | ".join("–" if v != v else f"{v:.1f} %" for v in shown) + " |")
+            cells.append([str(one["cycle"]), *("–" if v != v else f"{v:.1f} %" for v in shown)])
+        lines += table(
+            ("cycles since", "valid", "error, median", "p95", "p95 of the valid", "coverage of the valid"), cells
+        )
     lines += ["", "Errors at rest by SCR and X/R, %, at the 95 % and the 99 % quantile: R, X, |Z|.", ""]
     quantiles = error_quantiles(of(rows, "rest", "long rest"))
-    lines += ["| SCR | X/R | R | X | Z |", "| --- | --- | --- | --- | --- |"]
+    cells = []
     for one in quantiles:
-        cells = [f"{one[key]['0.95']:.1f}, {one[key]['0.99']:.1f}" for key in ("R_pct", "X_pct", "Z_pct")]
         ends = [f"{low:g}–{high:g}" for low, high in (one["scr"], one["x_over_r"])]
-        lines.append(f"| {' | '.join([*ends, *cells])} |")
-    return "\n".join(lines) + "\n", {"asked": data, "since": since, "errors_at_rest": quantiles, "runs": len(rows)}
+        shown = [f"{one[key]['0.95']:.1f}, {one[key]['0.99']:.1f}" for key in ("R_pct", "X_pct", "Z_pct")]
+        cells.append([*ends, *shown])
+    lines += table(("SCR", "X/R", "R", "X", "Z"), cells)
+    return lines, {"asked": data, "since": since, "errors_at_rest": quantiles, "runs": len(rows)}
 
 
 def main(folder: Path) -> None:
@@ -118,13 +121,9 @@ def main(folder: Path) -> None:
         for k in range(count)
     ]
     probe = kept_runs(run_probe, probed, folder / "field" / "probe.jsonl", "field, probe")
-    text, document = markdown(rows)
-    lines = ["What the probe costs at rest, in a clean grid with noisy sensors.", "", *probe_table(probe), ""]
-    text = f"{text}\n" + "\n".join(lines)
-    document["probe"] = probe
-    (folder / "field.json").write_text(json.dumps(document, indent=1, ensure_ascii=False))
-    (folder / "field.md").write_text(text)
+    lines, document = markdown(rows)
+    lines += ["", "What the probe costs at rest, in a clean grid with noisy sensors.", "", *probe_table(probe)]
+    leave(folder, "field", document | {"probe": probe}, lines)
     errors = folder / SHIPPED.name
     errors.unlink(missing_ok=True)
     MEASURED_FILE.write(measured_errors(judged(rows), first_seed()), errors)
-    print(text)

@@ -6,12 +6,12 @@ recipe that it was trained with, from another seed. Finished runs are kept in th
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
 
 from evidence._kept_runs import share
+from evidence._tables import leave, table
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.estimator.recipes import FIELD_RECIPES
 from vsgdesign.estimator.scores import GROUP_WORDS, GROUPS, WAYS, WINDOWS, GroupScore, field_scores, scores_document
@@ -31,26 +31,21 @@ def main(folder: Path) -> None:
     cycles = generate(FIELD_NETWORK, load_study(STUDY), recipe, SEED, out=folder / "field_network.npz", workers=2)
     weights = read_field_weights()
     scores = field_scores(cycles, weights.layers, weights.radius_squared, weights.gate)
-    text = markdown(scores, recipe.runs)
-    print(text)
-    (folder / "field_network.md").write_text(text, encoding="utf-8")
-    (folder / "field_network.json").write_text(json.dumps(scores_document(scores), indent=1), encoding="utf-8")
+    leave(folder, "field_network", scores_document(scores), markdown(scores, recipe.runs))
 
 
-def markdown(scores: dict[str, dict[str, GroupScore]], runs: int) -> str:
+def markdown(scores: dict[str, dict[str, GroupScore]], runs: int) -> list[str]:
     """The table: a row for each group and way."""
     head = ["change", "answers", *(f"{k} cycles" for k in CYCLES), "within 10 %", "wrong", *WINDOWS]
-    lines = [
+    words = (
         f"These are {runs} runs of three converters in the `dirty` background, drawn from another seed than the "
         'training runs. The columns "2 cycles" to "10 cycles" give the share of valid answers that long after the '
         'change and, after the comma, the 95th percentile of their error, both in %. "Within 10 %" gives the median '
         'and the 95th percentile of the time in ms after which the error stays below 10 %. "Wrong" is the mean time in '
         "ms, per change, with a valid answer whose error is above 20 %. The last three columns give the share of "
-        "valid answers in % whose 95 % ellipse contains the truth, by cycles after the change.",
-        "",
-        "| " + " | ".join(head) + " |",
-        "| " + " | ".join("---" for _ in head) + " |",
-    ]
+        "valid answers in % whose 95 % ellipse contains the truth, by cycles after the change."
+    )
+    rows = []
     for group in GROUPS:
         for way in WAYS:
             one = scores[way][group]
@@ -58,10 +53,8 @@ def markdown(scores: dict[str, dict[str, GroupScore]], runs: int) -> str:
             cells = [f"{_percent(one.valid_share[k])}, {_percent(one.valid_error_p95[k])}" for k in CYCLES]
             times = f"{_ms(one.t10_s[0])}, {_ms(one.t10_s[2])}" if "jump" in group else "–"
             covered = [_percent(one.coverage[name]) for name in WINDOWS]
-            lines.append(
-                f"| {name} | {WAY_WORDS[way]} | " + " | ".join([*cells, times, _ms(one.wrong_s), *covered]) + " |"
-            )
-    return "\n".join(lines) + "\n"
+            rows.append([name, WAY_WORDS[way], *cells, times, _ms(one.wrong_s), *covered])
+    return [words, "", *table(head, rows)]
 
 
 def _percent(share_of: float) -> str:

@@ -7,7 +7,6 @@ alone. ``VSGDESIGN_FIELD_SHARE=0.2`` measures a fifth of the seeds.
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evidence._kept_runs import share
+from evidence._tables import leave, table
 from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics import cycle_mean
@@ -87,33 +87,25 @@ def _figures(
 def main(folder: Path) -> None:
     study = load_study(STUDY)
     rows = [row for k in range(max(round(share() * SEEDS), 1)) for row in run_of(study, FIRST_SEED + k)]
-    lines = [
-        "| event | overshoot: truth, estimate [%] | largest difference [points] | settling: truth, estimate [s] | "
-        "largest delay [s] | ripple at rest: truth, estimate [% of the rating] |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
+    head = ("event", "overshoot: truth, estimate [%]", "largest difference [points]", "settling: truth, estimate [s]")
+    cells = []
     for name in dict.fromkeys(row["event"] for row in rows):
         mine = [row for row in rows if row["event"] == name]
 
-        def pair(key: str, mine: list[dict[str, Any]] = mine) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            truth, field = (np.array([row[who].get(key, math.nan) for row in mine]) for who in ("truth", "field"))
-            return truth, field
-
-        over, settling, ripple = pair("overshoot_pct"), pair("settling_s"), pair("ripple_pct")
+        over, settling, ripple = (
+            [np.array([row[who].get(key, math.nan) for row in mine]) for who in ("truth", "field")]
+            for key in ("overshoot_pct", "settling_s", "ripple_pct")
+        )
         none = bool(np.isnan(over[0]).all())
-        cells = (
+        shown = (
+            name,
             "–" if none else f"{np.median(over[0]):.1f}, {np.median(over[1]):.1f}",
             "–" if none else f"{np.max(over[1] - over[0]):+.1f}",
             f"{np.median(settling[0]):.2f}, {np.median(settling[1]):.2f}",
             f"{np.max(settling[1] - settling[0]):+.2f}",
             f"{np.median(ripple[0]):.2f}, {np.median(ripple[1]):.2f}",
         )
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    text = (
-        f"{len({row['seed'] for row in rows})} seeds; medians, and the largest of the pairs.\n\n"
-        + "\n".join(lines)
-        + "\n"
-    )
-    (folder / "field_scenario.json").write_text(json.dumps(rows, indent=1, ensure_ascii=False))
-    (folder / "field_scenario.md").write_text(text)
-    print(text)
+        cells.append(shown)
+    words = f"{len({row['seed'] for row in rows})} seeds; medians, and the largest of the pairs."
+    lines = table((*head, "largest delay [s]", "ripple at rest: truth, estimate [% of the rating]"), cells)
+    leave(folder, "field_scenario", rows, [words, "", *lines])

@@ -8,7 +8,6 @@ Finished runs are kept. ``VSGDESIGN_FIELD_SHARE=0.1`` runs a tenth of the tests,
 from __future__ import annotations
 
 import functools
-import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -16,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from evidence._field_converters import CONVERTERS
 from evidence._grid_code_runs import AT_THE_PCC, CONTROLLERS, POINTS_PU, TOLD, GridCodeTask, prepare, run_task, tests
 from evidence._kept_runs import kept_runs, share
-from evidence.survival import CONVERTERS
+from evidence._tables import leave, table
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, NOT_APPLICABLE
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.metrics.survival import NOT_AT_REST, SURVIVED
@@ -64,26 +64,23 @@ def main(folder: Path) -> None:
     asked = tasks()
     run: Callable[[Any], dict[str, Any]] = functools.partial(run_task, folder=str(kept))
     found = list(zip(asked, kept_runs(run, asked, kept / "runs.jsonl", "grid_code"), strict=True))
-    rows = [{**task._asdict(), **result} for task, result in found]
-    (folder / "grid_code.json").write_text(json.dumps(rows, indent=1, ensure_ascii=False))
-    text = "\n".join(lines_of(found))
-    (folder / "grid_code.md").write_text(text + "\n", encoding="utf-8")
-    print(text)
+    leave(folder, "grid_code", [{**task._asdict(), **result} for task, result in found], lines_of(found))
 
 
 def lines_of(found: Sequence[Result]) -> list[str]:
     """The tables and the list of failures, as Markdown."""
     added = [one for one in found if one[1]["group"] == AT_THE_PCC]
     found = [one for one in found if one[1]["group"] != AT_THE_PCC]
-    lines = [headline(found), ""]
-    lines += ["### Survived, of what is possible", "", *table_of_controllers(found), ""]
-    lines += ["### By group", "", *table_of_groups(found), ""]
-    lines += ["### By power before the test", "", *table_of_points(found), ""]
-    lines += ["### Currents", "", *table_of_currents(found), ""]
-    lines += ["### Unbalanced faults and sags", "", *table_of_unbalanced(found), ""]
-    lines += ["### Every failure", "", *list_of_failures(found), ""]
-    lines += ["### Added: a bolted fault at the PCC", "", *table_at_the_pcc(added)]
-    return lines
+    parts = {
+        "Survived, of what is possible": table_of_controllers(found),
+        "By group": table_of_groups(found),
+        "By power before the test": table_of_points(found),
+        "Currents": table_of_currents(found),
+        "Unbalanced faults and sags": table_of_unbalanced(found),
+        "Every failure": list_of_failures(found),
+        "Added: a bolted fault at the PCC": table_at_the_pcc(added),
+    }
+    return [headline(found), *(one for title, part in parts.items() for one in ("", f"### {title}", "", *part))]
 
 
 def kind_of(result: dict[str, Any]) -> str:
@@ -151,8 +148,7 @@ def headline(found: Sequence[Result]) -> str:
 
 def table_of_controllers(found: Sequence[Result]) -> list[str]:
     """Survived per converter and controller, for each thing that a schedule is told."""
-    titles = [*TOLD[:2], "within 2 T + 0.2 s", "at rest at last", *TOLD[2:], "impossible", NO_START]
-    lines = ["| converter, controller | " + " | ".join(titles) + " |", "| --- |" + " --- |" * len(titles)]
+    rows = []
     for converter in CONVERTERS:
         for controller in CONTROLLERS:
             own = [one for one in found if one[0].converter == converter and one[0].controller == controller]
@@ -160,21 +156,20 @@ def table_of_controllers(found: Sequence[Result]) -> list[str]:
             cells = [survived_of(one for one in own if one[0].told == told) for told in TOLD]
             never = [one for one in own if one[0].told == TOLD[1]]
             cells[2:2] = [within_2_T_of(never), at_rest_of(never)]
-            cells += [str(count[IMPOSSIBLE]), str(count[NO_START])]
-            lines.append(f"| {converter}, {controller} | {' | '.join(cells)} |")
-    return lines
+            rows.append([f"{converter}, {controller}", *cells, str(count[IMPOSSIBLE]), str(count[NO_START])])
+    titles = [*TOLD[:2], "within 2 T + 0.2 s", "at rest at last", *TOLD[2:], "impossible", NO_START]
+    return table(["converter, controller", *titles], rows)
 
 
 def _by(found: Sequence[Result], title: str, key: Callable[[Result], str]) -> list[str]:
     """Survived per value of ``key`` and converter, with both controllers and whatever they are told."""
-    lines = [f"| {title} | " + " | ".join(CONVERTERS) + f" | impossible | {NO_START} |"]
-    lines.append("| --- |" + " --- |" * (len(CONVERTERS) + 2))
+    rows = []
     for value in dict.fromkeys(map(key, found)):
         own = [one for one in found if key(one) == value]
         count = counted(own)
         cells = [survived_of(one for one in own if one[0].converter == name) for name in CONVERTERS]
-        lines.append(f"| {value} | {' | '.join(cells)} | {count[IMPOSSIBLE]} | {count[NO_START]} |")
-    return lines
+        rows.append([value, *cells, str(count[IMPOSSIBLE]), str(count[NO_START])])
+    return table([title, *CONVERTERS, "impossible", NO_START], rows)
 
 
 def table_of_groups(found: Sequence[Result]) -> list[str]:
@@ -191,7 +186,7 @@ def table_of_points(found: Sequence[Result]) -> list[str]:
 
 def table_of_currents(found: Sequence[Result]) -> list[str]:
     """The largest phase currents of the bridge per group and converter."""
-    lines = ["| group | " + " | ".join(CONVERTERS) + " |", "| --- |" + " --- |" * len(CONVERTERS)]
+    rows = []
     for group in dict.fromkeys(str(result["group"]) for _, result in found):
         cells = []
         for name in CONVERTERS:
@@ -200,12 +195,9 @@ def table_of_currents(found: Sequence[Result]) -> list[str]:
             first = [one["peak_pu"] for one in own if one["peak_pu"] is not None]
             above = sum(peak > LIMIT_PU for peak in peaks)
             cells.append(f"{max(peaks):.2f} pu, {above} of {len(peaks)}; {max(first):.2f} pu" if peaks else "–")
-        lines.append(f"| {group} | {' | '.join(cells)} |")
-    lines += [
-        "",
-        f"Largest later than 5 ms after an event, how many runs are above {LIMIT_PU:g} pu then; largest of all.",
-    ]
-    return lines
+        rows.append([group, *cells])
+    words = f"Largest later than 5 ms after an event, how many runs are above {LIMIT_PU:g} pu then; largest of all."
+    return [*table(["group", *CONVERTERS], rows), "", words]
 
 
 def unbalanced(test: SuiteTest) -> bool:
@@ -219,11 +211,9 @@ def unbalanced(test: SuiteTest) -> bool:
 
 def table_of_unbalanced(found: Sequence[Result]) -> list[str]:
     """Balanced beside unbalanced faults and sags: peaks and sequences of the current."""
-    lines = [
-        "| converter, fault or sag | runs | largest phase current after 5 ms | above | current into the PCC, largest "
-        "phase | positive sequence | negative sequence | P, mean | P at 2ω | frequency at 2ω |",
-        "| --- |" + " --- |" * 9,
-    ]
+    currents = ("largest phase current after 5 ms", "above", "current into the PCC, largest phase")
+    head = ("converter, fault or sag", "runs", *currents, "positive sequence", "negative sequence")
+    rows: list[list[str]] = []
     with_fault = [name for name, test in tests().items() if any(one.sag or one.switched.fault for one in test.events)]
     for converter in CONVERTERS:
         for words, wanted in (("balanced", False), ("unbalanced", True)):
@@ -235,8 +225,8 @@ def table_of_unbalanced(found: Sequence[Result]) -> list[str]:
             cells = [f"{len(peaks)}", f"{max(peaks):.3f} pu", f"{sum(peak > LIMIT_PU for peak in peaks)}"]
             cells += [_range(own, f"{name}_pu") for name in ("fault_current", "positive_sequence", "negative_sequence")]
             cells += [_range(own, name) for name in ("P_mean_pu", "P_ripple_pu")] + [_range(own, "f_ripple_hz", "Hz")]
-            lines.append(f"| {converter}, {words} | {' | '.join(cells)} |")
-    return lines
+            rows.append([f"{converter}, {words}", *cells])
+    return table((*head, "P, mean", "P at 2ω", "frequency at 2ω"), rows)
 
 
 def _range(results: Iterable[dict[str, Any]], name: str, unit: str = "pu") -> str:
@@ -246,7 +236,7 @@ def _range(results: Iterable[dict[str, Any]], name: str, unit: str = "pu") -> st
 
 def table_at_the_pcc(found: Sequence[Result]) -> list[str]:
     """What becomes of each converter, in the order of its tests."""
-    lines = ["| converter, controller | survived | the others |", "| --- | --- | --- |"]
+    rows = []
     for key in dict.fromkeys((task.converter, task.controller) for task, _ in found):
         own = [(task, one) for task, one in found if (task.converter, task.controller) == key]
         others = [
@@ -254,8 +244,8 @@ def table_at_the_pcc(found: Sequence[Result]) -> list[str]:
             for task, one in own
             if kind_of(one) != SURVIVED
         ]
-        lines.append(f"| {', '.join(key)} | {survived_of(own)} | {'; '.join(others) or '–'} |")
-    return lines
+        rows.append([", ".join(key), survived_of(own), "; ".join(others) or "–"])
+    return table(("converter, controller", "survived", "the others"), rows)
 
 
 def list_of_failures(found: Sequence[Result]) -> list[str]:
@@ -264,12 +254,12 @@ def list_of_failures(found: Sequence[Result]) -> list[str]:
     late = [(task, one) for task, one in lost if is_late(one)]
     others = [one for one in lost if one not in late]
     others += [(task, one) for task, one in found if (one["verdict"], kind_of(one)) == (FAIL, SURVIVED)]
-    lines = ["| late: what is told, controller, group | runs | the latest |", "| --- | --- | --- |"]
+    rows = []
     for key in dict.fromkeys((task.told, task.controller, str(one["group"])) for task, one in late):
         own = [(task, one) for task, one in late if (task.told, task.controller, str(one["group"])) == key]
         task, worst = max(own, key=lambda each: each[1]["recovery_s"])
         latest = f"{worst['recovery_s']:.2f} s: {task.converter}, P {task.P_pu:g} pu, {task.test}"
-        lines.append(f"| {', '.join(key)} | {len(own)} | {latest} |")
-    lines = [*lines, ""] if late else []
+        rows.append([", ".join(key), f"{len(own)}", latest])
+    lines = [*table(("late: what is told, controller, group", "runs", "the latest"), rows), ""] if late else []
     told = [f"- {t.converter}, {t.controller}, {t.told}, P {t.P_pu:g} pu, {t.test}: {one['why']}" for t, one in others]
     return [*lines, *(told or ["No run is lost in another way, and no run that survives fails another demand."])]

@@ -8,15 +8,17 @@ measures a tenth of the cases.
 
 from __future__ import annotations
 
-import json
 import os
-import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from evidence._field_converters import CONVERTERS, STUDIES
+from evidence._kept_runs import progress
+from evidence._tables import leave, table
 from vsgdesign.parameters import load_study
 from vsgdesign.pipeline.survival import (
     LIMITERS,
@@ -29,8 +31,6 @@ from vsgdesign.pipeline.survival import (
 )
 from vsgdesign.simulation.survival import CaseResult, SurvivalCase, run_many
 
-STUDIES = Path(__file__).resolve().parents[1] / "studies" / "survival"
-CONVERTERS = {"5 kVA": "study", "12.5 kVA": "laboratory", "1 MVA": "utility"}
 ASKED = ("angle_damped", "table")
 """The controllers whose figures are asked for, with the projection limiter."""
 
@@ -60,7 +60,7 @@ def measure(name: str, file: str, folder: Path) -> dict[str, Any]:
         others = {key: one for key, one in subjects_of(study, ready, limiters=LIMITERS).items() if key not in asked}
     results: dict[str, tuple[CaseResult, ...]] = {}
     for subjects, cases in ((asked, everything), (others, systematic)):
-        results |= run_many(subjects, cases, folder / f"{study.name}.runs.jsonl", progress=_progress(name))
+        results |= run_many(subjects, cases, folder / f"{study.name}.runs.jsonl", progress=progress(name))
     document = survival_document(study, asked | others, results)
     write_cases(folder / f"{study.name}.csv", results)
     return document
@@ -70,21 +70,17 @@ def main(folder: Path) -> None:
     kept = folder / "survival"
     kept.mkdir(exist_ok=True)
     documents = {name: measure(name, file, kept) for name, file in CONVERTERS.items()}
-    (folder / "survival.json").write_text(json.dumps(documents, indent=1, ensure_ascii=False))
-    print_asked(documents)
-    print_variants(documents[COMPARED])
-    print_groups(documents)
-    for name, document in documents.items():
-        for controller in ASKED:
-            for lost in document["variants"][variant_name(controller, "projection")]["lost"]:
-                print(f"lost: {name}, {controller}: {lost['group']}: {lost['case']}: {lost['reason']}")
+    leave(folder, "survival", documents)
+    for part in (asked_table(documents), variants_table(documents[COMPARED]), groups_table(documents)):
+        print("\n".join(part), end="\n\n")
+    print_statuses(documents)
 
 
-def print_asked(documents: dict[str, Any]) -> None:
+def asked_table(documents: dict[str, Any]) -> list[str]:
     """What is asked beside what was measured."""
-    print("| converter, controller | survived | stale for ever | ≤ 1.26 pu | largest | first 5 ms to 60° | recovery |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
-    print("| asked | 100 % | ≥ 95 % | ≥ 99 % | ≤ 1.32 pu | ≤ 1.5 pu | median ≤ 1.1 T, all ≤ 1.5 T (others 2 T) |")
+    head = ("converter, controller", "survived", "stale for ever", "≤ 1.26 pu", "largest", "first 5 ms to 60°")
+    asked = ("asked", "100 %", "≥ 95 %", "≥ 99 %", "≤ 1.32 pu", "≤ 1.5 pu")
+    rows: list[tuple[str, ...]] = [(*asked, "median ≤ 1.1 T, all ≤ 1.5 T (others 2 T)")]
     for name, document in documents.items():
         for controller in ASKED:
             one = document["variants"][variant_name(controller, "projection")]
@@ -100,53 +96,54 @@ def print_asked(documents: dict[str, Any]) -> None:
                 f"{one['phase_to_60']['first_peak_pu']:.2f} pu",
                 f"{times}, T = {one['settling_time']:g} s",
             )
-            print(f"| {' | '.join(cells)} |")
-    print()
+            rows.append(cells)
+    return table((*head, "recovery"), rows)
 
 
-def print_variants(document: dict[str, Any]) -> None:
+def variants_table(document: dict[str, Any]) -> list[str]:
     """Every controller with every limiter on the systematic set."""
-    print(f"| controller ({COMPARED}) | limiter | survived | stale for ever | largest current | largest swing |")
-    print("| --- | --- | --- | --- | --- | --- |")
+    rows = []
     for key in sorted(document["variants"], key=lambda one: one.split(", ")[0]):
         near, ever = (document["variants"][key][part] for part in ("stale_to_1_s", "for_ever"))
-        controller, limiter = key.split(", ")
-        figures = f"{near['peak_pu'] or 0.0:.2f} pu | {near['swing_rad'] or 0.0:.1f} rad"
-        print(f"| {controller} | {limiter} | {_survived(near)} | {_survived(ever)} | {figures} |")
-    print()
+        figures = (f"{near['peak_pu'] or 0.0:.2f} pu", f"{near['swing_rad'] or 0.0:.1f} rad")
+        rows.append([*key.split(", "), _survived(near), _survived(ever), *figures])
+    head = (f"controller ({COMPARED})", "limiter", "survived", "stale for ever", "largest current", "largest swing")
+    return table(head, rows)
 
 
-def print_groups(documents: dict[str, Any]) -> None:
+def asked_variants(documents: dict[str, Any]) -> dict[str, Any]:
+    """What became of the asked controllers."""
+    return {
+        f"{name}, {controller}": document["variants"][variant_name(controller, "projection")]
+        for name, document in documents.items()
+        for controller in ASKED
+    }
+
+
+def groups_table(documents: dict[str, Any]) -> list[str]:
     """The asked controllers by group of disturbances."""
-    keys = [(name, controller) for name in documents for controller in ASKED]
-    print("| group |" + "".join(f" {name}, {controller} |" for name, controller in keys) + " left out |")
-    print("| --- |" + " --- |" * (len(keys) + 1))
-    variants = [documents[name]["variants"][variant_name(controller, "projection")] for name, controller in keys]
-    for group in variants[0]["groups"]:
-        found = [one["groups"][group] for one in variants if group in one["groups"]]
+    variants, rows = asked_variants(documents), []
+    for group in next(iter(variants.values()))["groups"]:
+        found = [one["groups"][group] for one in variants.values() if group in one["groups"]]
         left = {f"{figures['cases'] - figures['judged']}" for figures in found}
-        print(f"| {group} | {' | '.join(map(_survived, found))} | {', '.join(sorted(left))} |")
-    print()
-    for (name, controller), one in zip(keys, variants, strict=True):
-        count: dict[str, int] = {}
+        rows.append([group, *map(_survived, found), ", ".join(sorted(left))])
+    return table(["group", *variants, "left out"], rows)
+
+
+def print_statuses(documents: dict[str, Any]) -> None:
+    """How often each of the asked controllers ended in which way, and every lost run."""
+    variants = asked_variants(documents)
+    for name, one in variants.items():
+        count: Counter[str] = Counter()
         for figures in one["groups"].values():
-            for status, number in figures["statuses"].items():
-                count[status] = count.get(status, 0) + number
-        print(f"{name}, {controller}: {sum(count.values())} cases: {count}")
+            count.update(figures["statuses"])
+        print(f"{name}: {count.total()} cases: {dict(count)}")
+    for name, one in variants.items():
+        for lost in one["lost"]:
+            print(f"lost: {name}: {lost['group']}: {lost['case']}: {lost['reason']}")
 
 
 def _survived(figures: dict[str, Any]) -> str:
     if not figures["judged"]:
         return "–"
     return f"{figures['survived']}/{figures['judged']} ({100.0 * figures['share']:.1f} %)"
-
-
-def _progress(name: str) -> Any:
-    last = [-1]
-
-    def tell(what: str, share: float) -> None:
-        if round(20 * share) != last[0]:
-            last[0] = round(20 * share)
-            print(f"{name}: {what} {100 * share:.0f} %", file=sys.stderr, flush=True)
-
-    return tell

@@ -13,8 +13,8 @@ from evidence._field_draws import field_draw
 from evidence._field_runs import run_field, simulate_field, study_of
 from evidence._field_survival_draws import survival_draw
 from evidence._field_survival_runs import VARIANTS, Task, run_survival
-from evidence._field_survival_summary import asked_table, figures, kinds_table, lost_lines, pairs_of
 from evidence._kept_runs import kept_runs
+from evidence.field_survival import asked_table, figures, kinds_table, lost_lines, pairs_of
 
 NAME = "1 MVA"
 """The fastest to simulate: 6 kHz."""
