@@ -67,8 +67,7 @@ def references(converter: Converter, start: GridState) -> tuple[float, float]:
     """
     c, (D_p, D_q) = converter.study.converter, converter.droops
     P, Q = start.P_pu * c.S_rated, start.Q_pu * c.S_rated
-    R, X, V_g_rms = _circuit(converter, start)
-    V_rms = solve_operating_point(P, Q, V_g_rms, R, X).V_rms
+    V_rms = solve_operating_point(P, Q, *_circuit(converter, start)).V_rms
     return P + D_p * 2.0 * math.pi * start.df_hz, Q - D_q * (c.V_rated_rms - V_rms)
 
 
@@ -76,7 +75,7 @@ def rest_at(converter: Converter, state: GridState, P_ref: float, Q_ref: float) 
     """Where the droops and the grid agree (:eq:`operating-point`). Raises NoOperatingPointError where they do not."""
     c, (D_p, D_q) = converter.study.converter, converter.droops
     P = P_ref - D_p * 2.0 * math.pi * state.df_hz
-    return solve_with_droop(P, Q_ref, D_q, c.V_rated_rms, *_source_first(_circuit(converter, state)))
+    return solve_with_droop(P, Q_ref, D_q, c.V_rated_rms, *_circuit(converter, state))
 
 
 def resting_currents(
@@ -126,35 +125,25 @@ def bridge_current(converter: Converter, point: OperatingPoint) -> float:
 
 
 def events_of(converter: Converter, start: GridState, changes: Sequence[Event]) -> tuple[Event, ...]:
-    """The changes as events of a study, with references in W and var."""
-    c, refs = converter.study.converter, references(converter, start)
+    """The changes as events of a study: their references add to those of the start."""
+    P_ref, Q_ref = references(converter, start)
+    found = (one.on(converter.study.converter) for one in changes)
     return tuple(
-        Event(
-            t_s=one.t_s,
+        replace(
+            one,
             name=f"change {k + 1}",
-            grid=None if one.place is None else one.place.grid(c),
-            V_g_rms=None if one.V_g_rms is None else one.V_g_rms * c.V_rated_rms,
-            omega_g=None if one.df_hz is None else c.omega_n + 2.0 * math.pi * one.df_hz,
-            over=one.over,
-            phase_jump=math.radians(one.phase_deg),
-            P_ref=None if one.P_ref is None else refs[0] + one.P_ref * c.S_rated,
-            Q_ref=None if one.Q_ref is None else refs[1] + one.Q_ref * c.S_rated,
+            P_ref=None if one.P_ref is None else P_ref + one.P_ref,
+            Q_ref=None if one.Q_ref is None else Q_ref + one.Q_ref,
         )
-        for k, one in enumerate(changes)
+        for k, one in enumerate(found)
     )
 
 
 def _circuit(converter: Converter, state: GridState) -> tuple[float, float, float]:
-    """R and X from the capacitor to the source at the state's frequency, Ω, and the source's voltage, V rms."""
+    """The source's voltage, V rms, and R and X from the capacitor to the source at the state's frequency, Ω."""
     c = converter.study.converter
-    omega = c.omega_n + 2.0 * math.pi * state.df_hz
-    grid = Place(state.scr, state.x_over_r, BASIS).grid(c)
-    return *converter.study.path_to_grid(grid, omega), state.V_g_pu * c.V_rated_rms
-
-
-def _source_first(circuit: tuple[float, float, float]) -> tuple[float, float, float]:
-    R, X, V_g_rms = circuit
-    return V_g_rms, R, X
+    grid, omega = Place(state.scr, state.x_over_r, BASIS).grid(c), c.omega_n + 2.0 * math.pi * state.df_hz
+    return state.V_g_pu * c.V_rated_rms, *converter.study.path_to_grid(grid, omega)
 
 
 def _possible(converter: Converter, point: OperatingPoint) -> bool:

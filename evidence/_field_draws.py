@@ -81,7 +81,6 @@ class FieldDraw:
 class _Drawing:
     """What a group changes of the common draw."""
 
-    rng: np.random.Generator
     start: GridState
     changes: tuple[Event, ...] = ()
     surroundings: Surroundings = field(default_factory=Surroundings)
@@ -116,16 +115,22 @@ def _surroundings(rng: np.random.Generator, background: str = "dirty", sensors: 
     return Surroundings(background=background, sensors=sensors, seed=int(rng.integers(1 << 31)))
 
 
-def _measured(drawing: _Drawing) -> _Drawing:
+def _measured(group: Group) -> Group:
     """The same in the background that was measured on public mains records, with typical sensors."""
-    rng, start = drawing.rng, drawing.start
-    drawing.start = replace(start, V_g_pu=uniform(rng, 0.95, 1.05), df_hz=uniform(rng, -0.05, 0.05))
-    drawing.surroundings = _surroundings(rng, "measured", "typical")
-    return drawing
+
+    def drawn(rng: np.random.Generator) -> _Drawing | None:
+        drawing = group(rng)
+        if drawing is not None:
+            V_g_pu, df_hz = uniform(rng, 0.95, 1.05), uniform(rng, -0.05, 0.05)
+            drawing.start = replace(drawing.start, V_g_pu=V_g_pu, df_hz=df_hz)
+            drawing.surroundings = _surroundings(rng, "measured", "typical")
+        return drawing
+
+    return drawn
 
 
 def _drawing(rng: np.random.Generator) -> _Drawing:
-    return _Drawing(rng, _start(rng), surroundings=_surroundings(rng))
+    return _Drawing(_start(rng), surroundings=_surroundings(rng))
 
 
 def _instant(rng: np.random.Generator) -> float:
@@ -152,28 +157,15 @@ def _step_of_source(rng: np.random.Generator, start: GridState) -> dict[str, flo
     return {"V_g_pu": round(start.V_g_pu + uniform(rng, -0.1, 0.1), 5), "phase_deg": uniform(rng, -10.0, 10.0)}
 
 
-def _rest(rng: np.random.Generator) -> _Drawing:
-    drawing = _drawing(rng)
-    drawing.duration_s = 4.0
-    return drawing
+def _resting(duration_s: float, noise: float | None = None) -> Group:
+    """Nothing happens."""
 
+    def drawn(rng: np.random.Generator) -> _Drawing:
+        drawing = _drawing(rng)
+        drawing.duration_s, drawing.surroundings = duration_s, replace(drawing.surroundings, noise=noise)
+        return drawing
 
-def _long_rest(rng: np.random.Generator) -> _Drawing:
-    drawing = _drawing(rng)
-    drawing.duration_s = 60.0
-    return drawing
-
-
-def _measured_rest(rng: np.random.Generator) -> _Drawing:
-    drawing = _measured(_rest(rng))
-    drawing.duration_s = 8.0
-    return drawing
-
-
-def _noisy(rng: np.random.Generator) -> _Drawing:
-    drawing = _rest(rng)
-    drawing.surroundings = replace(drawing.surroundings, noise=0.01)
-    return drawing
+    return drawn
 
 
 def _beat(rng: np.random.Generator) -> _Drawing:
@@ -193,11 +185,6 @@ def _jumped(rng: np.random.Generator) -> _Drawing | None:
     jump = _jump(rng, drawing.start, _instant(rng))
     drawing.changes = (jump,) if jump else ()
     return drawing if jump else None
-
-
-def _measured_jump(rng: np.random.Generator) -> _Drawing | None:
-    drawing = _jumped(rng)
-    return None if drawing is None else _measured(drawing)
 
 
 def _jump_and_step(rng: np.random.Generator) -> _Drawing | None:
@@ -248,18 +235,18 @@ def _power_step(rng: np.random.Generator) -> _Drawing:
 
 
 GROUPS: dict[str, Group] = {
-    "rest": _rest,
+    "rest": _resting(4.0),
     "jump": _jumped,
     "jump and step": _jump_and_step,
     "small jump": _small_jump,
     "jump at no current": _no_current,
     "grid-side step": _grid_step,
     "power step": _power_step,
-    "measured: rest": _measured_rest,
-    "measured: jump": _measured_jump,
+    "measured: rest": _measured(_resting(8.0)),
+    "measured: jump": _measured(_jumped),
     "beat": _beat,
-    "noise 1 %": _noisy,
-    "long rest": _long_rest,
+    "noise 1 %": _resting(4.0, noise=0.01),
+    "long rest": _resting(60.0),
 }
 """Every group by name."""
 

@@ -10,12 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evidence._field_summary import RESTS, at_rest, of
+from evidence._field_summary import RESTS, Array, Row, at_rest, between, of
 from vsgdesign.artifacts.measured_errors import GridBin, JumpInstant, MeasuredErrors
 from vsgdesign.artifacts.provenance import provenance
-
-Row = dict[str, Any]
-Array = NDArray[np.float64]
 
 SCR = (1.2, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
 X_OVER_R = (0.3, 1.0, 3.0, 10.0, 20.0)
@@ -48,11 +45,9 @@ def measured_errors(rows: Sequence[Row], seed: int) -> MeasuredErrors:
 
 
 def _bin(rest: Sequence[Row], answers: Array, scr: tuple[float, float], x_over_r: tuple[float, float]) -> GridBin:
-    def holds(one: Any, other: Any) -> Any:
-        return (one >= scr[0]) & (one <= scr[1]) & (other >= x_over_r[0]) & (other <= x_over_r[1])
-
-    mine = answers[holds(answers[:, 0], answers[:, 1])]
-    runs = sum(bool(holds(row["scr"][0], row["x_over_r"][0])) for row in rest)
+    mine = between(answers, scr, x_over_r)
+    grids = np.array([(row["scr"][0], row["x_over_r"][0]) for row in rest]).reshape(-1, 2)
+    runs = len(between(grids, scr, x_over_r))
     valid = float(np.mean(mine[:, 5])) if len(mine) else 0.0
     return GridBin(scr, x_over_r, runs, len(mine), round(valid, _DIGITS), _thinned(mine[:, 2:5]))
 

@@ -6,6 +6,7 @@ import functools
 import math
 import time
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -151,43 +152,38 @@ def figures_of(draw: FieldDraw, answers: Answers, cycle_s: float) -> dict[str, A
         "duration_s": draw.duration_s,
         "cycle_s": cycle_s,
     }
-    if not draw.events_s:
-        found["rest"] = _at_rest(answers, begin, end)
-        found["share_valid"] = share_valid(answers, begin, end)
-        found["longest_silence_s"] = longest_silence(answers, begin, end)
-        events: tuple[float, ...] = ()
-    else:
-        events = draw.events_s
-        begin = events[0]
-        found["after"] = _after(answers, events[-1])
-        found["silence_s"] = silence(answers, begin, end)
-        found["longest_silence_s"] = max(
-            longest_silence(answers, t, until) for t, until in zip(events, (*events[1:], end), strict=True)
-        )
-        if draw.jumps_s:
-            found_s = time_to_stay(answers, draw.jumps_s[-1], end)
-            found["found_s"] = found_s if math.isfinite(found_s) else None
-            found["announced"] = bool((answers.changed & answers.rows(draw.jumps_s[-1], end)).any())
-    wrong = valid_and_wrong(answers, begin, end, events)
-    found["wrong_s"], found["worst"] = wrong.seconds, wrong.worst
-    found["very_wrong_s"] = valid_and_wrong(answers, begin, end, events, above=VERY_WRONG).seconds
-    found["false_changes"] = false_changes(answers, begin, end, draw.jumps_s)
-    return found
-
-
-def _at_rest(answers: Answers, begin_s: float, end_s: float) -> list[list[float]]:
-    rows = np.flatnonzero(answers.rows(begin_s, end_s))
-    rows = rows[:: max(STRIDE, -(-len(rows) // KEPT))]
-    off, size, inside = answers.Z_hat - answers.Z, np.abs(answers.Z), inside_ellipse(answers)
-    table = np.column_stack(
-        [off.real / size, off.imag / size, answers.Z.real / size, answers.valid, inside]  # one row an answer
-    )[rows]
-    return np.round(table, _DIGITS).tolist()
-
-
-def _after(answers: Answers, event_s: float) -> list[list[float]]:
-    rows = np.flatnonzero(answers.t_s > event_s)[:FOLLOWED_CYCLES]
     off, size = answers.Z_hat - answers.Z, np.abs(answers.Z)
-    own = [answers.error, answers.valid, inside_ellipse(answers)]
-    table = np.column_stack([*own, off.real / size, off.imag / size, answers.Z.real / size])[rows]
-    return np.round(table, _DIGITS).tolist()
+    parts, flags = [off.real / size, off.imag / size, answers.Z.real / size], [answers.valid, inside_ellipse(answers)]
+    if draw.events_s:
+        begin = draw.events_s[0]
+        rows = np.flatnonzero(answers.t_s > draw.events_s[-1])[:FOLLOWED_CYCLES]
+        found["after"] = np.round(np.column_stack([answers.error, *flags, *parts])[rows], _DIGITS).tolist()
+        found["silence_s"] = silence(answers, begin, end)
+        if draw.jumps_s:
+            found["found_s"] = found_after(answers, draw.jumps_s[-1], end)
+            found["announced"] = bool((answers.changed & answers.rows(draw.jumps_s[-1], end)).any())
+    else:
+        rows = np.flatnonzero(answers.rows(begin, end))
+        rows = rows[:: max(STRIDE, -(-len(rows) // KEPT))]
+        found["rest"] = np.round(np.column_stack([*parts, *flags])[rows], _DIGITS).tolist()
+        found["share_valid"] = share_valid(answers, begin, end)
+    found["false_changes"] = false_changes(answers, begin, end, draw.jumps_s)
+    return found | wrong_and_silent(answers, draw.events_s, begin, end)
+
+
+def found_after(answers: Answers, change_s: float, end_s: float) -> float | None:
+    """Time to stay within 10 % after a change, s; None: never."""
+    found_s = time_to_stay(answers, change_s, end_s)
+    return found_s if math.isfinite(found_s) else None
+
+
+def wrong_and_silent(answers: Answers, events: tuple[float, ...], begin_s: float, end_s: float) -> dict[str, float]:
+    """For how long answers are valid and wrong, the largest error of these, and the longest silence after an event."""
+    wrong = valid_and_wrong(answers, begin_s, end_s, events)
+    stretches = pairwise((*(events or (begin_s,)), end_s))
+    return {
+        "wrong_s": wrong.seconds,
+        "worst": wrong.worst,
+        "very_wrong_s": valid_and_wrong(answers, begin_s, end_s, events, above=VERY_WRONG).seconds,
+        "longest_silence_s": max(longest_silence(answers, since_s, until_s) for since_s, until_s in stretches),
+    }

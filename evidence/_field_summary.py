@@ -56,7 +56,7 @@ def inside(answers: Array) -> float:
 
 
 def between(answers: Array, scr: tuple[float, float], x_over_r: tuple[float, float]) -> Array:
-    """Answers at rest on the grids of a bin, ends included."""
+    """Answers at rest (or whatever begins with SCR and X/R) on the grids of a bin, ends included."""
     chosen = (answers[:, 0] >= scr[0]) & (answers[:, 0] <= scr[1])
     return answers[chosen & (answers[:, 1] >= x_over_r[0]) & (answers[:, 1] <= x_over_r[1])]
 

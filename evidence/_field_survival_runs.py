@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -11,15 +10,11 @@ import numpy as np
 
 from evidence._field_converters import Converter, bridge_current
 from evidence._field_draws import FieldDraw
-from evidence._field_runs import converter_of, simulate_field, study_of
+from evidence._field_runs import converter_of, found_after, simulate_field, study_of, wrong_and_silent
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.metrics.answers import (
-    VERY_WRONG,
     WRONG,
     Answers,
-    longest_silence,
-    time_to_stay,
-    valid_and_wrong,
 )
 from vsgdesign.metrics.survival import (
     NO_REST,
@@ -138,21 +133,11 @@ def rest_seen(converter: Converter, study: Study, since_s: float) -> ExpectedRes
 def answered(draw: FieldDraw, answers: Answers) -> dict[str, Any]:
     """What the estimator said from the disturbance on."""
     events, end = draw.events_s, draw.duration_s
-    cleared_s = draw.changes[-1].end_s
-    of_grid = [one.t_s for one in draw.changes if one.place is not None]
-    of_voltage = [one.t_s for one in draw.changes if one.V_g_rms is not None]
-    since = max([*of_grid, *of_voltage], default=events[0])
-    found_s = time_to_stay(answers, since, end)
-    wrong = valid_and_wrong(answers, events[0], end, events)
-    late = answers.rows(cleared_s + AT_REST_AFTER_S, end)
+    since = [one.t_s for one in draw.changes if one.place is not None or one.V_g_rms is not None]
+    late = answers.rows(draw.changes[-1].end_s + AT_REST_AFTER_S, end)
     return {
-        "found_s": found_s if math.isfinite(found_s) else None,
-        "wrong_s": wrong.seconds,
-        "worst": wrong.worst,
-        "very_wrong_s": valid_and_wrong(answers, events[0], end, events, above=VERY_WRONG).seconds,
+        "found_s": found_after(answers, max(since, default=events[0]), end),
         "wrong_at_end": bool((answers.error[late & answers.valid] > WRONG).any()),
         "valid_at_end": bool(answers.valid[late].any()),
-        "longest_silence_s": max(
-            longest_silence(answers, t, until) for t, until in zip(events, (*events[1:], end), strict=True)
-        ),
+        **wrong_and_silent(answers, events, events[0], end),
     }
