@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,17 +35,11 @@ REST_FROM_S, DURATION_S = 15.0, 24.0
 """The estimator has then forgotten what it learned from at the start, with a larger probe."""
 
 
-class ProbeTask(NamedTuple):
-    """A run at rest, in a grid without any background."""
-
-    draw: FieldDraw
-
-
-def run_probe(task: ProbeTask) -> dict[str, Any]:
-    """The same run with and without the probe: the voltage of its lines, the power's ripple, and the error's ratio to
-    its bound. Sensors have noise and bits alone: an offset is a ripple of its own, and no bound knows of gains."""
-    converter = converter_of(task.draw.converter)
-    draw = replace(task.draw, duration_s=DURATION_S)
+def run_probe(draw: FieldDraw) -> dict[str, Any]:
+    """A draw at rest in a grid without any background, with and without the probe: the voltage of its lines, the
+    power's ripple, and the error's ratio to its bound. Sensors have noise and bits alone: an offset is a ripple of its
+    own, and no bound knows of gains."""
+    converter, draw = converter_of(draw.converter), replace(draw, duration_s=DURATION_S)
     seed, T_s = draw.surroundings.seed, converter.study.converter.T_s
     study = study_of(converter, draw)
     study = replace(

@@ -35,27 +35,31 @@ class Disturbance:
     rests_between: bool = True
 
 
-Kind = Callable[[np.random.Generator, GridState], Disturbance | None]
+class NoDrawError(Exception):
+    """What was drawn does not serve: the next attempt."""
+
+
+Kind = Callable[[np.random.Generator, GridState], Disturbance]
 
 
 def _sign(rng: np.random.Generator) -> float:
     return 1.0 if rng.random() < 0.5 else -1.0
 
 
-def _other(rng: np.random.Generator, start: GridState) -> float | None:
+def _other(rng: np.random.Generator, start: GridState) -> float:
     """A short-circuit ratio that differs by a factor of 1.5 or more."""
     scr = log_uniform(rng, *SCR)
-    return scr if max(scr / start.scr, start.scr / scr) >= 1.5 else None
+    if max(scr / start.scr, start.scr / scr) < 1.5:
+        raise NoDrawError
+    return scr
 
 
-def _jump(rng: np.random.Generator, start: GridState) -> Disturbance | None:
-    scr = _other(rng, start)
-    return Disturbance((Event.of_pu(0.0, scr=scr, x_over_r=start.x_over_r),)) if scr else None
+def _jump(rng: np.random.Generator, start: GridState) -> Disturbance:
+    return Disturbance((Event.of_pu(0.0, scr=_other(rng, start), x_over_r=start.x_over_r),))
 
 
-def _jump_of_both(rng: np.random.Generator, start: GridState) -> Disturbance | None:
-    scr = _other(rng, start)
-    return Disturbance((Event.of_pu(0.0, scr=scr, x_over_r=log_uniform(rng, *X_OVER_R)),)) if scr else None
+def _jump_of_both(rng: np.random.Generator, start: GridState) -> Disturbance:
+    return Disturbance((Event.of_pu(0.0, scr=_other(rng, start), x_over_r=log_uniform(rng, *X_OVER_R)),))
 
 
 def _phase(rng: np.random.Generator, _: GridState) -> Disturbance:
@@ -72,10 +76,8 @@ def _dip(rng: np.random.Generator, start: GridState) -> Disturbance:
     return Disturbance((begun, over), rests_between=False)
 
 
-def _dip_and_jump(rng: np.random.Generator, start: GridState) -> Disturbance | None:
+def _dip_and_jump(rng: np.random.Generator, start: GridState) -> Disturbance:
     scr, phase = _other(rng, start), uniform(rng, -15.0, 15.0)
-    if scr is None:
-        return None
     begun = Event.of_pu(0.0, V_g_pu=_dip_to(rng, start))
     over = Event.of_pu(uniform(rng, 0.1, 0.3), V_g_pu=start.V_g_pu, scr=scr, x_over_r=start.x_over_r, phase_deg=phase)
     return Disturbance((begun, over), rests_between=False)
@@ -103,10 +105,8 @@ def _overload(rng: np.random.Generator, start: GridState) -> Disturbance:
     return Disturbance((over, back), rests_between=False)
 
 
-def _there_and_back(rng: np.random.Generator, start: GridState) -> Disturbance | None:
+def _there_and_back(rng: np.random.Generator, start: GridState) -> Disturbance:
     scr = _other(rng, start)
-    if scr is None:
-        return None
     there = Event.of_pu(0.0, scr=scr, x_over_r=start.x_over_r)
     back = Event.of_pu(uniform(rng, 0.06, 0.3), scr=start.scr, x_over_r=start.x_over_r)
     return Disturbance((there, back))
@@ -121,10 +121,8 @@ def _three_dips(rng: np.random.Generator, start: GridState) -> Disturbance:
     return Disturbance(tuple(changes), rests_between=False)
 
 
-def _all_at_once(rng: np.random.Generator, start: GridState) -> Disturbance | None:
+def _all_at_once(rng: np.random.Generator, start: GridState) -> Disturbance:
     scr = _other(rng, start)
-    if scr is None:
-        return None
     phase, by = _sign(rng) * uniform(rng, 5.0, 20.0), _sign(rng) * uniform(rng, 0.1, 0.3)
     df = round(start.df_hz + by, 5)
     return Disturbance((Event.of_pu(0.0, scr=scr, x_over_r=start.x_over_r, phase_deg=phase, df_hz=df),))
@@ -166,8 +164,9 @@ def survival_draw(converter: Converter, seed: int) -> FieldDraw:
             df_hz=uniform(rng, -0.5, 0.5),
         )
         at_s = round(EVENT_S + 0.02 * float(rng.random()), 6)
-        found = KINDS[group][1](rng, start)
-        if found is None:
+        try:
+            found = KINDS[group][1](rng, start)
+        except NoDrawError:
             continue
         currents = resting_currents(converter, start, found.changes, each=found.rests_between)
         if currents is None or max(currents) > ROOM_PU:

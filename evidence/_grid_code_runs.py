@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -146,8 +145,3 @@ def subject_of(converter: str, controller: str, told: str, folder: str) -> Subje
     table = survival_tables(study, folder).tables["table"]
     chosen = study.with_controllers(fields | {"schedule": "table"})
     return Subject(study=chosen, spec=chosen.controllers[0], ready=Ready(tables={name: table}))
-
-
-def prepare(converter: str, folder: Path) -> None:
-    """Designs the table of a converter, if the folder does not have it."""
-    survival_tables(load_study(STUDIES / f"{CONVERTERS[converter]}.toml"), folder)

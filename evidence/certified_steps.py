@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from concurrent.futures import ProcessPoolExecutor
@@ -12,6 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from evidence._field_converters import CONTROLLER, CONVERTERS
+from evidence._field_converters import STUDIES as FOLDER
+from evidence._tables import leave, table
 from vsgdesign.artifacts.certificate_record import StepRow, StepStatement
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.certificate import Certificate, Region, certified_steps, certify, region_of
@@ -24,10 +26,7 @@ from vsgdesign.parameters.study import Event
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run import simulate
 
-STUDIES = ("study", "laboratory", "utility")
-"""Of studies/survival: 5 kVA LC, 12.5 kVA LCL with a sample of delay, 1 MVA at 60 Hz."""
-_FOLDER = Path(__file__).resolve().parents[1] / "studies" / "survival"
-CONTROLLER = "angle_damped"
+STUDIES = tuple(CONVERTERS.values())
 REGION: dict[str, Any] = {"scr": (2.0, 20.0), "x_over_r": (1.0, 20.0), "Q_pu": (-0.3, 0.3), "error": 0.2}
 KINDS = ("P_ref", "Q_ref", "phase", "V_g", "omega_g")
 FACTORS = (0.9, 1.5, 2.0, 3.0, 5.0)
@@ -124,7 +123,7 @@ def stepped_run(study: Study, system: System, row: StepRow, factor: float, seed:
 
 def stated(name: str = STUDIES[0], budget: int = 150_000, **options: Any) -> tuple[Study, System, StepStatement]:
     """A study, its loops and what is certified of it. ``options``: of :func:`vsgdesign.certificate.certify`."""
-    study = load_study(_FOLDER / f"{name}.toml")
+    study = load_study(FOLDER / f"{name}.toml")
     spec, region = region_of(study, CONTROLLER, **REGION)
     study = study.with_limit_of(spec)
     certificate = certify(study, spec, region, budget=0, **options)
@@ -151,13 +150,12 @@ def main(folder: Path) -> None:
             own = [run for one in waiting if (run := one.result()) is not None]
         _print(study.title, [row.proof for row in rows], own)
         runs += own
-    (folder / "certified_steps.json").write_text(json.dumps([vars(run) for run in runs], indent=1) + "\n")
+    leave(folder, "certified_steps", [vars(run) for run in runs])
 
 
 def _print(title: str, proofs: list[str], runs: list[SteppedRun]) -> None:
     print(f"{title}: {proofs.count('gap-free')} of {len(proofs)} rows gap-free\n")
-    print("| size | runs | a limit acts after 5 ms | in the first 5 ms | largest current, pu | later, by kind |")
-    print("| --- | --- | --- | --- | --- | --- |")
+    rows = []
     for factor in FACTORS:
         some = [run for run in runs if run.factor == factor]
         later, fast = (sum(getattr(run, n) > 0 for run in some) for n in ("limited_later", "limited_fast"))
@@ -166,5 +164,6 @@ def _print(title: str, proofs: list[str], runs: list[SteppedRun]) -> None:
         for kind in KINDS:
             own = [run for run in some if run.kind == kind]
             counts.append(f"{kind} {sum(run.limited_later > 0 for run in own)}/{len(own)}")
-        print(f"| {factor:g} | {len(some)} | {later} | {fast} | {largest:.3f} | {', '.join(counts)} |")
-    print()
+        rows.append((f"{factor:g}", f"{len(some)}", f"{later}", f"{fast}", f"{largest:.3f}", ", ".join(counts)))
+    head = ("size", "runs", "a limit acts after 5 ms", "in the first 5 ms", "largest current, pu", "later, by kind")
+    print("\n".join(table(head, rows)), end="\n\n")

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from click.testing import CliRunner
 
+from evidence._tables import leave
 from vsgdesign.cli.program import main as command_line
 from vsgdesign.design.inner import designing
 from vsgdesign.design.inner.search import Effort
@@ -109,15 +110,13 @@ def travel(number: int) -> dict[str, Any]:
 def main(folder: Path) -> None:
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         rows = list(pool.map(travel, range(COUNT)))
-    (folder / "datasheets.json").write_text(json.dumps(rows, indent=1))
+    leave(folder, "datasheets", rows)
     for verb in VERBS:
-        print(
-            f"{verb}: exit codes {dict(sorted(Counter(row['codes'].get(verb, '-') for row in rows).items(), key=str))}"
-        )
+        codes = Counter(row["codes"].get(verb, "-") for row in rows)
+        print(f"{verb}: exit codes {dict(sorted(codes.items(), key=str))}")
     scores = np.array([row["score"] for row in rows if "score" in row])
-    print(
-        f"scores: {len(scores)} designs, {(scores > 0).sum()} stable everywhere, {(scores >= 1).sum()} keep everything"
-    )
+    stable, whole = (scores > 0).sum(), (scores >= 1).sum()
+    print(f"scores: {len(scores)} designs, {stable} stable everywhere, {whole} keep everything")
     print(f"tracebacks: {sum(bool(row['traceback']) for row in rows)} of {COUNT}")
     for row in rows:
         if row["traceback"] or row["says"]:

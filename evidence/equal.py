@@ -109,17 +109,12 @@ def record() -> str:
 
 def compare(a: Path, b: Path, only: str = "*") -> Iterator[Difference]:
     """Every difference between the jobs that both folders have finished."""
-    for place in sorted(path.parent for path in a.glob(f"*/{DONE}") if (b / path.parent.name / DONE).exists()):
-        found = [
-            {str(one.relative_to(folder)) for one in (folder / place.name).rglob("*") if one.is_file()}
-            for folder in (a, b)
-        ]
-        for name in sorted(found[0] | found[1]):
-            if not fnmatch.fnmatch(name, only):
-                continue
-            if not (name in found[0] and name in found[1]):
-                first, second = ("there" if name in some else "missing" for some in found)
-                yield Difference(name, "the file", first, second)
+    for job in sorted(path.parent.name for path in a.glob(f"*/{DONE}") if (b / path.parent.name / DONE).exists()):
+        both = {str(one.relative_to(of)) for of in (a, b) for one in (of / job).rglob("*") if one.is_file()}
+        for name in sorted(fnmatch.filter(both, only)):
+            there = ["there" if (of / name).is_file() else "missing" for of in (a, b)]
+            if "missing" in there:
+                yield Difference(name, "the file", *there)
             elif Path(name).suffix not in ONLY_THERE:
                 yield from of_file(name, a / name, b / name)
 

@@ -9,7 +9,6 @@ Python, in C of both precisions and in machine code. It needs gcc.
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from evidence._tables import leave, table
 from tests.export.exchange import compare, random_calls, written
 from tests.export.fuzzing import build_control_fuzz, run_control_fuzz
 from tests.export.random_states import compare_steps
@@ -50,24 +50,20 @@ def _updates(scheduler: Scheduler, folder: Path) -> list[dict[str, Any]]:
             raise RuntimeError("An update gave no answer.")
         statuses += int(((a.status != b.status) | (a.reason != b.reason)).sum())
         gains = max(gains, float(np.max(np.abs(pairs[0] - pairs[1]) / np.maximum(np.abs(pairs[1]), 1e-9))))
-        place = max(
-            place, float(np.max(np.abs(a.scr / b.scr - 1.0))), float(np.max(np.abs(a.r_over_x / b.r_over_x - 1)))
-        )
+        ratios = np.array([a.scr / b.scr, a.r_over_x / b.r_over_x])
+        place = max(place, float(np.max(np.abs(ratios - 1.0))))
     rows.append({"updates": STATES, "of": "machine code", "statuses": statuses, "gains": gains, "place": place})
-    print("| updates | against Python | decided otherwise | gains | place |\n| --- | --- | --- | --- | --- |")
-    for row in rows:
-        print(f"| {row['updates']:,} | {row['of']} | {row['statuses']} | {row['gains']:.1e} | {row['place']:.1e} |")
-    print()
+    cells = ([f"{r['updates']:,}", r["of"], f"{r['statuses']}", f"{r['gains']:.1e}", f"{r['place']:.1e}"] for r in rows)
+    lines = table(("updates", "against Python", "decided otherwise", "gains", "place"), cells)
+    print("\n".join(lines), end="\n\n")
     return rows
 
 
 def main(folder: Path) -> None:
     """Prints a table and writes its rows to exported_c.json. Raises RuntimeError if the fuzzing finds something."""
     rows: list[dict[str, Any]] = []
-    print(
-        f"| limiter | precision | worst of {STATES:,} steps | limited | decided otherwise | {CALLS:,} fuzzed samples |"
-    )
-    print("| --- | --- | --- | --- | --- | --- |")
+    head = ("limiter", "precision", f"worst of {STATES:,} steps", "limited", "decided otherwise")
+    print("\n".join(table((*head, f"{CALLS:,} fuzzed samples"), ())))
     with tempfile.TemporaryDirectory(prefix="vsg") as name:
         place = Path(name)
         table_file, _ = written(place)
@@ -93,4 +89,4 @@ def main(folder: Path) -> None:
                 flash, ram, stack = measure_footprint(exported).control
                 print(f"| {limiter} | Cortex-M4F | flash {flash} B, RAM {ram} B, stack {stack} B | | | |", flush=True)
                 rows.append({"limiter": limiter, "flash": flash, "ram": ram, "stack": stack})
-    (folder / "exported_c.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    leave(folder, "exported_c", rows)

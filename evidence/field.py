@@ -8,17 +8,25 @@ another seed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from evidence._field_converters import CONVERTERS
 from evidence._field_draws import FieldDraw, field_draw
-from evidence._field_errors import measured_errors
-from evidence._field_probe_runs import ProbeTask, probe_table, run_probe
+from evidence._field_probe_runs import probe_table, run_probe
 from evidence._field_runs import converter_of, run_field
 from evidence._field_summary import (
+    RESTS,
+    Array,
     Row,
     asked_table,
+    at_rest,
+    between,
     bins_table,
     error_quantiles,
     errors_since,
@@ -28,7 +36,8 @@ from evidence._field_summary import (
 )
 from evidence._kept_runs import first_seed, kept_runs, share
 from evidence._tables import leave, table
-from vsgdesign.artifacts.measured_errors import MEASURED_FILE, SHIPPED
+from vsgdesign.artifacts.measured_errors import MEASURED_FILE, SHIPPED, GridBin, JumpInstant, MeasuredErrors
+from vsgdesign.artifacts.provenance import provenance
 
 COUNTS = {
     "rest": 200,
@@ -54,6 +63,19 @@ SHIPS = {SHIPPED.name: SHIPPED}
 
 CYCLES = (0, 1, 2, 3, 4, 5, 7, 9, 14, 19, 29, 49)
 """Cycles after an event that the table of errors shows."""
+
+
+SCR = (1.2, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
+X_OVER_R = (0.3, 1.0, 3.0, 10.0, 20.0)
+"""Limits of the ranges of grids of the errors that the package ships."""
+
+MOST = 400
+"""Answers of a range, and jumps, that are kept."""
+
+JUMP_CYCLES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 15, 20, 25, 30, 40, 50)
+"""Answers since a jump that are kept."""
+
+_DIGITS = 4
 
 
 def draws(share_of_all: float, seed: int) -> list[FieldDraw]:
@@ -112,13 +134,61 @@ def markdown(everything: list[Row]) -> tuple[list[str], dict[str, Any]]:
     return lines, {"asked": data, "since": since, "errors_at_rest": quantiles, "runs": len(rows)}
 
 
+def measured_errors(rows: Sequence[Row], seed: int) -> MeasuredErrors:
+    """The errors at rest by ranges of the grid, and those of the answers after a jump of the grid over all grids."""
+    rest = of(rows, *RESTS)
+    answers = at_rest(rest)
+    bins = [_bin(rest, answers, scr, x_over_r) for scr in pairwise(SCR) for x_over_r in pairwise(X_OVER_R)]
+    return MeasuredErrors(
+        estimator="field",
+        converters=tuple(dict.fromkeys(row["converter"] for row in rows)),
+        background="a drawn background of a real grid with noise, harmonics, unbalance and sensors, switched bridge",
+        runs=len(rest) + len(of(rows, "jump")),
+        seed=seed,
+        bins=tuple(one for one in bins if one.answers),
+        jumps=_since(of(rows, "jump")),
+        provenance=provenance(),
+    )
+
+
+def _bin(rest: Sequence[Row], answers: Array, scr: tuple[float, float], x_over_r: tuple[float, float]) -> GridBin:
+    mine = between(answers, scr, x_over_r)
+    grids = np.array([(row["scr"][0], row["x_over_r"][0]) for row in rest]).reshape(-1, 2)
+    runs = len(between(grids, scr, x_over_r))
+    valid = float(np.mean(mine[:, 5])) if len(mine) else 0.0
+    return GridBin(scr, x_over_r, runs, len(mine), round(valid, _DIGITS), _thinned(mine[:, 2:5]))
+
+
+def _since(jumps: Sequence[Row]) -> tuple[JumpInstant, ...]:
+    """Answers k after a jump act from the end of their cycle on. Cycles of 50 and of 60 Hz count alike, at 50 Hz's
+    time: the later one."""
+    chosen = [row for row in jumps if len(row.get("after", ())) >= max(JUMP_CYCLES)]
+    chosen = [chosen[k] for k in _evenly(len(chosen))]
+    if not chosen or len(chosen[0]["after"][0]) < 6:
+        return ()
+    longest = max(row["cycle_s"] for row in chosen)
+    return tuple(
+        JumpInstant(round(k * longest, 6), _rounded([row["after"][k - 1][3:6] for row in chosen])) for k in JUMP_CYCLES
+    )
+
+
+def _thinned(values: Array) -> Array:
+    return _rounded(values[_evenly(len(values))])
+
+
+def _rounded(values: Any) -> Array:
+    return np.asarray(np.round(np.asarray(values, dtype=np.float64), _DIGITS), dtype=np.float64)
+
+
+def _evenly(count: int) -> NDArray[np.int64]:
+    return np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(np.int64)) if count else np.arange(0)
+
+
 def main(folder: Path) -> None:
     rows = kept_runs(run_field, draws(share(), first_seed()), folder / "field" / "runs.jsonl", "field")
     count = max(round(share() * PROBE_COUNT), 1)
     probed = [
-        ProbeTask(field_draw(converter_of(name), "rest", first_seed() + 5000 + k))
-        for name in CONVERTERS
-        for k in range(count)
+        field_draw(converter_of(name), "rest", first_seed() + 5000 + k) for name in CONVERTERS for k in range(count)
     ]
     probe = kept_runs(run_probe, probed, folder / "field" / "probe.jsonl", "field, probe")
     lines, document = markdown(rows)

@@ -8,7 +8,6 @@ work only adds. Multiply-adds are counted in the expression trees from which the
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from evidence._tables import leave, table
 from tests.export.exchange import written
 from tests.export.field_record import FieldRecord, apart, recorded_run, replay
 from vsgdesign.artifacts.field_weights import read_field_weights
@@ -67,11 +67,9 @@ def main(folder: Path) -> None:
             for kind, net in (("plain", None), ("network", network))
         )
         print(f"60 s, {len(record.rows):,} samples, {len(record.answers):,} cycles, gcc -O2")
-        print(
-            "| precision | error of Z, largest (median) | cycles decided otherwise | ns a sample: mean, 99 %, "
-            "longest | us a cycle: mean, longest | us a cycle with network | bytes |"
-        )
-        print("| --- | --- | --- | --- | --- | --- | --- |")
+        head = ("precision", "error of Z, largest (median)", "cycles decided otherwise")
+        times = ("ns a sample: mean, 99 %, longest", "us a cycle: mean, longest", "us a cycle with network")
+        print("\n".join(table((*head, *times, "bytes"), ())))
         first = replay(plain, place, record, double=True)
         for double in (True, False):
             # Single precision is given the probe that was sent in the run: its own would not be what was measured.
@@ -105,7 +103,7 @@ def main(folder: Path) -> None:
                 footprint = measure_field_footprint(exported)
                 print(f"Cortex-M4F, {kind}: {footprint}")
                 rows.append({"footprint": kind} | footprint._asdict())
-    (folder / "field_c.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    leave(folder, "field_c", rows)
 
 
 def otherwise(found: np.ndarray, wanted: np.ndarray) -> int:

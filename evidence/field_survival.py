@@ -82,19 +82,20 @@ def asked_table(pairs: Sequence[Pair]) -> list[str]:
     """What is asked beside what was measured, by converter and over all."""
     by = by_converter(pairs, lambda pair: pair.field["converter"])
     found = {name: figures(mine) for name, mine in by.items()}
+    alone = "{lost_with_estimate_alone} / {lost_with_truth_alone}"
     rows = (
-        ("draws with a verdict", "≥ 2,000", lambda f: f"{f['pairs']}"),
-        ("survived with the estimate", "", lambda f: _share(f["survived"], f["pairs"])),
-        ("survived with the truth", "", lambda f: _share(f["survived_truth"], f["pairs"])),
+        ("draws with a verdict", "≥ 2,000", "{pairs}".format_map),
+        ("survived with the estimate", "", lambda f: _share(f, "survived")),
+        ("survived with the truth", "", lambda f: _share(f, "survived_truth")),
         ("less than with the truth", f"≤ {LESS_PCT:g} points", _less),
-        ("lost with the estimate alone / with the truth alone", "", _alone),
+        ("lost with the estimate alone / with the truth alone", "", alone.format_map),
         ("largest current later than 5 ms after an event", f"≤ {PEAK_PU:g} pu", _peaks),
         ("time to stay within 10 % after the last event: median / p95", "", _found),
-        ("never within 10 %", "0", lambda f: f"{f['never_found']}"),
+        ("never within 10 %", "0", "{never_found}".format_map),
         ("runs with 20 ms or more valid and > 20 % wrong; longest", "0", _wrong),
         ("largest error of a valid answer", "≤ 30 %", lambda f: f"{100.0 * f['worst']:.0f} %"),
         ("longest silence", "≤ 1 s", lambda f: f"{1e3 * f['valid_again_s']:.0f} ms"),
-        ("not valid at the end / wrong at the end", "0 / 0", lambda f: f"{f['silent_at_end']} / {f['wrong_at_end']}"),
+        ("not valid at the end / wrong at the end", "0 / 0", "{silent_at_end} / {wrong_at_end}".format_map),
         ("recovery, median / worst: estimate (truth)", "", _recovery),
     )
     cells = ([what, asked, *map(value, found.values())] for what, asked, value in rows)
@@ -122,17 +123,17 @@ def lost_lines(pairs: Sequence[Pair]) -> list[str]:
     ]
 
 
-def _share(count: int, of: int) -> str:
-    return f"{count} of {of} ({100.0 * count / max(of, 1):.2f} %)"
+def _share(f: dict[str, Any], name: str) -> str:
+    return f"{f[name]} of {f['pairs']} ({100.0 * f[name] / max(f['pairs'], 1):.2f} %)"
+
+
+def _wrong(f: dict[str, Any]) -> str:
+    return f"{f['wrong_runs']}; {1e3 * f['wrong_s']:.0f} ms"
 
 
 def _less(f: dict[str, Any]) -> str:
     points = 100.0 * (f["survived_truth"] - f["survived"]) / max(f["pairs"], 1)
     return f"{points:.2f} points" + (" ✗" if points > LESS_PCT else "")
-
-
-def _alone(f: dict[str, Any]) -> str:
-    return f"{f['lost_with_estimate_alone']} / {f['lost_with_truth_alone']}"
 
 
 def _peaks(f: dict[str, Any]) -> str:
@@ -141,10 +142,6 @@ def _peaks(f: dict[str, Any]) -> str:
 
 def _found(f: dict[str, Any]) -> str:
     return " / ".join("never" if math.isinf(t) else f"{1e3 * t:.0f} ms" for t in f["found_s"][:2])
-
-
-def _wrong(f: dict[str, Any]) -> str:
-    return f"{f['wrong_runs']}; {1e3 * f['wrong_s']:.0f} ms"
 
 
 def _recovery(f: dict[str, Any]) -> str:

@@ -15,15 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from evidence._field_converters import CONVERTERS
-from evidence._grid_code_runs import AT_THE_PCC, CONTROLLERS, POINTS_PU, TOLD, GridCodeTask, prepare, run_task, tests
+from evidence._field_converters import CONVERTERS, STUDIES
+from evidence._grid_code_runs import AT_THE_PCC, CONTROLLERS, POINTS_PU, TOLD, GridCodeTask, run_task, tests
 from evidence._kept_runs import kept_runs, share
 from evidence._tables import leave, table
 from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, NOT_APPLICABLE
 from vsgdesign.compliance.suite import SuiteTest
 from vsgdesign.metrics.survival import NOT_AT_REST, SURVIVED
+from vsgdesign.parameters import load_study
 from vsgdesign.parameters.network import PHASE_TO_PHASE, Fault
 from vsgdesign.parameters.source import Sag
+from vsgdesign.pipeline.survival import survival_tables
 
 Result = tuple[GridCodeTask, dict[str, Any]]
 
@@ -34,6 +36,7 @@ LIMIT_PU = 1.26
 """A phase current above this, later than 5 ms after an event, is counted: 5 % above the limit of 1.2 pu."""
 
 NO_START = "no rest to begin at"
+POINT_WORDS = {P_pu: f"{P_pu:g} pu" for P_pu in POINTS_PU} | {POINTS_PU[0]: "as in the suite, most 0.5 pu"}
 
 
 def tasks() -> list[GridCodeTask]:
@@ -59,8 +62,8 @@ def tasks() -> list[GridCodeTask]:
 def main(folder: Path) -> None:
     kept = folder / "grid_code"
     kept.mkdir(exist_ok=True)
-    for name in CONVERTERS:
-        prepare(name, kept)
+    for name in CONVERTERS.values():  # the tables are designed once, before many processes need them
+        survival_tables(load_study(STUDIES / f"{name}.toml"), kept)
     asked = tasks()
     run: Callable[[Any], dict[str, Any]] = functools.partial(run_task, folder=str(kept))
     found = list(zip(asked, kept_runs(run, asked, kept / "runs.jsonl", "grid_code"), strict=True))
@@ -71,10 +74,11 @@ def lines_of(found: Sequence[Result]) -> list[str]:
     """The tables and the list of failures, as Markdown."""
     added = [one for one in found if one[1]["group"] == AT_THE_PCC]
     found = [one for one in found if one[1]["group"] != AT_THE_PCC]
+    ordered = sorted(found, key=lambda one: POINTS_PU.index(one[0].P_pu))
     parts = {
         "Survived, of what is possible": table_of_controllers(found),
-        "By group": table_of_groups(found),
-        "By power before the test": table_of_points(found),
+        "By group": table_by(found, "group", lambda one: str(one[1]["group"])),
+        "By power before the test": table_by(ordered, "P before the test", lambda one: POINT_WORDS[one[0].P_pu]),
         "Currents": table_of_currents(found),
         "Unbalanced faults and sags": table_of_unbalanced(found),
         "Every failure": list_of_failures(found),
@@ -97,25 +101,21 @@ def counted(found: Iterable[Result]) -> Counter[str]:
     return Counter(kind_of(result) for _, result in found)
 
 
-def survived_of(found: Iterable[Result]) -> str:
-    """``survived of judged (share)``, as the judge of survival has it; a dash without any."""
-    return _share_of(found, lambda result: kind_of(result) == SURVIVED)
-
-
-def within_2_T_of(found: Iterable[Result]) -> str:
-    """As :func:`survived_of`, but at rest within 2 T + 0.2 s whatever the schedule is told."""
-    return _share_of(found, lambda result: bool(result["within_2_T"]))
-
-
-def at_rest_of(found: Iterable[Result]) -> str:
-    """As :func:`survived_of`, with those that come to rest later, and neither slip nor are held by their limiter."""
-    return _share_of(found, lambda result: kind_of(result) == SURVIVED or is_late(result))
-
-
-def _share_of(found: Iterable[Result], good: Callable[[dict[str, Any]], bool]) -> str:
+def survived_of(found: Iterable[Result], good: Callable[[dict[str, Any]], bool] | None = None) -> str:
+    """``survived of judged (share)``, as the judge of survival or ``good`` has it; a dash without any."""
     judged = [result for _, result in found if kind_of(result) in (SURVIVED, "lost")]
-    count = sum(map(good, judged))
+    count = sum(map(good or (lambda result: kind_of(result) == SURVIVED), judged))
     return f"{count:,} of {len(judged):,} ({_percent(count, len(judged))})" if judged else "–"
+
+
+def within_2_T(result: dict[str, Any]) -> bool:
+    """Whether a run survived at rest within 2 T + 0.2 s, whatever its schedule is told."""
+    return bool(result["within_2_T"])
+
+
+def rests_at_last(result: dict[str, Any]) -> bool:
+    """Whether a run survived, or comes to rest later and neither slips nor is held by its limiter."""
+    return kind_of(result) == SURVIVED or is_late(result)
 
 
 def _percent(part: int, whole: int) -> str:
@@ -138,8 +138,9 @@ def headline(found: Sequence[Result]) -> str:
     never = [one for one in found if one[0].told == TOLD[1]]
     return (
         f"{len(found):,} runs. Told the grid 0.2 s late, or with the field estimator in the loop: **{survived_of(told)}"
-        f" are survived of what is possible. Never told again: {survived_of(never)}**; {within_2_T_of(never)} are at "
-        f"rest within the 2 T + 0.2 s of the others, and {at_rest_of(never)} come to rest. Of the "
+        f" are survived of what is possible. Never told again: {survived_of(never)}**; "
+        f"{survived_of(never, within_2_T)} are at rest within the 2 T + 0.2 s of the others, and "
+        f"{survived_of(never, rests_at_last)} come to rest. Of the "
         f"{len(lost):,} that are lost, {late:,} are late alone: they come to rest later, and neither slip nor latch. "
         f"{count[IMPOSSIBLE]:,} runs are impossible for any converter of this current, {count[NO_START]:,} "
         f"have {NO_START} with this controller's droops, and {count[NOT_APPLICABLE]:,} do not apply."
@@ -155,13 +156,13 @@ def table_of_controllers(found: Sequence[Result]) -> list[str]:
             count = counted(own)
             cells = [survived_of(one for one in own if one[0].told == told) for told in TOLD]
             never = [one for one in own if one[0].told == TOLD[1]]
-            cells[2:2] = [within_2_T_of(never), at_rest_of(never)]
+            cells[2:2] = [survived_of(never, within_2_T), survived_of(never, rests_at_last)]
             rows.append([f"{converter}, {controller}", *cells, str(count[IMPOSSIBLE]), str(count[NO_START])])
     titles = [*TOLD[:2], "within 2 T + 0.2 s", "at rest at last", *TOLD[2:], "impossible", NO_START]
     return table(["converter, controller", *titles], rows)
 
 
-def _by(found: Sequence[Result], title: str, key: Callable[[Result], str]) -> list[str]:
+def table_by(found: Sequence[Result], title: str, key: Callable[[Result], str]) -> list[str]:
     """Survived per value of ``key`` and converter, with both controllers and whatever they are told."""
     rows = []
     for value in dict.fromkeys(map(key, found)):
@@ -170,18 +171,6 @@ def _by(found: Sequence[Result], title: str, key: Callable[[Result], str]) -> li
         cells = [survived_of(one for one in own if one[0].converter == name) for name in CONVERTERS]
         rows.append([value, *cells, str(count[IMPOSSIBLE]), str(count[NO_START])])
     return table([title, *CONVERTERS, "impossible", NO_START], rows)
-
-
-def table_of_groups(found: Sequence[Result]) -> list[str]:
-    """Survived per group of the suite."""
-    return _by(found, "group", lambda one: str(one[1]["group"]))
-
-
-def table_of_points(found: Sequence[Result]) -> list[str]:
-    """Survived per power before the test."""
-    ordered = sorted(found, key=lambda one: POINTS_PU.index(one[0].P_pu))
-    words = {POINTS_PU[0]: "as in the suite, most 0.5 pu"}
-    return _by(ordered, "P before the test", lambda one: words.get(one[0].P_pu, f"{one[0].P_pu:g} pu"))
 
 
 def table_of_currents(found: Sequence[Result]) -> list[str]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from evidence._tables import leave, line, table
 from vsgdesign.design.inner import GridBox, check_full_order, design_inner_loops, score_inner_loops
 from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.inner_loops import InnerLoopGains
@@ -98,15 +98,25 @@ def emt_steps(study: Study, gains: InnerLoopGains, omega_t: float) -> dict[str, 
 
 
 HEAD = (
-    "| converter | f_s/f_r | rule | t | ζ | σ/ω_n | disk | sensors | noise | ζ ± 20 % | stable | full order | "
-    "EMT later, more | s |"
+    "converter",
+    "f_s/f_r",
+    "rule",
+    "t",
+    "ζ",
+    "σ/ω_n",
+    "disk",
+    "sensors",
+    "noise",
+    "ζ ± 20 %",
+    "stable",
+    "full order",
 )
 
 
-def row(one: dict[str, Any]) -> str:
+def row(one: dict[str, Any]) -> tuple[str, ...]:
     """One line of the documents' table."""
     p, steps = one["promises"], one["steps"]
-    cells = (
+    return (
         f"`{one['case']}`",
         f"{one['sampling_ratio']:.1f}",
         f"{one['rule_stable_49']}/49",
@@ -122,20 +132,15 @@ def row(one: dict[str, Any]) -> str:
         f"{1e3 * steps['latest_s']:.0f} ms, {steps['most_overshoot_pct']:.2f} %",
         f"{one['seconds']:.1f}",
     )
-    return f"| {' | '.join(cells)} |"
 
 
 def main(folder: Path) -> None:
-    print(HEAD)
-    print("| --- |" + " --- |" * (HEAD.count("|") - 2))
+    print("\n".join(table((*HEAD, "EMT later, more", "s"), ())))
     rows = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         for one in pool.map(measure, case_names()):
             rows.append(one)
-            print(row(one), flush=True)
-    (folder / "inner_loops.json").write_text(json.dumps(rows, indent=1))
-    reached = [one["t"] for one in rows]
-    print(
-        f"t ≥ 1 at {sum(t >= 1.0 for t in reached)}, ≥ 0.7 at {sum(t >= 0.7 for t in reached)}, ≥ 0.45 at "
-        f"{sum(t >= 0.45 for t in reached)} of {len(reached)}"
-    )
+            print(line(row(one)), flush=True)
+    leave(folder, "inner_loops", rows)
+    reached = {least: sum(one["t"] >= least for one in rows) for least in (1.0, 0.7, 0.45)}
+    print("t ≥ " + ", ≥ ".join(f"{least:g} at {count}" for least, count in reached.items()) + f" of {len(rows)}")

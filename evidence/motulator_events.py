@@ -11,7 +11,6 @@ from __future__ import annotations
 import importlib.metadata
 import importlib.util
 import itertools
-import json
 import math
 import os
 import statistics
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from evidence._field_converters import after
+from evidence._tables import leave, table
 from vsgdesign.frames import instantaneous_power, rms_to_peak
 from vsgdesign.metrics.survival import (
     GRACE_S,
@@ -68,6 +68,13 @@ PLANTS = (
     Plant("hoang2025_5kva", 0.15, "5 kVA, filter of motulator's example"),
     Plant("lab_12kva_lcl", 0.1473, "12.5 kVA, its own L_1 + L_2"),
 )
+
+ANY = """
+base = "case:{}"
+simulation = {{ duration = "1 s", P_ref = 0, Q_ref = 0 }}
+controllers = [{{ name = "any", kind = "scheduled" }}]
+"""
+"""A study of a packaged case, for its converter."""
 
 EVERY = 7
 """Every seventh case runs, since a case takes two seconds. The set repeats itself after two and after five cases."""
@@ -116,21 +123,11 @@ def rest_at(state: GridState, c: Converter, X_f: float) -> ExpectedRest:
     return ExpectedRest(P=float(P), Q=float(Q), delta=delta, i_s_pu=abs(i) / c.I_rated_pk)
 
 
-def converter_of(case: str) -> Converter:
-    """The converter of a packaged case."""
-    text = f"""
-        base = "case:{case}"
-        simulation = {{ duration = "1 s", P_ref = 0, Q_ref = 0 }}
-        controllers = [{{ name = "any", kind = "scheduled" }}]
-    """
-    return study_from_text(text).converter
-
-
 def run(plant: Plant, case: SurvivalCase) -> Survival:
     """One case through motulator's DO-GFM, judged."""
     from motulator.grid import control, model  # pyright: ignore[reportMissingImports]
 
-    c = converter_of(plant.case)
+    c = study_from_text(ANY.format(plant.case)).converter
     u, omega, I_max = rms_to_peak(c.V_rated_rms), c.omega_n, LIMIT_PU * c.I_rated_pk
     L_f = plant.L_f_pu * c.Z_base / omega
     demand = demand_of(c, SETTLING_S, limit_pu=LIMIT_PU)
@@ -191,19 +188,20 @@ def main(folder: Path) -> None:
         for plant in PLANTS:
             found = list(pool.map(run, itertools.repeat(plant), wanted, chunksize=4))
             print(f"\nmotulator {version}, DO-GFM, {plant.what} ({plant.L_f_pu:g} pu), limit {LIMIT_PU:g} pu\n")
-            print("| events | survived | at rest in time | left out | i_s to 5 ms | after 5 ms | recovery |")
-            print("| --- | --- | --- | --- | --- | --- | --- |")
-            for group in dict.fromkeys(case.group for case in wanted):
-                print(_line(group, [one for case, one in zip(wanted, found, strict=True) if case.group == group]))
+            head = ("events", "survived", "at rest in time", "left out", "i_s to 5 ms", "after 5 ms", "recovery")
+            by: dict[str, list[Survival]] = {}
+            for case, one in zip(wanted, found, strict=True):
+                by.setdefault(case.group, []).append(one)
+            print("\n".join(table(head, (_cells(*group) for group in by.items()))))
             rows += [
                 {"plant": plant.what, "L_f_pu": plant.L_f_pu, "group": case.group, "case": case.name, **vars(one)}
                 for case, one in zip(wanted, found, strict=True)
             ]
     record = {"motulator": version, "limit_pu": LIMIT_PU, "settling_time": SETTLING_S, "rows": rows}
-    (folder / "motulator_events.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
+    leave(folder, "motulator_events", record)
 
 
-def _line(group: str, found: list[Survival]) -> str:
+def _cells(group: str, found: list[Survival]) -> tuple[str, ...]:
     """A row of the table. A run that slipped and came to rest in time counts in the second column only."""
     judged = [one for one in found if one.judged]
     recoveries = [one.recovery_s for one in judged if one.recovery_s is not None]
@@ -212,8 +210,7 @@ def _line(group: str, found: list[Survival]) -> str:
         for name in ("first_peak_pu", "peak_pu")
     )
     in_time = sum(one.recovery_s is not None and one.recovery_s <= DEADLINE_S for one in judged)
-    return (
-        f"| {group} | {sum(one.survived for one in judged)} of {len(judged)} | {in_time} | "
-        f"{len(found) - len(judged)} | {first:.2f} pu | {later:.2f} pu | "
-        f"{statistics.median(recoveries):.2f} s, {max(recoveries):.2f} s |"
-    )
+    survived = f"{sum(one.survived for one in judged)} of {len(judged)}"
+    recovery = f"{statistics.median(recoveries):.2f} s, {max(recoveries):.2f} s"
+    peaks = (f"{first:.2f} pu", f"{later:.2f} pu")
+    return group, survived, f"{in_time}", f"{len(found) - len(judged)}", *peaks, recovery

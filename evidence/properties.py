@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import subprocess
 import sys
 import time
 from pathlib import Path
+
+from evidence._tables import leave
 
 ROOT = Path(__file__).resolve().parents[1]
 TIMES = 100
@@ -28,7 +29,7 @@ def main(folder: Path) -> None:
         print(f"| {file} | {row['seconds']:.0f} | {'yes' if row['holds'] else 'no'} |", flush=True)
         if not row["holds"]:
             print(done.stdout)
-    (folder / "properties.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    leave(folder, "properties", rows)
 
 
 def property_files() -> list[Path]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from evidence._field_errors import CYCLES, MOST, measured_errors
+from evidence.field import JUMP_CYCLES, MOST, measured_errors
 
 
 def rest(scr: float, x_over_r: float, answers: int, off: float) -> dict[str, Any]:
@@ -35,6 +35,6 @@ def test_answers_are_pooled_by_their_grid_and_thinned() -> None:
 def test_instants_after_a_jump_are_the_ends_of_cycles() -> None:
     """Of 50 and of 60 Hz at once: the later one. A run that ends too early is left out."""
     found = measured_errors([jump(0.02, 60), jump(1.0 / 60.0, 60), jump(0.02, 10)], seed=0)
-    assert [one.t_s for one in found.jumps] == [round(0.02 * k, 6) for k in CYCLES]
-    assert [len(one.errors) for one in found.jumps] == [2] * len(CYCLES)
-    np.testing.assert_allclose([one.errors[0, 0] for one in found.jumps], [1.0 / k for k in CYCLES], atol=1e-4)
+    assert [one.t_s for one in found.jumps] == [round(0.02 * k, 6) for k in JUMP_CYCLES]
+    assert [len(one.errors) for one in found.jumps] == [2] * len(JUMP_CYCLES)
+    np.testing.assert_allclose([one.errors[0, 0] for one in found.jumps], [1.0 / k for k in JUMP_CYCLES], atol=1e-4)
