@@ -16,11 +16,11 @@ import numpy as np
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.compliance.maps import Mapped, clearing_times_of
 from vsgdesign.parameters import load_study
+from vsgdesign.parameters.event import Event
 from vsgdesign.pipeline.survival import LIMITERS, subjects_of, variant_name
 from vsgdesign.simulation.survival import (
     CaseResult,
     CaseRun,
-    Change,
     GridKnowledge,
     GridState,
     Subject,
@@ -46,7 +46,7 @@ TRACED = {"scr": 1.5, "to": 20.0, "x_over_r": 3.0, "P_pu": 0.5}
 
 
 def _case(
-    group: str, scr: float, x_over_r: float, P_pu: float, changes: Sequence[Change], silent_s: float = 0.2
+    group: str, scr: float, x_over_r: float, P_pu: float, changes: Sequence[Event], silent_s: float = 0.2
 ) -> SurvivalCase:
     return SurvivalCase(
         group=group,
@@ -59,17 +59,17 @@ def _case(
 
 def jump(scr: float, to: float, x_over_r: float, P_pu: float) -> SurvivalCase:
     """A jump of SCR that the schedule learns 0.2 s later."""
-    return _case("jump", scr, x_over_r, P_pu, [Change(t_s=0.0, scr=to, x_over_r=x_over_r)])
+    return _case("jump", scr, x_over_r, P_pu, [Event.of_pu(0.0, scr=to, x_over_r=x_over_r)])
 
 
 def phase(scr: float, degrees: float) -> SurvivalCase:
     """A jump of the grid's phase."""
-    return _case("phase", scr, 3.0, LOADED, [Change(t_s=0.0, phase_deg=degrees)])
+    return _case("phase", scr, 3.0, LOADED, [Event.of_pu(0.0, phase_deg=degrees)])
 
 
 def sag(scr: float, V_g_pu: float, length_s: float, P_pu: float = LOADED) -> SurvivalCase:
     """A sag of the grid's voltage."""
-    begin, end = Change(t_s=0.0, V_g_pu=V_g_pu), Change(t_s=length_s, V_g_pu=1.0)
+    begin, end = Event.of_pu(0.0, V_g_pu=V_g_pu), Event.of_pu(length_s, V_g_pu=1.0)
     return _case("sag", scr, 3.0, P_pu, [begin, end])
 
 

@@ -200,7 +200,7 @@ def test_gains_at_the_design_point_are_known_beforehand(specified: bool) -> None
         expected = {}
         if exact(cases, lane):
             listed = ListedGains(gain_changes(one, spec, build_timeline(one)), T_s)
-            expected = {k: (gains, listed.grid(k)) for k, gains in listed._at.items() if k < samples}
+            expected = {k: (one.gains, one.grid) for k, one in listed._at.items() if k < samples}
         else:
             single = LateSchedule(one, spec, told_of(one, cases, lane), safe=safe_grid(study, spec))
             expected = {0: (single.first_gains(), single.grid)}
