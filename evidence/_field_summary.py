@@ -52,7 +52,12 @@ def errors(answers: Array) -> Array:
 def inside(answers: Array) -> float:
     """Share of the valid answers at rest whose ellipse contains the truth, %."""
     valid = answers[answers[:, 5] > 0.0]
-    return 100.0 * float(np.mean(valid[:, 6])) if len(valid) else math.nan
+    return percent(valid[:, 6])
+
+
+def percent(flags: Any) -> float:
+    """How many of some flags are set, %; NaN of none."""
+    return 100.0 * float(np.mean(flags)) if len(flags) else math.nan
 
 
 def between(answers: Array, scr: tuple[float, float], x_over_r: tuple[float, float]) -> Array:
@@ -76,7 +81,7 @@ def covered_from(rows: Sequence[Row], cycles: int) -> float:
     parts = [np.array(row["after"])[cycles:] for row in rows if len(row.get("after", ())) > cycles]
     after = np.concatenate(parts) if parts else np.zeros((0, 3))
     valid = after[after[:, 1] > 0.0]
-    return 100.0 * float(np.mean(valid[:, 2])) if len(valid) else math.nan
+    return percent(valid[:, 2])
 
 
 def errors_since(rows: Sequence[Row], cycles: int) -> list[dict[str, float]]:
@@ -89,11 +94,11 @@ def errors_since(rows: Sequence[Row], cycles: int) -> list[dict[str, float]]:
         found.append(
             {
                 "cycle": k + 1,
-                "valid_pct": 100.0 * float(np.mean(here[:, 1])) if len(here) else math.nan,
+                "valid_pct": percent(here[:, 1]),
                 "median_pct": 100.0 * quantile(here[:, 0], 0.5),
                 "p95_pct": 100.0 * quantile(here[:, 0], 0.95),
                 "valid_p95_pct": 100.0 * quantile(valid[:, 0], 0.95),
-                "coverage_pct": 100.0 * float(np.mean(valid[:, 2])) if len(valid) else math.nan,
+                "coverage_pct": percent(valid[:, 2]),
             }
         )
     return found
@@ -147,10 +152,8 @@ def asked_figures() -> list[Figure]:
         _false("measured background: false changes at rest", ("measured: rest",)),
         _found("measured background: time to stay within 10 %: median", ("measured: jump",), 0.5, 0.100),
         _found("the same: p95", ("measured: jump",), 0.95, 0.250),
-        Figure(
-            "beat of another converter within 2 Hz of a line: coverage", ("beat",), _inside_pct, _pct, **_at_least(90.0)
-        ),
-        Figure("the same: share of time valid", ("beat",), _valid_pct, _pct, **_at_least(50.0)),
+        _of_beats("beat of another converter within 2 Hz of a line: coverage", _inside_pct, 90.0),
+        _of_beats("the same: share of time valid", lambda rows: percent([row["share_valid"] for row in rows]), 50.0),
         _rest_error("sensor noise of 1 %: error at rest, SCR 1.2–8: p95", (1.2, 8.0), None, ("noise 1 %",)),
         _wrong("valid and > 20 % wrong from 40 ms after an event: longest", EVENTS, "< 20 ms"),
         _wrong("the same after a small jump", ("small jump",), "–"),
@@ -234,13 +237,13 @@ def _ms(seconds: float) -> str:
 
 
 def _rest_error(what: str, scr: tuple[float, float], asked: float | None, groups: tuple[str, ...]) -> Figure:
-    def percent(rows: Sequence[Row], share: float) -> float:
+    def error(rows: Sequence[Row], share: float) -> float:
         return 100.0 * quantile(errors(between(at_rest(rows), scr, ASKED_X_OVER_R)), share)
 
     def words(value: float, rows: Sequence[Row]) -> str:
-        return f"{value:.1f} % (median {percent(rows, 0.5):.1f} %)"
+        return f"{value:.1f} % (median {error(rows, 0.5):.1f} %)"
 
-    return Figure(what, groups, lambda rows: percent(rows, 0.95), words, **_at_most(asked, "%"))
+    return Figure(what, groups, lambda rows: error(rows, 0.95), words, **_at_most(asked, "%"))
 
 
 def _found(what: str, groups: tuple[str, ...], share: float, asked: float | None) -> Figure:
@@ -260,6 +263,10 @@ def _inside_pct(rows: Sequence[Row]) -> float:
 def _inside(what: str, groups: tuple[str, ...]) -> Figure:
     low, high = COVERAGE_PCT
     return Figure(what, groups, _inside_pct, _pct, f"{low:g}–{high:g} %", low, high)
+
+
+def _of_beats(what: str, value: Callable[[Sequence[Row]], float], asked: float) -> Figure:
+    return Figure(what, ("beat",), value, _pct, **_at_least(asked))
 
 
 def _covered(what: str, cycles: int, asked: float | None) -> Figure:
@@ -299,10 +306,6 @@ def _silence() -> Figure:
 
     what, limits = "longest silence after an event", _at_most(1.0, "s")
     return Figure(what, EVENTS, lambda rows: _largest(rows, "longest_silence_s"), words, **limits)
-
-
-def _valid_pct(rows: Sequence[Row]) -> float:
-    return 100.0 * float(np.mean([row["share_valid"] for row in rows])) if rows else math.nan
 
 
 def _largest(rows: Sequence[Row], name: str) -> float:

@@ -114,7 +114,7 @@ def compare(a: Path, b: Path, only: str = "*") -> Iterator[Difference]:
         for name in sorted(fnmatch.filter(both, only)):
             there = ["there" if (of / name).is_file() else "missing" for of in (a, b)]
             if "missing" in there:
-                yield Difference(name, "the file", *there)
+                yield Difference(name, "the file", there[0], there[1])
             elif Path(name).suffix not in ONLY_THERE:
                 yield from of_file(name, a / name, b / name)
 
