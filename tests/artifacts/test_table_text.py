@@ -24,7 +24,7 @@ from vsgdesign.artifacts.table_text import (
 )
 from vsgdesign.certificate.results import Counterexample, growing_mode
 from vsgdesign.export import export_c_files
-from vsgdesign.report.gain_table import figures
+from vsgdesign.report.gain_table import page as table_page
 from vsgdesign.report.gain_table.page import verdict_of
 from vsgdesign.report.gain_table.regions import certificate_figure
 from vsgdesign.report.gain_table.words import built_text
@@ -76,7 +76,7 @@ def test_every_page_and_verb_says_the_same_and_a_failed_proof_first(
 ) -> None:
     # Of the page's figures only that of the certificate speaks of it.
     for others in ("margin_figures", "gain_surfaces", "constraint_figures", "stale_figures"):
-        monkeypatch.setattr(figures, others, lambda _: ())
+        monkeypatch.setattr(table_page, others, lambda _: ())
     sentence, failed = certificate_sentence(CASES[case]), case in ("unstable", "no function")
     between = {"points": 50, "outside": 1, "promised": 40, "broken": [], "seed": 3}
     made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), certificate=DOCUMENTS[case], between=between)

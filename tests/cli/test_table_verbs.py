@@ -15,7 +15,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable, read_table_file, write_table_file
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.parameters import load_study
-from vsgdesign.report.gain_table import figures
+from vsgdesign.report.gain_table import page as table_page
 from vsgdesign.stability.gain_table import nominal_margins
 
 AXES: dict[str, Any] = {"scr": (2.0, 8.0), "x_over_r": (0.5, 3.0)}
@@ -139,6 +139,6 @@ def test_report(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (tmp_path / "out" / "table.json").read_bytes() == written.read_bytes()
     assert len(list((tmp_path / "out" / "figures").iterdir())) > 10
     for drawn_before in ("margin_figures", "gain_surfaces", "constraint_figures", "stale_figures"):
-        monkeypatch.setattr(figures, drawn_before, lambda _: ())
+        monkeypatch.setattr(table_page, drawn_before, lambda _: ())
     again = as_json("table", "report", written, "--out", tmp_path / "out")
     assert again["cells"] == {"met": 4, "relaxed": 0, "outside": 0}

@@ -32,8 +32,9 @@ from vsgdesign.parameters.background import draw_background
 from vsgdesign.parameters.grid import Grid
 from vsgdesign.parameters.sensors import draw_sensors
 from vsgdesign.pipeline.estimator import report_comparison
+from vsgdesign.report.drawing.files import write_all
 from vsgdesign.report.drawing.quantities import number
-from vsgdesign.report.estimator.figures import comparison_figures, stress_figures, write_all
+from vsgdesign.report.estimator.figures import comparison_figures, stress_figures
 from vsgdesign.report.estimator.page import (
     comparison_conclusion,
     delay_table,

@@ -13,7 +13,7 @@ from vsgdesign.parameters import study_from_text
 from vsgdesign.pipeline import StabilityResult, assess_study
 from vsgdesign.report import WrittenFigure, write_stability_figures, write_stability_report
 from vsgdesign.report.drawing.figure_types import NamedFigure
-from vsgdesign.report.stability.figures import stability_figures
+from vsgdesign.report.stability.page import stability_figures
 from vsgdesign.simulation.evidence import step_evidence
 
 BASE = """

@@ -22,8 +22,7 @@ from vsgdesign.report.drawing.files import compact, write_figure
 from vsgdesign.report.drawing.style import look
 from vsgdesign.report.drawing.time_axis import event_labels, time_unit
 from vsgdesign.report.scenario.bode_figures import loops_on_grids
-from vsgdesign.report.scenario.figures import choose_zooms, signal_figure
-from vsgdesign.report.scenario.files import all_figures
+from vsgdesign.report.scenario.figures import all_figures, choose_zooms, signal_figure
 from vsgdesign.report.scenario.signals import power_signals, signals
 
 NAMES = ["active_power", "reactive_power", "voltage", "frequency", "grid_impedance", "gains", "bode_P"]

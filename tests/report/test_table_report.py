@@ -21,9 +21,8 @@ from vsgdesign.report import write_table_figures, write_table_report
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.panels import surface_scale
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
-from vsgdesign.report.gain_table.figures import table_figures
 from vsgdesign.report.gain_table.maps import limit_of, varies
-from vsgdesign.report.gain_table.page import margins_table, verdict_of
+from vsgdesign.report.gain_table.page import margins_table, table_figures, verdict_of
 from vsgdesign.stability.gain_table import nominal_margins
 
 UNIT = re.compile(r"\[[^\]]+\]$")

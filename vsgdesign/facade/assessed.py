@@ -39,7 +39,7 @@ class Margins(Shown):
         return plain(stability_document(self.result))
 
     def _figures(self) -> Iterator[NamedFigure]:
-        from vsgdesign.report.stability.figures import stability_figures
+        from vsgdesign.report.stability.page import stability_figures
 
         yield from stability_figures(self.result)
 

@@ -71,7 +71,7 @@ class Run(Shown):
         return plain(results_document(self.result, {}))
 
     def _figures(self) -> Iterator[NamedFigure]:
-        from vsgdesign.report.scenario.files import all_figures
+        from vsgdesign.report.scenario.figures import all_figures
 
         yield from all_figures(self.result)
 

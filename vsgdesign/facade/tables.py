@@ -56,7 +56,7 @@ class DesignedTable(Shown):
         return Path(file)
 
     def _figures(self) -> Iterator[NamedFigure]:
-        from vsgdesign.report.gain_table.figures import table_figures
+        from vsgdesign.report.gain_table.page import table_figures
 
         yield from table_figures(self.table)
 

@@ -95,7 +95,7 @@ def report_stress(study: Study, out: str | Path, **asked: Unpack[Asked]) -> dict
 
 def _report(kind: _Kind, study: Study, out: str | Path, settings: ComparisonSettings, asked: Asked) -> dict[str, Any]:
     from vsgdesign.estimator.methods import runnable_settings
-    from vsgdesign.report.estimator.figures import write_all
+    from vsgdesign.report.drawing.files import write_all
 
     tell = asked.get("progress") or silent
     inputs = [*study.input_files, *asked.get("weights", ()), *asked.get("recipes", ())]
@@ -104,7 +104,6 @@ def _report(kind: _Kind, study: Study, out: str | Path, settings: ComparisonSett
         runnable_settings(study, settings)
         made = _networks(study, asked, tell)
         found: Any = kind.find(study, made, settings, progress=tell)
-        (folder / "figures").mkdir()
         figures = write_all(kind.figures(found), folder / "figures")
         kind.write_page(study.title, found, figures, folder / "report.html")
         whole = {"study": study.name, "study_hash": study.hash, "weights": found.weights}

@@ -140,11 +140,10 @@ def train_weights_file(
         )
         document = _trained_document(study, recipe, trained)
         if folder is not None:
+            from vsgdesign.report.drawing.files import write_all
             from vsgdesign.report.estimator.field_training import field_training_figures
-            from vsgdesign.report.estimator.figures import write_all
             from vsgdesign.report.estimator.page import write_field_training_page
 
-            (folder / "figures").mkdir()
             figures = write_all(field_training_figures(trained), folder / "figures")
             write_field_training_page(study.title, trained, figures, folder / "report.html")
             named = {"study": study.name, "study_hash": study.hash, "figures": [figure.name for figure in figures]}

@@ -53,7 +53,7 @@ def begin_figures(
     executor: Executor | None = None,
 ) -> Callable[[], list[WrittenFigure]]:
     """Begins what :func:`write_figures` does, on worker processes of an ``executor``, and returns what waits for it."""
-    from vsgdesign.report.scenario.files import begin_all
+    from vsgdesign.report.scenario.figures import begin_all
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -78,11 +78,10 @@ def write_report(
 
 def write_stability_figures(result: StabilityResult, folder: str | Path) -> list[WrittenFigure]:
     """Draw every figure of a stability assessment into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
-    from vsgdesign.report.stability.figures import write_all
+    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.stability.page import stability_figures
 
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return write_all(result, folder)
+    return write_all(stability_figures(result), folder)
 
 
 def write_stability_report(
@@ -103,11 +102,11 @@ def write_stability_report(
 
 def write_table_figures(table: GainTable, folder: str | Path) -> list[WrittenFigure]:
     """Draw every figure of a gain table into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
-    from vsgdesign.report.gain_table.figures import write_all
+    from vsgdesign.artifacts.measured_errors import shipped_errors
+    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.gain_table.page import table_figures
 
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return write_all(table, folder)
+    return write_all(table_figures(table, shipped_errors()), folder)
 
 
 def write_table_report(table: GainTable, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
@@ -119,11 +118,10 @@ def write_table_report(table: GainTable, figures: Sequence[WrittenFigure], out_p
 
 def write_comparison_figures(comparison: Comparison, folder: str | Path) -> list[WrittenFigure]:
     """Draw the figure of a comparison into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
-    from vsgdesign.report.comparison.figures import write_all
+    from vsgdesign.report.comparison.figures import comparison_figures
+    from vsgdesign.report.drawing.files import write_all
 
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return write_all(comparison, folder)
+    return write_all(comparison_figures(comparison), folder)
 
 
 def write_comparison_report(comparison: Comparison, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:

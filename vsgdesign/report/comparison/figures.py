@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vsgdesign.design.comparison import STATES, Compared, Comparison
 from vsgdesign.report.comparison.tables import bounds_inertia, error_of, inertia_asked, label, share
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.files import write_figure
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import NO_POINT
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import COLUMN_IN, TEXT_PT, add_axes, look, new_figure
@@ -34,11 +32,6 @@ def comparison_figures(comparison: Comparison) -> Iterator[NamedFigure]:
     """A map of the grids on which the requirements are kept, with one small panel for each contender."""
     with look():
         yield _promises(comparison)
-
-
-def write_all(comparison: Comparison, folder: Path) -> list[WrittenFigure]:
-    """Write every figure into an existing folder."""
-    return [write_figure(figure, folder) for figure in comparison_figures(comparison)]
 
 
 def _promises(comparison: Comparison) -> NamedFigure:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,13 @@ def write_figure(named: NamedFigure, folder: Path) -> WrittenFigure:
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         named.figure.savefig(png, format="png", metadata={"Software": None})
     return WrittenFigure(named.name, named.title, named.caption, svg, png, named.part)
+
+
+def write_all(figures: Iterable[NamedFigure], folder: str | Path) -> list[WrittenFigure]:
+    """Every figure into ``folder``, which is made if missing; one is written before the next one is made."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return [write_figure(figure, folder) for figure in figures]
 
 
 def svg_text(figure: Figure) -> str:

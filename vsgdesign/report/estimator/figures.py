@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vsgdesign.estimator.comparison import WITHIN, Comparison, GridStep
 from vsgdesign.estimator.stress import AxisResult, Stress
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.files import write_figure
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import (
     BAND,
@@ -45,11 +43,6 @@ def stress_figures(found: Stress) -> Iterator[NamedFigure]:
     """One figure, a panel for every axis."""
     with look():
         yield _stress(found)
-
-
-def write_all(figures: Iterator[NamedFigure], folder: Path) -> list[WrittenFigure]:
-    """Write figures into an existing folder."""
-    return [write_figure(figure, folder) for figure in figures]
 
 
 def _clipped(share: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.measured_errors import shipped_errors
+from vsgdesign.artifacts.measured_errors import MeasuredErrors, shipped_errors
 from vsgdesign.artifacts.table_text import (
     STEP_HEAD,
     between_text,
@@ -25,11 +25,12 @@ from vsgdesign.artifacts.table_text import (
 )
 from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
-from vsgdesign.report.gain_table.inside import inside_sentence
-from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
+from vsgdesign.report.gain_table.inside import inside_figure, inside_sentence
+from vsgdesign.report.gain_table.maps import gain_surfaces, in_order, limit_of, margin_figures, margin_keys
+from vsgdesign.report.gain_table.regions import certificate_figure, constraint_figures, stale_figures
 from vsgdesign.report.page.blocks import (
     BULLETS,
     Block,
@@ -69,6 +70,20 @@ CERTIFICATE_UNITS = {
     "largest": "1/s",
     **{f"region.{name}": unit for name, unit in _BOX_UNITS.items()},
 }
+
+
+def table_figures(table: GainTable, measured: MeasuredErrors | None = None) -> Iterator[NamedFigure]:
+    """One at a time, in the order of the page. ``measured`` has the errors of an estimator, if they are known."""
+    yield from margin_figures(table)
+    yield from gain_surfaces(table)
+    yield from constraint_figures(table)
+    certified = certificate_figure(table)
+    if certified is not None:
+        yield certified
+    inside = inside_figure(table, measured)
+    if inside is not None:
+        yield inside
+    yield from stale_figures(table)
 
 
 def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_path: Path) -> Path:

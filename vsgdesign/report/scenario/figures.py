@@ -1,25 +1,34 @@
-"""Powers, voltage and frequency over a whole scenario, with zooms on the events that matter most."""
+"""Every figure of a scenario; powers, voltage and frequency, with zooms on the events that matter most."""
 
 from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.parameters.study import Event
 from vsgdesign.report.drawing.decimation import Trace, envelope, extreme_indices
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.files import write_all, write_figure
 from vsgdesign.report.drawing.run_figure import LETTERS, Row, RunFigure, View, Zoom, run_figure
 from vsgdesign.report.drawing.style import BAND, LABEL_PT, LIMITS_BAND, REFERENCE, line_style, look
 from vsgdesign.report.drawing.time_axis import short_name, symbols
+from vsgdesign.report.scenario.bode_figures import bode_figures
+from vsgdesign.report.scenario.estimate_figures import estimate_figures
+from vsgdesign.report.scenario.field_figures import field_figures
 from vsgdesign.report.scenario.schedule_figures import schedule_figures
 from vsgdesign.report.scenario.signals import Signal, events_of, signals
 from vsgdesign.simulation.scenario import ScenarioResult
+
+if TYPE_CHECKING:
+    from vsgdesign.estimator.trained import TrainedEstimator
 
 _MOST_ZOOMS = 4
 _PIXELS_PER_IN = 100.0
@@ -37,6 +46,48 @@ class EventZoom(Zoom):
 
     event: Event = field(kw_only=True)
     is_step: bool = field(kw_only=True)
+
+
+def all_figures(result: ScenarioResult, trained: TrainedEstimator | None = None) -> Iterator[NamedFigure]:
+    """Every figure of a scenario, and of the training of its network, one at a time."""
+    yield from _figures_of_runs(result, trained)
+    yield from bode_figures(result)
+
+
+def _figures_of_runs(result: ScenarioResult, trained: TrainedEstimator | None) -> Iterator[NamedFigure]:
+    yield from scenario_figures(result)
+    yield from estimate_figures(result)
+    yield from field_figures(result)
+    if trained is not None:
+        from vsgdesign.report.estimator.training_figures import training_figures
+
+        yield from training_figures(trained)
+
+
+def begin_all(
+    result: ScenarioResult,
+    folder: Path,
+    trained: TrainedEstimator | None = None,
+    executor: Executor | None = None,
+) -> Callable[[], list[WrittenFigure]]:
+    """Begins to write every figure of a scenario into an existing folder, and returns what waits for them.
+
+    Workers of an ``executor`` draw what is laid out here: this takes three quarters of the time. Bode plots are begun
+    when the figures are waited for: python-control is loaded for them while the workers are still busy. Without an
+    executor a figure is written before the next one is laid out.
+    """
+    if executor is None:
+        figures = write_all(all_figures(result, trained), folder)
+        return lambda: figures
+    from vsgdesign.execution.jobs import begun
+
+    waits = [begun(executor, write_figure, figure, folder) for figure in _figures_of_runs(result, trained)]
+
+    def written() -> list[WrittenFigure]:
+        last = [begun(executor, write_figure, figure, folder) for figure in bode_figures(result)]
+        return [wait() for wait in [*waits, *last]]
+
+    return written
 
 
 def scenario_figures(result: ScenarioResult) -> Iterator[NamedFigure]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote
 
 from markupsafe import Markup
 
-from vsgdesign.report.drawing.figure_types import ExplorerFile, WrittenFigure
+from vsgdesign.report.drawing.figure_types import ExplorerFile, NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, plain_quantity
 from vsgdesign.report.page.blocks import (
     BULLETS,
@@ -33,7 +33,12 @@ from vsgdesign.report.page.blocks import (
 from vsgdesign.report.page.converter import converter_table, filter_table, specs_table
 from vsgdesign.report.page.html import print_html, text_file
 from vsgdesign.report.stability import tables as made
+from vsgdesign.report.stability.frequency import frequency_figures
 from vsgdesign.report.stability.hover import hover_json
+from vsgdesign.report.stability.maps import map_figures
+from vsgdesign.report.stability.modes import mode_figures
+from vsgdesign.report.stability.schedule import schedule_figures
+from vsgdesign.report.stability.steps import step_figures
 from vsgdesign.report.stability.verdict import stability_answer, stability_headline, verdict_text
 from vsgdesign.simulation.stability_result import (
     StabilityResult,
@@ -50,6 +55,15 @@ _MAP_CONTENT = {
     "stale": "margins over true SCR × SCR of the gains, full order",
     "estimate_error": "margins over SCR × X/R × error of R_g × error of L_g, full order",
 }
+
+
+def stability_figures(result: StabilityResult) -> Iterator[NamedFigure]:
+    """One at a time, in the order of the report."""
+    yield from map_figures(result)
+    yield from schedule_figures(result)
+    yield from mode_figures(result)
+    yield from frequency_figures(result)
+    yield from step_figures(result)
 
 
 def write_stability_page(
