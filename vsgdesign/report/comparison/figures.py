@@ -30,10 +30,10 @@ _AXIS, _LEGEND_ROW = 0.34, 0.155
 
 def comparison_figures(comparison: Comparison) -> Iterator[NamedFigure]:
     """A map of the grids on which the requirements are kept, with one small panel for each contender."""
-    with look():
-        yield _promises(comparison)
+    yield _promises(comparison)
 
 
+@look()
 def _promises(comparison: Comparison) -> NamedFigure:
     from matplotlib.patches import Patch
 

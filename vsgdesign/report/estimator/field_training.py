@@ -42,11 +42,10 @@ _TITLES = {
 def field_training_figures(trained: TrainedFieldNetwork) -> Iterator[NamedFigure]:
     """Part 1: valid answers and their error by cycle after a change; part 2: the loss."""
     for make in (_after_a_change, _loss):
-        with look():
-            figure = make(trained)
-        yield figure
+        yield make(trained)
 
 
+@look()
 def _after_a_change(trained: TrainedFieldNetwork) -> NamedFigure:
     left, right, bottom, top, gap, height = 0.5, 0.1, 0.36, 0.46, 0.12, 1.15
     width = (PAGE_IN - left - right - (len(GROUPS) - 1) * gap) / len(GROUPS)
@@ -96,6 +95,7 @@ def _after_a_change(trained: TrainedFieldNetwork) -> NamedFigure:
     return NamedFigure("after_a_change", "What the network adds after a change", caption, figure, 1)
 
 
+@look()
 def _loss(trained: TrainedFieldNetwork) -> NamedFigure:
     left, right, bottom, top, height = 0.62, 0.13, 0.36, 0.3, 1.5
     total = bottom + height + top

@@ -41,15 +41,14 @@ _MOST_TICKS = 5
 def training_figures(trained: TrainedEstimator) -> Iterator[NamedFigure]:
     """Error histogram, regression and progress of the search, as in the published paper."""
     for make in (_histogram, _regression, _progress):
-        with look():
-            figure = make(trained)
-        yield figure
+        yield make(trained)
 
 
 def _errors(part: PartOfData, output: int) -> Any:
     return part.truth[:, output] - part.estimate[:, output]
 
 
+@look()
 def _histogram(trained: TrainedEstimator) -> NamedFigure:
     left, right, bottom, top, between, height = 0.55, 0.13, 0.36, 0.26, 0.5, 1.6
     width = 0.5 * (PAGE_IN - left - right - between)
@@ -80,6 +79,7 @@ def _histogram(trained: TrainedEstimator) -> NamedFigure:
     return NamedFigure("error_histogram", "Error histogram of the network", caption, figure)
 
 
+@look()
 def _regression(trained: TrainedEstimator) -> NamedFigure:
     left, right, bottom, top, gap_x, gap_y = 0.55, 0.13, 0.36, 0.22, 0.45, 0.55
     side = (PAGE_IN - left - right - 2 * gap_x) / 3.0
@@ -145,6 +145,7 @@ def _correlation(value: float) -> str:
     return next((f"{value:.{digits}f}" for digits in range(5, 12) if f"{value:.{digits}f}" < "1"), "1")
 
 
+@look()
 def _progress(trained: TrainedEstimator) -> NamedFigure:
     left, right, bottom, top, height, gap = 0.62, 0.13, 0.36, 0.4, 0.85, 0.1
     total = bottom + 4 * height + 3 * gap + top

@@ -42,9 +42,7 @@ def bode_figures(result: ScenarioResult) -> Iterator[NamedFigure]:
                     columns.append((controller.spec.name, kind, loops))
     for first in range(0, len(columns), 2):
         name = "bode_P" if len(columns) <= 2 else f"bode_P_{first // 2 + 1}"
-        with look():
-            figure = _bode_figure(name, columns[first : first + 2])
-        yield figure
+        yield _bode_figure(name, columns[first : first + 2])
 
 
 def shown_grids(loops: Sequence[LoopOnGrid]) -> list[LoopOnGrid]:
@@ -55,6 +53,7 @@ def shown_grids(loops: Sequence[LoopOnGrid]) -> list[LoopOnGrid]:
     return [ordered[round(index)] for index in np.linspace(0, len(ordered) - 1, _MOST_GRIDS)]
 
 
+@look()
 def _bode_figure(name: str, columns: Sequence[tuple[str, str, Sequence[LoopOnGrid]]]) -> NamedFigure:
     shown = [shown_grids(loops) for _, _, loops in columns]
     rows = max(len(loops) for loops in shown)

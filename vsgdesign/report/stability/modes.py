@@ -32,15 +32,12 @@ POWER_STATES = ("delta", "omega_i", "V")
 def mode_figures(result: StabilityResult) -> Iterator[NamedFigure]:
     """Loci of every controller, then the check between the nodes."""
     for index, a in enumerate(result.assessments):
-        with look():
-            figure = _loci_figure(result, index, a)
+        figure = _loci_figure(result, index, a)
         if figure is not None:
             yield figure
     parts = groups([item for item in baseline_first(result) if len(item[1].between.stable)], 3)
     for k, part in enumerate(parts):
-        with look():
-            figure = _between_figure(result, part, "between_nodes" if len(parts) == 1 else f"between_nodes_{k + 1}")
-        yield figure
+        yield _between_figure(result, part, "between_nodes" if len(parts) == 1 else f"between_nodes_{k + 1}")
 
 
 def finite_points(locus: Locus) -> tuple[Array, NDArray[np.complex128]]:
@@ -74,6 +71,7 @@ def locus_limits(study: Study, a: ControllerAssessment, locus: Locus, view: str)
     return left - room, right + 1.5 * room, -0.06 * top, 1.08 * top
 
 
+@look()
 def _loci_figure(result: StabilityResult, index: int, a: ControllerAssessment) -> NamedFigure | None:
     from matplotlib.colors import LogNorm
 
@@ -177,6 +175,7 @@ def _rays(axes: Any, limits: tuple[float, float, float, float], study: Study) ->
         )
 
 
+@look()
 def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigure:
     from matplotlib.lines import Line2D
     from matplotlib.ticker import LogLocator, NullFormatter

@@ -162,12 +162,8 @@ def _star(field: MarginMap, row: int) -> str:
     return "" if field.cells.inside.reshape(field.shape)[row].all() else " *"
 
 
+@look()
 def _box_figure(result: StabilityResult, index: int, a: ControllerAssessment, field: MarginMap) -> NamedFigure:
-    with look():
-        return _draw_boxes(result, index, a, field)
-
-
-def _draw_boxes(result: StabilityResult, index: int, a: ControllerAssessment, field: MarginMap) -> NamedFigure:
     from matplotlib.lines import Line2D
 
     study = result.study

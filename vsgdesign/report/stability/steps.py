@@ -38,9 +38,7 @@ def step_figures(result: StabilityResult) -> Iterator[NamedFigure]:
         parts = groups(pairs, _MOST_COLUMNS)
         for k, part in enumerate(parts):
             name = f"steps_{index + 1}" if len(parts) == 1 else f"steps_{index + 1}_{k + 1}"
-            with look():
-                figure = _figure(result, a.spec.name, part, name)
-            yield figure
+            yield _figure(result, a.spec.name, part, name)
 
 
 def metrics_of(evidence: StepEvidence, which: str) -> ResponseMetrics | str:
@@ -66,6 +64,7 @@ def _shown_time(part: Sequence[tuple[StepEvidence, StepEvidence]]) -> float:
     return min(max(1.5 * longest, 0.05 * end), end)
 
 
+@look()
 def _figure(
     result: StabilityResult, controller: str, part: Sequence[tuple[StepEvidence, StepEvidence]], name: str
 ) -> NamedFigure:
