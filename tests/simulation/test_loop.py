@@ -60,6 +60,12 @@ def test_an_interval_in_pieces_leads_where_the_whole_one_does(
     assert not np.array_equal(in_pieces, whole)
 
 
+def test_a_jump_at_the_sample_after_an_interval_in_pieces() -> None:
+    """Before: the interval that ends with a jump of the phase lost the event within it."""
+    events = '[[events]]\ntime = "1.0123 ms"\ngrid = { scr = 4 }\n[[events]]\ntime = "1.05 ms"\nphase_jump = "20 deg"\n'
+    compare(lc_study("4 ms", events), [GainChange(0.0, GAINS)], "averaged")
+
+
 # Where a leg switches.
 
 CASES = sorted(path.stem for path in Path(parameters.__file__).with_name("cases").glob("*.toml"))

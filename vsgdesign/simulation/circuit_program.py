@@ -116,7 +116,8 @@ class CircuitProgram:
         if whole.any():
             start = after.at(np.where(inside, first * T_s, after.t_s))
             self._whole(lanes[whole], first[whole], start.take(whole), following[whole])
-        self._jumped(lanes[~inside], begin[~inside], every.take(~inside), after.take(~inside))
+        if self._circuits is None:  # a run with a timeline of its own takes up its source's phase anew
+            self._jumped(lanes[~inside], begin[~inside], every.take(~inside), after.take(~inside))
 
     def _cut_interval(self, lanes: NDArray[np.intp], at: Index, every: Segments) -> None:
         """The one interval of each run in which segments begin, from its pieces (:eq:`composite-interval`)."""
