@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from bench.timing import Row, figure, repeat
 from vsgdesign.certificate import Certificate, Counterexample, Region, certify
-from vsgdesign.parameters import ControllerSpec, Study, load_study
+from vsgdesign.study.parameters import ControllerSpec, Study, load_study
 
 P, Q = (-4500.0, 4500.0), (-2000.0, 2000.0)
 WIDE = Region((2.0, 20.0), (0.3, 20.0), P, Q, error=0.2)

@@ -9,9 +9,9 @@ from typing import Any
 
 from bench.timing import Row, figure, scaled
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.parameters import Study, load_study
-from vsgdesign.pipeline.comply import ALL, Asked, comply_study
-from vsgdesign.pipeline.study_tables import kept_tables
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.verbs.pipeline.comply import ALL, Asked, comply_study
+from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
 STUDY = Path(__file__).resolve().parents[1] / "studies" / "gridcode" / "study.toml"
 """Fixed, scheduled and angle-damped gains: each test is three runs."""

@@ -19,8 +19,8 @@ from vsgdesign.design.evaluation import law_of
 from vsgdesign.design.table import BuiltTable, build_table
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.threads import one_thread
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.specification import Specification
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.specification import Specification
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -16,12 +16,12 @@ from vsgdesign.equations.controller import ControllerSettings, ControllerState, 
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.operating_point.sampled import cold_start
-from vsgdesign.parameters import Study, load_study, study_from_text
+from vsgdesign.linear.operating_point.sampled import cold_start
 from vsgdesign.simulation import GainChange, build_timeline, gain_changes, simulate
 from vsgdesign.simulation.bodies import numbers_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import Study, load_study, study_from_text
 
 PUBLISHED = Path(__file__).resolve().parents[1] / "studies" / "published_averaged" / "study.toml"
 

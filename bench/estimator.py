@@ -21,7 +21,7 @@ from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
 from vsgdesign.estimator.tanh_network import NetworkProblem, Shape, initial_parameters, with_ones
 from vsgdesign.estimator.training import train_network
 from vsgdesign.identification.neural import neural_estimator
-from vsgdesign.parameters import load_study
+from vsgdesign.study.parameters import load_study
 
 ROOT = Path(__file__).resolve().parents[1]
 PUBLISHED = ROOT / "studies" / "published" / "study.toml"

@@ -13,11 +13,11 @@ import numpy as np
 from bench.stability import ONE_THREAD
 from bench.timing import Figure, Row, figure, repeat, run_python, scaled
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.explore.linear import linear_answer, modes_answer
-from vsgdesign.explore.live import emt_answer
-from vsgdesign.explore.maps import map_answer
-from vsgdesign.explore.state import State, state_of
-from vsgdesign.parameters import load_study
+from vsgdesign.report.explore.linear import linear_answer, modes_answer
+from vsgdesign.report.explore.live import emt_answer
+from vsgdesign.report.explore.maps import map_answer
+from vsgdesign.report.explore.state import State, state_of
+from vsgdesign.study.parameters import load_study
 
 STUDY = Path(__file__).parents[1] / "studies" / "structures" / "study.toml"
 GRIDS = 60

@@ -81,7 +81,7 @@ def starts() -> list[Row]:
 @contextmanager
 def command() -> Iterator[tuple[float, str]]:
     """A running ``vsgdesign explore``: when it was started (s since the epoch), and the address of its page."""
-    arguments = [sys.executable, "-m", "vsgdesign.cli.program", "explore", str(STUDY), "--no-browser"]
+    arguments = [sys.executable, "-m", "vsgdesign.verbs.cli.program", "explore", str(STUDY), "--no-browser"]
     begin = time.time()
     process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:

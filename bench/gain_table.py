@@ -15,7 +15,7 @@ from vsgdesign.runtime import table_schedule
 
 ANALYSE = """
 from bench.gain_table import RATIO, SCR, repeat, table
-from vsgdesign.stability.gain_table import nominal_margins
+from vsgdesign.linear.stability.gain_table import nominal_margins
 made = table(scr=SCR, x_over_r=RATIO)
 print(*repeat(lambda: nominal_margins(made), 5))
 """

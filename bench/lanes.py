@@ -11,9 +11,9 @@ import numpy as np
 
 from bench.timing import REPEATS, Row, figure
 from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
 from vsgdesign.codegen.llvm import compiled_loop
 from vsgdesign.codegen.machine_code import instruction_set
-from vsgdesign.parameters import Study, load_study
 from vsgdesign.simulation.bodies import MEAN_STEP, STEP
 from vsgdesign.simulation.lanes.cases import LaneCases, segments_of
 from vsgdesign.simulation.lanes.part import Part
@@ -23,7 +23,7 @@ from vsgdesign.simulation.lanes.run import parts_of, run_lanes
 from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.loop import kind_of, loop_of, side_by_side, spec_of
 from vsgdesign.simulation.survival.demand import demand_of
-from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
+from vsgdesign.study.parameters import Study, load_study
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies"
 MOTULATOR = "motulator 0.18 native C, LCL + grid, 125 us, one run"

@@ -13,7 +13,7 @@ STUDIES = Path(__file__).resolve().parents[1] / "studies"
 
 RUN = """
 import os, sys
-from vsgdesign.cli.program import main
+from vsgdesign.verbs.cli.program import main
 main(["run", sys.argv[1], "--out", os.environ["OUT"] + "/run"])
 """
 """Its folder is thrown away with its process."""

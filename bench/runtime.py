@@ -19,10 +19,10 @@ from vsgdesign.export import compile_c
 from vsgdesign.export.compiled import run_compiler
 from vsgdesign.export.footprint import COMPILER, measure_footprint
 from vsgdesign.export.known_answers import gain_sizes
-from vsgdesign.parameters import load_study
 from vsgdesign.runtime import Scheduler, load_scheduler
 from vsgdesign.simulation import build_timeline, simulate
 from vsgdesign.simulation.shipped import ShippedScheduler, true_grid
+from vsgdesign.study.parameters import load_study
 
 CALLS, WINDOWS, FUZZED = 100_000, 20_000, 1_000_000
 FIT = {"sample_interval": 200e-6}

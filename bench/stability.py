@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from bench.timing import Figure, Row, figure, repeat, run_python, scaled
+from vsgdesign.linear.stability.cells import CellSet, cells_under, full_order_cells, grid_arrays, reduced_cells
+from vsgdesign.linear.stability.loops import ReducedLoop, output_admittance
+from vsgdesign.linear.stability.maps import margin_map
+from vsgdesign.linear.stability.margins import frequency_grid
 from vsgdesign.metrics.margins import disk_margin
 from vsgdesign.metrics.modes import participation_factors
-from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.stability.cells import CellSet, cells_under, full_order_cells, grid_arrays, reduced_cells
-from vsgdesign.stability.loops import ReducedLoop, output_admittance
-from vsgdesign.stability.maps import margin_map
-from vsgdesign.stability.margins import frequency_grid
+from vsgdesign.study.parameters import Study, study_from_text
 
 ONE_THREAD: dict[str, str] = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 

@@ -12,7 +12,7 @@ PUBLISHED = str(Path(__file__).resolve().parents[1] / "studies" / "published_ave
 
 COMPILE = """
 import time
-from vsgdesign.parameters import load_study
+from vsgdesign.study.parameters import load_study
 from vsgdesign.simulation import build_timeline, gain_changes, simulate
 from dataclasses import replace
 study = load_study({path!r})
@@ -49,7 +49,7 @@ print(time.process_time() - begin)
 
 def start() -> list[Row]:
     """CPU time of the smallest uses."""
-    help_ = [run_python(["-m", "vsgdesign.cli.program", "--help"]).cpu_s for _ in range(9)][2:]
+    help_ = [run_python(["-m", "vsgdesign.verbs.cli.program", "--help"]).cpu_s for _ in range(9)][2:]
     bare = figure([run_python(["-c", "import numpy"]).cpu_s for _ in range(9)][2:])
     shipped = [run_python(["-c", "import vsgdesign.runtime"]).cpu_s for _ in range(9)][2:]
     beyond = figure([max(value - bare.value, 0.0) * 1e3 for value in shipped])
@@ -91,7 +91,8 @@ def memory() -> list[Row]:
     """Peak memory of whole processes."""
     command = [
         "-c",
-        "import os, sys; from vsgdesign.cli.program import main; main(sys.argv[1:] + [os.environ['OUT'] + '/out'])",
+        "import os, sys; from vsgdesign.verbs.cli.program import main; "
+        "main(sys.argv[1:] + [os.environ['OUT'] + '/out'])",
     ]
     code = "import vsgdesign.simulation"
     base = figure([run_python(["-c", code]).peak_mb for _ in range(5)])

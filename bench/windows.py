@@ -6,15 +6,15 @@ from collections.abc import Callable
 
 from bench.emt import PUBLISHED
 from bench.timing import Row, figure, repeat, run_python
-from vsgdesign.parameters import load_study
 from vsgdesign.simulation import FixedGains, GainChange, build_timeline, gain_changes, simulate
+from vsgdesign.study.parameters import load_study
 
 GENERATE = """
 import sys
 import time
 from vsgdesign.estimator.recipes import WINDOW_RECIPES
 from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
-from vsgdesign.parameters import load_study
+from vsgdesign.study.parameters import load_study
 
 if __name__ == "__main__":
     begin = time.perf_counter()

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from vsgdesign.equations.frames import PHASES, linear_modulation_limit, rms_to_peak
 from vsgdesign.errors import VsgDesignError
-from vsgdesign.frames import PHASES, linear_modulation_limit, rms_to_peak
-from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_operating_point, solve_with_droop
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.event import BASIS
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.linear.operating_point.equilibrium import OperatingPoint, solve_operating_point, solve_with_droop
 from vsgdesign.simulation.survival.cases import GridState
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.event import BASIS
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies" / "survival"
 CONVERTERS = {"5 kVA": "study", "12.5 kVA": "laboratory", "1 MVA": "utility"}

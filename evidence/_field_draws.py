@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from evidence._field_converters import ROOM_PU, Converter, resting_currents
-from vsgdesign.parameters.event import Event
 from vsgdesign.simulation.survival.cases import GridState
+from vsgdesign.study.parameters.event import Event
 
 EVENT_S = 1.5
 """Earliest instant of the first change, s: the estimator has learned its grid by then."""

@@ -16,14 +16,14 @@ from evidence._field_runs import converter_of, simulate_field, study_of
 from evidence._field_summary import SCR_BINS, quantile
 from evidence._tables import table
 from vsgdesign.equations.field.measuring import LONGER, LONGER_FROM, SLOW_MEMORY
+from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.estimator.bound import sensor_noise, tracked_probe_bound
-from vsgdesign.frames import instantaneous_power
 from vsgdesign.metrics.oscillation import interharmonic_rms, ripple_rms
-from vsgdesign.parameters.background import draw_background
-from vsgdesign.parameters.sensors import draw_sensors
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.run import Simulation
+from vsgdesign.study.parameters.background import draw_background
+from vsgdesign.study.parameters.sensors import draw_sensors
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -26,15 +26,15 @@ from vsgdesign.metrics.answers import (
     time_to_stay,
     valid_and_wrong,
 )
-from vsgdesign.parameters.background import BackgroundSpec, draw_background
-from vsgdesign.parameters.event import BASIS
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.sensors import SensorSpec, draw_sensors
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.study.parameters.background import BackgroundSpec, draw_background
+from vsgdesign.study.parameters.event import BASIS
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.sensors import SensorSpec, draw_sensors
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import Study
 
 REST_FROM_S = 2.0
 """From here on a run without events counts as rest, s: the estimator has forgotten what it learned from first."""

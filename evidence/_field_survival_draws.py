@@ -14,8 +14,8 @@ import numpy as np
 
 from evidence._field_converters import ROOM_PU, Converter, resting_currents
 from evidence._field_draws import SCR, X_OVER_R, FieldDraw, Surroundings, log_uniform, uniform
-from vsgdesign.parameters.event import Event
 from vsgdesign.simulation.survival.cases import GridState
+from vsgdesign.study.parameters.event import Event
 
 EVENT_S = 1.6
 """Earliest instant of a disturbance, s."""

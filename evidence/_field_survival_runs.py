@@ -12,6 +12,7 @@ from evidence._field_converters import Converter, bridge_current
 from evidence._field_draws import FieldDraw
 from evidence._field_runs import converter_of, found_after, simulate_field, study_of, wrong_and_silent
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
+from vsgdesign.linear.operating_point.equilibrium import solve_with_droop
 from vsgdesign.metrics.answers import (
     WRONG,
     Answers,
@@ -24,14 +25,13 @@ from vsgdesign.metrics.survival import (
     SurvivalRecord,
     judge_survival,
 )
-from vsgdesign.operating_point.equilibrium import solve_with_droop
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.feeds import LateSchedule
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.demand import demand_of, field_demand, late_grid
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import Study
 
 VARIANTS = ("field", "truth")
 """The schedule follows the estimator, or it is told the true grid, one update late. Grid and sensors are alike."""

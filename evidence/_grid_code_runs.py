@@ -11,15 +11,15 @@ import numpy as np
 
 from evidence._field_converters import CONVERTERS, STUDIES
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.compliance.case import FOR_EVER_S, Subject
-from vsgdesign.compliance.matrix import judged_test
-from vsgdesign.compliance.measuring import Trace
-from vsgdesign.compliance.reading import suite_from_text, suite_named
-from vsgdesign.compliance.rows import Check
-from vsgdesign.compliance.suite import Criterion, SuiteTest
+from vsgdesign.campaigns.compliance.case import FOR_EVER_S, Subject
+from vsgdesign.campaigns.compliance.matrix import judged_test
+from vsgdesign.campaigns.compliance.measuring import Trace
+from vsgdesign.campaigns.compliance.reading import suite_from_text, suite_named
+from vsgdesign.campaigns.compliance.rows import Check
+from vsgdesign.campaigns.compliance.suite import Criterion, SuiteTest
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, SURVIVED
-from vsgdesign.parameters import load_study
-from vsgdesign.pipeline.survival import survival_tables
+from vsgdesign.study.parameters import load_study
+from vsgdesign.verbs.pipeline.survival import survival_tables
 
 SUITE = "own"
 AT_THE_PCC = "bolted fault at the PCC"

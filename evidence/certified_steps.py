@@ -20,11 +20,11 @@ from vsgdesign.certificate import Certificate, Region, certified_steps, certify,
 from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.region import System, random_points
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
-from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import Event
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run import simulate
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import Event
 
 STUDIES = tuple(CONVERTERS.values())
 REGION: dict[str, Any] = {"scr": (2.0, 20.0), "x_over_r": (1.0, 20.0), "Q_pu": (-0.3, 0.3), "error": 0.2}

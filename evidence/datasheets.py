@@ -20,9 +20,9 @@ import numpy as np
 from click.testing import CliRunner
 
 from evidence._tables import leave
-from vsgdesign.cli.program import main as command_line
 from vsgdesign.design.inner import designing
 from vsgdesign.design.inner.search import Effort
+from vsgdesign.verbs.cli.program import main as command_line
 
 COUNT, SEED = 300, 2026
 QUICK = Effort(heat=15, generations=30, joined=10, rounds=1)

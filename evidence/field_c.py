@@ -21,15 +21,15 @@ from tests.export.field_record import FieldRecord, apart, recorded_run, replay
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.codegen.counting import cost_of
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, conclude, features, listen, probe_value
+from vsgdesign.equations.frames import rotate
 from vsgdesign.equations.probe import probe_offset
 from vsgdesign.export.c_code import export_c
 from vsgdesign.export.c_content import Origin
 from vsgdesign.export.field import converter_constants
 from vsgdesign.export.footprint import COMPILER, measure_field_footprint
-from vsgdesign.frames import rotate
 from vsgdesign.identification.field_network import field_network
-from vsgdesign.parameters import study_from_text
 from vsgdesign.runtime import load_scheduler
+from vsgdesign.study.parameters import study_from_text
 
 SCENARIO = """
 base = "case:hoang2025_5kva"

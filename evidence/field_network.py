@@ -16,7 +16,7 @@ from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.estimator.recipes import FIELD_RECIPES
 from vsgdesign.estimator.scores import GROUP_WORDS, GROUPS, WAYS, WINDOWS, GroupScore, field_scores, scores_document
 from vsgdesign.estimator.specification import FIELD_NETWORK, generate
-from vsgdesign.parameters import load_study
+from vsgdesign.study.parameters import load_study
 
 RECIPE = Path(__file__).with_suffix(".toml")
 STUDY = Path(__file__).resolve().parents[1] / "studies" / "survival" / "study.toml"

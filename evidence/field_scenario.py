@@ -20,11 +20,11 @@ from evidence._tables import leave, table
 from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics import cycle_mean
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.study import Study
 
 STUDY = Path(__file__).resolve().parents[1] / "studies" / "field" / "study.toml"
 SEEDS, FIRST_SEED = 10, 100000

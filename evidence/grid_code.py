@@ -19,13 +19,13 @@ from evidence._field_converters import CONVERTERS, STUDIES
 from evidence._grid_code_runs import AT_THE_PCC, CONTROLLERS, POINTS_PU, TOLD, GridCodeTask, run_task, tests
 from evidence._kept_runs import kept_runs, share
 from evidence._tables import leave, table
-from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, NOT_APPLICABLE
-from vsgdesign.compliance.suite import SuiteTest
+from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, NOT_APPLICABLE
+from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.metrics.survival import NOT_AT_REST, SURVIVED
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.network import PHASE_TO_PHASE, Fault
-from vsgdesign.parameters.source import Sag
-from vsgdesign.pipeline.survival import survival_tables
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.network import PHASE_TO_PHASE, Fault
+from vsgdesign.study.parameters.source import Sag
+from vsgdesign.verbs.pipeline.survival import survival_tables
 
 Result = tuple[GridCodeTask, dict[str, Any]]
 

@@ -13,8 +13,8 @@ from vsgdesign.design.inner import GridBox, check_full_order, design_inner_loops
 from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import VsgDesignError
-from vsgdesign.parameters import Study, case_names, study_from_text
-from vsgdesign.parameters.study import InnerLoopRequest
+from vsgdesign.study.parameters import Study, case_names, study_from_text
+from vsgdesign.study.parameters.study import InnerLoopRequest
 
 BOX = GridBox((1.3, 20.0), (0.3, 20.0))
 AROUND = """

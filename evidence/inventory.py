@@ -22,7 +22,7 @@ import click
 import vsgdesign
 import vsgdesign.runtime
 from vsgdesign import errors
-from vsgdesign.cli.program import main as program
+from vsgdesign.verbs.cli.program import main as program
 
 PACKAGE = Path(vsgdesign.__file__).resolve().parent
 ROOT = PACKAGE.parent

@@ -23,7 +23,7 @@ import numpy as np
 
 from evidence._field_converters import after
 from evidence._tables import leave, table
-from vsgdesign.frames import instantaneous_power, rms_to_peak
+from vsgdesign.equations.frames import instantaneous_power, rms_to_peak
 from vsgdesign.metrics.survival import (
     GRACE_S,
     SETTLING_TIMES,
@@ -32,13 +32,13 @@ from vsgdesign.metrics.survival import (
     SurvivalRecord,
     judge_survival,
 )
-from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.event import BASIS
-from vsgdesign.parameters.grid import Place
 from vsgdesign.simulation.survival.cases import GridKnowledge, GridState, SurvivalCase
 from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.simulation.survival.sets import fixed_set
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.event import BASIS
+from vsgdesign.study.parameters.grid import Place
 
 LIMIT_PU = 1.2
 """Limit of the current, of the rated peak."""

@@ -19,8 +19,9 @@ import numpy as np
 from evidence._field_converters import CONVERTERS, STUDIES
 from evidence._kept_runs import progress
 from evidence._tables import leave, table
-from vsgdesign.parameters import load_study
-from vsgdesign.pipeline.survival import (
+from vsgdesign.simulation.survival import CaseResult, SurvivalCase, run_many
+from vsgdesign.study.parameters import load_study
+from vsgdesign.verbs.pipeline.survival import (
     LIMITERS,
     subjects_of,
     survival_cases,
@@ -29,7 +30,6 @@ from vsgdesign.pipeline.survival import (
     variant_name,
     write_cases,
 )
-from vsgdesign.simulation.survival import CaseResult, SurvivalCase, run_many
 
 ASKED = ("angle_damped", "table")
 """The controllers whose figures are asked for, with the projection limiter."""

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.compliance.evidence import Evidence, csv_path, limits_at
-from vsgdesign.compliance.measuring import Trace
-from vsgdesign.compliance.rows import (
+from vsgdesign.campaigns.compliance.evidence import Evidence, csv_path, limits_at
+from vsgdesign.campaigns.compliance.measuring import Trace
+from vsgdesign.campaigns.compliance.rows import (
     FAIL,
     IMPOSSIBLE,
     INFORMATIONAL,

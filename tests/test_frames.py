@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsgdesign import frames
+from vsgdesign.equations import frames
 
 COMPONENT = st.floats(-1e6, 1e6)
 ANGLE = st.floats(-10.0, 10.0)

@@ -50,8 +50,8 @@ def frame_of(address: str, size: int) -> str:
 def write_explorer(study: Path, page: Path) -> None:
     """Writes the explorer of a study that needs no gain table."""
     from vsgdesign.artifacts.ready import NOTHING
-    from vsgdesign.explore.session import Session
-    from vsgdesign.explore.static import LATTICES, write_static
-    from vsgdesign.parameters import load_study
+    from vsgdesign.report.explore.session import Session
+    from vsgdesign.report.explore.static import LATTICES, write_static
+    from vsgdesign.study.parameters import load_study
 
     write_static(Session(load_study(study), NOTHING), page, lattices=LATTICES[2:])

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import click
 
-from vsgdesign.cli.program import main as program
+from vsgdesign.verbs.cli.program import main as program
 from website.staging import ROOT
 
 PAGE = ROOT / "docs" / "verbs.md"

@@ -33,7 +33,7 @@ def main() -> None:
         (verb, study), _ = PICTURES[name]
         with tempfile.TemporaryDirectory() as folder:
             file = ROOT / "studies" / study / "study.toml"
-            run = [sys.executable, "-m", "vsgdesign.cli", verb, str(file), "--out", f"{folder}/run"]
+            run = [sys.executable, "-m", "vsgdesign.verbs.cli", verb, str(file), "--out", f"{folder}/run"]
             subprocess.run(run, check=True, cwd=ROOT)
             take(Path(folder) / "run" / "report.html", name)
 

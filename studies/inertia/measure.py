@@ -14,14 +14,14 @@ from vsgdesign.design.box import scenarios_of_truth
 from vsgdesign.design.evaluation import evaluate_gains
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.parameters import Event, GridSource, Study, load_study
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.specification import Specification
 from vsgdesign.report.drawing.style import COLOURS, COLUMN_IN, REFERENCE, add_axes, look, new_figure
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.steps import references_at
+from vsgdesign.study.parameters import Event, GridSource, Study, load_study
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.specification import Specification
 
 HERE = Path(__file__).resolve().parent
 CELLS = [(scr, ratio) for scr in (1.2, 3.0, 20.0) for ratio in (0.5, 5.0, 20.0)]

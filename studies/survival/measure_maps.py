@@ -14,10 +14,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.compliance.maps import Mapped, clearing_times_of
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.event import Event
-from vsgdesign.pipeline.survival import LIMITERS, subjects_of, variant_name
+from vsgdesign.campaigns.compliance.maps import Mapped, clearing_times_of
 from vsgdesign.simulation.survival import (
     CaseResult,
     CaseRun,
@@ -28,6 +25,9 @@ from vsgdesign.simulation.survival import (
     run_many,
     trace_case,
 )
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.verbs.pipeline.survival import LIMITERS, subjects_of, variant_name
 
 HERE = Path(__file__).resolve().parent
 CONTROLLER = "angle_damped"

@@ -13,17 +13,17 @@ from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from vsgdesign.model.full_order import PARAMETERS
-from vsgdesign.operating_point.full_order import FullOrderModel
-from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import Event
+from vsgdesign.linear.model.full_order import PARAMETERS
+from vsgdesign.linear.operating_point.full_order import FullOrderModel
+from vsgdesign.linear.stability.cells import cells_under, full_order_cells, grid_arrays
+from vsgdesign.linear.stability.loci import modes
+from vsgdesign.linear.stability.maps import margin_map
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.scenario import run_scenario
-from vsgdesign.stability.cells import cells_under, full_order_cells, grid_arrays
-from vsgdesign.stability.loci import modes
-from vsgdesign.stability.maps import margin_map
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import Event
 
 ROOT = Path(__file__).resolve().parents[2]
 Array = NDArray[np.float64]

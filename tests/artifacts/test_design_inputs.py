@@ -17,7 +17,7 @@ from vsgdesign.artifacts.gain_table import base_of, table_document
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
 from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.study.parameters import Study, study_from_text
 
 TEXT = """
 base = "case:hoang2025_5kva"

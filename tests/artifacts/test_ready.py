@@ -14,12 +14,12 @@ from tests.design.robust_studies import controller, robust_study
 from tests.gain_tables import table
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.parameters.estimator import EstimatorSpec
-from vsgdesign.parameters.study import ControllerSpec
-from vsgdesign.pipeline import make_ready
+from vsgdesign.linear.stability.assessment import assess
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.scenario import run_scenario
-from vsgdesign.stability.assessment import assess
+from vsgdesign.study.parameters.estimator import EstimatorSpec
+from vsgdesign.study.parameters.study import ControllerSpec
+from vsgdesign.verbs.pipeline import make_ready
 
 TABLED = replace(controller(robust_study()), name="tabled", schedule="table")
 

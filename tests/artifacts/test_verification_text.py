@@ -17,7 +17,7 @@ from vsgdesign.artifacts.verification_text import (
     share_text,
     worst_text,
 )
-from vsgdesign.verification.document import one_in as one_in_of
+from vsgdesign.campaigns.verification.document import one_in as one_in_of
 
 
 def promise(broken: int, judged: int, **changes: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from click.testing import CliRunner, Result
 
-from vsgdesign.cli.program import main
+from vsgdesign.verbs.cli.program import main
 
 SMALL = """
 base = "case:hoang2025_5kva"

@@ -7,8 +7,8 @@ import io
 import pytest
 from rich.console import Console
 
-from vsgdesign.cli import bars
-from vsgdesign.cli.bars import Pace, left_in_words, progress_bars
+from vsgdesign.verbs.cli import bars
+from vsgdesign.verbs.cli.bars import Pace, left_in_words, progress_bars
 
 
 def pace_of(*reports: tuple[float, float]) -> Pace:

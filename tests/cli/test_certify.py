@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 import vsgdesign.certificate
 import vsgdesign.certificate.swing
-from vsgdesign.cli.program import main
+from vsgdesign.verbs.cli.program import main
 
 STUDY = "studies/structures/study.toml"
 REGION = ("--scr", "3", "20", "--x-over-r", "1", "20")

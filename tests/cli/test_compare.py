@@ -12,8 +12,8 @@ import pytest
 from tests.cli.small_studies import call, failure, study_file
 from tests.report.test_answer import rows_on
 from vsgdesign.design import single
-from vsgdesign.parameters import load_study
-from vsgdesign.pipeline import comparison as pipeline
+from vsgdesign.study.parameters import load_study
+from vsgdesign.verbs.pipeline import comparison as pipeline
 
 TEXT = """
 base = "case:hoang2025_5kva"

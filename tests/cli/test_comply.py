@@ -21,19 +21,19 @@ from tests import gain_tables
 from tests.cli.small_studies import as_json, call, failure
 from vsgdesign.artifacts import folders, staging, write_table_file
 from vsgdesign.artifacts.time_series import read_npz
-from vsgdesign.compliance import job
-from vsgdesign.compliance import maps as survival_maps
-from vsgdesign.compliance.evidence import read_evidence
-from vsgdesign.compliance.rows import VERDICTS
+from vsgdesign.campaigns.compliance import job
+from vsgdesign.campaigns.compliance import maps as survival_maps
+from vsgdesign.campaigns.compliance.evidence import read_evidence
+from vsgdesign.campaigns.compliance.rows import VERDICTS
 from vsgdesign.errors import StudyError, WorkerError
 from vsgdesign.execution.jobs import workers_needed
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.pipeline import comply as pipeline
 from vsgdesign.report.compliance import page
 from vsgdesign.report.compliance.answer import headline
 from vsgdesign.report.compliance.arranged import arrange
 from vsgdesign.report.page import terminal
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.loading import study_from_text
+from vsgdesign.verbs.pipeline import comply as pipeline
 
 STUDY = """
 base = "case:hoang2025_5kva"

@@ -1,7 +1,7 @@
 """The levels that the verbs name are the packaged ones."""
 
-from vsgdesign.cli.estimator import BACKGROUNDS, SENSORS
-from vsgdesign.parameters import background, sensors
+from vsgdesign.study.parameters import background, sensors
+from vsgdesign.verbs.cli.estimator import BACKGROUNDS, SENSORS
 
 
 def test_the_verbs_name_every_packaged_level() -> None:

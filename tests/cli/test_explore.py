@@ -19,7 +19,7 @@ import pytest
 
 from tests.cli.small_studies import call, study_file
 
-COMMAND = [sys.executable, "-m", "vsgdesign.cli.program", "explore"]
+COMMAND = [sys.executable, "-m", "vsgdesign.verbs.cli.program", "explore"]
 
 
 def _line(process: subprocess.Popen[str]) -> str:

@@ -14,7 +14,7 @@ from vsgdesign.equations.field import FieldFeatures
 from vsgdesign.estimator import specification
 from vsgdesign.estimator.data_set import read_cycles
 from vsgdesign.identification.field_network import field_network
-from vsgdesign.parameters import load_study
+from vsgdesign.study.parameters import load_study
 
 STUDY = """
 base = "case:utility_1mva_60hz"

@@ -15,10 +15,10 @@ from vsgdesign.artifacts.inner_loops_file import read_inner_loops_file
 from vsgdesign.design.inner import designing
 from vsgdesign.design.inner.search import Effort
 from vsgdesign.errors import ArtifactError
-from vsgdesign.parameters import load_study
-from vsgdesign.pipeline import open_study, opening
-from vsgdesign.pipeline.opening import check_study, inner_loops_file
 from vsgdesign.report.inner.page import headline
+from vsgdesign.study.parameters import load_study
+from vsgdesign.verbs.pipeline import open_study, opening
+from vsgdesign.verbs.pipeline.opening import check_study, inner_loops_file
 
 TEXT = """
 base = "case:lab_12kva_lcl"
@@ -147,7 +147,7 @@ def test_a_folder_that_may_not_be_written_to_is_no_hindrance(
     def refuse(*_: object) -> None:
         raise ArtifactError("cannot write: no room")
 
-    monkeypatch.setattr("vsgdesign.pipeline.opening.write_inner_loops", refuse)
+    monkeypatch.setattr("vsgdesign.verbs.pipeline.opening.write_inner_loops", refuse)
     said: list[str] = []
     assert open_study(study, say=said.append).inner_gains == record.gains
     assert "could not be kept" in said[0]

@@ -13,15 +13,15 @@ import pytest
 
 from tests.cli.small_studies import call, study_file
 from vsgdesign.execution.jobs import begun
-from vsgdesign.pipeline import margins
+from vsgdesign.verbs.pipeline import margins
 
 WRITING = {
-    "report": "vsgdesign.pipeline.report_stability",
-    "run": "vsgdesign.pipeline.run_study",
-    "inner": "vsgdesign.pipeline.inner.report_inner_loops",
-    "estimator compare": "vsgdesign.pipeline.estimator.report_comparison",
-    "estimator stress": "vsgdesign.pipeline.estimator.report_stress",
-    "estimator train": "vsgdesign.pipeline.training.train_weights_file",
+    "report": "vsgdesign.verbs.pipeline.report_stability",
+    "run": "vsgdesign.verbs.pipeline.run_study",
+    "inner": "vsgdesign.verbs.pipeline.inner.report_inner_loops",
+    "estimator compare": "vsgdesign.verbs.pipeline.estimator.report_comparison",
+    "estimator stress": "vsgdesign.verbs.pipeline.estimator.report_stress",
+    "estimator train": "vsgdesign.verbs.pipeline.training.train_weights_file",
 }
 
 

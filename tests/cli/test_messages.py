@@ -16,7 +16,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.errors import counted
-from vsgdesign.parameters import load_study
+from vsgdesign.study.parameters import load_study
 
 
 def test_one_is_not_many(tmp_path: Path) -> None:
@@ -37,7 +37,7 @@ def test_standard_input_pipes_and_devices_are_no_study_files(verb: str, tmp_path
         message = failure(2, verb, path)
         assert "is a pipe or a device, not a study file. Save it as a file: bases, tables and designed" in message
     with study_file(tmp_path).open() as stream:
-        command = [sys.executable, "-m", "vsgdesign.cli.program", verb, "/dev/stdin"]
+        command = [sys.executable, "-m", "vsgdesign.verbs.cli.program", verb, "/dev/stdin"]
         done = subprocess.run(command, stdin=stream, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
     assert "is a pipe or a device" in done.stderr

@@ -21,10 +21,10 @@ from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.artifacts.table_text import table_lines
 from vsgdesign.certificate import region_of
 from vsgdesign.design import certify
-from vsgdesign.parameters import load_study
-from vsgdesign.pipeline import make_ready
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import load_study
+from vsgdesign.verbs.pipeline import make_ready
 
 TABLE = """
 [[controllers]]

@@ -19,7 +19,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.datasheet.sheets import write_all
-from vsgdesign.cli.program import main
+from vsgdesign.verbs.cli.program import main
 
 
 def run(*arguments: str) -> tuple[int, str]:
@@ -122,7 +122,7 @@ class Terminal:
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.master, slave = pty.openpty()
-        command = [sys.executable, "-m", "vsgdesign.cli.program", "new", *arguments]
+        command = [sys.executable, "-m", "vsgdesign.verbs.cli.program", "new", *arguments]
         self.process = subprocess.Popen(
             command,
             cwd=folder,

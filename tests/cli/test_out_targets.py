@@ -14,7 +14,7 @@ from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
 from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
-from vsgdesign.pipeline import run as running
+from vsgdesign.verbs.pipeline import run as running
 
 FOLDER_VERBS = (
     ("run", "small.toml"),

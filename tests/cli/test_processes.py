@@ -17,7 +17,7 @@ import pytest
 from tests.cli.small_studies import SMALL, study_file
 from vsgdesign import __version__
 
-COMMAND = [sys.executable, "-m", "vsgdesign.cli.program"]
+COMMAND = [sys.executable, "-m", "vsgdesign.verbs.cli.program"]
 
 
 def run(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -62,7 +62,7 @@ def test_an_output_that_cannot_have_every_character(
 
 def test_an_output_that_is_closed(tmp_path: Path) -> None:
     study_file(tmp_path)
-    close = f"{sys.executable} -m vsgdesign.cli.program validate small.toml >&-"
+    close = f"{sys.executable} -m vsgdesign.verbs.cli.program validate small.toml >&-"
     result = subprocess.run(close, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert (result.returncode, result.stderr) == (0, "")
 
@@ -83,12 +83,12 @@ class Finder:
             os.kill(os.getpid(), number)
 sys.meta_path.insert(0, Finder())
 sys.argv = ["vsgdesign", "simulate", "missing.toml"]
-from vsgdesign.cli.program import main
+from vsgdesign.verbs.cli.program import main
 main()
 """
 
 
-@pytest.mark.parametrize("module", ["click", "vsgdesign.cli.table", "vsgdesign.parameters", "numpy"])
+@pytest.mark.parametrize("module", ["click", "vsgdesign.verbs.cli.table", "vsgdesign.study.parameters", "numpy"])
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
@@ -124,7 +124,7 @@ elif sys.argv[1] == "last":
             kill()
     last = Last()
 sys.argv = ["vsgdesign", "validate", sys.argv[2]]
-from vsgdesign.cli.program import main
+from vsgdesign.verbs.cli.program import main
 main()
 """
 _COMPLETE = "interrupted: the command was complete\n"

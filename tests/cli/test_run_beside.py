@@ -19,8 +19,8 @@ from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_file
 from vsgdesign.certificate import Region, refusal_record
 from vsgdesign.errors import ArtifactError, WorkerError
-from vsgdesign.parameters import Study, load_study
-from vsgdesign.pipeline import making, run, run_study, study_tables
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.verbs.pipeline import making, run, run_study, study_tables
 
 TABLED = """
 [[controllers]]

@@ -17,10 +17,10 @@ from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
 from tests.report.pdf_texts import texts_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.progress import silent
-from vsgdesign.explore import static
-from vsgdesign.explore.static import StaticPage
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.pipeline import assess_study, margins
+from vsgdesign.report.explore import static
+from vsgdesign.report.explore.static import StaticPage
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.verbs.pipeline import assess_study, margins
 
 AXES = "\n[stability]\nscr = [2, 8]\nx_over_r = [1]\nerrors = [-0.1, 0, 0.1]\n"
 ONE = SMALL.replace('[[controllers]]\nname = "scheduled"\nkind = "scheduled"\n', "")
@@ -196,7 +196,7 @@ def test_help() -> None:
 
 def test_no_progress_in_a_pipe(tmp_path: Path) -> None:
     study = study_file(tmp_path, ONE + AXES)
-    command = [sys.executable, "-m", "vsgdesign.cli.program", "margins", str(study)]
+    command = [sys.executable, "-m", "vsgdesign.verbs.cli.program", "margins", str(study)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from tests.cli.small_studies import call, failure
-from vsgdesign.parameters.event import Event
 from vsgdesign.simulation import survival
 from vsgdesign.simulation.survival import GridState, SurvivalCase, many
+from vsgdesign.study.parameters.event import Event
 
 TEXT = """
 base = "case:hoang2025_5kva"

@@ -23,13 +23,13 @@ from vsgdesign.design import table as building
 from vsgdesign.design.record import cells_file
 from vsgdesign.design.table import BuiltTable, build_table
 from vsgdesign.execution.journal import kept_count, kept_folder
-from vsgdesign.parameters import load_study
-from vsgdesign.pipeline.study_tables import CELLS
-from vsgdesign.stability.gain_table import check_table
-from vsgdesign.stability.safe_place import table_safe_place
+from vsgdesign.linear.stability.gain_table import check_table
+from vsgdesign.linear.stability.safe_place import table_safe_place
+from vsgdesign.study.parameters import load_study
+from vsgdesign.verbs.pipeline.study_tables import CELLS
 
 POINTS = "40"
-COMMAND = [sys.executable, "-m", "vsgdesign.cli.program", "table", "build"]
+COMMAND = [sys.executable, "-m", "vsgdesign.verbs.cli.program", "table", "build"]
 
 
 @pytest.fixture(scope="module")

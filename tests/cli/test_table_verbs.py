@@ -14,9 +14,9 @@ from tests.cli.small_studies import as_json, call, study_file
 from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable, read_table_file, write_table_file
 from vsgdesign.artifacts.gain_table import base_of
-from vsgdesign.parameters import load_study
+from vsgdesign.linear.stability.gain_table import nominal_margins
 from vsgdesign.report.gain_table import page as table_page
-from vsgdesign.stability.gain_table import nominal_margins
+from vsgdesign.study.parameters import load_study
 
 AXES: dict[str, Any] = {"scr": (2.0, 8.0), "x_over_r": (0.5, 3.0)}
 

@@ -17,11 +17,11 @@ from tests.cli.small_studies import as_json, call, study_file
 from tests.cli.test_named_files import with_table
 from vsgdesign import __version__
 from vsgdesign.design import design_closed_form
-from vsgdesign.parameters import load_study
-from vsgdesign.pipeline import make_ready
 from vsgdesign.report.page.terminal import print_terminal
 from vsgdesign.report.terminals import design_blocks
 from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.study.parameters import load_study
+from vsgdesign.verbs.pipeline import make_ready
 
 VERBS = ("run", "simulate", "design", "validate")
 HEAVY = {"casadi", "numba", "llvmlite", "matplotlib", "control", "scipy", "rich", "jinja2", "torch", "numpy"}
@@ -203,9 +203,9 @@ def modules_after(code: str) -> set[str]:
 
 
 def test_the_command_line_itself_is_light() -> None:
-    assert modules_after("import vsgdesign.cli.program").isdisjoint(HEAVY)
+    assert modules_after("import vsgdesign.verbs.cli.program").isdisjoint(HEAVY)
     help_ = (
-        "from click.testing import CliRunner; from vsgdesign.cli.program import main; "
+        "from click.testing import CliRunner; from vsgdesign.verbs.cli.program import main; "
         "CliRunner().invoke(main, ['--help'])"
     )
     assert modules_after(help_).isdisjoint(HEAVY)
@@ -213,5 +213,5 @@ def test_the_command_line_itself_is_light() -> None:
 
 def test_validate_is_light_but_for_numpy(tmp_path: Path) -> None:
     study = str(study_file(tmp_path))
-    code = f"from vsgdesign.cli.program import main; main(['validate', {study!r}], standalone_mode=False)"
+    code = f"from vsgdesign.verbs.cli.program import main; main(['validate', {study!r}], standalone_mode=False)"
     assert modules_after(code) & HEAVY == {"numpy"}

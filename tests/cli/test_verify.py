@@ -11,7 +11,7 @@ import pytest
 from tests import gain_tables
 from tests.cli.small_studies import as_json, call, failure
 from vsgdesign.artifacts import write_table_file
-from vsgdesign.verification import blocks
+from vsgdesign.campaigns.verification import blocks
 
 TEXT = """
 base = "case:hoang2025_5kva"

@@ -11,7 +11,7 @@ import pytest
 from vsgdesign.codegen.blocks import Part, Plain, Writer, joined, with_outputs
 from vsgdesign.codegen.expressions import Number
 from vsgdesign.codegen.llvm import LoopSpec, aligned_zeros, compiled_loop, flat_block
-from vsgdesign.frames import clarke_inverse, rotate
+from vsgdesign.equations.frames import clarke_inverse, rotate
 
 
 def length(turned_x: Any, y: Any) -> Any:

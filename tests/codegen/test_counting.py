@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.codegen import language
 from vsgdesign.codegen.counting import Cost, cost_of
-from vsgdesign.frames import rotate
+from vsgdesign.equations.frames import rotate
 
 
 def by_hand(x: Any, y: Any) -> Any:

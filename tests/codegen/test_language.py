@@ -68,9 +68,9 @@ def test_functions_of_one_name_are_two() -> None:
 
 
 def test_two_values_of_one_constant_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vsgdesign.frames.PHASES", 4.0)
+    monkeypatch.setattr("vsgdesign.equations.frames.PHASES", 4.0)
+    from vsgdesign.equations.frames import rated_current_rms
     from vsgdesign.equations.power_flow import power_flow
-    from vsgdesign.frames import rated_current_rms
 
     with pytest.raises(UntranslatableError, match=r"constant PHASES: has two values, 3\.0 and 4\.0"):
         c_functions([power_flow, rated_current_rms])

@@ -10,8 +10,8 @@ import pytest
 
 from tests.codegen import language, other, refused
 from vsgdesign.codegen import UntranslatableError, c_functions
+from vsgdesign.equations.frames import linear_modulation_limit
 from vsgdesign.equations.power_flow import power_flow
-from vsgdesign.frames import linear_modulation_limit
 
 EXPECTED = {
     "uses_while": (1, "while. Write a step without a loop"),

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from tests.compliance.made_runs import SOURCE
-from vsgdesign.compliance.case import Subject
-from vsgdesign.compliance.suite import SuiteTest
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.parameters.study import Study
+from vsgdesign.campaigns.compliance.case import Subject
+from vsgdesign.campaigns.compliance.suite import SuiteTest
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.loading import study_from_text
+from vsgdesign.study.parameters.study import Study
 
 TEXT = """
 base = "case:CASE"

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.compliance.measures import MeasureInput, Ratings
-from vsgdesign.compliance.measuring import Trace
-from vsgdesign.compliance.suite import OURS, Source, SuiteTest
-from vsgdesign.parameters.event import Event
+from vsgdesign.campaigns.compliance.measures import MeasureInput, Ratings
+from vsgdesign.campaigns.compliance.measuring import Trace
+from vsgdesign.campaigns.compliance.suite import OURS, Source, SuiteTest
+from vsgdesign.study.parameters.event import Event
 
 Array = NDArray[np.float64]
 

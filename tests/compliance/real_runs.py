@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 
 from tests.compliance.made_runs import SOURCE
-from vsgdesign.compliance.measures import MeasureInput, Ratings
-from vsgdesign.compliance.run import nfp_of, trace_of
-from vsgdesign.compliance.suite import SuiteTest
+from vsgdesign.campaigns.compliance.measures import MeasureInput, Ratings
+from vsgdesign.campaigns.compliance.run import nfp_of, trace_of
+from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.stability.cells import gains_in_force
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run import simulate
 from vsgdesign.simulation.steps import references_at
-from vsgdesign.stability.cells import gains_in_force
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.loading import study_from_text
+from vsgdesign.study.parameters.study import Study
 
 INTERVAL_S = 5e-4
 

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from tests.compliance.bench_studies import TEXT, subject, suite_test
-from vsgdesign.compliance.case import Subject, case_of, case_text
-from vsgdesign.compliance.evidence import Evidence, thinned
-from vsgdesign.compliance.matrix import judged_test, network_in_words, summary_of
-from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
-from vsgdesign.compliance.run import run_test
-from vsgdesign.compliance.suite import Criterion, Suite, SuiteTest
-from vsgdesign.explore.session import start_of
-from vsgdesign.explore.state import state_of
-from vsgdesign.frames import SPACE_VECTOR_POWER
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.parameters.network import Fault, Load, SynchroCheck
-from vsgdesign.parameters.source import Sag
-from vsgdesign.pipeline.explorer_links import explorer_link
+from vsgdesign.campaigns.compliance.case import Subject, case_of, case_text
+from vsgdesign.campaigns.compliance.evidence import Evidence, thinned
+from vsgdesign.campaigns.compliance.matrix import judged_test, network_in_words, summary_of
+from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
+from vsgdesign.campaigns.compliance.run import run_test
+from vsgdesign.campaigns.compliance.suite import Criterion, Suite, SuiteTest
+from vsgdesign.equations.frames import SPACE_VECTOR_POWER
+from vsgdesign.report.explore.session import start_of
+from vsgdesign.report.explore.state import state_of
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.loading import study_from_text
+from vsgdesign.study.parameters.network import Fault, Load, SynchroCheck
+from vsgdesign.study.parameters.source import Sag
+from vsgdesign.verbs.pipeline.explorer_links import explorer_link
 
 JUMP = Event.of_pu(0.0, phase_deg=30.0)
 SURVIVED = Criterion(measure="survived", at_least=1.0)

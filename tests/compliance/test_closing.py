@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.compliance import case
-from vsgdesign.compliance.case import Subject
-from vsgdesign.compliance.reading import suite_from_text
-from vsgdesign.compliance.run import run_test
+from vsgdesign.campaigns.compliance import case
+from vsgdesign.campaigns.compliance.case import Subject
+from vsgdesign.campaigns.compliance.reading import suite_from_text
+from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.parameters.network import Fault
+from vsgdesign.study.parameters.loading import study_from_text
+from vsgdesign.study.parameters.network import Fault
 
 STUDY = study_from_text(
     """

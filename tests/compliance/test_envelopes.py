@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vsgdesign.compliance.envelopes import (
+from vsgdesign.campaigns.compliance.envelopes import (
     ENVELOPES,
     Bounds,
     Machine,
@@ -20,9 +20,9 @@ from vsgdesign.compliance.envelopes import (
     power_after_jump,
     power_curves,
 )
-from vsgdesign.compliance.measuring import MeasureInput, Ratings, Trace
-from vsgdesign.compliance.reading import suite_from_text
-from vsgdesign.compliance.suite import SuiteTest
+from vsgdesign.campaigns.compliance.measuring import MeasureInput, Ratings, Trace
+from vsgdesign.campaigns.compliance.reading import suite_from_text
+from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.equations.power_loops import PowerLoopGains
 
 SLOW = Machine(H_s=5.0, D_pu=250.0, X_pu=0.37, omega_n=314.0)

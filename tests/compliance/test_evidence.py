@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vsgdesign.compliance.evidence import (
+from vsgdesign.campaigns.compliance.evidence import (
     SIGNALS,
     Evidence,
     csv_path,
@@ -20,8 +20,8 @@ from vsgdesign.compliance.evidence import (
     slug,
     write_evidence,
 )
-from vsgdesign.compliance.measuring import Trace
-from vsgdesign.compliance.rows import FAIL, PASS
+from vsgdesign.campaigns.compliance.measuring import Trace
+from vsgdesign.campaigns.compliance.rows import FAIL, PASS
 from vsgdesign.errors import ArtifactError
 
 
@@ -98,7 +98,7 @@ def test_the_failures_of_the_best_controller_have_a_figure_first(monkeypatch: py
 
     rows = [row(f"t{k}", "bad", FAIL) for k in range(5)] + [row(f"t{k}", "good", PASS) for k in range(4)]
     rows += [row("t4", "good", FAIL), row("t5", "bad", FAIL, None)]
-    monkeypatch.setattr("vsgdesign.compliance.evidence.MOST_FIGURES", 3)
+    monkeypatch.setattr("vsgdesign.campaigns.compliance.evidence.MOST_FIGURES", 3)
     found = figures_of(rows)
     assert [test for _, test in found] == ["t4", "t0", "t1"]
     assert found["s", "t4"] == figure_path("s", "t4")

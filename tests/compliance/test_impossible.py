@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tests.compliance.bench_studies import subject, suite_test
-from vsgdesign.compliance.applies import impossible, largest_power, not_applicable
-from vsgdesign.compliance.run import run_test
-from vsgdesign.compliance.suite import Criterion
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.network import Fault, Load
+from vsgdesign.campaigns.compliance.applies import impossible, largest_power, not_applicable
+from vsgdesign.campaigns.compliance.run import run_test
+from vsgdesign.campaigns.compliance.suite import Criterion
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.network import Fault, Load
 
 DROP = Event.of_pu(0.0, P_pu=0.1)
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.compliance import maps
-from vsgdesign.compliance.maps import KINDS, Mapped, SurvivalMap, clearing_times_of, survival_map
+from vsgdesign.campaigns.compliance import maps
+from vsgdesign.campaigns.compliance.maps import KINDS, Mapped, SurvivalMap, clearing_times_of, survival_map
 from vsgdesign.metrics.survival import SURVIVED
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.network import Load, Network
 from vsgdesign.simulation.survival import GridKnowledge, GridState, Subject, SurvivalCase, run_case
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.network import Load, Network
 
 
 @functools.cache

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.compliance.made_runs import STEP_S, made_run, made_trace, times
-from vsgdesign.compliance.measures import MEASURES
-from vsgdesign.compliance.reading import suite_from_text
+from vsgdesign.campaigns.compliance.measures import MEASURES
+from vsgdesign.campaigns.compliance.reading import suite_from_text
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.survival import LATCHED, NO_REST, SURVIVED, Survival
-from vsgdesign.parameters.event import Event
+from vsgdesign.study.parameters.event import Event
 
 JUMP = Event.of_pu(0.1, phase_deg=10.0)
 

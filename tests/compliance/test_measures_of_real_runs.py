@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 
 from tests.compliance.real_runs import grid_test, real_run, study_of
-from vsgdesign.compliance.case import Subject
-from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings
-from vsgdesign.compliance.run import run_test
+from vsgdesign.campaigns.compliance.case import Subject
+from vsgdesign.campaigns.compliance.measures import MEASURES, MeasureInput, Ratings
+from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.equations.structures import effective_inertia, steady_droops
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.metrics.sequences import frame_angle, last_sequences
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.loading import load_study
-from vsgdesign.parameters.source import Sag
 from vsgdesign.simulation.steps import references_at
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.loading import load_study
+from vsgdesign.study.parameters.source import Sag
 
 LABORATORY = Path(__file__).resolve().parents[2] / "studies" / "survival" / "laboratory.toml"
 SMALL_JUMP = Event.of_pu(0.1, phase_deg=-1.0)

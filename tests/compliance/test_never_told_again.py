@@ -7,13 +7,13 @@ import math
 import pytest
 
 from tests.compliance.bench_studies import subject, suite_test
-from vsgdesign.compliance.case import case_of
-from vsgdesign.compliance.run import run_test
-from vsgdesign.parameters.event import Event
+from vsgdesign.campaigns.compliance.case import case_of
+from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.survival import GridKnowledge, GridState, SurvivalCase
 from vsgdesign.simulation.survival.demand import settling_times_asked
 from vsgdesign.simulation.survival.running import Subject, run_case
+from vsgdesign.study.parameters.event import Event
 
 WEAKER = suite_test(Event.of_pu(0.0, scr=2.0, x_over_r=5.0), scr=10.0, P_pu=0.5, silent_s=math.inf)
 """T is 0.3 s: at rest after 0.91 s, between the deadlines of 0.8 s and 1.1 s."""

@@ -6,14 +6,14 @@ import math
 
 import pytest
 
-from vsgdesign.compliance.reading import SUITES, suite_from_text, suite_named
-from vsgdesign.compliance.suite import Criterion
+from vsgdesign.campaigns.compliance.reading import SUITES, suite_from_text, suite_named
+from vsgdesign.campaigns.compliance.suite import Criterion
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.parameters.event import BASIS, Event
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.network import Fault as ShortCircuit
-from vsgdesign.parameters.network import Load
-from vsgdesign.parameters.source import Sag
+from vsgdesign.study.parameters.event import BASIS, Event
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.network import Fault as ShortCircuit
+from vsgdesign.study.parameters.network import Load
+from vsgdesign.study.parameters.source import Sag
 
 ONE = """
 [[tests]]

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from vsgdesign.compliance.reading import packaged_document, suite_from_document
+from vsgdesign.campaigns.compliance.reading import packaged_document, suite_from_document
 from vsgdesign.errors import StudyError
 
 JUNK: tuple[Any, ...] = (

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from tests.compliance.bench_studies import subject, suite_test
-from vsgdesign.compliance.case import Subject, case_of
-from vsgdesign.compliance.measures import MEASURES, MeasureInput, Ratings
-from vsgdesign.compliance.run import TestRun, run_test
-from vsgdesign.frames import SPACE_VECTOR_POWER
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.loading import study_from_text
+from vsgdesign.campaigns.compliance.case import Subject, case_of
+from vsgdesign.campaigns.compliance.measures import MEASURES, MeasureInput, Ratings
+from vsgdesign.campaigns.compliance.run import TestRun, run_test
+from vsgdesign.equations.frames import SPACE_VECTOR_POWER
 from vsgdesign.simulation.scenario import run_scenario, series_at_pcc
 from vsgdesign.simulation.survival.running import record_of
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.loading import study_from_text
 
 CASES = ["hoang2025_5kva", "utility_1mva_60hz"]  # 50 Hz with an LC filter, 60 Hz with an LCL filter
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vsgdesign.datasheet import Datasheet, resolve
-from vsgdesign.datasheet.reading import Entry, Sheet
+from vsgdesign.study.datasheet import Datasheet, resolve
+from vsgdesign.study.datasheet.reading import Entry, Sheet
 
 SIMPLE = {
     "rating": "100 kVA",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vsgdesign.datasheet.quantities import AmountError, read_amount, read_number
+from vsgdesign.study.datasheet.quantities import AmountError, read_amount, read_number
 
 RATING, VOLTAGE, CURRENT = ("VA", "W"), ("V",), ("A", "1")
 INDUCTOR, CAPACITOR, RATIO = ("H", "ohm", "1"), ("F", "var", "1"), ("1",)

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from tests.datasheet.sheets import GERMAN, INDUSTRIAL, SIMPLE, of, write_all
-from vsgdesign.datasheet import FIELDS, read_sheet, resolve, study_text
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import study_from_text
+from vsgdesign.study.datasheet import FIELDS, read_sheet, resolve, study_text
+from vsgdesign.study.parameters import study_from_text
 
 
 def test_a_german_spreadsheet_is_read_like_an_english_one(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tests.datasheet.sheets import SIMPLE, of, write_all
-from vsgdesign.datasheet import read_sheet, resolve
 from vsgdesign.errors import StudyError
+from vsgdesign.study.datasheet import read_sheet, resolve
 
 OMEGA_50, OMEGA_60 = 100.0 * math.pi, 120.0 * math.pi
 

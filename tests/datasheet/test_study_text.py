@@ -13,12 +13,12 @@ import pytest
 
 from tests.datasheet.sheets import write_all
 from tests.datasheet.test_resolving import of
-from vsgdesign.datasheet import Datasheet, read_sheet, resolve, study_text
-from vsgdesign.datasheet.study_text import middle, nodes
+from vsgdesign.equations.frames import phase_to_ll, rms_to_peak
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_flow import operating_point
-from vsgdesign.frames import phase_to_ll, rms_to_peak
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.study.datasheet import Datasheet, read_sheet, resolve, study_text
+from vsgdesign.study.datasheet.study_text import middle, nodes
+from vsgdesign.study.parameters import Study, study_from_text
 
 UNTOLD = InnerLoopGains(*[math.nan] * 4), math.nan
 

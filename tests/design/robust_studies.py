@@ -13,9 +13,9 @@ from vsgdesign.design.box import Scenarios, scenarios_of_estimate
 from vsgdesign.design.evaluation import LawOfStudy, law_of
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.structures import NormalisedGains
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import ControllerSpec
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.study import ControllerSpec
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -19,8 +19,8 @@ from vsgdesign.design.box import (
     within_limits,
 )
 from vsgdesign.equations.power_flow import operating_point, power_flow
-from vsgdesign.parameters import Study
-from vsgdesign.parameters.grid import Place
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.grid import Place
 
 WIDE = with_specification(scr=(1.2, 20.0), x_over_r=(0.3, 20.0))
 TARGET = controller(WIDE).target

@@ -20,9 +20,9 @@ from vsgdesign.design.cell import common_design
 from vsgdesign.design.evaluation import Figures, law_of
 from vsgdesign.design.record import CellRecord, CellTask, record_document, record_of, run_task
 from vsgdesign.design.table import build_table
-from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.report.gain_table.page import causes_table, verdict_of
 from vsgdesign.report.gain_table.words import heading
+from vsgdesign.study.parameters import Study, study_from_text
 
 LABORATORY = """
 base = "studies/laboratory/study.toml"

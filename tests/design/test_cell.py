@@ -23,7 +23,7 @@ from vsgdesign.design.cell import TRANSFER, CellDesign, common_design, design_ce
 from vsgdesign.design.evaluation import evaluate, law_of, shortfalls, worst
 from vsgdesign.design.variables import MARGIN_AIM, variables
 from vsgdesign.equations.structures import NormalisedGains
-from vsgdesign.model.coupled import coupled_model
+from vsgdesign.linear.model.coupled import coupled_model
 
 STUDY = robust_study()
 SPEC = specification(STUDY)

@@ -21,10 +21,10 @@ from vsgdesign.design import Certificate, Counterexample, Region, certify
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError
-from vsgdesign.parameters import ControllerSpec, Study, load_study
-from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.study.parameters import ControllerSpec, Study, load_study
+from vsgdesign.study.parameters.grid import Place
 
 PUBLISHED_BOX = Region((2.0, 20.0), (0.3, 20.0), (-4500.0, 4500.0), (-2000.0, 2000.0), 0.2)
 

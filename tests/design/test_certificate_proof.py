@@ -24,9 +24,9 @@ from vsgdesign.certificate.taylor_kernel import LANES, rows, run_program, sum_up
 from vsgdesign.certificate.tracing import Program
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.parameters import ControllerSpec, Study, load_study
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.runtime.table import table_schedule
+from vsgdesign.study.parameters import ControllerSpec, Study, load_study
 
 STUDY = replace(load_study("studies/structures/study.toml"), scr_basis="impedance")
 POWERS = (-4500.0, 4500.0), (-2000.0, 2000.0)

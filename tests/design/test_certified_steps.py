@@ -28,9 +28,9 @@ from vsgdesign.certificate.step_terms import (
 )
 from vsgdesign.equations.power_flow import power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, power_loops
-from vsgdesign.parameters import ControllerSpec, Study, load_study
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.runtime.table import table_schedule
+from vsgdesign.study.parameters import ControllerSpec, Study, load_study
 
 Array = NDArray[np.float64]
 REGION = Region((3.0, 20.0), (1.0, 10.0), (-3500.0, 3500.0), (-1000.0, 1000.0), error=0.2)

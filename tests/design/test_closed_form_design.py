@@ -8,9 +8,9 @@ import pytest
 
 from vsgdesign.design import design_closed_form, distinct_grids
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.linear.stability.loops import loop_margins, power_loops
 from vsgdesign.runtime import closed_form_schedule
-from vsgdesign.stability.loops import loop_margins, power_loops
+from vsgdesign.study.parameters import Study, study_from_text
 
 BASE = """
 base = "case:hoang2025_5kva"

@@ -15,8 +15,8 @@ from vsgdesign.design.evaluation import LawOfStudy, evaluate, shortfalls, worst
 from vsgdesign.design.record import CellRecord, CellTask, run_task
 from vsgdesign.design.variables import variables
 from vsgdesign.equations.structures import NormalisedGains
-from vsgdesign.parameters import Study
-from vsgdesign.parameters.grid import Place
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.grid import Place
 
 EASY = {"settling_time": 2.0, "overshoot": 0.2, "disk_margin": 0.8, "damping_ratio": 0.4, "H_min": 0.0}
 NODE = (3.0, 3.0)

@@ -16,9 +16,9 @@ from vsgdesign.design.evaluation import Evaluation, evaluate, final_Q
 from vsgdesign.design.kernels import HORIZON, STEPS_PER_SETTLING, figures
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
+from vsgdesign.linear.stability.margins import reduced_margins
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.model.coupled import CoupledModel, coupled_model
-from vsgdesign.stability.margins import reduced_margins
 
 DESIGNS = NormalisedGains(
     np.array([9.3, 30.0, 6.0, 20.0, 400.0]),

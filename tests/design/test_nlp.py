@@ -13,10 +13,10 @@ from tests.design.robust_studies import SETTLING, law, robust_study, scenarios, 
 from vsgdesign.design import nlp
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import evaluate, final_Q
+from vsgdesign.linear.model.coupled import coupled_model
+from vsgdesign.linear.stability.loops import ReducedLoop
 from vsgdesign.metrics.margins import disk_margin_per_frequency
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.model.coupled import coupled_model
-from vsgdesign.stability.loops import ReducedLoop
 
 STUDY = robust_study()
 SPEC = specification(STUDY)

@@ -21,14 +21,14 @@ from vsgdesign.certificate.swing import SwingLaw, SwingStart, large_signal, swin
 from vsgdesign.certificate.swing.check import SwingLoops, gains_hold, looks, with_angle
 from vsgdesign.certificate.swing.conditions import gains_tests, limited_tests
 from vsgdesign.certificate.swing.statement import loops_at
+from vsgdesign.equations.frames import PHASES, peak_to_rms, rms_to_peak
 from vsgdesign.equations.limiter_interface import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.limiters.projection import PROJECTION, ProjectionMemory, grid_voltage_gate
 from vsgdesign.equations.power_loops import References, frequency_at_rest, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError
-from vsgdesign.frames import PHASES, peak_to_rms, rms_to_peak
-from vsgdesign.parameters import ControllerSpec, Study, load_study
 from vsgdesign.report.gain_table.words import swing_text
 from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.study.parameters import ControllerSpec, Study, load_study
 
 STUDY = load_study("studies/survival/study.toml")
 SPEC = next(spec for spec in STUDY.controllers if spec.name == "angle_damped")

@@ -12,8 +12,8 @@ from vsgdesign.design import verification
 from vsgdesign.design.evaluation import final_Q
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_flow import jacobian_from_powers
-from vsgdesign.model.full_order import INPUTS, OUTPUTS
-from vsgdesign.operating_point.full_order import linearise_full_order
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.linear.operating_point.full_order import linearise_full_order
 from vsgdesign.runtime.of_study import schedule_of
 
 

@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 
 import vsgdesign
-from vsgdesign.compliance.measures import MEASURES
-from vsgdesign.parameters.loading import case_names
+from vsgdesign.campaigns.compliance.measures import MEASURES
+from vsgdesign.study.parameters.loading import case_names
 
 ROOT = Path(__file__).resolve().parents[2]
 WORDS = dict(enumerate(("nine", "ten", "eleven", "twelve", "thirteen", "fourteen", "fifteen"), 9)) | dict(

@@ -27,7 +27,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from vsgdesign.cli.program import main
+from vsgdesign.verbs.cli.program import main
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [

@@ -11,7 +11,7 @@ import pytest
 from vsgdesign.errors import StudyError
 from vsgdesign.estimator.recipe_fields import Spread, check_recipe, one_of, rules_of
 from vsgdesign.estimator.recipes import FIELD, FIELD_RECIPES, FieldRecipe
-from vsgdesign.parameters.estimator import FIELD_RECIPES as NAMES
+from vsgdesign.study.parameters.estimator import FIELD_RECIPES as NAMES
 
 FIELD_FIELDS = rules_of(FieldRecipe)
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "estimator.md"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vsgdesign.compliance.measures import MEASURES, Measure
+from vsgdesign.campaigns.compliance.measures import MEASURES, Measure
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "theory" / "measures.md"
 

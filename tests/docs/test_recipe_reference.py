@@ -11,7 +11,7 @@ import pytest
 from vsgdesign.errors import StudyError
 from vsgdesign.estimator.recipe_fields import FieldRule, Spread, check_recipe, one_of, rules_of
 from vsgdesign.estimator.recipes import CONTINUOUS, WINDOW_RECIPES, WindowRecipe
-from vsgdesign.parameters.estimator import RECIPES as NAMES
+from vsgdesign.study.parameters.estimator import RECIPES as NAMES
 
 FIELDS = rules_of(WindowRecipe)
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "windows.md"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.pipeline.run import run_study
-from vsgdesign.pipeline.verify import Asked, verify_study
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.verbs.pipeline.run import run_study
+from vsgdesign.verbs.pipeline.verify import Asked, verify_study
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "how-to"
 STUDY = """

@@ -17,7 +17,7 @@ import pytest
 
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import LIMITERS
-from vsgdesign.parameters import (
+from vsgdesign.study.parameters import (
     background,
     building,
     estimator,
@@ -32,10 +32,10 @@ from vsgdesign.parameters import (
     study_from_text,
     verification,
 )
-from vsgdesign.parameters.building import Sections
-from vsgdesign.parameters.fields import fields_of
-from vsgdesign.parameters.reader import REQUIRED, TableReader
-from vsgdesign.parameters.reference import HEADER, table_lines, tables_of
+from vsgdesign.study.parameters.building import Sections
+from vsgdesign.study.parameters.fields import fields_of
+from vsgdesign.study.parameters.reader import REQUIRED, TableReader
+from vsgdesign.study.parameters.reference import HEADER, table_lines, tables_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "study-file.md"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from vsgdesign.compliance.applies import NEEDS
-from vsgdesign.compliance.envelopes import ENVELOPES
-from vsgdesign.compliance.reading import suite_from_text
+from vsgdesign.campaigns.compliance.applies import NEEDS
+from vsgdesign.campaigns.compliance.envelopes import ENVELOPES
+from vsgdesign.campaigns.compliance.reading import suite_from_text
 from vsgdesign.errors import StudyError
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "comply.md"

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import pytest
 
-from vsgdesign.cli.program import main
+from vsgdesign.verbs.cli.program import main
 from website.verbs import GUIDES, PAGE, rendered, verbs
 
 ROOT = Path(__file__).resolve().parents[2]

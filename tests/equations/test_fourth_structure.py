@@ -26,13 +26,13 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED, STRUCTURES, NormalisedGains, Structure, placed_closed_form
 from vsgdesign.errors import ArtifactError, StudyError, UnknownNameError
 from vsgdesign.export import compile_c, export_c_files
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.metrics import step_response
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters import Event, Study, study_from_text
 from vsgdesign.report.gain_table.words import heading
 from vsgdesign.runtime import load_scheduler, table_schedule
 from vsgdesign.simulation import GainChange, simulate
-from vsgdesign.stability.margins import full_order_margins
+from vsgdesign.study.parameters import Event, Study, study_from_text
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from tests.codegen.machine import Machine
-from vsgdesign import equations, frames
+from vsgdesign import equations
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.controller_data import Nothing, flat_settings, flat_state
 from vsgdesign.equations.integration import advanced
@@ -98,7 +98,7 @@ def all_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
     modules = [
         importlib.import_module(m.name) for m in pkgutil.walk_packages(equations.__path__, f"{equations.__name__}.")
     ]
-    for module in [*modules, frames]:
+    for module in modules:
         if module.__name__.startswith(BRANCHING):
             continue
         for name, function in inspect.getmembers(module, inspect.isfunction):

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.estimator.phasors import phasor_windows
+from vsgdesign.equations.frames import base_impedance
 from vsgdesign.estimator.data_set import Split
-from vsgdesign.frames import base_impedance
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_flow import operating_point
-from vsgdesign.frames import rms_to_peak
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.examples import examples
+from vsgdesign.equations.frames import clarke
 from vsgdesign.estimator.bound import (
     SensorNoise,
     bound_of,
@@ -21,9 +22,8 @@ from vsgdesign.estimator.bound import (
     tracked_probe_bound,
     windows_bound,
 )
-from vsgdesign.frames import clarke
 from vsgdesign.identification.pseudo_random import fit_lines
-from vsgdesign.parameters import load_study
+from vsgdesign.study.parameters import load_study
 
 Phasors = NDArray[np.float64] | NDArray[np.complex128]
 

@@ -16,7 +16,6 @@ from tests.artifacts.networks import random_weights
 from tests.cli.small_studies import SMALL
 from tests.report.test_answer import rows_on
 from vsgdesign.artifacts.network_weights import write_network_weights
-from vsgdesign.cli.program import main
 from vsgdesign.errors import ArtifactError
 from vsgdesign.estimator.bound import sensor_noise
 from vsgdesign.estimator.comparison import Comparison, bound_of_run, compare_methods, judged, relative_errors
@@ -27,11 +26,6 @@ from vsgdesign.estimator.stress import STRESS_SETTINGS, Stress, stress_axes, str
 from vsgdesign.identification import ESTIMATORS
 from vsgdesign.identification.injection import Injection
 from vsgdesign.identification.pseudo_random import PseudoRandomSequence
-from vsgdesign.parameters import Study, load_study, study_from_text
-from vsgdesign.parameters.background import draw_background
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.sensors import draw_sensors
-from vsgdesign.pipeline.estimator import report_comparison
 from vsgdesign.report.drawing.files import write_all
 from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.estimator.figures import comparison_figures, stress_figures
@@ -43,6 +37,12 @@ from vsgdesign.report.estimator.page import (
     write_comparison_page,
     write_stress_page,
 )
+from vsgdesign.study.parameters import Study, load_study, study_from_text
+from vsgdesign.study.parameters.background import draw_background
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.sensors import draw_sensors
+from vsgdesign.verbs.cli.program import main
+from vsgdesign.verbs.pipeline.estimator import report_comparison
 
 SETTINGS = ComparisonSettings(scr=(8.0,), grid_steps=((2.0, 8.0),), draws=3)
 NETWORKS = {"Untrained": random_weights(synchronised=True)}

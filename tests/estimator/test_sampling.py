@@ -22,8 +22,8 @@ from vsgdesign.estimator.recipes import (
     turn_per_window,
     with_sampling,
 )
-from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.converter import Converter
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.converter import Converter
 
 BASE = study_from_text(
     'base = "case:hoang2025_5kva"\nsimulation = { duration = "1 s", P_ref = 0, Q_ref = 0 }\n'

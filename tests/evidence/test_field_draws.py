@@ -16,8 +16,8 @@ from evidence._field_converters import (
     resting_currents,
 )
 from evidence._field_draws import GROUPS, LEAST_CURRENT_PU, LEAST_RATIO, field_draw
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import NoOperatingPointError
-from vsgdesign.frames import rms_to_peak
 
 
 @pytest.fixture(scope="module", params=CONVERTERS)

@@ -9,7 +9,7 @@ import pytest
 
 from evidence._field_converters import converter_named
 from vsgdesign.estimator.bound import sensor_noise, tracked_probe_bound
-from vsgdesign.parameters.grid import Place
+from vsgdesign.study.parameters.grid import Place
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "field-estimator-evidence.md"
 CURRENT_PU, X_OVER_R = 0.003, 3.0

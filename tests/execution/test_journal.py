@@ -10,11 +10,11 @@ from typing import Any
 import click
 import pytest
 
-from vsgdesign.cli.program import main
 from vsgdesign.errors import ArtifactError
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, journal_at, journal_of, kept_count, kept_folder, run_job, work_folder
+from vsgdesign.verbs.cli.program import main
 
 WORK = "numbers"
 

@@ -8,8 +8,8 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from vsgdesign.explore.server import PAGE
-from vsgdesign.explore.session import COLOURS, OWN_COLOUR
+from vsgdesign.report.explore.server import PAGE
+from vsgdesign.report.explore.session import COLOURS, OWN_COLOUR
 
 SEEN = {
     "all colours": np.eye(3),

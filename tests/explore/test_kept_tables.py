@@ -12,10 +12,10 @@ from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import GainTable, base_of
 from vsgdesign.artifacts.ready import read_tables
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import ControllerSpec, Study
-from vsgdesign.pipeline import study_tables as module
-from vsgdesign.pipeline.study_tables import kept_tables, with_left_tables
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.verbs.pipeline import study_tables as module
+from vsgdesign.verbs.pipeline.study_tables import kept_tables, with_left_tables
 
 
 @pytest.fixture(scope="module")

@@ -14,19 +14,19 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.explore.answer import Answer, as_bytes
-from vsgdesign.explore.fields import changed_study
-from vsgdesign.explore.linear import linear_answer, modes_answer
-from vsgdesign.explore.state import OWN, State, state_of
+from vsgdesign.linear.stability.cells import cells_under, full_order_cells
+from vsgdesign.linear.stability.loci import mode_sensitivities, modes
+from vsgdesign.linear.stability.margins import full_order_margins
+from vsgdesign.linear.stability.step_responses import full_order_step
 from vsgdesign.metrics.step_response import step_response
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.study import Study
+from vsgdesign.report.explore.answer import Answer, as_bytes
+from vsgdesign.report.explore.fields import changed_study
+from vsgdesign.report.explore.linear import linear_answer, modes_answer
+from vsgdesign.report.explore.state import OWN, State, state_of
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.stability.cells import cells_under, full_order_cells
-from vsgdesign.stability.loci import mode_sensitivities, modes
-from vsgdesign.stability.margins import full_order_margins
-from vsgdesign.stability.step_responses import full_order_step
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.study import Study
 
 STATES = 10 * TIMES
 """Of each of two studies."""
@@ -206,8 +206,8 @@ def test_own_gains_are_those_of_a_controller_with_them() -> None:
 
 def test_droops_are_those_of_a_steady_state() -> None:
     """The frequency of the grid changes by 0.1 Hz, and its voltage until V has changed by 1 %: P and Q answer so."""
-    from vsgdesign.model.coupled import INPUTS, OUTPUTS
-    from vsgdesign.stability.cells import reduced_cells
+    from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS
+    from vsgdesign.linear.stability.cells import reduced_cells
 
     study = load_study("studies/structures/study.toml")
     _, state, answer = answered(study, {"scr": 4.0})

@@ -13,15 +13,15 @@ from tests.examples import TIMES
 from tests.gain_tables import table
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.explore import live
-from vsgdesign.explore.answer import MOST, thinned
-from vsgdesign.explore.events import LEAD_S, study_of
-from vsgdesign.explore.live import SIGNALS, emt_answer
-from vsgdesign.explore.scene import scene_of
-from vsgdesign.explore.state import state_of
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import Study
+from vsgdesign.report.explore import live
+from vsgdesign.report.explore.answer import MOST, thinned
+from vsgdesign.report.explore.events import LEAD_S, study_of
+from vsgdesign.report.explore.live import SIGNALS, emt_answer
+from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.state import state_of
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.study import Study
 
 EVENTS: tuple[dict[str, Any], ...] = (
     {"kind": "step", "size": 0.1},

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.explore import maps
-from vsgdesign.explore.linear import linear_answer
-from vsgdesign.explore.live import emt_answer
-from vsgdesign.explore.maps import figures_of, map_answer, map_axes, map_figures
-from vsgdesign.explore.state import FIGURES, defaults, state_of
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import Study
+from vsgdesign.report.explore import maps
+from vsgdesign.report.explore.linear import linear_answer
+from vsgdesign.report.explore.live import emt_answer
+from vsgdesign.report.explore.maps import figures_of, map_answer, map_axes, map_figures
+from vsgdesign.report.explore.state import FIGURES, defaults, state_of
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.study import Study
 
 LINEAR = {"damping": 1e-6, "decay": 1e-6, "settling_s": 2e-3, "overshoot": 2e-3}
 """Relative tolerances: a map reads a step at 500 instants instead of 4000."""

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.explore.answer import Answer
-from vsgdesign.explore.security import BODY_LIMIT
-from vsgdesign.explore.server import PAGE, ExplorerServer, Opening, page_files
-from vsgdesign.explore.state import StateError
+from vsgdesign.report.explore.answer import Answer
+from vsgdesign.report.explore.security import BODY_LIMIT
+from vsgdesign.report.explore.server import PAGE, ExplorerServer, Opening, page_files
+from vsgdesign.report.explore.state import StateError
 
 _FAULTS = [{"field": "scr", "value": 0, "limit": "0.1 to 1000", "unit": "", "text": "scr = 0: outside"}]
 
@@ -129,7 +129,7 @@ def test_the_whole_page_is_packaged_and_small() -> None:
     assert files == {path for path in PAGE.rglob("*") if path.is_file()}
     root = Path(__file__).resolve().parents[2]
     data = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]
-    packaged = {path for pattern in data["vsgdesign.explore"] for path in PAGE.parent.glob(pattern)}
+    packaged = {path for pattern in data["vsgdesign.report.explore"] for path in PAGE.parent.glob(pattern)}
     assert files == packaged
     assert sum(path.stat().st_size for path in files) <= 150_000
 

@@ -19,20 +19,20 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.ready import NOTHING, Ready, read_tables
 from vsgdesign.errors import StudyError
-from vsgdesign.explore import session as session_module
-from vsgdesign.explore.answer import Answer, as_bytes
-from vsgdesign.explore.events import study_of
-from vsgdesign.explore.fields import changed_study
-from vsgdesign.explore.linear import linear_answer
-from vsgdesign.explore.live import simulated
-from vsgdesign.explore.maps import map_axes
-from vsgdesign.explore.scene import scene_of
-from vsgdesign.explore.session import Session, start_of
-from vsgdesign.explore.state import StateError, state_of
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.loading import study_from_text
+from vsgdesign.report.explore import session as session_module
+from vsgdesign.report.explore.answer import Answer, as_bytes
+from vsgdesign.report.explore.events import study_of
+from vsgdesign.report.explore.fields import changed_study
+from vsgdesign.report.explore.linear import linear_answer
+from vsgdesign.report.explore.live import simulated
+from vsgdesign.report.explore.maps import map_axes
+from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.session import Session, start_of
+from vsgdesign.report.explore.state import StateError, state_of
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.loading import study_from_text
 
 
 @pytest.fixture(scope="module")

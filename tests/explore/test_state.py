@@ -9,11 +9,11 @@ import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.explore.fields import STUDY_FIELDS, changed_study, fields_of, gains_of, quantities_of
-from vsgdesign.explore.state import OWN, StateError, defaults, state_of
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import Study
 from vsgdesign.report.drawing.quantities import GAIN_UNITS
+from vsgdesign.report.explore.fields import STUDY_FIELDS, changed_study, fields_of, gains_of, quantities_of
+from vsgdesign.report.explore.state import OWN, StateError, defaults, state_of
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.study import Study
 
 STUDIES = ("structures", "utility", "table")
 

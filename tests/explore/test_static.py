@@ -13,11 +13,11 @@ import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import ArtifactError
-from vsgdesign.explore import static
-from vsgdesign.explore.answer import Answer
-from vsgdesign.explore.server import PAGE
-from vsgdesign.explore.session import Session
-from vsgdesign.explore.static import (
+from vsgdesign.report.explore import static
+from vsgdesign.report.explore.answer import Answer
+from vsgdesign.report.explore.server import PAGE
+from vsgdesign.report.explore.session import Session
+from vsgdesign.report.explore.static import (
     BITS,
     POINTS,
     is_static_page,
@@ -27,7 +27,7 @@ from vsgdesign.explore.static import (
     static_page_of,
     write_static,
 )
-from vsgdesign.parameters import load_study, study_from_text
+from vsgdesign.study.parameters import load_study, study_from_text
 
 
 def _unpacked(data: bytes) -> tuple[dict, dict[str, np.ndarray]]:

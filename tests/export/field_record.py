@@ -10,9 +10,9 @@ import numpy as np
 
 from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.export.compiled import STRICT, run_compiler
-from vsgdesign.parameters import Study
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.study.parameters import Study
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,9 @@ import numpy as np
 
 from vsgdesign.equations.controller import Measurement
 from vsgdesign.equations.filters import FilterGrid
-from vsgdesign.frames import rms_to_peak
-from vsgdesign.operating_point.plant import plant_step
-from vsgdesign.parameters import Grid, Study
+from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.linear.operating_point.plant import plant_step
+from vsgdesign.study.parameters import Grid, Study
 
 OPEN = 1e6
 """H: the grid behind an open breaker."""

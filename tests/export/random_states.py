@@ -10,11 +10,11 @@ import numpy as np
 
 from vsgdesign.equations.controller import controller_step
 from vsgdesign.equations.controller_data import ControllerOutput, ControllerState, Measurement, flat_state
+from vsgdesign.equations.frames import base_impedance, peak_to_rms
 from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.equations.limiters import GridEstimate, Limiter
 from vsgdesign.export import CompiledC
 from vsgdesign.export.known_answers import KnownSteps, known_steps
-from vsgdesign.frames import base_impedance, peak_to_rms
 from vsgdesign.runtime import Scheduler
 
 

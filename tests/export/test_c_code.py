@@ -24,8 +24,8 @@ from vsgdesign.export.c_code import FILES, MANIFEST
 from vsgdesign.export.c_content import REASON_NAMES
 from vsgdesign.export.compiled import STRICT, run_compiler
 from vsgdesign.export.footprint import COMPILER, measure_footprint
-from vsgdesign.parameters import load_study
 from vsgdesign.runtime.guards import REASONS
+from vsgdesign.study.parameters import load_study
 
 
 def test_the_manifest_says_what_it_was_made_from(folder: Path, tmp_path: Path) -> None:

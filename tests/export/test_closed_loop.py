@@ -17,11 +17,11 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.export import export_c_files
 from vsgdesign.export.compiled import STRICT, run_compiler
-from vsgdesign.operating_point.plant import plant_step
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.linear.operating_point.plant import plant_step
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation import GainChange, Simulation, build_timeline, simulate
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters import Study, study_from_text
 
 CASES = ("hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz")
 """Without and with a sample of delay, LC and LCL, 50 and 60 Hz, 5 kVA to 1 MVA; the last one with a notch."""

@@ -15,8 +15,8 @@ from vsgdesign.export.c_code import export_c
 from vsgdesign.export.c_content import Origin
 from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED, VALID, WAITS, CompiledConverter
 from vsgdesign.export.field import converter_constants
-from vsgdesign.parameters import Grid, study_from_text
 from vsgdesign.runtime import load_scheduler
+from vsgdesign.study.parameters import Grid, study_from_text
 
 STUDY = """
 base = "case:hoang2025_5kva"

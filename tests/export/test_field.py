@@ -36,8 +36,8 @@ from vsgdesign.export.compiled import STRICT, run_compiler
 from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED
 from vsgdesign.export.field import converter_constants
 from vsgdesign.identification.field_network import FieldNetwork, field_network
-from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.runtime import load_scheduler
+from vsgdesign.study.parameters import Study, study_from_text
 
 STUDY = """
 base = "case:hoang2025_5kva"

@@ -10,8 +10,8 @@ import pytest
 from tests.export.exchange import written
 from vsgdesign.export.field import converter_constants
 from vsgdesign.export.numbers import converter_numbers
-from vsgdesign.parameters import load_study
 from vsgdesign.runtime import load_scheduler
+from vsgdesign.study.parameters import load_study
 
 STUDY = """
 base = "case:lab_12kva_lcl"

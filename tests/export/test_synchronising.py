@@ -19,8 +19,8 @@ from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.export import CompiledC, export_c_files
-from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.simulation.reclosing import reclosed
+from vsgdesign.study.parameters import Study, study_from_text
 
 CASES = ("hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz")
 

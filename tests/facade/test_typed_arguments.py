@@ -1,4 +1,4 @@
-"""vsgdesign/facade/studies.pyi: what an editor shows of the facade's arguments is what the fields of a study say.
+"""vsgdesign/verbs/facade/studies.pyi: what an editor shows of the facade's arguments is what the fields of a study say.
 
 ``python -m tests.facade.test_typed_arguments`` writes it anew.
 """
@@ -12,22 +12,22 @@ from pathlib import Path
 import pytest
 
 import vsgdesign as vd
-from vsgdesign.facade import studies
-from vsgdesign.parameters.building import Sections
-from vsgdesign.parameters.fields import Field, fields_of
-from vsgdesign.parameters.reference import argument_line, tables_of, type_text
+from vsgdesign.study.parameters.building import Sections
+from vsgdesign.study.parameters.fields import Field, fields_of
+from vsgdesign.study.parameters.reference import argument_line, tables_of, type_text
+from vsgdesign.verbs.facade import studies
 
 ROOT = Path(__file__).resolve().parents[2]
-STUB = ROOT / "vsgdesign" / "facade" / "studies.pyi"
+STUB = ROOT / "vsgdesign" / "verbs" / "facade" / "studies.pyi"
 
-HEAD = '''"""Types of the arguments of :mod:`vsgdesign.facade.studies`, by the fields of a study."""
+HEAD = '''"""Types of the arguments of :mod:`vsgdesign.verbs.facade.studies`, by the fields of a study."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
-from vsgdesign.parameters.fields import Field
-from vsgdesign.parameters.study import Study
+from vsgdesign.study.parameters.fields import Field
+from vsgdesign.study.parameters.study import Study
 
 Quantity = float | str
 """A number in SI, or a text with a unit."""

@@ -13,9 +13,9 @@ from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.estimator.comparison import compare_methods
 from vsgdesign.estimator.methods import ComparisonSettings
 from vsgdesign.identification import ESTIMATORS, Estimate, EstimatorKind, Installation, Needs, Probe, Samples
-from vsgdesign.parameters import load_study, study_from_text
-from vsgdesign.pipeline.run import run_study
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import load_study, study_from_text
+from vsgdesign.verbs.pipeline.run import run_study
 
 ANSWER = (0.9, 2.9e-3)
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.frames import clarke, clarke_inverse
+from vsgdesign.equations.frames import clarke, clarke_inverse
 from vsgdesign.metrics.sequences import frame_angle, last_sequences, positive_sequence, sequences
 
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from vsgdesign.stability.loops import TransferMatrix
+from vsgdesign.linear.stability.loops import TransferMatrix
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """One control period in the source's frame, written again in complex numbers, with scipy's matrix exponential.
 
-Nothing of ``vsgdesign.model`` or ``vsgdesign.equations`` is used.
+Nothing of ``vsgdesign.linear.model`` or ``vsgdesign.equations`` is used.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from tests.oracles.emt_circuit import circuit_matrices
-from vsgdesign.parameters import Study
-from vsgdesign.parameters.grid import Grid
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.grid import Grid
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tests.stability.ideal_converter import IdealConverter
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.model import decoupled_loops
-from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
+from vsgdesign.linear.model import decoupled_loops
+from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
 
 Array = NDArray[np.float64]
 

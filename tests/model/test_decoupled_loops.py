@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.model import LoopMatrices, decoupled_loops
+from vsgdesign.linear.model import LoopMatrices, decoupled_loops
 
 GAINS = PowerLoopGains(K_ip=0.00767, D_p=2087.0, K_iq=0.115, D_q=0.687)
 """Table II."""

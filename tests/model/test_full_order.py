@@ -26,12 +26,12 @@ from tests.stability.studies import (
     situation,
 )
 from vsgdesign.equations.controller_data import flat_settings
-from vsgdesign.model.full_order import INPUTS, OUTPUTS, PARAMETERS, full_order_map
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order, parameter_values
-from vsgdesign.parameters import Study
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.source import GridSource
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS, PARAMETERS, full_order_map
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order, parameter_values
 from vsgdesign.simulation import GainChange, Simulation, simulate
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.source import GridSource
 
 Array = NDArray[np.float64]
 

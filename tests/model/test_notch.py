@@ -13,10 +13,10 @@ from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.design.evaluation import law_of
 from vsgdesign.equations.power_filter import notch, notch_constants, notch_delay
-from vsgdesign.model.full_order import INPUTS, OUTPUTS
-from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.grid import Place
-from vsgdesign.stability.margins import full_order_margins
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.linear.operating_point.full_order import Cell
+from vsgdesign.linear.stability.margins import full_order_margins
+from vsgdesign.study.parameters.grid import Place
 
 CASES = (PUBLISHED, LABORATORY, UTILITY)
 

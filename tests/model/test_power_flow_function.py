@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vsgdesign.model import jacobian, power_flow_function
-from vsgdesign.model.power_loops import numpy_on_symbols
+from vsgdesign.linear.model import jacobian, power_flow_function
+from vsgdesign.linear.model.power_loops import numpy_on_symbols
 
 STEP = 1e-30
 """A complex step has no cancellation: its error is the square of the step."""

@@ -7,7 +7,7 @@ from scipy.optimize import root_scalar
 
 from tests.operating_point.test_equilibrium import random_grid
 from vsgdesign.equations.power_flow import power_flow
-from vsgdesign.operating_point.equilibrium import points_with_droop
+from vsgdesign.linear.operating_point.equilibrium import points_with_droop
 
 
 def scanned_voltage(P: float, Q_ref: float, D_q: float, V_n: float, V_g: float, R: float, X: float) -> float:

@@ -11,8 +11,8 @@ from scipy.optimize import brentq, minimize_scalar, root
 
 from vsgdesign.equations.power_flow import operating_point_discriminant, power_flow
 from vsgdesign.errors import NoOperatingPointError
-from vsgdesign.operating_point import solve_operating_point, solve_with_droop
-from vsgdesign.operating_point.equilibrium import feasible_powers
+from vsgdesign.linear.operating_point import solve_operating_point, solve_with_droop
+from vsgdesign.linear.operating_point.equilibrium import feasible_powers
 
 
 def random_grid(rng: np.random.Generator, x_over_r: tuple[float, float]) -> tuple[float, float, float, float]:

@@ -19,12 +19,12 @@ from tests.stability.studies import (
     rated,
     situation,
 )
+from vsgdesign.linear.model.full_order import PARAMETERS
+from vsgdesign.linear.operating_point.full_order import Cell, parameter_sensitivity
+from vsgdesign.linear.stability.loci import RANKED, mode_sensitivities
 from vsgdesign.metrics.modes import eigenvalue_sensitivity
-from vsgdesign.model.full_order import PARAMETERS
-from vsgdesign.operating_point.full_order import Cell, parameter_sensitivity
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.stability.loci import RANKED, mode_sensitivities
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.source import GridSource
 
 Array = NDArray[np.float64]
 

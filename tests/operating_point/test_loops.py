@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.stability.loops import coupled_loop, loop_margins, power_loops
+from vsgdesign.linear.operating_point import solve_operating_point
+from vsgdesign.linear.stability.loops import coupled_loop, loop_margins, power_loops
 
 GAINS = PowerLoopGains(K_ip=0.00767, D_p=2087.0, K_iq=0.115, D_q=0.687)
 

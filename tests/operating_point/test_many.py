@@ -12,12 +12,12 @@ from tests.gain_tables import table
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from vsgdesign.equations.controller import ControllerState, controller_step
 from vsgdesign.equations.controller_data import Measurement, flat_state
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.limiters import LIMITERS, GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
-from vsgdesign.frames import rms_to_peak
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order, slowest_decay
-from vsgdesign.operating_point.many import (
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order, slowest_decay
+from vsgdesign.linear.operating_point.many import (
     BRIDGE_VOLTAGE,
     CURRENT,
     LIMITER_ACTS,
@@ -29,17 +29,17 @@ from vsgdesign.operating_point.many import (
     ManyStates,
     many_steady_states,
 )
-from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains, rest_with_measured_gains
-from vsgdesign.operating_point.plants import plant_steps
-from vsgdesign.operating_point.sampled import steady_state
-from vsgdesign.parameters import Study
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.source import GridSource
+from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains, rest_with_measured_gains
+from vsgdesign.linear.operating_point.plants import plant_steps
+from vsgdesign.linear.operating_point.sampled import steady_state
+from vsgdesign.linear.stability.loci import modes
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.of_study import ControllerGains
 from vsgdesign.runtime.table import table_schedule
-from vsgdesign.stability.loci import modes
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
 
 Array = NDArray[np.float64]
 STUDIES = {"LC": lc_study("1 s"), "LCL with delay": lcl_study("1 s")}

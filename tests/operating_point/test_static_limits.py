@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import GAINS
-from vsgdesign.operating_point.equilibrium import acting_current_pk, static_limit_uses
-from vsgdesign.operating_point.many import CURRENT, LIMITER_ACTS, LIMITER_PULLS, Lanes, many_steady_states
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.linear.operating_point.equilibrium import acting_current_pk, static_limit_uses
+from vsgdesign.linear.operating_point.many import CURRENT, LIMITER_ACTS, LIMITER_PULLS, Lanes, many_steady_states
+from vsgdesign.study.parameters import Study, study_from_text
 
 OF_CURRENT = (CURRENT, LIMITER_ACTS, LIMITER_PULLS)
 

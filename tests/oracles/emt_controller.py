@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.oracles.emt_source import build_frequency
-from vsgdesign.parameters import Study
+from vsgdesign.study.parameters import Study
 
 
 @dataclass

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tests.oracles.emt_circuit import ABSOLUTE_PU, Changing
 from tests.oracles.emt_controller import NineSensors, SampledController, State, bridge_pieces
 from tests.oracles.emt_source import COINCIDENT, StiffSource
-from vsgdesign.parameters import Grid, Study
+from vsgdesign.study.parameters import Grid, Study
 
 
 @dataclass

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.parameters import Study
+from vsgdesign.study.parameters import Study
 
 COINCIDENT = 1e-6
 """Part of a sampling period within which an instant counts as the sample itself (a rule of the library)."""

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.parameters import Grid, Study
-from vsgdesign.parameters.network import Load, Network
+from vsgdesign.study.parameters import Grid, Study
+from vsgdesign.study.parameters.network import Load, Network
 
 Array = NDArray[np.float64]
 

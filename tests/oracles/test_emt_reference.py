@@ -14,7 +14,7 @@ from tests.oracles.emt_circuit import Powers, circuit_matrices, integrate, integ
 from tests.oracles.emt_controller import bridge_pieces
 from tests.oracles.emt_source import PiecewiseLinear
 from tests.simulation.studies import lc_study, lcl_study
-from vsgdesign.parameters import Grid
+from vsgdesign.study.parameters import Grid
 
 
 @pytest.mark.parametrize("sample", [0, 1, 2, 3])

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.study.parameters import Study, study_from_text
 
 PUBLISHED = Path(__file__).resolve().parents[2] / "studies" / "published" / "study.toml"
 
@@ -23,7 +23,7 @@ MISSING = object()
 
 def case_document() -> dict[str, Any]:
     """The published case with the published study's scenario on top, as one document without a base."""
-    case = resources.files("vsgdesign.parameters") / "cases" / "hoang2025_5kva.toml"
+    case = resources.files("vsgdesign.study.parameters") / "cases" / "hoang2025_5kva.toml"
     document = tomllib.loads(case.read_text(encoding="utf-8"))
     study = tomllib.loads(PUBLISHED.read_text(encoding="utf-8"))
     study.pop("base")

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from tests.parameters.documents import build, case_document, faults_of
-from vsgdesign.parameters import background as background_file
-from vsgdesign.parameters import sensors as sensors_file
-from vsgdesign.parameters.background import LEVELS, BackgroundSpec
-from vsgdesign.parameters.sensors import CHANNELS, SensorSpec
+from vsgdesign.study.parameters import background as background_file
+from vsgdesign.study.parameters import sensors as sensors_file
+from vsgdesign.study.parameters.background import LEVELS, BackgroundSpec
+from vsgdesign.study.parameters.sensors import CHANNELS, SensorSpec
 
 
 def document(section: str, **fields: Any) -> dict[str, Any]:

@@ -12,17 +12,17 @@ from typing import Any
 import pytest
 
 from tests.parameters.documents import build
-from vsgdesign.frames import phase_to_ll
-from vsgdesign.parameters import Study, case_names
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.units import parse_quantity
+from vsgdesign.equations.frames import phase_to_ll
+from vsgdesign.study.parameters import Study, case_names
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.units import parse_quantity
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "converters.md"
 
 
 def document(case: str) -> dict[str, Any]:
     """The case's file as it stands."""
-    text = (resources.files("vsgdesign.parameters") / "cases" / f"{case}.toml").read_text(encoding="utf-8")
+    text = (resources.files("vsgdesign.study.parameters") / "cases" / f"{case}.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
 
@@ -53,7 +53,7 @@ def rows() -> dict[str, list[str]]:
 
 @pytest.mark.parametrize("case", case_names())
 def test_a_case_is_a_system_and_cites_its_source(case: str) -> None:
-    text = (resources.files("vsgdesign.parameters") / "cases" / f"{case}.toml").read_text(encoding="utf-8")
+    text = (resources.files("vsgdesign.study.parameters") / "cases" / f"{case}.toml").read_text(encoding="utf-8")
     assert text.startswith("# ")
     assert not {"simulation", "controllers", "events", "specification"} & document(case).keys()
     study = system(case)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import Study, load_study, study_from_text
-from vsgdesign.parameters.loading import built, merged_document
-from vsgdesign.parameters.study import StudyOrigin
+from vsgdesign.study.parameters import Study, load_study, study_from_text
+from vsgdesign.study.parameters.loading import built, merged_document
+from vsgdesign.study.parameters.study import StudyOrigin
 
 ROOT = Path(__file__).resolve().parents[2]
 BASE = """

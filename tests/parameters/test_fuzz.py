@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.examples import examples
 from tests.parameters.documents import case_document, to_toml
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.study.parameters import Study, study_from_text
 
 DOCUMENT: dict[str, Any] = case_document() | {
     "network": {"load": {"P": "1 kW", "series": {"R_pu": 2.0, "X_L_pu": 0.5}}}

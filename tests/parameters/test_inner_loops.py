@@ -9,9 +9,9 @@ import pytest
 
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.loading import base_files
-from vsgdesign.parameters.study import InnerLoopRequest
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.loading import base_files
+from vsgdesign.study.parameters.study import InnerLoopRequest
 
 CASE = """
 base = "case:lab_12kva_lcl"

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.study.parameters import Study, study_from_text
 
 STUDY = """base = "case:hoang2025_5kva"
 [converter]

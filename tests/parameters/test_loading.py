@@ -10,7 +10,7 @@ import pytest
 
 from tests.parameters.documents import case_document, to_toml
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import load_study, study_from_text
+from vsgdesign.study.parameters import load_study, study_from_text
 
 REST = """
 [simulation]

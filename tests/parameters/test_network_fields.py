@@ -10,10 +10,11 @@ import pytest
 
 from tests.parameters.documents import build, case_document, changed, faults_of, the_fault
 from vsgdesign.errors import Fault as Wrong
-from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.loading import changed as with_changes
-from vsgdesign.parameters.network import PLAIN, Fault, Load, Network, SynchroCheck
-from vsgdesign.parameters.network_fields import (
+from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.loading import changed as with_changes
+from vsgdesign.study.parameters.network import PLAIN, Fault, Load, Network, SynchroCheck
+from vsgdesign.study.parameters.network_fields import (
     Base,
     fault_document,
     load_document,
@@ -23,10 +24,9 @@ from vsgdesign.parameters.network_fields import (
     read_sag,
     sag_document,
 )
-from vsgdesign.parameters.reader import TableReader
-from vsgdesign.parameters.source import Sag
-from vsgdesign.parameters.toml_file import toml_text
-from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.reader import TableReader
+from vsgdesign.study.parameters.source import Sag
+from vsgdesign.study.parameters.toml_file import toml_text
 
 BASE = Base(7.26, 100.0 * math.pi, 5000.0)
 

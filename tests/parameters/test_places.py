@@ -10,7 +10,7 @@ import pytest
 from tests.design.robust_studies import robust_study
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import UnknownNameError
-from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.grid import Grid, Place
 
 CONVERTER = robust_study().converter
 RNG = np.random.default_rng(3)

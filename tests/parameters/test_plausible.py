@@ -9,7 +9,7 @@ import pytest
 
 from tests.parameters.documents import to_toml
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import load_study, study_from_text
+from vsgdesign.study.parameters import load_study, study_from_text
 
 SIMULATION: dict[str, Any] = {"duration": "1 s", "P_ref": "1 kW", "Q_ref": "0 var"}
 

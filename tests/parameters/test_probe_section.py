@@ -6,7 +6,7 @@ import pytest
 
 from vsgdesign.errors import StudyError
 from vsgdesign.identification.field import ProbeLimits
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.study.parameters import Study, study_from_text
 
 
 def study(probe: str, estimate: str = "field") -> Study:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from tests.parameters.documents import PUBLISHED, build, changed
-from vsgdesign.parameters import Study, case_names, load_study
+from vsgdesign.study.parameters import Study, case_names, load_study
 
 
 @pytest.fixture(scope="module")

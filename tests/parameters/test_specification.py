@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.parameters.documents import build, case_document, faults_of, the_fault
 from vsgdesign.metrics.margins import guaranteed_margins
-from vsgdesign.parameters.specification import DEFAULT_SCR, DEFAULT_X_OVER_R, Specification, margin_of
+from vsgdesign.study.parameters.specification import DEFAULT_SCR, DEFAULT_X_OVER_R, Specification, margin_of
 
 
 def document(**section: Any) -> dict[str, Any]:

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.verification import VerificationSpec
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.verification import VerificationSpec
 
 SPECIFICATION = """
 [specification]

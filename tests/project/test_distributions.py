@@ -68,7 +68,7 @@ def test_the_runtime_works_with_numpy_alone(wheel: Path, tmp_path: Path) -> None
     whole = load_scheduler(table_file, weights_file, fit=FIT).update_estimate(0.4, 1.2e-3, 3000.0, 500.0, 112.0)
     assert said["gains"] == list(whole.gains)
     assert said["why"] == whole.why
-    shipped = set(RUNTIME["tool"]["setuptools"]["packages"]) | {"vsgdesign.frames", "vsgdesign.errors"}
+    shipped = set(RUNTIME["tool"]["setuptools"]["packages"]) | {"vsgdesign.equations.frames", "vsgdesign.errors"}
     assert set(said["rooms"]) <= shipped
 
 

@@ -69,7 +69,7 @@ def test_amplitude_factors_live_in_frames() -> None:
     paths = [path for path in SOURCES if HINT.search(path.read_text(encoding="utf-8"))]
     codes = {path: re.sub(r"\s*([().,*/])\s*", r"\1", code_only(path)) for path in paths}
     found = {str(path): factor.group() for path, code in codes.items() if (factor := FACTOR.search(code))}
-    assert found.keys() <= {str(PACKAGE / "frames.py")}, f"{found}: use vsgdesign.frames"
+    assert found.keys() <= {str(PACKAGE / "equations" / "frames.py")}, f"{found}: use vsgdesign.equations.frames"
 
 
 @pytest.mark.parametrize(

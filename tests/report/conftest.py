@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.report import WrittenFigure, write_figures, write_report
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
+from vsgdesign.study.parameters import Study, study_from_text
 
 SHORT = """
 base = "case:hoang2025_5kva"

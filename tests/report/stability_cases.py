@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from tests.report.layout import write_svg
-from vsgdesign.parameters import study_from_text
-from vsgdesign.pipeline import StabilityResult, assess_study
 from vsgdesign.report import WrittenFigure, write_stability_figures, write_stability_report
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.stability.page import stability_figures
 from vsgdesign.simulation.evidence import step_evidence
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.verbs.pipeline import StabilityResult, assess_study
 
 BASE = """
 base = "case:hoang2025_5kva"

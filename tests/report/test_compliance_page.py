@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from tests.compliance_documents import document, evidence, traces_of
-from vsgdesign.compliance.evidence import figures_of
-from vsgdesign.compliance.rows import FAIL, INFORMATIONAL, PASS, VERDICTS
+from vsgdesign.campaigns.compliance.evidence import figures_of
+from vsgdesign.campaigns.compliance.rows import FAIL, INFORMATIONAL, PASS, VERDICTS
 from vsgdesign.report.compliance.answer import counts_answer, headline, strip
 from vsgdesign.report.compliance.arranged import LOOKS, Arranged, arrange, asked_words, value_words
 from vsgdesign.report.compliance.figures import shown_signal
@@ -214,7 +214,7 @@ def test_a_reason_that_is_printed_below_is_not_said_twice() -> None:
 def test_only_so_many_failing_tests_have_a_figure_and_the_page_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vsgdesign.compliance.evidence.MOST_FIGURES", 1)
+    monkeypatch.setattr("vsgdesign.campaigns.compliance.evidence.MOST_FIGURES", 1)
     monkeypatch.setattr("vsgdesign.report.compliance.page.MOST_FIGURES", 1)
     monkeypatch.setattr("vsgdesign.report.compliance.figures.MOST_FIGURES", 1)
     write_page(tmp_path, made(), traces_of(made(), 200))

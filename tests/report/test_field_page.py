@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from vsgdesign.metrics.answers import time_to_stay
-from vsgdesign.parameters import study_from_text
 from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.scenario.field_figures import field_figures
 from vsgdesign.report.scenario.field_rests import (
@@ -22,6 +21,7 @@ from vsgdesign.report.scenario.field_rests import (
 )
 from vsgdesign.report.scenario.page import write_page
 from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles, run_scenario
+from vsgdesign.study.parameters import study_from_text
 
 STUDY = """
 base = "case:hoang2025_5kva"

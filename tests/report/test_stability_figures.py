@@ -13,12 +13,12 @@ import pytest
 
 from tests.report.layout import assert_apart
 from tests.report.stability_cases import AS_WRITTEN, TEXTS, assessed, case, drawn
-from vsgdesign.parameters.grid import Grid
 from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.look import Cells, Scale, edges, gate_scale
 from vsgdesign.report.stability.frequency import shown_cells
 from vsgdesign.report.stability.maps import QUANTITIES, settling_cells, worst_over_powers
 from vsgdesign.report.stability.schedule import worst_over_boxes
+from vsgdesign.study.parameters.grid import Grid
 
 MAPS = {f"map_{quantity.name}" for quantity in QUANTITIES} | {"map_settling"}
 ONE_OF_A_KIND = ("map_damping", "between_nodes", "nichols", "nyquist", "loci_1")

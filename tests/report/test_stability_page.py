@@ -11,9 +11,9 @@ import pytest
 
 from tests.report.stability_cases import TEXTS, Made, assessed, case
 from tests.report.test_page import checked
+from vsgdesign.linear.stability.verdict import OWN, counted_rows
 from vsgdesign.report import ExplorerFile, write_stability_report
 from vsgdesign.report.stability.page import csv_files
-from vsgdesign.stability.verdict import OWN, counted_rows
 
 
 @pytest.fixture(scope="session", params=sorted(TEXTS))

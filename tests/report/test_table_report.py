@@ -16,14 +16,14 @@ from matplotlib.patches import Rectangle
 from tests.gain_tables import table
 from tests.report.layout import assert_apart, write_svg
 from vsgdesign.artifacts import GainTable, read_table_file
-from vsgdesign.pipeline.table import report_table
+from vsgdesign.linear.stability.gain_table import nominal_margins
 from vsgdesign.report import write_table_figures, write_table_report
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.panels import surface_scale
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.maps import limit_of, varies
 from vsgdesign.report.gain_table.page import margins_table, table_figures, verdict_of
-from vsgdesign.stability.gain_table import nominal_margins
+from vsgdesign.verbs.pipeline.table import report_table
 
 UNIT = re.compile(r"\[[^\]]+\]$")
 SPECIFICATION = {"aim": "settling", "settling_time": 1.05, "overshoot": 0.01, "disk_margin": 1.2, "damping_ratio": 0.5}

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
+from vsgdesign.linear.stability.verdict import _margin
 from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.page.html import environment, with_subscripts
-from vsgdesign.stability.verdict import _margin
 
 
 @pytest.mark.parametrize(

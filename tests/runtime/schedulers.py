@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tests.gain_tables import PUBLISHED_BASE, table
-from vsgdesign.frames import base_impedance
+from vsgdesign.equations.frames import base_impedance
 from vsgdesign.runtime import (
     Answer,
     Scheduler,

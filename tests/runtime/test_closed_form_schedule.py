@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from vsgdesign.errors import NoOperatingPointError
-from vsgdesign.parameters import Grid, load_study, study_from_text
 from vsgdesign.runtime import ClosedFormSchedule, closed_form_schedule
+from vsgdesign.study.parameters import Grid, load_study, study_from_text
 
 V_G = 110.0
 OMEGA = 2.0 * math.pi * 50.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsgdesign.parameters import load_study
 from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.study.parameters import load_study
 
 
 @pytest.mark.parametrize("name", ["published", "decoupled", "angle_damped"])

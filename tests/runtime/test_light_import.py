@@ -16,7 +16,7 @@ def imported(statement: str) -> set[str]:
     return set(run.stdout.splitlines()[-1].split())  # before it a verb may have printed
 
 
-ROOMS = ("runtime", "equations.controller", "frames", "parameters", "artifacts", "metrics")
+ROOMS = ("runtime", "equations.controller", "equations.frames", "study.parameters", "artifacts", "metrics")
 
 
 def test_light() -> None:
@@ -49,8 +49,8 @@ def test_verbs_load_only_what_they_need(tmp_path: Path) -> None:
     study.write_text(STUDY)
     verbs = ["--help"], ["simulate", str(study), "--out", str(tmp_path / "out")]
     names = imported(
-        "from vsgdesign.cli.program import main; "
-        f"[main(verb, standalone_mode=False) for verb in {verbs}]; import vsgdesign.pipeline.comply"
+        "from vsgdesign.verbs.cli.program import main; "
+        f"[main(verb, standalone_mode=False) for verb in {verbs}]; import vsgdesign.verbs.pipeline.comply"
     )
     assert (tmp_path / "out" / "results.json").exists()
     assert {"casadi", "llvmlite"} <= names  # it was simulated
@@ -58,7 +58,7 @@ def test_verbs_load_only_what_they_need(tmp_path: Path) -> None:
 
 
 def test_the_proof_can_fail() -> None:
-    assert "casadi" in imported("import vsgdesign.model")
+    assert "casadi" in imported("import vsgdesign.linear.model")
 
 
 def test_what_ships_reads_no_study_files() -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tests.gain_tables import PUBLISHED_BASE, table
+from vsgdesign.equations.frames import base_impedance
 from vsgdesign.equations.scheduler_data import NO_ESTIMATE, NO_REASON, SATURATED
 from vsgdesign.errors import ArtifactError
-from vsgdesign.frames import base_impedance
 from vsgdesign.runtime import (
     ClosedFormSchedule,
     GainLookup,

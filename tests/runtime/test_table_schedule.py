@@ -256,4 +256,4 @@ def test_reading_and_using_a_table_stays_light(tmp_path: Path) -> None:
     names = set(run.stdout.split())
     assert "numpy" in names
     assert {name.split(".")[0] for name in names}.isdisjoint({"casadi", "scipy", "numba", "matplotlib", "click"})
-    assert not any(name.startswith("vsgdesign.parameters") for name in names)
+    assert not any(name.startswith("vsgdesign.study.parameters") for name in names)

@@ -9,24 +9,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.compliance.case import Subject as OfSuite
-from vsgdesign.compliance.reading import suite_from_text
-from vsgdesign.compliance.run import run_test
-from vsgdesign.explore.events import study_of
-from vsgdesign.explore.live import emt_answer, simulated
-from vsgdesign.explore.maps import survived_cells
-from vsgdesign.explore.scene import scene_of
-from vsgdesign.explore.state import defaults, state_of
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.event import Event
+from vsgdesign.campaigns.compliance.case import Subject as OfSuite
+from vsgdesign.campaigns.compliance.reading import suite_from_text
+from vsgdesign.campaigns.compliance.run import run_test
+from vsgdesign.campaigns.verification.case_study import case_study
+from vsgdesign.campaigns.verification.draws import cases_of, families, uniforms_of
+from vsgdesign.linear.stability.cells import cells_under
+from vsgdesign.report.explore.events import study_of
+from vsgdesign.report.explore.live import emt_answer, simulated
+from vsgdesign.report.explore.maps import survived_cells
+from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.state import defaults, state_of
 from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.survival import CaseRun, GridState, Subject, SurvivalCase, trace_case
-from vsgdesign.stability.cells import cells_under
-from vsgdesign.verification.case_study import case_study
-from vsgdesign.verification.draws import cases_of, families, uniforms_of
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.event import Event
 
 TEXT = """
 base = "case:hoang2025_5kva"

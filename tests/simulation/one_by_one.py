@@ -11,8 +11,6 @@ import numpy as np
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.metrics.step_response import step_response
 from vsgdesign.metrics.survival import GRACE_S, ExpectedRest, Survival, SurvivalDemand, SurvivalRecord, judge_survival
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.simulation.feeds import LateSchedule, safe_grid
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
@@ -22,6 +20,8 @@ from vsgdesign.simulation.scenario import derive_series
 from vsgdesign.simulation.survival.demand import settling_time_of
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 
 def study_of(study: Study, cases: LaneCases, k: int, T: float) -> Study:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.study.parameters import Study, study_from_text
 
 GAINS = PowerLoopGains(K_ip=0.00767, D_p=2087.0, K_iq=0.115, D_q=0.687)
 """Table II's power-loop gains."""

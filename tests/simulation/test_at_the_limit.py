@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.parameters import study_from_text
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
+from vsgdesign.study.parameters import study_from_text
 
 STUDY = """base = "case:hoang2025_5kva"
 [converter]

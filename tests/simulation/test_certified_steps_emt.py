@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from evidence.certified_steps import SteppedRun, stated, stepped_run
 from vsgdesign.artifacts.certificate_record import StepStatement
 from vsgdesign.certificate.region import System
-from vsgdesign.parameters import Study
+from vsgdesign.study.parameters import Study
 
 
 @functools.cache

@@ -14,14 +14,14 @@ from tests.simulation.studies import lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import errors_pu, library_start
 from tests.simulation.test_networks import with_networks
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.frames import clarke_inverse
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Network
+from vsgdesign.equations.frames import clarke_inverse
 from vsgdesign.simulation import build_timeline, gain_changes, simulate
 from vsgdesign.simulation.clearing import cleared_at_zeros, found_events, with_instants
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Network
 
 ASKED_S = 0.22
 

@@ -11,11 +11,11 @@ import pytest
 from tests.parameters.documents import case_document, the_fault
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.simulation import build_timeline, simulate
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.reclosing import reclosed
 from vsgdesign.simulation.run import Simulation
+from vsgdesign.study.parameters import Study, study_from_text
 
 TRIP = """
 [[events]]

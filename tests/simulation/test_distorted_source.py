@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import lc_study
-from vsgdesign.operating_point.plant import plant_step
-from vsgdesign.operating_point.plants import state_matrices
-from vsgdesign.parameters.source import SourceComponent
+from vsgdesign.linear.operating_point.plant import plant_step
+from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.page.terminal import print_terminal
 from vsgdesign.report.scenario.page import limits_of_validity, terminal_blocks
@@ -16,6 +15,7 @@ from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import Connection
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.timeline import SourceSegment
+from vsgdesign.study.parameters.source import SourceComponent
 
 STEP = """
 [[events]]

@@ -18,12 +18,12 @@ import pytest
 from tests.oracles.emt_controller import State
 from tests.oracles.emt_reference import Start, Trace, at_rest, run_reference
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
-from vsgdesign.operating_point.sampled import steady_state
-from vsgdesign.parameters import Grid, GridSource, Study, study_from_text
+from vsgdesign.linear.operating_point.sampled import steady_state
 from vsgdesign.simulation import GainChange, Simulation, gain_changes, simulate
 from vsgdesign.simulation.added_source import SensorsOfRun
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.simulation.wander import Wander
+from vsgdesign.study.parameters import Grid, GridSource, Study, study_from_text
 
 TOLERANCE = 1e-9
 

@@ -11,10 +11,10 @@ from scipy.integrate import simpson, solve_ivp
 
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.parameters import Study
 from vsgdesign.simulation import GainChange, Simulation, simulate
 from vsgdesign.simulation.energy import dc_energy, dc_power
 from vsgdesign.simulation.loop import LOG_COLUMNS
+from vsgdesign.study.parameters import Study
 
 CHANGES = [GainChange(0.0, GAINS)]
 STEP = '[[events]]\ntime = "20 ms"\nP_ref = "3 kW"\n[[events]]\ntime = "40 ms"\nV_g_pu = 0.7\n'

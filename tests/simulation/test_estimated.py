@@ -16,8 +16,6 @@ from vsgdesign.artifacts.network_weights import Network, NetworkWeights
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.grid import Grid
 from vsgdesign.report.scenario.estimate_tables import estimate_text
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.simulation import MeasuredWindow, simulate
@@ -25,6 +23,8 @@ from vsgdesign.simulation.estimated import NO_DESIGN, TRAINED_PHASE, EstimatedSc
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.scenario.judging import judge_estimates
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.grid import Grid
 
 TEXT = """
 base = "case:hoang2025_5kva"

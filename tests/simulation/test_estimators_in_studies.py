@@ -16,11 +16,11 @@ from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import StudyError
 from vsgdesign.identification import ESTIMATORS
-from vsgdesign.parameters import load_study, study_from_text
-from vsgdesign.pipeline.run import run_study
 from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation.estimated import ALL_STATUSES, EstimateLog
 from vsgdesign.simulation.scenario import ControllerResult, run_scenario
+from vsgdesign.study.parameters import load_study, study_from_text
+from vsgdesign.verbs.pipeline.run import run_study
 
 NAMES = tuple(name for name, kind in ESTIMATORS.items() if not (kind.trained or kind.by_sample))
 

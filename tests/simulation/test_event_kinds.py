@@ -14,11 +14,11 @@ import pytest
 
 from tests.simulation import event_kinds as everywhere
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.event_kinds import EVENT_KINDS, EventKind, OfSuite, StepOfKind
-from vsgdesign.parameters.fields import F_N
-from vsgdesign.parameters.loading import study_from_text
 from vsgdesign.simulation.lanes.cases import LaneEvents
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.event_kinds import EVENT_KINDS, EventKind, OfSuite, StepOfKind
+from vsgdesign.study.parameters.fields import F_N
+from vsgdesign.study.parameters.loading import study_from_text
 
 F_REF = EventKind(
     name="f_ref",

@@ -23,12 +23,12 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.identification.field import FieldEstimator, FieldState, estimate_of
 from vsgdesign.identification.interface import Estimate, Samples
-from vsgdesign.parameters import Grid, Study
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation import GainChange, HeldBack, Probe, Recorder, Simulation, simulate
 from vsgdesign.simulation.bodies import numbers_of, record_like, zero_record
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle, settings_of_study
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import Grid, Study
 
 FOLLOWING = """
 [[controllers]]

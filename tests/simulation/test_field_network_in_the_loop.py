@@ -17,9 +17,9 @@ from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.identification.field_network import field_network
 from vsgdesign.identification.interface import Installation
 from vsgdesign.identification.registry import build_estimator
-from vsgdesign.parameters import Study
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.field_feed import FieldScheduler, settings_of_study
+from vsgdesign.study.parameters import Study
 
 FOLLOWING = """
 [[controllers]]

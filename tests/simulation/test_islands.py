@@ -12,8 +12,6 @@ from tests import gain_tables
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.metrics.survival import SURVIVED
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.grid import Grid, GridEstimate
 from vsgdesign.report.page.converter import network_in_words
 from vsgdesign.simulation.feeds import LateSchedule, gain_feed, told_of
 from vsgdesign.simulation.gains import GainChange
@@ -21,6 +19,8 @@ from vsgdesign.simulation.online import WindowPowers
 from vsgdesign.simulation.rest import expected_rests, knows_its_rests
 from vsgdesign.simulation.scenario import operating_points, run_scenario
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.grid import Grid, GridEstimate
 
 ISLAND = """
 [[events]]

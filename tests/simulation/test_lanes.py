@@ -10,11 +10,10 @@ import pytest
 
 from tests.simulation.one_by_one import numbers, run_one, step_of, verdict_of
 from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.survival import ExpectedRest
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.lanes import run as lanes_run
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import Rests, last_of, rests_of
@@ -23,7 +22,8 @@ from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import own_rest_of
 from vsgdesign.simulation.timeline import build_timeline
-from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 SEED = 7
 

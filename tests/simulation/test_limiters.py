@@ -27,10 +27,10 @@ from vsgdesign.equations.limiters import (
 )
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import StudyError
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters import Grid, Study, study_from_text
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.simulation import FixedGains, GainChange, MeasuredWindow, Recorder, Simulation, simulate
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import Grid, Study, study_from_text
 
 SAG = """
 [[events]]

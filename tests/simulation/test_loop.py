@@ -15,13 +15,10 @@ from scipy.linalg import expm
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import SENSORS, compare
 from tests.simulation.test_field_in_the_loop import FOLLOWING
-from vsgdesign import parameters
 from vsgdesign.codegen.blocks import Plain
 from vsgdesign.equations.controller_data import Nothing
 from vsgdesign.equations.limiters import CIRCULAR
-from vsgdesign.operating_point.plant import plant_step, state_matrices, two_axes
-from vsgdesign.parameters import Grid, Study, study_from_text
-from vsgdesign.parameters.study import Event
+from vsgdesign.linear.operating_point.plant import plant_step, state_matrices, two_axes
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Axes, Bridge, Kind, plant, states_of
 from vsgdesign.simulation.circuit_sample import BridgeVoltage, carrier, modulation
@@ -29,6 +26,9 @@ from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.loop import ALONE, carrier_part, log_names, loop_of, slopes_of
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study import parameters
+from vsgdesign.study.parameters import Grid, Study, study_from_text
+from vsgdesign.study.parameters.study import Event
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,10 @@ from tests.oracles.emt_reference import run_reference
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import EVERYTHING, SENSORS, errors_pu, library_start, random_numbers
 from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.equations.frames import clarke, clarke_inverse
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.frames import clarke, clarke_inverse
-from vsgdesign.operating_point.network import network_circuit, states_of_networks
-from vsgdesign.operating_point.plant import plant_step
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
-from vsgdesign.parameters.study import Event
+from vsgdesign.linear.operating_point.network import network_circuit, states_of_networks
+from vsgdesign.linear.operating_point.plant import plant_step
 from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation import GainChange, gain_changes, simulate
 from vsgdesign.simulation.at_pcc import pcc_over_time, pcc_vectors
@@ -28,6 +25,9 @@ from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.scenario import run_scenario, series_at_pcc
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
+from vsgdesign.study.parameters.study import Event
 
 CHANGES = [GainChange(0.0, GAINS)]
 TOLERANCE = 1e-8

@@ -10,7 +10,6 @@ import pytest
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study, lcl_study
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.parameters import Study
 from vsgdesign.simulation import (
     FixedGains,
     GainChange,
@@ -21,6 +20,7 @@ from vsgdesign.simulation import (
     simulate,
 )
 from vsgdesign.simulation.scenario import derive_series
+from vsgdesign.study.parameters import Study
 
 EVENTS = """
 [[events]]

@@ -11,8 +11,8 @@ from scipy.linalg import expm
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.plant import plant_step
-from vsgdesign.operating_point.plants import state_matrices
+from vsgdesign.linear.operating_point.plant import plant_step
+from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.bodies import LARGEST_DEGREE
 from vsgdesign.simulation.circuit_sample import Coefficients, polynomial

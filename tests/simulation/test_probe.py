@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation import (
     FixedGains,
     GainChange,
@@ -20,6 +18,8 @@ from vsgdesign.simulation import (
     gain_changes,
     simulate,
 )
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.study import Study
 
 PUBLISHED = "studies/published_averaged/study.toml"
 

@@ -17,10 +17,10 @@ from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.limiters import PROJECTION, GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.limiters.projection import ProjectionMemory, grid_voltage_gate
 from vsgdesign.equations.power_loops import References
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.event import Event
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.simulation.survival import GridState, Subject, SurvivalCase, run_case
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.study.parameters.event import Event
 
 STUDY = with_limiter(lc_study, "projection")
 SETTINGS = STUDY.controller_settings()._replace(omega_C=0.0)

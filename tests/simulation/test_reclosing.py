@@ -11,13 +11,13 @@ import pytest
 
 from tests.parameters.documents import build, case_document, the_fault
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.parameters import Study, study_from_text
 from vsgdesign.report.scenario.tables import metrics_table
 from vsgdesign.simulation import build_timeline, simulate
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.reclosing import reclosed
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import Study, study_from_text
 
 
 def island(check: str, more: str = "", P_ref: str = "1.5 kW") -> Study:

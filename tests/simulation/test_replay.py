@@ -13,10 +13,10 @@ from tests.parameters.documents import case_document, faults_of
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.record import RecordError, read_record
-from vsgdesign.pipeline.survival import subjects_of
 from vsgdesign.simulation import GainChange, build_timeline, simulate
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.record import RecordError, read_record
+from vsgdesign.verbs.pipeline.survival import subjects_of
 
 V = 110.0 * np.sqrt(2.0)
 F_G = 50.13

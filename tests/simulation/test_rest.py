@@ -12,15 +12,15 @@ import pytest
 from tests.simulation.studies import lcl_study
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.linear.model.full_order import full_order_map
+from vsgdesign.linear.stability.loci import quantity_of
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, TOO_SHORT, UNSTABLE
-from vsgdesign.model.full_order import full_order_map
-from vsgdesign.parameters import Study, load_study, study_from_text
-from vsgdesign.parameters.grid import GridEstimate
 from vsgdesign.simulation.rest import expected_rests, expected_rests_of, rests
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 from vsgdesign.simulation.timeline import build_timeline
-from vsgdesign.stability.loci import quantity_of
+from vsgdesign.study.parameters import Study, load_study, study_from_text
+from vsgdesign.study.parameters.grid import GridEstimate
 
 PUBLISHED = """
 base = "case:hoang2025_5kva"

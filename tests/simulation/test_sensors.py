@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import GAINS, lc_study, lcl_study
-from vsgdesign.parameters import Study
 from vsgdesign.simulation import FixedGains, GainChange, Recorder, Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series
+from vsgdesign.study.parameters import Study
 
 DIRTY = '[sensors]\nlevel = "dirty"\nseed = 2\nskew = "0.3 deg"\n'
 

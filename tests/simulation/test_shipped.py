@@ -12,10 +12,10 @@ from tests.export.exchange import exported, written
 from tests.simulation.studies import lc_study
 from vsgdesign.equations.scheduler_data import FALLBACK, FRESH, HELD, JUMP, LIMITED, NO_ESTIMATE
 from vsgdesign.export import export_c_files
-from vsgdesign.parameters import Study
 from vsgdesign.runtime import load_scheduler, status_text
 from vsgdesign.simulation import MeasuredWindow, Simulation, build_timeline, simulate
 from vsgdesign.simulation.shipped import ShippedScheduler, true_grid
+from vsgdesign.study.parameters import Study
 
 EVENTS = """
 [[events]]

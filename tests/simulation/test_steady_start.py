@@ -9,12 +9,12 @@ import pytest
 
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.sampled import cold_start, steady_state
-from vsgdesign.parameters import Study, study_from_text
+from vsgdesign.linear.operating_point.sampled import cold_start, steady_state
 from vsgdesign.simulation import GainChange, gain_changes, simulate
 from vsgdesign.simulation.rest import rests
 from vsgdesign.simulation.scenario import derive_series, measure_events
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import Study, study_from_text
 
 GRIDS = {
     "SCR 2": "[grid]\nscr = 2\n",

@@ -11,12 +11,12 @@ import pytest
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics import step_response
-from vsgdesign.parameters import Event, Grid, GridSource, Study, load_study
-from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.feeds import gain_feed
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import Event, Grid, GridSource, Study, load_study
+from vsgdesign.study.parameters.grid import Place
 
 P_0, Q_0, STEP = 2000.0, 1000.0, 250.0
 TAU = 5e-3

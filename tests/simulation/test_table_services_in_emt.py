@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from tests.gain_tables import table
-from vsgdesign.parameters import Event, Grid, Study, load_study
-from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.steps import references_at
+from vsgdesign.study.parameters import Event, Grid, Study, load_study
+from vsgdesign.study.parameters.grid import Place
 
 P_0, Q_0 = 2000.0, 500.0
 AXES: dict[str, Any] = {"scr": (1.5, 20.0), "x_over_r": (0.5, 5.0)}

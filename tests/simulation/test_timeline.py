@@ -14,11 +14,11 @@ from scipy.integrate import quad
 from tests.examples import examples
 from tests.oracles.emt_source import StiffSource
 from tests.simulation.studies import GAINS, lc_study
-from vsgdesign.parameters import Event, Grid
 from vsgdesign.simulation import GainChange
 from vsgdesign.simulation.run import begin_together
 from vsgdesign.simulation.run_state import RunOf, RunState
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import Event, Grid
 
 STUDY = lc_study("1 s")
 GRID = st.builds(Grid, st.floats(0.1, 5.0), st.floats(1e-4, 1e-2))

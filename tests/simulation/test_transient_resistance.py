@@ -10,14 +10,14 @@ import pytest
 
 from tests.simulation.studies import FAST_GAINS, GAINS, lc_study
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.linear.operating_point.sampled import steady_state
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.operating_point.sampled import steady_state
-from vsgdesign.parameters import Grid, Study, load_study
-from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime import closed_form_schedule
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.steps import emt_step, references_at
+from vsgdesign.study.parameters import Grid, Study, load_study
+from vsgdesign.study.parameters.grid import Place
 
 P_0, Q_0 = 2000.0, 1000.0
 ADVISED_PU = 0.08

@@ -22,9 +22,9 @@ from tests.simulation.test_emt_against_dop853 import (
 )
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.plant import TwoAxisCircuit, plant_step, two_axes
-from vsgdesign.parameters import Grid, Study
+from vsgdesign.linear.operating_point.plant import TwoAxisCircuit, plant_step, two_axes
 from vsgdesign.simulation import GainChange, simulate
+from vsgdesign.study.parameters import Grid, Study
 
 CHANGES = [GainChange(0.0, GAINS)]
 OMEGA = 2.0 * np.pi * 50.0

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vsgdesign.parameters import Study, load_study, study_from_text
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.source import GridSource, SourceComponent
 from vsgdesign.simulation import Simulation, gain_changes, simulate
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import Study, load_study, study_from_text
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.source import GridSource, SourceComponent
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies" / "survival"
 

@@ -10,13 +10,13 @@ import pytest
 from scipy.optimize import root
 
 from tests.simulation import event_kinds as everywhere
+from vsgdesign.campaigns.verification.draws import cases_of, families, uniforms_of
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import Study
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.timeline import build_timeline
-from vsgdesign.verification.draws import cases_of, families, uniforms_of
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 
 
 def rest_of(study: Study, P_ref: float, Q_ref: float, V_n: float, D_q: float) -> tuple[float, float]:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import GAINS, lc_study
-from vsgdesign.parameters.background import BackgroundSpec, draw_background
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.online import FixedGains
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.simulation.wander import BLOCK, FORGOTTEN_S, Wander
+from vsgdesign.study.parameters.background import BackgroundSpec, draw_background
 
 OMEGA_N = 100.0 * math.pi
 EVERYTHING = {

@@ -12,8 +12,8 @@ from vsgdesign.design.variables import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.metrics import step_response
-from vsgdesign.parameters.grid import Grid
 from vsgdesign.simulation.steps import simulate_step
+from vsgdesign.study.parameters.grid import Grid
 
 SCR, X_OVER_R, ERROR_Z = 4.0, 10.0, 0.15
 STEP = 100.0

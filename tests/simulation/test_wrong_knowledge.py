@@ -8,14 +8,14 @@ import pytest
 from tests import gain_tables
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import InfeasibleStudyError, StudyError
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.grid import GridEstimate
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.feeds import told_at, told_of
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.rest import expected_rests, knows_its_rests
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.scenario.promises import promises_kept
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.grid import GridEstimate
 
 JUMP = """
 [[events]]

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from tests.oracles.emt_circuit import circuit_matrices
-from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.operating_point.sampled import steady_state
-from vsgdesign.parameters import Study
+from vsgdesign.linear.operating_point.full_order import Cell
+from vsgdesign.linear.operating_point.sampled import steady_state
+from vsgdesign.study.parameters import Study
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -1,4 +1,4 @@
-"""The loops of both models as python-control systems, opened in state space: nothing of ``vsgdesign.stability``.
+"""The loops of both models as python-control systems, opened in state space: nothing of ``vsgdesign.linear.stability``.
 
 A model that is closed through a port, x' = A x + b·u with u added to what the loop carries there (y = C x), is opened
 by taking that path out again: A − b C. The loop is L = −C (sI − A_open)⁻¹ b: negative feedback, python-control's way.
@@ -13,9 +13,9 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.model.coupled import CoupledModel
-from vsgdesign.model.full_order import INPUTS, OUTPUTS
-from vsgdesign.operating_point.full_order import FullOrderModel
+from vsgdesign.linear.model.coupled import CoupledModel
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.linear.operating_point.full_order import FullOrderModel
 
 Array = NDArray[np.floating[Any]]
 Complex = NDArray[np.complexfloating[Any, Any]]

@@ -20,12 +20,9 @@ from tests.stability.studies import (
     random_situations,
     situation,
 )
-from vsgdesign.model.full_order import OUTPUTS
-from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters import Grid
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.stability.loops import (
+from vsgdesign.linear.model.full_order import OUTPUTS
+from vsgdesign.linear.operating_point.full_order import Cell
+from vsgdesign.linear.stability.loops import (
     frequency_response,
     generalised_nyquist,
     grid_impedance,
@@ -33,6 +30,9 @@ from vsgdesign.stability.loops import (
     output_admittance,
     passivity_index,
 )
+from vsgdesign.study.parameters import Grid
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.source import GridSource
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -21,14 +21,14 @@ from scipy import signal
 
 from tests.stability.studies import PUBLISHED, case_study
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.linear.stability.cells import cells_under, reduced_cells
+from vsgdesign.linear.stability.loci import stability_limit
+from vsgdesign.linear.stability.margins import MarginTable, reduced_margins
+from vsgdesign.linear.stability.step_responses import reduced_step_metrics
 from vsgdesign.metrics.step_response import ResponseMetrics
-from vsgdesign.parameters import Study
-from vsgdesign.parameters.grid import Place
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.stability.cells import cells_under, reduced_cells
-from vsgdesign.stability.loci import stability_limit
-from vsgdesign.stability.margins import MarginTable, reduced_margins
-from vsgdesign.stability.step_responses import reduced_step_metrics
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.grid import Place
 
 Array = NDArray[np.floating[Any]]
 

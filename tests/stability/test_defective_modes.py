@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.linear.operating_point.full_order import FullOrderModel
+from vsgdesign.linear.stability.loops import BREAKS, FullOrderLoop
+from vsgdesign.linear.stability.step_responses import full_order_step
 from vsgdesign.metrics.modes import partial_fractions
-from vsgdesign.model.full_order import INPUTS, OUTPUTS
-from vsgdesign.operating_point.full_order import FullOrderModel
-from vsgdesign.stability.loops import BREAKS, FullOrderLoop
-from vsgdesign.stability.step_responses import full_order_step
 
 T_S = 1e-4
 ORDER = 9

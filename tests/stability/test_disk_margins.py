@@ -13,14 +13,12 @@ from scipy.optimize import root_scalar
 
 from tests.stability.loops_by_control import OpenLoop, open_full_order, open_reduced
 from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations, situation
-from vsgdesign.metrics.margins import disk_margin_per_frequency, guaranteed_margins, largest_singular_value
-from vsgdesign.model.coupled import CoupledModel
-from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.grid import Place
-from vsgdesign.stability.cells import cell_set, reduced_cells
-from vsgdesign.stability.loops import FullOrderLoop, ReducedLoop
-from vsgdesign.stability.margins import (
+from vsgdesign.linear.model.coupled import CoupledModel
+from vsgdesign.linear.operating_point import solve_operating_point
+from vsgdesign.linear.operating_point.full_order import Cell
+from vsgdesign.linear.stability.cells import cell_set, reduced_cells
+from vsgdesign.linear.stability.loops import FullOrderLoop, ReducedLoop
+from vsgdesign.linear.stability.margins import (
     MarginTable,
     _around_modes,
     _on_both,
@@ -28,6 +26,8 @@ from vsgdesign.stability.margins import (
     full_order_margins,
     reduced_margins,
 )
+from vsgdesign.metrics.margins import disk_margin_per_frequency, guaranteed_margins, largest_singular_value
+from vsgdesign.study.parameters.grid import Place
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from tests.stability.studies import LABORATORY, PUBLISHED, UTILITY, Situation, case_study, designed, situation
 from tests.stability.test_prediction_full_order import STEP_PU, emt_response
+from vsgdesign.linear.operating_point.full_order import Cell
+from vsgdesign.linear.stability.loci import modes
 from vsgdesign.metrics.modes import to_continuous
-from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.grid import Place
-from vsgdesign.stability.loci import modes
+from vsgdesign.study.parameters.grid import Place
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]

@@ -13,12 +13,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import root_scalar
 
-from vsgdesign.model.full_order import INPUTS, OUTPUTS
-from vsgdesign.operating_point.full_order import FullOrderModel
-from vsgdesign.parameters import load_study
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.linear.operating_point.full_order import FullOrderModel
+from vsgdesign.linear.stability.cells import cells_under, full_order_cells, grid_arrays
+from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.stability.cells import cells_under, full_order_cells, grid_arrays
-from vsgdesign.stability.margins import full_order_margins
+from vsgdesign.study.parameters import load_study
 
 GRIDS = [(1.5, 1.0), (2.0, 3.0), (5.0, 1.0), (10.0, 6.0), (20.0, 2.0)]
 

@@ -13,8 +13,7 @@ from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.artifacts.gain_table import GainTable, base_of
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError
-from vsgdesign.parameters import study_from_text
-from vsgdesign.stability.gain_table import (
+from vsgdesign.linear.stability.gain_table import (
     FIGURES,
     check_table,
     compare_tables,
@@ -23,6 +22,7 @@ from vsgdesign.stability.gain_table import (
     nominal_margins,
     stale_margins,
 )
+from vsgdesign.study.parameters import study_from_text
 
 REACTANCE = replace(PUBLISHED_BASE, scr_basis="reactance")
 FAST = ("disk_margin", "least_damping", "decay_1_s", "H_s")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsgdesign.stability.loci import track
+from vsgdesign.linear.stability.loci import track
 
 
 def test_a_mode_that_ends_within_a_sample_has_no_say() -> None:

@@ -13,10 +13,10 @@ from scipy.optimize import root_scalar
 from tests.stability.loops_by_control import balanced, open_full_order, open_reduced
 from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.model.coupled import CoupledModel
-from vsgdesign.parameters.grid import Place
-from vsgdesign.stability.cells import cell_set, reduced_cells
-from vsgdesign.stability.margins import full_order_margins, reduced_margins
+from vsgdesign.linear.model.coupled import CoupledModel
+from vsgdesign.linear.stability.cells import cell_set, reduced_cells
+from vsgdesign.linear.stability.margins import full_order_margins, reduced_margins
+from vsgdesign.study.parameters.grid import Place
 
 Array = NDArray[np.float64]
 NAMES = ("gain_margin_db", "phase_margin_deg", "delay_margin_s")

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from tests.stability.studies import LABORATORY, PUBLISHED, case_study, designed, situation
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters import Study
-from vsgdesign.parameters.grid import Grid, Place
+from vsgdesign.linear.operating_point.full_order import Cell
+from vsgdesign.linear.stability.cells import cell_set, full_order_cells, reduced_cells
+from vsgdesign.linear.stability.maps import MODELS, MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
+from vsgdesign.linear.stability.margins import MarginTable, full_order_margins, reduced_margins
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.stability.cells import cell_set, full_order_cells, reduced_cells
-from vsgdesign.stability.maps import MODELS, MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
-from vsgdesign.stability.margins import MarginTable, full_order_margins, reduced_margins
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.grid import Grid, Place
 
 Array = NDArray[np.float64]
 

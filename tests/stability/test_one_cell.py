@@ -6,18 +6,25 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from vsgdesign.explore.maps import quick_figures
+from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS
+from vsgdesign.linear.operating_point.full_order import FullOrderModel, parameter_sensitivities, parameter_sensitivity
+from vsgdesign.linear.stability.cells import (
+    CellSet,
+    cells_under,
+    full_order_cells,
+    gains_in_force,
+    grid_arrays,
+    reduced_cells,
+)
+from vsgdesign.linear.stability.loci import RANKED, mode_movements, mode_sensitivities
+from vsgdesign.linear.stability.margins import MARGINS, full_order_margins, margins_named, reduced_margins
+from vsgdesign.linear.stability.step_responses import full_order_settling, full_order_step, reduced_step
 from vsgdesign.metrics.step_response import SETTLING_BAND, settling_time, settling_times
-from vsgdesign.model.coupled import INPUTS, OUTPUTS
-from vsgdesign.operating_point.full_order import FullOrderModel, parameter_sensitivities, parameter_sensitivity
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import Study
+from vsgdesign.report.explore.maps import quick_figures
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.stability.cells import CellSet, cells_under, full_order_cells, gains_in_force, grid_arrays, reduced_cells
-from vsgdesign.stability.loci import RANKED, mode_movements, mode_sensitivities
-from vsgdesign.stability.margins import MARGINS, full_order_margins, margins_named, reduced_margins
-from vsgdesign.stability.step_responses import full_order_settling, full_order_step, reduced_step
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import Study
 
 
 @pytest.fixture(scope="module")

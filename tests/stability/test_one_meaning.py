@@ -15,16 +15,16 @@ from vsgdesign.design.comparison import compare_on_grids, contender_of
 from vsgdesign.design.evaluation import evaluate_pairs
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.parameters import Study
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.study import ControllerSpec
+from vsgdesign.linear.stability.maps import MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
+from vsgdesign.linear.stability.verdict import describe_cell, left_out, worst_cases
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.simulation import build_timeline, gain_feed, simulate
 from vsgdesign.simulation.steps import references_at
-from vsgdesign.stability.maps import MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
-from vsgdesign.stability.verdict import describe_cell, left_out, worst_cases
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.study import ControllerSpec
 
 SEED = 5
 

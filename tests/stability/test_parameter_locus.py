@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vsgdesign.model.full_order import PARAMETERS
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters import Grid, load_study
+from vsgdesign.linear.model.full_order import PARAMETERS
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.linear.stability.loci import mode_sensitivities, parameter_locus
 from vsgdesign.runtime import closed_form_schedule
-from vsgdesign.stability.loci import mode_sensitivities, parameter_locus
+from vsgdesign.study.parameters import Grid, load_study
 
 STUDY = load_study("studies/laboratory/study.toml")
 GAINS = closed_form_schedule(STUDY, STUDY.target).gains(STUDY.grid.R_g, STUDY.grid.L_g)

@@ -15,12 +15,12 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations, situation
-from vsgdesign.model.full_order import INPUTS, OUTPUTS
-from vsgdesign.operating_point.full_order import Cell
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.study import Event
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.linear.operating_point.full_order import Cell
+from vsgdesign.linear.stability.step_responses import full_order_step
 from vsgdesign.simulation import GainChange, simulate
-from vsgdesign.stability.step_responses import full_order_step
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.study import Event
 
 Array = NDArray[np.float64]
 

@@ -16,13 +16,13 @@ import pytest
 from tests.stability.ideal_converter import IdealConverter
 from tests.stability.studies import PUBLISHED, case_study, designed
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
-from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.study import Event
+from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
+from vsgdesign.linear.operating_point import solve_operating_point
+from vsgdesign.linear.stability.cells import cell_set, reduced_cells
+from vsgdesign.linear.stability.step_responses import reduced_step
 from vsgdesign.simulation import GainChange, simulate
-from vsgdesign.stability.cells import cell_set, reduced_cells
-from vsgdesign.stability.step_responses import reduced_step
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.study import Event
 
 S_RATED, V_N, OMEGA_0 = 5000.0, 110.0, 100.0 * np.pi
 COUNT = 20

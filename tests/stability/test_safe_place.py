@@ -15,19 +15,19 @@ from scipy.linalg import eigvals
 from tests.gain_tables import table
 from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point, power_flow
 from vsgdesign.equations.power_loops import References, power_loops
-from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.study import ControllerSpec
-from vsgdesign.runtime.closed_form import closed_form_schedule
-from vsgdesign.runtime.of_study import ControllerGains
-from vsgdesign.stability.cells import cell_set, full_order_cells
-from vsgdesign.stability.margins import full_order_margins
-from vsgdesign.stability.safe_place import (
+from vsgdesign.linear.stability.cells import cell_set, full_order_cells
+from vsgdesign.linear.stability.margins import full_order_margins
+from vsgdesign.linear.stability.safe_place import (
     LEAST_DISK_MARGIN,
     closed_form_place,
     middle_place,
     table_safe_place,
 )
+from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.of_study import ControllerGains
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.study import ControllerSpec
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies" / "survival"
 NAMES = ("study", "laboratory", "utility")

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.parameters import Study, load_study
-from vsgdesign.parameters.grid import Place
-from vsgdesign.pipeline.training import make_network
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.scenario.judging import Judgement, judge_estimates
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.verbs.pipeline.training import make_network
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 

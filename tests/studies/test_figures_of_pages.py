@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.parameters import load_study
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import load_study
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [

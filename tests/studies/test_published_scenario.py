@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from vsgdesign.metrics import EventMetrics
-from vsgdesign.parameters import load_study
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
+from vsgdesign.study.parameters import load_study
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "published_averaged" / "study.toml"
 

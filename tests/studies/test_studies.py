@@ -14,8 +14,8 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.design.table import build_table
 from vsgdesign.estimator.recipes import CONTINUOUS
 from vsgdesign.estimator.specification import WINDOW_NETWORK, train
-from vsgdesign.parameters import Study, load_study
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import Study, load_study
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 FILES = sorted(STUDIES.glob("*/study.toml"))

@@ -10,9 +10,9 @@ import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import Study, load_study
-from vsgdesign.pipeline.survival import subjects_of, survival_cases, survival_document, write_cases
 from vsgdesign.simulation.survival import CaseResult, SurvivalCase, figures_of, run_case
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.verbs.pipeline.survival import subjects_of, survival_cases, survival_document, write_cases
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies" / "survival"
 CONVERTERS = ("study", "laboratory", "utility")

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.campaigns.verification.blocks import Batch, SingleRun, VerificationJob
+from vsgdesign.campaigns.verification.counting import MapAxes
+from vsgdesign.campaigns.verification.promises import Promise
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.simulation.lanes.results import STATUSES
-from vsgdesign.verification.blocks import Batch, SingleRun, VerificationJob
-from vsgdesign.verification.counting import MapAxes
-from vsgdesign.verification.promises import Promise
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 FAMILIES = ("step", "jump")
 AXES = MapAxes(scr=(1.5, 20.0), x_over_r=(0.3, 20.0), scr_basis="impedance")

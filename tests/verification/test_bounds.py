@@ -7,7 +7,7 @@ from math import comb
 
 import pytest
 
-from vsgdesign.verification.document import one_in, upper_bound
+from vsgdesign.campaigns.verification.document import one_in, upper_bound
 
 
 def tail(broken: int, judged: int, share: float) -> float:

@@ -13,20 +13,20 @@ import pytest
 from tests import gain_tables
 from vsgdesign.artifacts.gain_table_file import write_table_file
 from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.campaigns.verification.case_study import case_study
+from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.events import MEASURED
 from vsgdesign.metrics.survival import SURVIVED
-from vsgdesign.parameters import Study, study_from_text
-from vsgdesign.parameters.grid import GridEstimate
-from vsgdesign.parameters.loading import load_study
-from vsgdesign.parameters.toml_file import toml_text
 from vsgdesign.report.scenario.verdict import survival_text
 from vsgdesign.report.scenario.verdict import verdict as verdict_text
 from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.scenario import run_scenario
-from vsgdesign.verification.case_study import case_study
-from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
+from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.grid import GridEstimate
+from vsgdesign.study.parameters.loading import load_study
+from vsgdesign.study.parameters.toml_file import toml_text
 
 UTILITY = Path(__file__).resolve().parents[2] / "studies" / "survival" / "utility.toml"
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from vsgdesign.parameters import study_from_text
-from vsgdesign.verification.distributions import distributions
+from vsgdesign.campaigns.verification.distributions import distributions
+from vsgdesign.study.parameters import study_from_text
 
 STUDY = """
 base = "case:lab_12kva_lcl"

@@ -9,20 +9,27 @@ import pytest
 
 from tests import gain_tables
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.campaigns.verification.draws import (
+    FAMILIES,
+    UNIFORMS,
+    cases_of,
+    draw_cases,
+    uniforms_of,
+    verification_of,
+)
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import StudyError
-from vsgdesign.frames import rms_to_peak
+from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
+from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.metrics.survival import REST_SHARE
-from vsgdesign.operating_point.many_rests import rest_with_measured_gains
-from vsgdesign.operating_point.sampled import SampledState
-from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
-from vsgdesign.verification.draws import FAMILIES, UNIFORMS, cases_of, draw_cases, uniforms_of, verification_of
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import Study
 
 LIMITED = """
 [converter]

@@ -8,8 +8,8 @@ import pytest
 
 from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.parameters import study_from_text
-from vsgdesign.pipeline.verify import Asked, job_of
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.verbs.pipeline.verify import Asked, job_of
 
 SECTION = "[specification]\nscr = [2, 10]\nx_over_r = [1, 5]\nP = [-2500, 2500]\nQ = [-1000, 1000]\nerror = 0.2\n"
 SPECIFIED = TEXT.replace("[simulation]", f"{SECTION}[simulation]")

@@ -12,12 +12,12 @@ import pytest
 from tests.verification import stand_in
 from tests.verification.test_summary import STUDY
 from vsgdesign import report
+from vsgdesign.campaigns.verification.blocks import Shard, VerificationJob
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.execution.journal import kept_count, kept_folder
-from vsgdesign.parameters import study_from_text
-from vsgdesign.pipeline import verify
-from vsgdesign.pipeline.verify import WORK, Asked, check_verifiable, merge_shards, verify_study
-from vsgdesign.verification.blocks import Shard, VerificationJob
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.verbs.pipeline import verify
+from vsgdesign.verbs.pipeline.verify import WORK, Asked, check_verifiable, merge_shards, verify_study
 
 RUNS = 1000
 ASKED = Asked(runs=RUNS, search=0)

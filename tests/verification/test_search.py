@@ -9,7 +9,7 @@ import pytest
 
 from tests.verification import stand_in
 from tests.verification.test_summary import STUDY
-from vsgdesign.verification.search import APART, FOUND, POPULATION, search, starts_of
+from vsgdesign.campaigns.verification.search import APART, FOUND, POPULATION, search, starts_of
 
 EIGHT = starts_of([], 8)
 

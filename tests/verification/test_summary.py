@@ -14,18 +14,10 @@ import numpy as np
 import pytest
 
 from tests.verification import stand_in
-from vsgdesign.errors import ArtifactError
-from vsgdesign.execution import jobs
-from vsgdesign.execution.executors import worker_processes
-from vsgdesign.execution.jobs import parts_done
-from vsgdesign.execution.journal import Journal, journal_of, kept_folder
-from vsgdesign.parameters import load_study
-from vsgdesign.pipeline.verify import WORK
-from vsgdesign.simulation.lanes.results import STATUSES
-from vsgdesign.verification.blocks import VerificationJob
-from vsgdesign.verification.counting import judged_values, last_grids
-from vsgdesign.verification.promises import FIGURES
-from vsgdesign.verification.summary import (
+from vsgdesign.campaigns.verification.blocks import VerificationJob
+from vsgdesign.campaigns.verification.counting import judged_values, last_grids
+from vsgdesign.campaigns.verification.promises import FIGURES
+from vsgdesign.campaigns.verification.summary import (
     BROKEN,
     MAP,
     QUANTILE_ERROR,
@@ -37,6 +29,14 @@ from vsgdesign.verification.summary import (
     summary_document,
     summary_of,
 )
+from vsgdesign.errors import ArtifactError
+from vsgdesign.execution import jobs
+from vsgdesign.execution.executors import worker_processes
+from vsgdesign.execution.jobs import parts_done
+from vsgdesign.execution.journal import Journal, journal_of, kept_folder
+from vsgdesign.simulation.lanes.results import STATUSES
+from vsgdesign.study.parameters import load_study
+from vsgdesign.verbs.pipeline.verify import WORK
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDY = load_study(ROOT / "studies" / "published_averaged" / "study.toml")

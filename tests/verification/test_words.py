@@ -9,10 +9,10 @@ import pytest
 
 from tests import gain_tables
 from tests.verification.test_summary import STUDY
-from vsgdesign.parameters.grid import Place
+from vsgdesign.campaigns.verification.promises import FIGURES
+from vsgdesign.campaigns.verification.worst import beside_relaxed, end_of, start_of, what_of, why_of
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
-from vsgdesign.verification.promises import FIGURES
-from vsgdesign.verification.worst import beside_relaxed, end_of, start_of, what_of, why_of
+from vsgdesign.study.parameters.grid import Place
 
 C = STUDY.converter
 

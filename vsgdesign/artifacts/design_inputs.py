@@ -17,7 +17,7 @@ from vsgdesign.equations.structures import STRUCTURES
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
-    from vsgdesign.parameters.study import ClosedFormTarget, Study
+    from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 
 _DIGITS = 12
 _SHOWN = 8

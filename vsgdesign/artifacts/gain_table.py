@@ -16,7 +16,7 @@ from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.equations.power_loops import PowerLoopGains
 
 if TYPE_CHECKING:  # reading a table reads no study files
-    from vsgdesign.parameters.study import Study
+    from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

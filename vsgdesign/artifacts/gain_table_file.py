@@ -23,11 +23,11 @@ from vsgdesign.artifacts.gain_table import (
     table_document,
 )
 from vsgdesign.artifacts.guarded_file import GuardedFile, is_number, rows_on_a_line
+from vsgdesign.equations.frames import base_impedance
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import MOST_FED_BACK, PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
-from vsgdesign.frames import base_impedance
 
 STATUSES = ("met", "relaxed", "outside")
 _TINY = 5e-324

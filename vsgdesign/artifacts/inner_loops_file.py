@@ -10,7 +10,7 @@ from typing import Any
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import GuardedFile, content_hash, is_number
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.parameters.study import InnerLoopRequest
+from vsgdesign.study.parameters.study import InnerLoopRequest
 
 KIND = "vsgdesign inner loops"
 SCHEMA = 1

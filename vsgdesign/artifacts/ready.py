@@ -14,15 +14,15 @@ from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 
 if TYPE_CHECKING:  # reading a table reads no study files
-    from vsgdesign.parameters.study import ControllerSpec, Study
+    from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ready:
     """The gain tables and the network that a study's controllers run with.
 
-    :func:`vsgdesign.pipeline.making.make_ready` reads what the study names as files, and designs and trains what it
-    leaves open. A study whose controllers are all fixed, or scheduled in closed form from the
+    :func:`vsgdesign.verbs.pipeline.making.make_ready` reads what the study names as files, and designs and trains what
+    it leaves open. A study whose controllers are all fixed, or scheduled in closed form from the
     true grid, needs nothing of it (:data:`NOTHING`).
     """
 

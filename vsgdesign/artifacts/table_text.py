@@ -23,7 +23,7 @@ from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.errors import counted
 
 if TYPE_CHECKING:  # reading a table reads no study files
-    from vsgdesign.parameters.study import Study
+    from vsgdesign.study.parameters.study import Study
 
 Document = Mapping[str, Any]
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from vsgdesign.parameters.event_kinds import EVENT_KINDS
+from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 
 Document = Mapping[str, Any]
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from vsgdesign.certificate.error_bounds import ErrorBounds, angles, box_parameters, error_bounds, finer, reach
 from vsgdesign.certificate.region import Region, System
+from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import SCR_BASES, ScrBasis
 from vsgdesign.equations.power_flow import POWER_MARGIN
 from vsgdesign.equations.structures import NormalisedGains
-from vsgdesign.frames import PHASES
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.table import TableSchedule
 

@@ -37,8 +37,8 @@ from vsgdesign.certificate.results import (
     growing_mode,
 )
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured, schedule_of
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

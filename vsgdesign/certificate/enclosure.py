@@ -18,6 +18,7 @@ from vsgdesign.certificate.boxes import ERROR_PARAMETERS, basis_of, drop_sq, fir
 from vsgdesign.certificate.cancelling import Algebra
 from vsgdesign.certificate.region import OMEGA_SCALE, Region, System
 from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
+from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import (
     POWER_MARGIN,
@@ -28,7 +29,6 @@ from vsgdesign.equations.power_flow import (
 )
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
-from vsgdesign.frames import PHASES
 from vsgdesign.runtime.table import TableSchedule
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.certificate.region import Region
-from vsgdesign.frames import SQRT_2
+from vsgdesign.equations.frames import SQRT_2
 
 Array = NDArray[np.float64]
 

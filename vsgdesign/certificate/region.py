@@ -8,14 +8,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES, error_half_widths
 from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
 from vsgdesign.errors import Fault, InfeasibleStudyError
-from vsgdesign.frames import PHASES
-from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import TableSchedule
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

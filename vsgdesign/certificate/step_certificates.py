@@ -22,7 +22,7 @@ from vsgdesign.certificate.results import GAP_FREE, GRIDDED, Certificate, Counte
 from vsgdesign.certificate.step_proof import prove_steps
 from vsgdesign.certificate.step_terms import ActingLimits, LevelShape, acting_limits, rest_current_pu, step_sizes
 from vsgdesign.execution.executors import Each
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

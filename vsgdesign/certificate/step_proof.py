@@ -25,13 +25,13 @@ from vsgdesign.certificate.step_terms import (
 )
 from vsgdesign.certificate.taylor_kernel import SEEN, rows
 from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
+from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point_discriminant
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.execution.interrupts import interrupts_deferred
-from vsgdesign.frames import PHASES
-from vsgdesign.parameters.converter import Converter
 from vsgdesign.runtime.table import TableSchedule
+from vsgdesign.study.parameters.converter import Converter
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.certificate.region import OMEGA_SCALE, Cells, System
+from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.power_flow import admittance, jacobian_from_admittance
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.frames import PHASES
-from vsgdesign.operating_point.equilibrium import acting_current_pk
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.operating_point.equilibrium import acting_current_pk
+from vsgdesign.study.parameters.study import Study
 
 
 def rest_shift(

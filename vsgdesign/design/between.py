@@ -17,9 +17,9 @@ from vsgdesign.design.evaluation import Evaluation, Figures, LawOfStudy, evaluat
 from vsgdesign.design.record import CellRecord
 from vsgdesign.design.variables import Variables
 from vsgdesign.execution.executors import Each
-from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.table import TableSchedule, table_schedule
+from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ from vsgdesign.certificate.error_bounds import truth_behind
 from vsgdesign.design.table_edge import table_edge
 from vsgdesign.equations.grid import SCR_BASES, error_half_widths
 from vsgdesign.equations.power_flow import operating_point
-from vsgdesign.operating_point.equilibrium import static_limit_uses
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.operating_point.equilibrium import static_limit_uses
+from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

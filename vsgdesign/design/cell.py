@@ -19,7 +19,7 @@ from vsgdesign.equations.closed_form import LEAST_BANDWIDTH
 from vsgdesign.equations.power_loops import MOST_FED_BACK
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.execution.executors import Each
-from vsgdesign.parameters.specification import Specification
+from vsgdesign.study.parameters.specification import Specification
 
 Array = NDArray[np.float64]
 

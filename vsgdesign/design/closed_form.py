@@ -9,11 +9,11 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
-from vsgdesign.operating_point import OperatingPoint, solve_operating_point
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.linear.operating_point import OperatingPoint, solve_operating_point
+from vsgdesign.linear.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
 from vsgdesign.runtime.of_study import follows_measured, gain_law, schedule_of
-from vsgdesign.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,9 +18,9 @@ from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, effective_inertia
 from vsgdesign.metrics.step_response import ResponseMetrics
-from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
+from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

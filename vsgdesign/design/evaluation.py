@@ -15,10 +15,10 @@ from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.linear.model.coupled import coupled_model
 from vsgdesign.metrics.modes import damping_ratio
-from vsgdesign.model.coupled import coupled_model
-from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import ClosedFormTarget, Study
+from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,10 +29,10 @@ from vsgdesign.design.variables import (
     variables,
 )
 from vsgdesign.equations.power_flow import scheduled_jacobian
+from vsgdesign.linear.model.coupled import coupled_function
+from vsgdesign.linear.model.power_loops import numpy_on_symbols
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.model.coupled import coupled_function
-from vsgdesign.model.power_loops import numpy_on_symbols
-from vsgdesign.parameters.specification import Specification
+from vsgdesign.study.parameters.specification import Specification
 
 Array = NDArray[np.float64]
 

@@ -38,8 +38,8 @@ from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, run_job
 from vsgdesign.execution.progress import Progress
-from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import ClosedFormTarget, Study
+from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 
 _SLOWER = (0.75, 0.55)
 """Shares of the first design's bandwidth that are tried where the inner loops take its promises away."""

@@ -22,7 +22,7 @@ from vsgdesign.design.variables import (
 )
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.structures import NormalisedGains, effective_inertia
-from vsgdesign.parameters.specification import UNBOUNDED_H, Specification
+from vsgdesign.study.parameters.specification import UNBOUNDED_H, Specification
 
 Array = NDArray[np.float64]
 

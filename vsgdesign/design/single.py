@@ -17,8 +17,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.parameters.specification import UNBOUNDED_H, Specification
-from vsgdesign.parameters.study import ClosedFormTarget, Study
+from vsgdesign.study.parameters.specification import UNBOUNDED_H, Specification
+from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 
 Array = NDArray[np.float64]
 

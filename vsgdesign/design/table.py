@@ -35,9 +35,9 @@ from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.executors import Each
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.linear.stability.safe_place import table_safe_place
 from vsgdesign.runtime.table import table_schedule
-from vsgdesign.stability.safe_place import table_safe_place
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 SMOOTHINGS = 2
 """How often rough nodes are designed again before nodes are added."""

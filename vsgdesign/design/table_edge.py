@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.certificate.error_bounds import truth_behind
 from vsgdesign.equations.grid import SCR_BASES, ScrBasis, error_half_widths
-from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import Study
+from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]

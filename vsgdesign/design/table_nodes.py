@@ -41,10 +41,10 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.executors import Each
 from vsgdesign.execution.jobs import each_of
 from vsgdesign.execution.progress import Progress
-from vsgdesign.parameters.specification import Specification
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.linear.stability.gain_table import margins_of
 from vsgdesign.runtime.table import table_grids, with_node_gains
-from vsgdesign.stability.gain_table import margins_of
+from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 Node = tuple[float, float]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
-from vsgdesign.parameters.specification import Specification
+from vsgdesign.study.parameters.specification import Specification
 
 Array = NDArray[np.float64]
 

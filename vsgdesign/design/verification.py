@@ -12,16 +12,16 @@ from vsgdesign.design.evaluation import Figures, final_Q
 from vsgdesign.design.kernels import HORIZON
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.linear.stability.loops import FullOrderLoop
+from vsgdesign.linear.stability.step_responses import sampled_steps
 from vsgdesign.metrics.margins import disk_margin_per_frequency
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.model.full_order import INPUTS, OUTPUTS
-from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import Study
-from vsgdesign.stability.loops import FullOrderLoop
-from vsgdesign.stability.step_responses import sampled_steps
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

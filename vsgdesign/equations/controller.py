@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.controller_data import ControllerOutput, ControllerSettings, ControllerState, Measurement
+from vsgdesign.equations.frames import instantaneous_power, rms_to_peak, rotate, rotate_back
 from vsgdesign.equations.inner_loops import (
     InnerLoopGains,
     current_loop,
@@ -21,7 +22,6 @@ from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.limiter_interface import GridEstimate, IntegratorSteps, LimiterLaw, LimiterView
 from vsgdesign.equations.power_filter import notch
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
-from vsgdesign.frames import instantaneous_power, rms_to_peak, rotate, rotate_back
 
 
 def power_stage(

@@ -15,10 +15,10 @@ from vsgdesign.equations.controller_data import (
     ControllerState,
     Measurement,
 )
+from vsgdesign.equations.frames import rotate
 from vsgdesign.equations.inner_loops import limit_length
 from vsgdesign.equations.integration import TURN, advanced
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
-from vsgdesign.frames import rotate
 
 V_PLAUSIBLE = 5.0
 """Largest component of a measured voltage over the voltage limit of the bridge."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.frames import PHASES
+from vsgdesign.equations.frames import PHASES
 
 POWER_MARGIN = 1.3
 """Least ratio of the grid's limit 3V²/|Z| to |S| (:eq:`static-limits`)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vsgdesign.frames import PHASES
+from vsgdesign.equations.frames import PHASES
 
 _HALF, _THIRD = 0.5, 1.0 / PHASES
 

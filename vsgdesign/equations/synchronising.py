@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.controller_data import ControllerState, Measurement
+from vsgdesign.equations.frames import peak_to_rms, rms_to_peak, rotate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.frames import peak_to_rms, rms_to_peak, rotate
 
 WATCH_BANDWIDTH = 30.0
 """Natural frequency of the loop that follows the grid's voltage, rad/s: it settles within 0.2 s, and passes a tenth of

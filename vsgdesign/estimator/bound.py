@@ -166,7 +166,7 @@ def sensor_noise(
     converter: Any, noise: tuple[float, float], adc_bits: int = 0, adc_range_pu: float = 3.0
 ) -> SensorNoise:
     """Noise of a recipe's sensors in V and A: white, and the rounding of the conversion as if it were white."""
-    from vsgdesign.frames import rms_to_peak
+    from vsgdesign.equations.frames import rms_to_peak
 
     step = 2.0 * adc_range_pu / 2.0**adc_bits if adc_bits else 0.0
     ratings = (rms_to_peak(converter.V_rated_rms), converter.I_rated_pk)

@@ -38,7 +38,7 @@ from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification.interface import ProbeLines
 from vsgdesign.identification.two_windows import TwoWindows
-from vsgdesign.parameters.study import Study
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

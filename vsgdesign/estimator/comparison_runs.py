@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.field import FieldAnswer
+from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.estimator.bound import SensorNoise, sensor_noise
 from vsgdesign.estimator.recipe_fields import Spread
@@ -22,18 +23,17 @@ from vsgdesign.estimator.windows import (
     scenario_study,
     synchronised_vectors,
 )
-from vsgdesign.frames import instantaneous_power
 from vsgdesign.identification import Estimator
 from vsgdesign.identification.field import FieldEstimator
 from vsgdesign.identification.interface import CHANNELS, Array, ComplexArray
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.sensors import draw_sensors
-from vsgdesign.parameters.source import SourceComponent
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.sensors import draw_sensors
+from vsgdesign.study.parameters.source import SourceComponent
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 LINE_ORDERS = (1.5, 2.5)
 """Frequencies of the field estimator's lines over the grid's."""

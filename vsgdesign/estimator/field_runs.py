@@ -17,24 +17,24 @@ import numpy as np
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures
 from vsgdesign.equations.field.fusion import step_refuted
+from vsgdesign.equations.frames import PHASES, rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.estimator.data_set import CHANGES, Arrays
 from vsgdesign.estimator.recipes import FieldRecipe
-from vsgdesign.frames import PHASES, rms_to_peak
-from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_with_droop
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.background import draw_background
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.sensors import draw_sensors
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import ClosedFormTarget, ControllerSpec, Event, Study
+from vsgdesign.linear.operating_point import solve_operating_point
+from vsgdesign.linear.operating_point.equilibrium import OperatingPoint, solve_with_droop
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.field_feed import FieldScheduler, settings_of_study
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.background import draw_background
+from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.sensors import draw_sensors
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ClosedFormTarget, ControllerSpec, Event, Study
 
 DRIVING = "angle_damped"
 

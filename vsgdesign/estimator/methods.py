@@ -11,17 +11,17 @@ import numpy as np
 
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.estimator.comparison_runs import Record
 from vsgdesign.estimator.recipe_fields import check_recipe, one_of
 from vsgdesign.estimator.recipes import PUBLISHED, WindowRecipe, with_sampling
 from vsgdesign.estimator.scenarios import why_not
-from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification import ESTIMATORS, GUESS_SCR, Estimator, EstimatorKind, Installation, Samples
 from vsgdesign.identification.interface import Array
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.study import Study
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.study import Study
 
 BEFORE, AFTER = 10, 40
 """Windows before and after the change; the last JUDGED of them are what a method is judged by."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.errors import Fault, StudyError, did_you_mean
-from vsgdesign.parameters.toml_file import read_toml
-from vsgdesign.parameters.units import UnitError, parse_quantity
+from vsgdesign.study.parameters.toml_file import read_toml
+from vsgdesign.study.parameters.units import UnitError, parse_quantity
 
 KINDS = ("one_of", "uniform", "log_uniform")
 _OF_A_STUDY = {"study", "converter", "simulation", "controllers"}

@@ -15,7 +15,7 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.estimator.recipe_fields import FieldRule, Library, Recipe, Spread, log_uniform, one_of, uniform
 from vsgdesign.identification.interface import CHANNELS
 from vsgdesign.identification.sampling import EXACT, LEAST_PER_CYCLE, MOST_CYCLES, NEAR, choose_window
-from vsgdesign.parameters.converter import Converter
+from vsgdesign.study.parameters.converter import Converter
 
 _NOMINAL, _NONE = one_of(1.0), one_of(0.0)
 _DEGREE = 0.017453292519943295

@@ -13,13 +13,13 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, NoOperatingPointError
 from vsgdesign.estimator.data_set import REASONS
 from vsgdesign.estimator.recipes import WindowRecipe
-from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.operating_point.sampled import steady_state
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.operating_point import solve_operating_point
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.linear.operating_point.sampled import steady_state
 from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import Study
 
 ATTEMPTS = 100
 """Draws of a scenario before a recipe is given up as impossible."""

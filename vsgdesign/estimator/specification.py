@@ -51,10 +51,10 @@ from vsgdesign.execution.executors import How, executor_of, worker_count
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, journal_of, kept_count, run_job
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.loading import study_from_text
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.source_stamp import source_stamp
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.loading import study_from_text
+from vsgdesign.study.parameters.study import Study
 
 WORK = "blocks"
 """Names the folder beside a file that keeps finished blocks."""

@@ -24,7 +24,7 @@ from vsgdesign.estimator.methods import (
 from vsgdesign.estimator.recipe_fields import one_of
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.parameters.study import Study
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

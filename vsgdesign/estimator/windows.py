@@ -14,20 +14,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.frames import clarke, clarke_inverse, rms_to_peak, rotate, rotate_back
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.estimator.data_set import Array, Arrays
 from vsgdesign.estimator.recipes import WindowRecipe, turn_per_window
 from vsgdesign.estimator.scenarios import Scenario
-from vsgdesign.frames import clarke, clarke_inverse, rms_to_peak, rotate, rotate_back
 from vsgdesign.identification import Estimator, Probe
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import Event, Study
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.linear.stability.loops import grid_impedance, output_admittance
 from vsgdesign.simulation import MeasuredWindow, Recorder, simulate
 from vsgdesign.simulation.estimated import samples_of
-from vsgdesign.stability.loops import grid_impedance, output_admittance
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import Event, Study
 
 
 @dataclass(frozen=True)

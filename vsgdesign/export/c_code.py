@@ -18,11 +18,11 @@ from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.folders import check_folder_target, staged_folder, write_record
 from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.equations.field import FieldFeatures
+from vsgdesign.equations.frames import rated_current_rms, rms_to_peak
 from vsgdesign.equations.limiters import CIRCULAR
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.c_content import Origin, content_of, field_parts, network_of
 from vsgdesign.export.field import ConverterConstants, converter_constants
-from vsgdesign.frames import rated_current_rms, rms_to_peak
 from vsgdesign.identification.field import FINDS_WITHIN
 from vsgdesign.identification.field_network import field_network
 from vsgdesign.identification.neural import neural_estimator
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from vsgdesign.artifacts.gain_table import TableBase
     from vsgdesign.artifacts.network_weights import NetworkWeights
-    from vsgdesign.parameters.study import Study
+    from vsgdesign.study.parameters.study import Study
 
 KIND = "vsgdesign export c"
 SCHEMA = 1

@@ -22,14 +22,14 @@ from vsgdesign.equations.field import (
 )
 from vsgdesign.equations.field.fusion import fused_answer, next_gate, step_refuted
 from vsgdesign.equations.field.tracks import Track
+from vsgdesign.equations.frames import rotate
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import References
 from vsgdesign.equations.probe import probe_offset
-from vsgdesign.frames import rotate
 from vsgdesign.identification.field_network import FieldNetwork
 
 if TYPE_CHECKING:
-    from vsgdesign.parameters.study import Study
+    from vsgdesign.study.parameters.study import Study
 
 WAITING = 8
 """Samples that may come in while a cycle is being concluded in a slower task."""

@@ -16,12 +16,12 @@ from vsgdesign.equations.controller import (
     Measurement,
     controller_step,
 )
+from vsgdesign.equations.frames import PHASES, rms_to_peak
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterRatings, LimiterView
 from vsgdesign.equations.power_filter import notch_constants
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.equations.scheduler_data import NO_ESTIMATE, NO_REASON, TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED
-from vsgdesign.frames import PHASES, rms_to_peak
 from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup

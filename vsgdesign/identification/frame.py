@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from vsgdesign.frames import clarke
+from vsgdesign.equations.frames import clarke
 from vsgdesign.identification.interface import ComplexArray, Samples
 
 FREQUENCY_MEMORY = 1.0

@@ -11,7 +11,7 @@ from vsgdesign.report.page.blocks import Block, Table, Where, words
 
 if TYPE_CHECKING:
     from vsgdesign.design import ClosedFormDesign
-    from vsgdesign.parameters import Study
+    from vsgdesign.study.parameters import Study
 
 
 _SHOWN = 8

@@ -11,7 +11,7 @@ from vsgdesign.equations.structures import STRUCTURES, ClosedFormAim, Normalised
 from vsgdesign.runtime.schedule import Schedule
 
 if TYPE_CHECKING:  # the controller does not read study files
-    from vsgdesign.parameters.study import ClosedFormTarget, Study
+    from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 
 
 @dataclass(frozen=True, kw_only=True)

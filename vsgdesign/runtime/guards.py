@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vsgdesign.equations.frames import rated_current_rms
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.scheduler_data import (
     CLAMPED,
@@ -24,7 +25,6 @@ from vsgdesign.equations.scheduler_data import (
 )
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import ArtifactError
-from vsgdesign.frames import rated_current_rms
 from vsgdesign.runtime.error_set import NOT_DESIGNED, ErrorSet, error_set_of
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import TableSchedule, table_schedule
 
 if TYPE_CHECKING:  # the controller does not read study files
-    from vsgdesign.parameters.study import ControllerSpec, Study
+    from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
 def schedule_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> Schedule:

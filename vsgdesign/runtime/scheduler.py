@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vsgdesign.artifacts.gain_table import GainTable
-    from vsgdesign.parameters.study import Study
+    from vsgdesign.study.parameters.study import Study
 
 SAID = {
     "ok": NO_REASON,

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.frames import base_impedance
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains
-from vsgdesign.frames import base_impedance
 from vsgdesign.runtime.interpolation import Interval, corner_weights, interpolate, locate
 from vsgdesign.runtime.schedule import Schedule
 

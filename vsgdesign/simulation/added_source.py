@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import Measurement
-from vsgdesign.frames import rms_to_peak
-from vsgdesign.parameters.ranges import stream
-from vsgdesign.parameters.sensors import CHANNELS, SensorSpec
-from vsgdesign.parameters.study import Study
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import Circuits, connection_at
 from vsgdesign.simulation.sample import SensorChannel, Sensors
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.ranges import stream
+from vsgdesign.study.parameters.sensors import CHANNELS, SensorSpec
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import FilterGrid, pcc_voltage
-from vsgdesign.operating_point.network import network_circuit
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.operating_point.network import network_circuit
 from vsgdesign.simulation.circuits import connection_at, states_of_timelines
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

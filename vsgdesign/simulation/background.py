@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import FilterGrid
-from vsgdesign.frames import rms_to_peak
-from vsgdesign.operating_point.plant import plant_step, straight_line_responses
-from vsgdesign.parameters.background import BackgroundSpec
-from vsgdesign.parameters.source import SourceComponent
+from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.linear.operating_point.plant import plant_step, straight_line_responses
 from vsgdesign.simulation.circuits import CircuitOfConnection, Connection, states_of
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
+from vsgdesign.study.parameters.background import BackgroundSpec
+from vsgdesign.study.parameters.source import SourceComponent
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

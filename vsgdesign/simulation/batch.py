@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import Program, StandingLoop, aligned_zeros
 from vsgdesign.equations.controller_data import flat_state
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.bodies import Kind, names_of, numbers_of
 from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.field_feed import probe_of, settings_of_study
 from vsgdesign.simulation.loop import ALONE, Build, carrier_values, fed_names, loop_of, spans_of, spec_of
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]

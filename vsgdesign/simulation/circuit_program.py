@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.codegen.llvm import Program
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.frames import rms_to_peak
-from vsgdesign.operating_point.plants import PlantSteps, plant_steps
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
 from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Kind
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.loop import carrier_part
 from vsgdesign.simulation.segments import Segments, last_before
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.controller_data import Measurement
-from vsgdesign.frames import clarke, clarke_inverse, rotate
+from vsgdesign.equations.frames import clarke, clarke_inverse, rotate
 
 BEYOND = 5.0
 """A modulation index that no carrier meets."""

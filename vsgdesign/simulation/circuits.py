@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import CircuitError, InfeasibleStudyError
-from vsgdesign.operating_point.network import NetworkStates, network_circuit, states_of_networks
-from vsgdesign.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
-from vsgdesign.operating_point.plants import PlantSteps
-from vsgdesign.operating_point.sampled import SampledState, cold_start, steady_state
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.network import PLAIN, Network
-from vsgdesign.parameters.network_fields import Base, Said, network_words
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.operating_point.network import NetworkStates, network_circuit, states_of_networks
+from vsgdesign.linear.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
+from vsgdesign.linear.operating_point.plants import PlantSteps
+from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.simulation.bodies import LARGEST_DEGREE, Axes
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network import PLAIN, Network
+from vsgdesign.study.parameters.network_fields import Base, Said, network_words
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.frames import clarke_inverse
 from vsgdesign.errors import SimulationDivergedError
-from vsgdesign.frames import clarke_inverse
-from vsgdesign.operating_point.network import NetworkCircuit, network_circuit
-from vsgdesign.parameters.network import PHASE_TO_PHASE, THREE_PHASE, Fault, Network
-from vsgdesign.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.linear.operating_point.network import NetworkCircuit, network_circuit
 from vsgdesign.simulation.circuits import connection_at, states_of_timelines
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.reclosing import closings_of, reclosed, waits_to_close
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.network import PHASE_TO_PHASE, THREE_PHASE, Fault, Network
+from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from typing import Any
 
 from vsgdesign.equations.controller_data import ControllerState, Measurement
 from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.synchronising import GridWatch, in_step, synchronised, watch_grid
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.frames import rms_to_peak
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.study import Study
 
 IN_STEP_S = 0.2
 """Time for which the converter must be in step before the breaker closes, s, as with the exported code."""

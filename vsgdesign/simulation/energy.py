@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.frames import SPACE_VECTOR_POWER
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.frames import SPACE_VECTOR_POWER
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.run import Simulation
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def _means(x: Array) -> Array:
 
 
 def _power(v: Array, i: Array) -> Array:
-    """:func:`vsgdesign.frames.instantaneous_power` without its second result, which takes as long."""
+    """:func:`vsgdesign.equations.frames.instantaneous_power` without its second result, which takes as long."""
     power = v[0] * i[0]
     power += v[1] * i[1]
     power *= SPACE_VECTOR_POWER

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.network_weights import NetworkWeights
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.field import FieldAnswer
+from vsgdesign.equations.frames import rms_to_peak, rotate, rotate_back
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
-from vsgdesign.frames import rms_to_peak, rotate, rotate_back
 from vsgdesign.identification import (
     GUESS_SCR,
     STATUSES,
@@ -28,12 +28,12 @@ from vsgdesign.identification import (
 )
 from vsgdesign.identification.interface import FOLLOWED
 from vsgdesign.identification.sampling import WindowPlan, window_of_rate
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

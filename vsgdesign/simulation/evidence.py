@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.model.coupled import INPUTS, OUTPUTS, CoupledModel
-from vsgdesign.model.full_order import INPUTS as FULL_INPUTS
-from vsgdesign.model.full_order import OUTPUTS as FULL_OUTPUTS
-from vsgdesign.model.full_order import PARAMETERS
-from vsgdesign.operating_point.full_order import FullOrderModel
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS, CoupledModel
+from vsgdesign.linear.model.full_order import INPUTS as FULL_INPUTS
+from vsgdesign.linear.model.full_order import OUTPUTS as FULL_OUTPUTS
+from vsgdesign.linear.model.full_order import PARAMETERS
+from vsgdesign.linear.operating_point.full_order import FullOrderModel
+from vsgdesign.linear.stability.assessment import FocusCell
+from vsgdesign.linear.stability.step_responses import full_order_step, reduced_step
 from vsgdesign.simulation.steps import simulate_step
-from vsgdesign.stability.assessment import FocusCell
-from vsgdesign.stability.step_responses import full_order_step, reduced_step
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import Any
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification import estimator_kind
-from vsgdesign.parameters.grid import Grid, GridEstimate, Place
-from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
+from vsgdesign.linear.stability.cells import GainLaw
+from vsgdesign.linear.stability.safe_place import closed_form_place
 from vsgdesign.runtime.guards import SchedulerSettings, settings_of
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import EstimatedScheduler
@@ -20,8 +20,8 @@ from vsgdesign.simulation.following import KnownGridScheduler, MeasuredPowers, S
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.timeline import Timeline
-from vsgdesign.stability.cells import GainLaw
-from vsgdesign.stability.safe_place import closed_form_place
+from vsgdesign.study.parameters.grid import Grid, GridEstimate, Place
+from vsgdesign.study.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
 
 
 def feed_of(

@@ -19,22 +19,22 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, FieldSettings
 from vsgdesign.equations.field.fusion import FIRST_GATE
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.frames import rms_to_peak
 from vsgdesign.identification.field import FieldEstimator, estimate_of, field_settings
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.registry import estimator_kind
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.estimator import ProbeSpec
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog
 from vsgdesign.simulation.field_observer import FieldMemory
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.gains import GainChange, RunFeed
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.estimator import ProbeSpec
+from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

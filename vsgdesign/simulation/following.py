@@ -10,15 +10,15 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.scheduler_data import LIMITED
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification import Estimator
-from vsgdesign.operating_point.many_rests import rest_with_measured_gains
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
 from vsgdesign.runtime.updating import Covariance
 from vsgdesign.simulation.circuits import circuit_at_rest, connection_at
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 _ROUNDING = 2.0**-22
 """A grid that is this little outside a scheduler's box, relatively, is on its edge. The box is that of the table in

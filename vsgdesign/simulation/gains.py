@@ -14,13 +14,13 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification import Probe
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import follows_measured, schedule_of
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.simulation.field_observer import FieldMemory
 from vsgdesign.simulation.probing import HeldProbe
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

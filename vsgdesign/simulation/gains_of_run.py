@@ -13,12 +13,12 @@ from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.at_pcc import AtPcc
 from vsgdesign.simulation.gains import GainChange, RunFeed
 from vsgdesign.simulation.online import MeasuredWindow, OnlineScheduler, WindowPowers, grid_of, probe_hold_of, wanted_of
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

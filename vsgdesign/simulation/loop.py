@@ -21,7 +21,6 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.bodies import (
     DISTURBANCE,
     FALLING,
@@ -40,6 +39,7 @@ from vsgdesign.simulation.circuit_sample import CarrierPart, carrier
 from vsgdesign.simulation.ramp_sample import RampRow
 from vsgdesign.simulation.sample import Noise, Sensors
 from vsgdesign.simulation.watched_sample import LoadDemand
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

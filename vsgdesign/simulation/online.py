@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.identification import Probe
-from vsgdesign.parameters.grid import Grid
+from vsgdesign.study.parameters.grid import Grid
 
 Array = NDArray[np.float64]
 

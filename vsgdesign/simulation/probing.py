@@ -14,7 +14,7 @@ from vsgdesign.identification import Probe
 if TYPE_CHECKING:
     from vsgdesign.equations.controller import ControllerState
     from vsgdesign.equations.power_loops import References
-    from vsgdesign.parameters.study import Study
+    from vsgdesign.study.parameters.study import Study
 
 
 class HeldProbe:

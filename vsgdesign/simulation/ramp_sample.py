@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.frames import rotate
+from vsgdesign.equations.frames import rotate
 from vsgdesign.simulation.circuit_sample import PlantRow
 
 

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.synchronising import GridWatch, watch_grid
-from vsgdesign.frames import rms_to_peak
-from vsgdesign.parameters.network import SynchroCheck
-from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.connecting import LONGEST_S, InStep
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.network import SynchroCheck
+from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 Array = NDArray[np.float64]
 

@@ -14,28 +14,28 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.frames import instantaneous_power, rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.frames import instantaneous_power, rms_to_peak
-from vsgdesign.metrics import EndState
-from vsgdesign.metrics.modes import taken
-from vsgdesign.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.operating_point.many import Lanes
-from vsgdesign.operating_point.many_rests import (
+from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.linear.operating_point.many import Lanes
+from vsgdesign.linear.operating_point.many_rests import (
     GainsOfMeasured,
     many_rests_with_measured_gains,
     rest_with_measured_gains,
 )
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.network_fields import beyond_models
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.linear.stability.loci import Mode, mode_in_words, modes
+from vsgdesign.metrics import EndState
+from vsgdesign.metrics.modes import taken
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.feeds import knowledge_of, told_at, told_of
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
-from vsgdesign.stability.loci import Mode, mode_in_words, modes
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network_fields import beyond_models
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,6 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.errors import SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
 from vsgdesign.identification import Probe
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, start_of
@@ -28,6 +27,7 @@ from vsgdesign.simulation.outcome import Divergence
 from vsgdesign.simulation.run_state import RunOf, RunState
 from vsgdesign.simulation.segments import segments_of_timelines
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,8 @@ class Simulation:
     log: NDArray[np.float64]
     circuit_log: NDArray[np.float64]
     """The circuit's states besides i_s, v_c and i_g in the same rows, SI, peak αβ: those of load and grid
-    (:class:`vsgdesign.operating_point.network.NetworkStates`); no columns where nothing but a grid is connected."""
+    (:class:`vsgdesign.linear.operating_point.network.NetworkStates`); no columns where nothing but a grid is
+    connected."""
     controller_log: NDArray[np.float64]
     """All controller states at the first samples, as many as were asked for; else zero rows."""
     timeline: Timeline

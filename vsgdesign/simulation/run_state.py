@@ -15,8 +15,7 @@ from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
-from vsgdesign.operating_point.sampled import SampledState
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.added_source import AddedSource, sensors_of
 from vsgdesign.simulation.batch import Batch
@@ -31,6 +30,7 @@ from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, good_rows, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.parameters.grid import Grid
 from vsgdesign.runtime.updating import Answer
 from vsgdesign.simulation.estimated import window_channels
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.grid import Grid
 
 GridEstimate = Callable[[MeasuredWindow], tuple[float, float] | None]
 """Function of a window that returns R_g (Ω) and L_g (H), or None if it has no estimate."""

@@ -12,11 +12,10 @@ _ROOMS = ("equations", "simulation")
 
 @functools.cache
 def source_stamp() -> int:
-    """The hash of every source file of the equations, the frames and the simulation: data that was simulated with
-    others is stale."""
+    """The hash of every source file of the equations and the simulation: data that was simulated with others is
+    stale."""
     digest = hashlib.sha256()
     for room in _ROOMS:
         for path in sorted((_PACKAGE / room).rglob("*.py")):
             digest.update(path.read_bytes())
-    digest.update((_PACKAGE / "frames.py").read_bytes())
     return int.from_bytes(digest.digest()[:7], "big")

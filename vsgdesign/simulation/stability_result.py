@@ -6,11 +6,11 @@ import re
 from dataclasses import dataclass
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.stability.assessment import ControllerAssessment
+from vsgdesign.linear.stability.maps import MarginMap
+from vsgdesign.linear.stability.verdict import Verdict
 from vsgdesign.simulation.evidence import StepEvidence
-from vsgdesign.stability.assessment import ControllerAssessment
-from vsgdesign.stability.maps import MarginMap
-from vsgdesign.stability.verdict import Verdict
+from vsgdesign.study.parameters.study import Study
 
 MAP_KINDS = ("reduced", "full_order", "stale", "estimate_error")
 """Maps of one controller, as their files name them."""

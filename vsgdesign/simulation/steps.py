@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.metrics.events import time_needed
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, step_response
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.network import PLAIN
-from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.rest import powers_at_control_point
 from vsgdesign.simulation.run import simulate
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network import PLAIN
+from vsgdesign.study.parameters.study import Event, Study
 
 Array = NDArray[np.float64]
 

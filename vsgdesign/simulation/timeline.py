@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.equations.power_loops import References
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.network import PLAIN, Network
-from vsgdesign.parameters.source import GridSource, SourceComponent
-from vsgdesign.parameters.study import Event, Study
 from vsgdesign.simulation.wander import Replay, Wander
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network import PLAIN, Network
+from vsgdesign.study.parameters.source import GridSource, SourceComponent
+from vsgdesign.study.parameters.study import Event, Study
 
 _T = TypeVar("_T")
 

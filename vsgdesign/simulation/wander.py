@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.parameters.background import BackgroundSpec
-from vsgdesign.parameters.ranges import stream
-from vsgdesign.parameters.replay import ReplaySpec
+from vsgdesign.study.parameters.background import BackgroundSpec
+from vsgdesign.study.parameters.ranges import stream
+from vsgdesign.study.parameters.replay import ReplaySpec
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

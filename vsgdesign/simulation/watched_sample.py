@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.filters import FilterGrid, pcc_voltage
-from vsgdesign.frames import instantaneous_power
+from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.simulation.circuit_sample import PlantState
 
 

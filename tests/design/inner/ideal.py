@@ -13,11 +13,11 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.metrics.step_response import ResponseMetrics, step_response
-from vsgdesign.parameters.converter import Converter, Filter
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.study import Study
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.simulation.steps import references_at, simulate_step
+from vsgdesign.study.parameters.converter import Converter, Filter
+from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.study import Study
 
 DURATION = 2.5
 

@@ -7,13 +7,13 @@ import tomllib
 from importlib import resources
 
 from tests.parameters.documents import build
-from vsgdesign.parameters.converter import Converter, Filter
+from vsgdesign.study.parameters.converter import Converter, Filter
 
 
 @functools.cache
 def datasheet(case: str) -> tuple[Converter, Filter]:
     """A packaged converter and its filter. The rule's inner gains only fill the place of those that are designed."""
-    text = (resources.files("vsgdesign.parameters") / "cases" / f"{case}.toml").read_text(encoding="utf-8")
+    text = (resources.files("vsgdesign.study.parameters") / "cases" / f"{case}.toml").read_text(encoding="utf-8")
     study = build(
         tomllib.loads(text)
         | {

@@ -29,7 +29,7 @@ from vsgdesign.design.inner.search import Effort, closed_form_starts, variables
 from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import StudyError
-from vsgdesign.parameters import case_names
+from vsgdesign.study.parameters import case_names
 
 BOX = GridBox()
 SHORT = Effort(heat=3, generations=5, joined=2, rounds=1)

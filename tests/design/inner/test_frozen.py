@@ -14,9 +14,9 @@ from vsgdesign.design.inner.promises import controller_settings
 from vsgdesign.design.inner.search import closed_form_starts
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.converter import Converter, Filter
-from vsgdesign.parameters.grid import Place
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.study.parameters.converter import Converter, Filter
+from vsgdesign.study.parameters.grid import Place
 
 CASES = ("hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz", "sized_5mva_3300v", "sized_50kva_208v_60hz")
 GRIDS = ((1.5, 0.5), (4.0, 2.0), (20.0, 20.0))

@@ -13,10 +13,10 @@ from urllib.parse import quote, unquote
 
 from tests.explore.browser.chromium import Page
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.explore.answer import Answer
-from vsgdesign.explore.server import ExplorerServer, Opening
-from vsgdesign.explore.session import Session, never
-from vsgdesign.parameters import load_study
+from vsgdesign.report.explore.answer import Answer
+from vsgdesign.report.explore.server import ExplorerServer, Opening
+from vsgdesign.report.explore.session import Session, never
+from vsgdesign.study.parameters import load_study
 
 KINDS = ("linear", "emt", "map")
 COUNTER = """

@@ -13,7 +13,7 @@ from tests.explore.browser.explorer import COUNTER, SETTLED, TABLE, Explorer, Ex
 def test_a_file_alone_shows_the_numbers_of_the_explorer(
     explorer: Explorer, browser: Chromium, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from vsgdesign.explore import static
+    from vsgdesign.report.explore import static
 
     info = explorer.session.info()
     monkeypatch.setattr(explorer.session, "info", lambda: {**info, "figures": info["figures"][:1]})

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from tests.explore.browser.explorer import Explorer, ExplorerPage
-from vsgdesign.parameters import load_study
+from vsgdesign.study.parameters import load_study
 
 MINUS = "−"
 

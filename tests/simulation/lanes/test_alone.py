@@ -10,13 +10,13 @@ import pytest
 
 from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.parameters import study_from_text
 from vsgdesign.simulation.lanes.alone import run_alone, study_of_case
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, no_events, segments_of
 from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.study.parameters import study_from_text
 
 FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"', 1)
 

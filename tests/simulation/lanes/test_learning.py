@@ -12,13 +12,13 @@ from tests.gain_tables import table
 from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.field import FieldAnswer
-from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, REACTIVE, STEP, LaneCases, no_events
 from vsgdesign.simulation.lanes.learning import Learning
 from vsgdesign.simulation.lanes.run import run_lanes
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"\nsettling_time = 0.3', 1)
 TABLE = Ready(tables={"scheduled": table(time_scale=0.3, specification={"settling_time": 0.3})})

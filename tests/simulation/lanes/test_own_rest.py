@@ -10,19 +10,19 @@ import pytest
 
 from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.campaigns.verification.blocks import VerificationJob
+from vsgdesign.campaigns.verification.counting import MapAxes
+from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
+from vsgdesign.campaigns.verification.emt import EMT
 from vsgdesign.metrics.step_response import settling_time
-from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.lanes import own_rest
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.part import first_judged
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.survival.demand import settling_time_of
-from vsgdesign.verification.blocks import VerificationJob
-from vsgdesign.verification.counting import MapAxes
-from vsgdesign.verification.draws import FAMILIES, cases_of, uniforms_of
-from vsgdesign.verification.emt import EMT
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.study import Study
 
 
 def a_study() -> Study:

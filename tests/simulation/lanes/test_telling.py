@@ -15,10 +15,7 @@ from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.many_rests import rest_with_measured_gains
-from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.feeds import LateSchedule, safe_grid
 from vsgdesign.simulation.following import KnownGridScheduler
@@ -26,6 +23,9 @@ from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.gains_of_run import ListedGains
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, LaneCases, no_events
 from vsgdesign.simulation.lanes.telling import Telling, alone_because, telling
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 SPECIFIED = TEXT.replace(
     "[simulation]", "[specification]\nscr = [2, 10]\nx_over_r = [1, 5]\nP = [-0.5, 0.5]\nQ = [-0.2, 0.2]\n[simulation]"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from vsgdesign.parameters import study_from_text
 from vsgdesign.simulation.survival import Subject
+from vsgdesign.study.parameters import study_from_text
 
 TEXT = """
 base = "case:hoang2025_5kva"

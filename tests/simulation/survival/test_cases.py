@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from tests.simulation.survival.subjects import subject
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.grid import Grid
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.survival import (
     FOR_EVER,
@@ -22,6 +20,8 @@ from vsgdesign.simulation.survival import (
     case_from_document,
 )
 from vsgdesign.simulation.survival.cases import LEAD_S
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.grid import Grid
 
 START = GridState(scr=2.0, x_over_r=3.0, P_pu=0.5, Q_pu=-0.1)
 JUMP = Event.of_pu(0.0, scr=20.0, x_over_r=1.0)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.parameters import study_from_text
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.study import Study
-from vsgdesign.pipeline.survival import subjects_of, survival_cases
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.survival import CaseRun, GridState, Subject, SurvivalCase, field_cases, trace_case
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.demand import at_asked_powers, late_grid
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.pipeline.survival import subjects_of, survival_cases
 
 TEXT = """
 base = "case:hoang2025_5kva"

@@ -11,7 +11,6 @@ import pytest
 from tests.simulation.survival.subjects import subject
 from vsgdesign.errors import ArtifactError
 from vsgdesign.metrics.survival import NO_REST, NOT_AT_REST, SURVIVED, Survival
-from vsgdesign.parameters.event import Event
 from vsgdesign.simulation.survival import (
     CaseResult,
     GridState,
@@ -21,6 +20,7 @@ from vsgdesign.simulation.survival import (
     many,
     run_many,
 )
+from vsgdesign.study.parameters.event import Event
 
 START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.3, Q_pu=0.0)
 

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from tests.simulation.survival.subjects import TEXT, subject
+from vsgdesign.linear.operating_point.equilibrium import solve_with_droop
+from vsgdesign.linear.stability.safe_place import closed_form_place
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, OVER_LIMIT, SURVIVED
-from vsgdesign.operating_point.equilibrium import solve_with_droop
-from vsgdesign.parameters import load_study
-from vsgdesign.parameters.event import Event
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.feeds import LateSchedule
 from vsgdesign.simulation.survival import (
@@ -27,7 +26,8 @@ from vsgdesign.simulation.survival import (
     trace_case,
 )
 from vsgdesign.simulation.survival.cases import LEAD_S
-from vsgdesign.stability.safe_place import closed_form_place
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.event import Event
 
 START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.5, Q_pu=0.0)
 SMALL = Event.of_pu(0.0, phase_deg=4.0)

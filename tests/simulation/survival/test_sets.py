@@ -9,10 +9,10 @@ from dataclasses import asdict
 
 import pytest
 
-from vsgdesign.parameters.event import Event
 from vsgdesign.simulation.survival import SurvivalCase, fixed_set, random_set
 from vsgdesign.simulation.survival.cases import LEAD_S
 from vsgdesign.simulation.survival.sets import RANDOM
+from vsgdesign.study.parameters.event import Event
 
 FIXED = fixed_set()
 

@@ -19,9 +19,9 @@ from vsgdesign.certificate.box_check import EMPTY, PROVED, UNDECIDED, Look, boun
 from vsgdesign.certificate.boxes import Boxes, parameters_of
 from vsgdesign.certificate.region import System
 from vsgdesign.certificate.swing.conditions import SwingLaw, Test
+from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.power_flow import power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.frames import PHASES
 
 Array = NDArray[np.float64]
 

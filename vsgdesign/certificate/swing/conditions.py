@@ -12,9 +12,9 @@ from vsgdesign.certificate.boxes import basis_of, drop_sq
 from vsgdesign.certificate.enclosure import PIECES, Estimate, Loops, true_grid, voltage_conditions
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
+from vsgdesign.equations.frames import PHASES, SQRT_2
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import power_flow
-from vsgdesign.frames import PHASES, SQRT_2
 
 Array = NDArray[np.float64]
 

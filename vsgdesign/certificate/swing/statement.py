@@ -26,14 +26,14 @@ from vsgdesign.certificate.swing.check import (
     with_angle,
 )
 from vsgdesign.certificate.swing.conditions import SwingLaw, gains_tests, limited_tests, rest_tests
+from vsgdesign.equations.frames import PHASES, rms_to_peak
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.limiters.projection import PROJECTION, ProjectionConstants
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import ANGLE_DAMPED
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
-from vsgdesign.frames import PHASES, rms_to_peak
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import schedule_of
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
 @dataclass(frozen=True)

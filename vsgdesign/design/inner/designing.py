@@ -24,12 +24,12 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.metrics.modes import damping_ratio, to_continuous
-from vsgdesign.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.parameters.converter import Converter, Filter
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.study import ClosedFormTarget
 from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.study.parameters.converter import Converter, Filter
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.study import ClosedFormTarget
 
 CHECKED = (7, 7)
 """SCR × X/R of the check."""

@@ -20,8 +20,8 @@ from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.linear.operating_point.plant import averaged_steps
 from vsgdesign.metrics.modes import to_continuous
-from vsgdesign.operating_point.plant import averaged_steps
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]

@@ -14,12 +14,12 @@ from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.structures import ANGLE_DAMPED
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.operating_point.plants import state_matrices
-from vsgdesign.parameters.converter import Converter, Filter
-from vsgdesign.parameters.grid import Place
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.stability import Gates, StabilitySpec
-from vsgdesign.parameters.study import ClosedFormTarget, ControllerSpec, SimulationSpec, Study
+from vsgdesign.linear.operating_point.plants import state_matrices
+from vsgdesign.study.parameters.converter import Converter, Filter
+from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.stability import Gates, StabilitySpec
+from vsgdesign.study.parameters.study import ClosedFormTarget, ControllerSpec, SimulationSpec, Study
 
 GridPoint = tuple[float, float]
 """SCR and X/R."""

@@ -17,7 +17,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.threads import one_thread
 from vsgdesign.metrics.modes import damping_ratio
-from vsgdesign.parameters.converter import Converter, Filter
+from vsgdesign.study.parameters.converter import Converter, Filter
 
 Array = NDArray[np.float64]
 

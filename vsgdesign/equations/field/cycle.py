@@ -16,8 +16,8 @@ from vsgdesign.equations.field.sign_code import Response, code_moved, line_ampli
 from vsgdesign.equations.field.state import FieldTrack, first_track, grid_sigma
 from vsgdesign.equations.field.tracks import LineTrack, wider_by
 from vsgdesign.equations.field.windows import current_at_the_end, shifted, third_difference, windows_of_cycle
+from vsgdesign.equations.frames import rotate, rotate_back
 from vsgdesign.equations.integration import TURN
-from vsgdesign.frames import rotate, rotate_back
 
 LARGE_UNTIL = 0.025
 LARGE_CYCLES = 15.0

@@ -9,7 +9,7 @@ import numpy as np
 from vsgdesign.equations.field.data import DOUBT, TRACK
 from vsgdesign.equations.field.tracks import Fit
 from vsgdesign.equations.field.windows import Window, residual
-from vsgdesign.frames import rotate, rotate_back
+from vsgdesign.equations.frames import rotate, rotate_back
 
 SLIP_SHARE = 0.15
 """Share with which the mean slip follows the slip of a cycle."""

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.field.data import FieldSettings, LineSums, LockIn
+from vsgdesign.equations.frames import rotate, rotate_back
 from vsgdesign.equations.integration import TURN, advanced
-from vsgdesign.frames import rotate, rotate_back
 
 BEYOND = 50.0
 """A sample of more than this many per unit is not a measurement."""

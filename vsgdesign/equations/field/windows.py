@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from vsgdesign.equations.field.data import FieldSettings, LineSums, LockIn
-from vsgdesign.frames import rotate_back
+from vsgdesign.equations.frames import rotate_back
 
 NU_1 = 0.5
 NU_2 = 1.5

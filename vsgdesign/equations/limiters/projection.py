@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.controller_data import ControllerSettings
+from vsgdesign.equations.frames import peak_to_rms, rms_to_peak
 from vsgdesign.equations.inner_loops import limit_length
 from vsgdesign.equations.limiter_interface import (
     GridEstimate,
@@ -28,7 +29,6 @@ from vsgdesign.equations.limiter_interface import (
     always,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.frames import peak_to_rms, rms_to_peak
 
 
 class ProjectionMemory(NamedTuple):

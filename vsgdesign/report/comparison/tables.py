@@ -6,10 +6,10 @@ import math
 
 from vsgdesign.design.comparison import CLOSED_FORM, TABLE, Comparison, summary_of
 from vsgdesign.metrics.beside_limit import beside_limit
-from vsgdesign.parameters.specification import UNBOUNDED_H
 from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.stability.gains import used_gains
+from vsgdesign.study.parameters.specification import UNBOUNDED_H
 
 _ROUNDING = 1e-9
 """What an optimiser leaves beyond a limit that it has reached is no miss."""

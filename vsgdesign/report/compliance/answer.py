@@ -9,7 +9,7 @@ from textwrap import shorten
 import numpy as np
 from markupsafe import Markup
 
-from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
+from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
 from vsgdesign.report.compliance.arranged import LOOKS, Arranged, Counts, Tested
 from vsgdesign.report.drawing.sketch import Area, Sketch, svg
 from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from vsgdesign.compliance.evidence import slug
-from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS, VERDICTS
+from vsgdesign.campaigns.compliance.evidence import slug
+from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS, VERDICTS
 from vsgdesign.report.drawing.quantities import number, plain
 
 Document = Mapping[str, Any]

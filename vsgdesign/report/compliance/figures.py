@@ -10,9 +10,9 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from vsgdesign.compliance.evidence import MOST_FIGURES, REST_S, Evidence, figures_of
-from vsgdesign.compliance.measuring import Trace
-from vsgdesign.compliance.rows import FAIL
+from vsgdesign.campaigns.compliance.evidence import MOST_FIGURES, REST_S, Evidence, figures_of
+from vsgdesign.campaigns.compliance.measuring import Trace
+from vsgdesign.campaigns.compliance.rows import FAIL
 from vsgdesign.report.compliance.arranged import Arranged, Group, Tested
 from vsgdesign.report.compliance.heat import heat_sketches
 from vsgdesign.report.drawing.plot import Band, Curve, Plot, plot_sketch

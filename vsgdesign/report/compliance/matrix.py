@@ -10,8 +10,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from vsgdesign.compliance.evidence import figure_path
-from vsgdesign.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, VERDICTS
+from vsgdesign.campaigns.compliance.evidence import figure_path
+from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, VERDICTS
 from vsgdesign.report.compliance.answer import ABOUT_STRIPS, counts_bar, strip
 from vsgdesign.report.compliance.arranged import LOOKS, Arranged, Group, Line, Reason, SuiteRows, Tested
 from vsgdesign.report.compliance.figures import Drawn, TestFigure, dashes_of

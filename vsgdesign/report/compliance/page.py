@@ -8,8 +8,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from vsgdesign.compliance.evidence import MOST_FIGURES, figure_path
-from vsgdesign.compliance.rows import FAIL
+from vsgdesign.campaigns.compliance.evidence import MOST_FIGURES, figure_path
+from vsgdesign.campaigns.compliance.rows import FAIL
 from vsgdesign.report.compliance.answer import (
     ABOUT_STRIPS,
     MOST_FAILING,

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from vsgdesign.parameters.study import Event
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.style import PAGE_IN, ZOOM_SPAN, add_axes, new_figure, text_width
 from vsgdesign.report.drawing.time_axis import (
@@ -19,6 +18,7 @@ from vsgdesign.report.drawing.time_axis import (
     time_unit,
     whole_scenario,
 )
+from vsgdesign.study.parameters.study import Event
 
 LETTERS = "abcdefgh"
 """What ties an enlarged part to its event above the whole run."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from vsgdesign.parameters.study import Event
 from vsgdesign.report.drawing.style import EVENT_LINE, NOTE_COLOUR, TEXT_PT, text_width
+from vsgdesign.study.parameters.study import Event
 
 LABEL_ROW_IN = 0.125
 """Height of one row of event labels."""

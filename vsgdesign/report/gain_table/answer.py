@@ -6,10 +6,10 @@ import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_text import certificate_failed
+from vsgdesign.linear.stability.gain_table import figure_of
 from vsgdesign.report.drawing.quantities import number, plain
 from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row
-from vsgdesign.stability.gain_table import figure_of
 
 
 def table_headline(table: GainTable) -> str:

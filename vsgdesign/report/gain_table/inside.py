@@ -8,9 +8,9 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.measured_errors import MeasuredErrors
 from vsgdesign.artifacts.table_text import certificate_failed, error_text
 from vsgdesign.errors import counted
+from vsgdesign.linear.stability.safe_place import SETTLED, InsideSet, inside_set
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.quantities import plain
-from vsgdesign.stability.safe_place import SETTLED, InsideSet, inside_set
 
 PART = 5
 """Of the page: the certificate's."""

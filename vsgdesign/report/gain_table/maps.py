@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.linear.stability.gain_table import FIGURES, WORST, Figure, figure_of
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import MOST, Frame, Panel, Surface, map_figure, surface_figure, surface_scale
 from vsgdesign.report.drawing.quantities import GAIN_UNITS, plain
 from vsgdesign.report.stability.gains import gain_symbol, used_gains
-from vsgdesign.stability.gain_table import FIGURES, WORST, Figure, figure_of
 
 Array = NDArray[np.float64]
 

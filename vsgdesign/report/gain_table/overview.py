@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable
+from vsgdesign.linear.stability.gain_table import FIGURES, Compared, figure_of, largest_difference
 from vsgdesign.report.drawing.quantities import DASH
 from vsgdesign.report.gain_table.words import heading
 from vsgdesign.report.page.blocks import Block, Table, Where, words
 from vsgdesign.runtime.needed_sigma import needed_sigma_text, needed_sigmas
-from vsgdesign.stability.gain_table import FIGURES, Compared, figure_of, largest_difference
 
 COLUMN_UNITS = {"k_1": "1/s²", "d_1": "1/s", "k_2": "1/s", "H": "s", "zeta": "1"}
 """Units of the normalised columns in SI. Columns that are not listed here have none."""

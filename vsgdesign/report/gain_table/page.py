@@ -25,6 +25,7 @@ from vsgdesign.artifacts.table_text import (
 )
 from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.equations.structures import STRUCTURES
+from vsgdesign.linear.stability.gain_table import figure_of
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
@@ -47,7 +48,6 @@ from vsgdesign.report.page.blocks import (
 from vsgdesign.report.page.html import print_html
 from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
-from vsgdesign.stability.gain_table import figure_of
 
 LAWS = {
     "poles": "poles: k_1, d_1 and k_2 are scheduled",

@@ -9,7 +9,7 @@ import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.parameters.stability import Gates
+from vsgdesign.linear.stability.gain_table import stale_margins
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import CROSS, Cells, Scale, draw_cells, edges, node_axes, shade
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure, surface_scale
@@ -17,7 +17,7 @@ from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.gain_table.maps import scr_label, table_cells
 from vsgdesign.report.stability.maps import DAMPING, DISK
-from vsgdesign.stability.gain_table import stale_margins
+from vsgdesign.study.parameters.stability import Gates
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsgdesign.parameters.inner_loops import ENOUGH_SAMPLING
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.quantities import number, plain, plain_quantity
@@ -26,6 +25,7 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.html import print_html
+from vsgdesign.study.parameters.inner_loops import ENOUGH_SAMPLING
 
 _SHOWN = 7
 """The grids of each axis on the map of the terminal."""

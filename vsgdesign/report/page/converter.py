@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Protocol
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.frames import phase_to_ll
+from vsgdesign.equations.frames import phase_to_ll
 from vsgdesign.identification import estimator_kind
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.network_fields import OPEN, Base, Said, network_words
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.report.drawing.quantities import number, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network_fields import OPEN, Base, Said, network_words
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
 class HasStudy(Protocol):

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from vsgdesign.campaigns.verification.promises import LIMIT_ROOM
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
 from vsgdesign.metrics.survival import Survival, loads_of
@@ -21,7 +22,6 @@ from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.simulation.scenario.judging import Judgement
 from vsgdesign.simulation.scenario.promises import Kept
 from vsgdesign.simulation.survival.running import record_of
-from vsgdesign.verification.promises import LIMIT_ROOM
 
 MOST_STEPS = 6
 """As many steps are drawn side by side: those that most controllers miss, in order of time."""

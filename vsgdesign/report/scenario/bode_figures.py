@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import NoOperatingPointError
-from vsgdesign.operating_point import solve_operating_point
-from vsgdesign.parameters import Grid
+from vsgdesign.linear.operating_point import solve_operating_point
+from vsgdesign.linear.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.quantities import plain_quantity
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
@@ -22,7 +22,7 @@ from vsgdesign.report.page.converter import grid_label
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.feeds import as_told
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
-from vsgdesign.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
+from vsgdesign.study.parameters import Grid
 
 _MOST_GRIDS = 6
 _LEFT, _RIGHT, _BOTTOM, _BETWEEN = 0.55, 0.13, 0.36, 0.62

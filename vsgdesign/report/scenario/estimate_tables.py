@@ -12,8 +12,6 @@ from vsgdesign.errors import counted
 from vsgdesign.identification import GUESS_SCR, Estimator, estimator_kind
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.metrics.estimation import FOUND_PCT
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label
@@ -22,6 +20,8 @@ from vsgdesign.simulation.estimated import estimator_of
 from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.scenario import ScenarioResult
 from vsgdesign.simulation.scenario.judging import Judgement
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.frames import rms_to_peak
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse, polar_band
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.run_figure import Row, RunFigure, View, legend, run_figure

@@ -11,12 +11,12 @@ import numpy as np
 from vsgdesign.metrics import cycle_mean
 from vsgdesign.metrics.answers import Answers, answers_of, coverage, share_valid, time_to_stay
 from vsgdesign.metrics.oscillation import interharmonic_rms, ripple_rms
-from vsgdesign.parameters.grid import Grid
 from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
 from vsgdesign.simulation.scenario.judging import twin_of
+from vsgdesign.study.parameters.grid import Grid
 
 SETTLE_S = 4.0
 """From an event to the rest after it, s. What the estimator reaches at rest needs this long."""

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.parameters.study import Event
 from vsgdesign.report.drawing.decimation import Trace, envelope, extreme_indices
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_all, write_figure
@@ -26,6 +25,7 @@ from vsgdesign.report.scenario.field_figures import field_figures
 from vsgdesign.report.scenario.schedule_figures import schedule_figures
 from vsgdesign.report.scenario.signals import Signal, events_of, signals
 from vsgdesign.simulation.scenario import ScenarioResult
+from vsgdesign.study.parameters.study import Event
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator

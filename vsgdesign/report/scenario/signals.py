@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.frames import clarke, peak_to_rms
+from vsgdesign.equations.frames import clarke, peak_to_rms
 from vsgdesign.metrics import EventMetrics, cycle_mean
 from vsgdesign.report.drawing.decimation import Trace, ripple_level
 from vsgdesign.report.drawing.quantities import prefix_for

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.linear.stability.assessment import ControllerAssessment, FocusCell
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import decades
 from vsgdesign.report.drawing.panels import groups
@@ -16,7 +17,6 @@ from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, 
 from vsgdesign.report.drawing.ticks import Labels, power_of_ten
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.simulation.stability_result import StabilityResult
-from vsgdesign.stability.assessment import ControllerAssessment, FocusCell
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]

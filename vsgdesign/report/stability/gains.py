@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.linear.stability.assessment import ControllerAssessment
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.panels import MOST, Surface, surface_figure
 from vsgdesign.report.drawing.quantities import GAIN_UNITS, plain
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.stability_result import StabilityResult
-from vsgdesign.stability.assessment import ControllerAssessment
 
 PART = 3
 

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.linear.stability.assessment import ControllerAssessment
+from vsgdesign.linear.stability.cells import OUTSIDE
+from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.report.drawing.look import edges
 from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.stability.gains import used_gains
 from vsgdesign.report.stability.maps import disk_margin_of
 from vsgdesign.report.stability.modes import VIEWS, finite_points, locus_limits
 from vsgdesign.simulation.stability_result import StabilityResult
-from vsgdesign.stability.assessment import ControllerAssessment
-from vsgdesign.stability.cells import OUTSIDE
-from vsgdesign.stability.maps import MarginMap
 
 Array = NDArray[np.float64]
 

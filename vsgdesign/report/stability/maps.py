@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.parameters.stability import Gates
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.stability.assessment import ControllerAssessment
+from vsgdesign.linear.stability.maps import MarginMap
+from vsgdesign.linear.stability.margins import MarginTable
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import Frame, Panel, groups, map_figure
 from vsgdesign.report.drawing.quantities import GAIN_UNITS, plain
 from vsgdesign.report.stability.gains import gain_figures, used_gains
 from vsgdesign.simulation.stability_result import StabilityResult
-from vsgdesign.stability.assessment import ControllerAssessment
-from vsgdesign.stability.maps import MarginMap
-from vsgdesign.stability.margins import MarginTable
+from vsgdesign.study.parameters.stability import Gates
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.stability.assessment import ControllerAssessment, Locus
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import UNSTABLE, colour_bar
 from vsgdesign.report.drawing.panels import groups
@@ -19,7 +19,7 @@ from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.stability.maps import DAMPING, axis_labels, baseline_first
 from vsgdesign.report.stability.schedule import place_of_design
 from vsgdesign.simulation.stability_result import StabilityResult
-from vsgdesign.stability.assessment import ControllerAssessment, Locus
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

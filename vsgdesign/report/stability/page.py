@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
+from vsgdesign.linear.stability.verdict import FAIL
 from vsgdesign.report.drawing.figure_types import ExplorerFile, NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, plain_quantity
 from vsgdesign.report.page.blocks import (
@@ -47,7 +48,6 @@ from vsgdesign.simulation.stability_result import (
     maps_of,
     step_file,
 )
-from vsgdesign.stability.verdict import FAIL
 
 _MAP_CONTENT = {
     "reduced": "margins of the reduced model over SCR × X/R × (P, Q)",

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.stability.assessment import ControllerAssessment
+from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Cells
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
@@ -17,8 +18,7 @@ from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, 
 from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.stability.maps import CIRCLES, DAMPING, DISK, Quantity, axis_labels
 from vsgdesign.simulation.stability_result import StabilityResult
-from vsgdesign.stability.assessment import ControllerAssessment
-from vsgdesign.stability.maps import MarginMap
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 

@@ -8,17 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from vsgdesign.artifacts import provenance
-from vsgdesign.frames import phase_to_ll
+from vsgdesign.equations.frames import phase_to_ll
+from vsgdesign.linear.stability.assessment import ControllerAssessment
+from vsgdesign.linear.stability.cells import OUTSIDE
+from vsgdesign.linear.stability.maps import MarginMap
+from vsgdesign.linear.stability.verdict import NOTHING, left_out, worst_cases
 from vsgdesign.metrics.events import TOO_SHORT
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.stability.steps import SOURCES, metrics_of
 from vsgdesign.simulation.stability_result import StabilityResult
-from vsgdesign.stability.assessment import ControllerAssessment
-from vsgdesign.stability.cells import OUTSIDE
-from vsgdesign.stability.maps import MarginMap
-from vsgdesign.stability.verdict import NOTHING, left_out, worst_cases
 
 MODEL_NAMES = {"reduced": "reduced", "full_order": "full order"}
 _MOST_SENSITIVITIES = 6

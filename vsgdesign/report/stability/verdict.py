@@ -8,18 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsgdesign.model.full_order import PARAMETERS
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.model.full_order import PARAMETERS
+from vsgdesign.linear.stability.assessment import ControllerAssessment
+from vsgdesign.linear.stability.cells import full_order_cells
+from vsgdesign.linear.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes
+from vsgdesign.linear.stability.maps import MarginMap
+from vsgdesign.linear.stability.verdict import FAIL, OWN, PASS, Verdict, counted_rows, describe_cell, left_out
 from vsgdesign.report.drawing import spark
 from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.page.blocks import MET, MISSED, UNKNOWN, Answer, Cell, Row, counted
 from vsgdesign.report.stability.tables import complex_text, state_symbol
 from vsgdesign.simulation.stability_result import StabilityResult
-from vsgdesign.stability.assessment import ControllerAssessment
-from vsgdesign.stability.cells import full_order_cells
-from vsgdesign.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes
-from vsgdesign.stability.maps import MarginMap
-from vsgdesign.stability.verdict import FAIL, OWN, PASS, Verdict, counted_rows, describe_cell, left_out
+from vsgdesign.study.parameters.study import Study
 
 _MOVED = tuple(name for name in PARAMETERS if name not in ("omega_0", "omega_g", "V_n", "P_ref", "Q_ref", "V_g"))
 """Parameters of the design and of the circuit."""

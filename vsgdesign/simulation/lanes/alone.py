@@ -18,9 +18,6 @@ from vsgdesign.metrics.survival import (
     judge_survival,
     loads_of,
 )
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of
@@ -31,6 +28,9 @@ from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series, samples_per_mean
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import own_rest_of, record_of
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

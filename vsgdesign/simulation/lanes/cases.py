@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import References
-from vsgdesign.operating_point.many import Lanes
-from vsgdesign.parameters.event import Event
-from vsgdesign.parameters.grid import Grid
+from vsgdesign.linear.operating_point.many import Lanes
 from vsgdesign.simulation.segments import START_PHASE, Segments
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.grid import Grid
 
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
@@ -33,8 +33,8 @@ _NOTHING = ("over", "phase_jump")
 
 @dataclass(frozen=True, kw_only=True)
 class LaneEvents:
-    """The events of N runs (:class:`vsgdesign.parameters.event.Event`, in SI) as arrays (N, E), in ascending order of
-    time; E is the most that any run has.
+    """The events of N runs (:class:`vsgdesign.study.parameters.event.Event`, in SI) as arrays (N, E), in ascending
+    order of time; E is the most that any run has.
 
     NaN in a quantity means that it does not change. Rows that are not used are at t = inf.
     """

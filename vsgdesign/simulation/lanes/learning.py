@@ -17,8 +17,7 @@ from vsgdesign.equations.integration import TURN
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.identification.field import FieldEstimator
-from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
@@ -33,6 +32,7 @@ from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults
 from vsgdesign.simulation.lanes.speaking import ManyNetworks
 from vsgdesign.simulation.scenario import mean_cycles
 from vsgdesign.simulation.segments import START_PHASE
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import aligned_zeros
 from vsgdesign.equations.controller_data import ControllerState
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import References
-from vsgdesign.frames import rms_to_peak
 from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, SurvivalDemand
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.bodies import DISTURBANCE, MEAN_STEP, Kind
 from vsgdesign.simulation.bodies import STEP as STEP_WATCHED
@@ -24,6 +23,7 @@ from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_o
 from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
 from vsgdesign.simulation.loop import Build, kind_of, side_by_side, watched_names
 from vsgdesign.simulation.segments import START_PHASE
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import pcc_voltage
+from vsgdesign.equations.frames import instantaneous_power, rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.frames import instantaneous_power, rms_to_peak
-from vsgdesign.metrics.survival import REST_SHARE, WATCHED, SurvivalDemand
-from vsgdesign.operating_point.many import (
+from vsgdesign.linear.operating_point.many import (
     BRIDGE_VOLTAGE,
     CURRENT,
     LIMITER_ACTS,
@@ -21,13 +20,14 @@ from vsgdesign.operating_point.many import (
     Lanes,
     ManyStates,
 )
-from vsgdesign.operating_point.many_rests import many_rests_with_measured_gains
-from vsgdesign.parameters.study import Study
+from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
+from vsgdesign.metrics.survival import REST_SHARE, WATCHED, SurvivalDemand
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.telling import GainsAtRest
 from vsgdesign.simulation.segments import START_PHASE, Segments
 from vsgdesign.simulation.survival.demand import settling_times_asked
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]

@@ -27,7 +27,7 @@ class LaneResults:
     status: Kinds
     """Place in STATUSES."""
     fault: Kinds
-    """Why there is no rest: place in :data:`vsgdesign.operating_point.many.FAULTS`; 0 otherwise."""
+    """Why there is no rest: place in :data:`vsgdesign.linear.operating_point.many.FAULTS`; 0 otherwise."""
     overshoot: Array
     """Of a step, as a share of it."""
     settling_s: Array

@@ -18,8 +18,6 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, LATCHED_SHARE, SurvivalDemand
-from vsgdesign.parameters.network import only_a_grid
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, segments_of
@@ -42,6 +40,8 @@ from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, alone_becaus
 from vsgdesign.simulation.outcome import BOUND_PU
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
+from vsgdesign.study.parameters.network import only_a_grid
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification import estimator_kind
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.many import ManySchedulers
@@ -30,6 +28,8 @@ from vsgdesign.simulation.gains_of_run import whole_multiple
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.lanes.told import ToldGrids, ToldNow, told_grids
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]

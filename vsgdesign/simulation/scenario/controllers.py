@@ -10,17 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.frames import clarke, clarke_inverse, instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
-from vsgdesign.frames import clarke, clarke_inverse, instantaneous_power
 from vsgdesign.identification.registry import samples_itself
+from vsgdesign.linear.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.survival import Survival
-from vsgdesign.operating_point import OperatingPoint, solve_operating_point
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.network_fields import beyond_models
-from vsgdesign.parameters.study import ControllerSpec, Event, Study
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.clearing import found_events, with_instants
@@ -41,6 +38,9 @@ from vsgdesign.simulation.rest import (
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network_fields import beyond_models
+from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 Array = NDArray[np.float64]
 

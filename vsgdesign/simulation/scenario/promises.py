@@ -16,15 +16,15 @@ from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.operating_point.many_rests import rest_with_measured_gains
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import ControllerSpec, Study
+from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
+from vsgdesign.linear.stability.cells import GainLaw, cells_under, full_order_cells, reduced_cells
+from vsgdesign.linear.stability.margins import MarginTable, full_order_margins, reduced_margins
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.feeds import as_told
 from vsgdesign.simulation.scenario.controllers import OperatingPointRow, ScenarioResult
-from vsgdesign.stability.cells import GainLaw, cells_under, full_order_cells, reduced_cells
-from vsgdesign.stability.margins import MarginTable, full_order_margins, reduced_margins
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 TABLE, CLOSED_FORM, GATES = "its table's specification", "its closed form's target", "the study's gates"
 _SLACK = 1e-3

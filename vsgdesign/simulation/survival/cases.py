@@ -6,15 +6,15 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
-from vsgdesign.parameters.background import BackgroundSpec
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.event import BASIS, Event
-from vsgdesign.parameters.grid import Grid, Place
-from vsgdesign.parameters.network_fields import NOTHING_SAID, Said
-from vsgdesign.parameters.sensors import SensorSpec
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import Study
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.background import BackgroundSpec
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.event import BASIS, Event
+from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.network_fields import NOTHING_SAID, Said
+from vsgdesign.study.parameters.sensors import SensorSpec
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import Study
 
 LEAD_S = 0.1
 """A run is at rest for this long before its disturbance begins, s."""

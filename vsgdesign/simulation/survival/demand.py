@@ -12,14 +12,14 @@ import numpy as np
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, ExpectedRest, SurvivalDemand
-from vsgdesign.parameters.converter import Converter
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.survival.cases import LEARNING_S, SurvivalCase
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 SETTLING_TIMES_FOR_EVER = 3.0
 """The deadline in settling times for a schedule that stays stale for ever (:func:`settling_times_asked`)."""

@@ -13,6 +13,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.identification import estimator_kind
+from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import (
     DIVERGED,
@@ -24,11 +25,6 @@ from vsgdesign.metrics.survival import (
     SurvivalRecord,
     judge_survival,
 )
-from vsgdesign.operating_point.many_rests import rest_with_measured_gains
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.network import Load, Network, only_a_grid
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.circuits import Connection, circuit_at_rest
 from vsgdesign.simulation.estimated import EstimateLog
@@ -39,6 +35,10 @@ from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
 from vsgdesign.simulation.survival.demand import at_asked_powers, demand_of, field_demand, late_grid, settling_time_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network import Load, Network, only_a_grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 

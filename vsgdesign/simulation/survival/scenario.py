@@ -9,7 +9,7 @@ import numpy as np
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
-from vsgdesign.frames import rms_to_peak
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.metrics.survival import (
     LATCHED,
     NOT_AT_REST,
@@ -19,14 +19,14 @@ from vsgdesign.metrics.survival import (
     SurvivalRecord,
     judge_survival,
 )
-from vsgdesign.parameters.grid import Grid
-from vsgdesign.parameters.source import GridSource
-from vsgdesign.parameters.study import ControllerSpec, Study
 from vsgdesign.simulation.feeds import STALE_S, Told, knowledge_of, told_at, told_of
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.survival.demand import demand_of, held_fault, silent_s_of
 from vsgdesign.simulation.survival.running import Subject, own_rest_of, record_of, rest_on
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 _LAST_CYCLES = 5
 """A run without a rest that is computed apart from it is judged by its means over so many cycles at its end."""

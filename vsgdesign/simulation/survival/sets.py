@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from vsgdesign.parameters.event import Event
 from vsgdesign.simulation.survival.cases import FOR_EVER, GridKnowledge, GridState, SurvivalCase
+from vsgdesign.study.parameters.event import Event
 
 WEAK, STRONG = (1.2, 1.5, 2.0, 5.0), 20.0
 """Short-circuit ratios between which the grid jumps."""

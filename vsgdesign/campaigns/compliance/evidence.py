@@ -1,0 +1,234 @@
+"""Evidence of a verdict as a CSV file: the trace of a run with fewer rows, and the envelopes that it was judged by."""
+
+from __future__ import annotations
+
+import dataclasses
+import gzip
+import re
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.campaigns.compliance.measuring import Trace
+from vsgdesign.campaigns.compliance.rows import FAIL
+from vsgdesign.errors import ArtifactError
+
+Array = NDArray[np.float64]
+
+SIGNALS = tuple(field.name for field in dataclasses.fields(Trace))
+"""Names of the columns of a trace, in the order of the file."""
+
+UNITS = {"t_s": "s", "f_hz": "Hz", "delta_rad": "rad", "limited": "1"}
+"""Units of the columns; all others are in pu."""
+
+_DECIMALS = {"t_s": 7}
+_USUAL_DECIMALS = 6
+"""A millionth of the rating: less than a sensor sees, more than a figure shows."""
+
+_MOST = 1e9
+"""Larger values are written in scientific notation, number by number."""
+
+
+MOST_FIGURES = 200
+"""Tests with a failing row that get a figure: more are neither drawn in seconds nor looked at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Two curves between which a signal must stay, at the times of the trace (n,). NaN: no limit at this time."""
+
+    signal: str
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """A trace with the envelopes that were asked of it."""
+
+    trace: Trace
+    limits: tuple[Limits, ...] = ()
+
+
+def slug(*parts: str) -> str:
+    """A file name of these texts: letters, digits, dashes, and eight hexadecimal digits that tell all texts apart."""
+    words = re.sub(r"[^a-z0-9.]+", "-", " ".join(parts).lower().replace("+", " plus ")).strip("-.")
+    return f"{words[:80].strip('-.')}-{zlib.crc32(chr(0).join(parts).encode()):08x}"
+
+
+def csv_path(suite: str, test: str, controller: str) -> str:
+    """Where the evidence of a row lies, relative to the folder of the result."""
+    return f"traces/{slug(suite, test, controller)}.csv"
+
+
+def figure_path(suite: str, test: str) -> str:
+    """Where the figure of a test with a failing row lies: one for all controllers."""
+    return f"figures/{slug(suite, test)}.svg"
+
+
+def figures_of(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str], str]:
+    """Which tests get a figure, and where it lies: (suite, test) of the first :data:`MOST_FIGURES` that a controller
+    fails and that have a trace. ``rows`` as in results.json.
+
+    First come those that the controller with the fewest failures fails, because they are the ones that are looked at.
+    """
+    failing: dict[tuple[str, str], set[str]] = {}
+    for row in rows:
+        if row["verdict"] == FAIL:
+            failing.setdefault((row["suite"], row["test"]), set()).add(row["controller"])
+    traced = {(row["suite"], row["test"]) for row in rows if row.get("csv")}
+    names = dict.fromkeys(row["controller"] for row in rows)
+    best = min(names, key=lambda name: sum(name in who for who in failing.values()), default="")
+    chosen = [key for key in failing if key in traced]
+    chosen.sort(key=lambda key: best not in failing[key])
+    return {key: figure_path(*key) for key in chosen[:MOST_FIGURES]}
+
+
+def limits_at(t_s: Array, signal: str, times: Array, low: Array, high: Array) -> Limits:
+    """Limits that are given at ``times`` (m,), linear between them, at the times of a trace; NaN outside of them."""
+    inside = (t_s >= times[0] - 1e-9) & (t_s <= times[-1] + 1e-9)
+    return Limits(
+        signal=signal,
+        low=np.where(inside, np.interp(t_s, times, low), np.nan),
+        high=np.where(inside, np.interp(t_s, times, high), np.nan),
+    )
+
+
+def write_evidence(path: str | Path, evidence: Evidence) -> None:
+    """One row for each instant of the trace, units in the header. A name that ends in ``.gz`` is compressed."""
+    columns = {name: getattr(evidence.trace, name) for name in SIGNALS}
+    for one in evidence.limits:
+        columns |= {f"{one.signal} low": one.low, f"{one.signal} high": one.high}
+    header = ",".join(f"{name} [{_unit(name)}]" for name in columns)
+    content = header.encode() + b"\n" + _text(columns)
+    if str(path).endswith(".gz"):
+        content = gzip.compress(content, compresslevel=3, mtime=0)
+    Path(path).write_bytes(content)
+
+
+def read_evidence(path: str | Path) -> Evidence:
+    """What :func:`write_evidence` wrote, rounded as in the file. Raises ArtifactError for any other file."""
+    try:
+        content = Path(path).read_bytes()
+        text = (gzip.decompress(content) if str(path).endswith(".gz") else content).decode()
+        header, _, body = text.partition("\n")
+        names = [name.partition(" [")[0] for name in header.split(",")]
+        missing = [name for name in SIGNALS if name not in names]
+        if missing:
+            raise ValueError(f"there is no column {', '.join(missing)}")
+        rows = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2) if body.strip() else np.empty((0, len(names)))
+        if rows.shape[1] != len(names):
+            raise ValueError(f"the header has {len(names)} columns and the rows have {rows.shape[1]}")
+        found = dict(zip(names, rows.T, strict=True))
+    except (OSError, ValueError, EOFError, zlib.error) as error:
+        raise ArtifactError(f'"{path}" is not a readable trace: {error}') from error
+    judged = [name.removesuffix(" low") for name in names if name.endswith(" low") and name[:-4] + " high" in found]
+    return Evidence(
+        trace=Trace(**{name: found[name] for name in SIGNALS}),
+        limits=tuple(Limits(signal=s, low=found[f"{s} low"], high=found[f"{s} high"]) for s in judged),
+    )
+
+
+class EvidenceFiles(Mapping[str, Evidence]):
+    """The evidence of rows (as in results.json) by the name of its file, read from the folder when asked for."""
+
+    def __init__(self, folder: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
+        self._folder = Path(folder)
+        self._names = dict.fromkeys(str(row["csv"]) for row in rows if row.get("csv"))
+
+    def __getitem__(self, name: str) -> Evidence:
+        if name not in self._names:
+            raise KeyError(name)
+        return read_evidence(self._folder / name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+def _unit(name: str) -> str:
+    return UNITS.get(name.partition(" ")[0], "pu")
+
+
+def _text(columns: Mapping[str, Array]) -> bytes:
+    """The rows. Digits are made for a whole column at once, because a number at a time takes fifteen times as long."""
+    rows = len(next(iter(columns.values())))
+    parts = []
+    for k, (name, values) in enumerate(columns.items()):
+        parts.append(_digits(np.asarray(values, dtype=float), _DECIMALS.get(name, _USUAL_DECIMALS)))
+        parts.append(np.full((rows, 1), ord("\n" if k == len(columns) - 1 else ","), dtype=np.uint8))
+    joined = np.concatenate(parts, axis=1).ravel()
+    return joined[joined != ord(" ")].tobytes()
+
+
+def _digits(values: Array, decimals: int) -> NDArray[np.uint8]:
+    """Texts of a column, (n, width) bytes, filled up with blanks."""
+    known = np.isfinite(values)
+    largest = float(np.abs(values[known]).max()) if known.any() else 0.0
+    if largest >= _MOST:
+        texts = np.array([f"{value:.9g}" for value in values.tolist()], dtype="S24")
+        found = texts.view(np.uint8).reshape(len(values), 24).copy()
+        found[found == 0] = ord(" ")
+        return found
+    whole = np.rint(np.where(known, values, 0.0) * 10.0**decimals).astype(np.int64)
+    rest, width = np.abs(whole), decimals + len(str(int(largest) + 1))
+    found = np.full((len(values), width + 2), ord(" "), dtype=np.uint8)
+    zero = ord("0")
+    for place in range(decimals):
+        rest, digit = np.divmod(rest, 10)
+        found[:, -1 - place] = zero + digit
+    found[:, -1 - decimals] = ord(".")
+    found[:, -2 - decimals] = zero + rest % 10
+    for place in range(decimals + 2, width + 1):
+        rest = rest // 10
+        np.copyto(found[:, -1 - place], zero + rest % 10, where=rest > 0, casting="unsafe")
+    found[whole < 0, 0] = ord("-")
+    if not known.all():
+        for k in np.flatnonzero(~known):
+            text = f"{values[k]:g}".rjust(width + 2).encode()
+            found[k] = np.frombuffer(text, dtype=np.uint8)
+    return found
+
+
+BEFORE_S, AFTER_S = 0.02, 0.15
+"""Around each event every row is kept: from so long before it to so long after it, s."""
+
+REST_S = 5e-3
+"""Elsewhere one row is kept in so many seconds."""
+
+LARGEST, MEAN = ("i_s_pu", "i_phase_pu"), ("P_dc_pu", "limited")
+"""Columns of which a kept row has the largest, or the mean, of itself and of the rows left out before it."""
+
+
+def thinned(evidence: Evidence, events_s: Sequence[float]) -> Evidence:
+    """The evidence with fewer rows. All other columns have their value at the instant of the row."""
+    trace = evidence.trace
+    t, rows = trace.t_s, len(trace.t_s)
+    if rows < 3:
+        return evidence
+    step = float(t[-1] - t[0]) / (rows - 1)
+    keep = np.zeros(rows, dtype=bool)
+    keep[:: max(round(REST_S / step), 1)] = True
+    keep[-1] = True
+    for event_s in events_s:
+        keep |= (t >= event_s - BEFORE_S - 0.5 * step) & (t <= event_s + AFTER_S + 0.5 * step)
+    kept = np.flatnonzero(keep)
+    begins = np.concatenate(([0], kept[:-1] + 1))
+    counts = np.diff(np.append(begins, kept[-1] + 1))
+    columns: dict[str, Array] = {}
+    for name, values in vars(trace).items():
+        if name in LARGEST:
+            columns[name] = np.maximum.reduceat(values, begins)
+        elif name in MEAN:
+            columns[name] = np.add.reduceat(values, begins) / counts
+        else:
+            columns[name] = values[kept]
+    limits = tuple(replace(one, low=one.low[kept], high=one.high[kept]) for one in evidence.limits)
+    return Evidence(trace=Trace(**columns), limits=limits)

@@ -1,0 +1,138 @@
+"""All tests of some suites for all controllers of a study, cut into blocks that any process can run."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.campaigns.compliance.case import Subject
+from vsgdesign.campaigns.compliance.evidence import csv_path, thinned, write_evidence
+from vsgdesign.campaigns.compliance.maps import Mapped, survival_map
+from vsgdesign.campaigns.compliance.matrix import judged_test
+from vsgdesign.campaigns.compliance.suite import Suite, SuiteTest
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.execution.jobs import Job
+from vsgdesign.study.parameters.study import Study
+
+BLOCK = 16
+"""Runs of a block where nothing is said: half a second to a second of work."""
+
+RUNS = "tests"
+"""What progress calls the runs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuiteJob(Job[int, dict[str, Any]]):
+    """What is run: everything that the rows depend on. It can be sent to another process."""
+
+    study: Study
+    """With the controllers that are compared, in their order."""
+    tables: Mapping[str, GainTable]
+    suites: tuple[Suite, ...]
+    folder: str
+    """Where the traces are written, in a folder ``traces``; what is there is replaced."""
+    block: int
+    """Runs of a block."""
+    maps: tuple[str, ...] = ()
+    """Survival maps that are drawn of every controller: names of :data:`vsgdesign.campaigns.compliance.maps.KINDS`."""
+
+    what = RUNS
+
+    @cached_property
+    def items(self) -> tuple[tuple[int, int, int], ...]:
+        """(suite, test, controller) of every row, in the order of the matrix."""
+        return tuple(
+            (s, t, k)
+            for s, suite in enumerate(self.suites)
+            for t in range(len(suite.tests))
+            for k in range(len(self.study.controllers))
+        )
+
+    @property
+    def blocks(self) -> list[int]:
+        """Numbers of all blocks: those of rows, and then one for each map of each controller. A map is begun first,
+        because it takes longer than a block of rows."""
+        rows, maps = self._of_rows, len(self.maps) * len(self.study.controllers)
+        return [*range(rows, rows + maps), *range(rows)]
+
+    @property
+    def _of_rows(self) -> int:
+        return -(-len(self.items) // self.block)
+
+    def map_of(self, number: int) -> tuple[str, int] | None:
+        """Kind and controller of the map that a block is; None for a block of rows."""
+        if number < self._of_rows:
+            return None
+        controller, kind = divmod(number - self._of_rows, len(self.maps))
+        return self.maps[kind], controller
+
+    def tests_of(self, number: int) -> tuple[tuple[Suite, SuiteTest, int], ...]:
+        """Suite, test and controller of each row of a block."""
+        first = number * self.block
+        chosen = self.items[first : first + self.block]
+        return tuple((self.suites[s], self.suites[s].tests[t], k) for s, t, k in chosen)
+
+    def subject(self, controller: int) -> Subject:
+        """One of the controllers."""
+        spec = self.study.controllers[controller]
+        return Subject(study=self.study, spec=spec, ready=Ready(tables=self.tables))
+
+    def run(self, number: int) -> dict[str, Any]:
+        """What a block gives under its number: ``rows``, whose traces are written to the folder of the job, or a
+        ``map``. A map that cannot be drawn is a ``note`` that says why."""
+        of_map = self.map_of(number)
+        if of_map is not None:
+            return {str(number): {"rows": [], **_drawn(self, *of_map)}}
+        rows = []
+        subjects = [self.subject(k) for k in range(len(self.study.controllers))]
+        for suite, test, k in self.tests_of(number):
+            judged = judged_test(subjects[k], suite, test)
+            row = judged.row
+            if judged.evidence is not None:
+                row = replace(row, csv=csv_path(suite.name, test.id, row.controller))
+                path = Path(self.folder) / str(row.csv)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_evidence(path, thinned(judged.evidence, _instants(test)))
+            rows.append(plain(asdict(row)))
+        return {str(number): {"rows": rows}}
+
+    def count(self, part: dict[str, Any]) -> int:
+        """The rows of some blocks."""
+        return sum(len(block["rows"]) for block in part.values())
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that a row depends on, the source of the package included."""
+        study = replace(self.study, files=(), name="", title="", source="", hash="", origin=None)
+        if study.verification is not None:  # a set, whose order is another in each process
+            study = replace(study, verification=replace(study.verification, given=frozenset()))
+        tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
+        parts = package_hash(), study, tables, self.suites, self.block, self.maps
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def _drawn(job: SuiteJob, kind: str, controller: int) -> dict[str, Any]:
+    subject = job.subject(controller)
+    try:
+        found = survival_map(kind, Mapped(study=subject.study, spec=subject.spec, ready=subject.ready))
+    except InfeasibleStudyError as error:
+        return {"note": f"There is no survival map ({kind}) of {subject.spec.name}: {error}"}
+    return {"map": plain(found.document())}
+
+
+def _instants(test: SuiteTest) -> list[float]:
+    """When something changes suddenly, and when a ramp ends, s."""
+    return sorted({t for event in test.events for t in (event.t_s, event.end_s)})
+
+
+def in_order(whole: dict[str, Any], name: str) -> list[Any]:
+    """What the finished blocks have under a name, in the order of the blocks."""
+    return [whole[number][name] for number in sorted(whole, key=int) if name in whole[number]]

@@ -1,0 +1,241 @@
+"""The clause matrix: what one test of one controller shows, as a row with its verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from vsgdesign.campaigns.compliance.applies import impossible, not_applicable
+from vsgdesign.campaigns.compliance.case import Subject
+from vsgdesign.campaigns.compliance.envelopes import ENVELOPES
+from vsgdesign.campaigns.compliance.evidence import Evidence, Limits, limits_at
+from vsgdesign.campaigns.compliance.measures import MEASURES, MeasureInput, Ratings
+from vsgdesign.campaigns.compliance.rows import (
+    FAIL,
+    IMPOSSIBLE,
+    INFORMATIONAL,
+    NOT_APPLICABLE,
+    PASS,
+    VERDICTS,
+    Check,
+    Row,
+)
+from vsgdesign.campaigns.compliance.run import TestRun, nfp_of, run_test
+from vsgdesign.campaigns.compliance.suite import Criterion, Suite, SuiteTest
+from vsgdesign.errors import CircuitError, StudyError
+from vsgdesign.metrics.survival import SURVIVED
+from vsgdesign.metrics.survival import VERDICTS as JUDGED
+
+
+class Judged(NamedTuple):
+    """A row, with the trace and the envelopes that it was judged by; None where nothing was run."""
+
+    row: Row
+    evidence: Evidence | None
+
+
+def judged_test(subject: Subject, suite: Suite, test: SuiteTest) -> Judged:
+    """One test of one controller: run and judged, where it applies and where any converter could pass it."""
+    why = not_applicable(subject, test)
+    if why is not None:
+        return Judged(_row(subject, suite, test, NOT_APPLICABLE, why), None)
+    why = impossible(subject.own_study, test)
+    if why is not None:
+        return Judged(_row(subject, suite, test, IMPOSSIBLE, why), None)
+    try:
+        run = run_test(subject, test)
+    except (StudyError, CircuitError) as error:  # what no run of this converter can show
+        said = "; ".join(map(str, error.faults)) if isinstance(error, StudyError) else str(error)
+        return Judged(
+            _row(subject, suite, test, NOT_APPLICABLE, f"it cannot be simulated with this converter: {said}"), None
+        )
+    return judge(subject, suite, run)
+
+
+def judge(subject: Subject, suite: Suite, run: TestRun) -> Judged:
+    """The row of a run: every criterion measured and compared with what it asks."""
+    test, survival = run.test, run.survival
+    if run.trace is None:
+        checks = tuple(_unmeasured(one, survival.reason or survival.status) for one in test.criteria)
+        verdict = _of_checks(checks)
+        return Judged(_row(subject, suite, test, verdict, survival.reason or "", checks, survival.status), None)
+    given = MeasureInput(
+        test=test,
+        trace=run.trace,
+        ratings=Ratings.of(run.study, run.spec),
+        survival=survival,
+        gains=run.gains,
+        nfp=nfp_of(run.study, run.gains),
+    )
+    checks, limits = [], []
+    for criterion in test.criteria:
+        check, limit = _checked(criterion, given)
+        checks.append(check)
+        limits += [] if limit is None else [limit]
+    verdict = _of_checks(checks)
+    row = _row(subject, suite, test, verdict, _why(run, checks), tuple(checks), survival.status)
+    return Judged(row, Evidence(trace=run.trace, limits=tuple(limits)))
+
+
+def _why(run: TestRun, checks: Sequence[Check]) -> str:
+    """Why a row fails, in words; of any other row what is remarkable of its run."""
+    status, reason = run.survival.status, run.survival.reason
+    lost = [] if status == SURVIVED else [_with_status(status, reason)]
+    failed = [
+        _failure(check) for check in checks if check.verdict == FAIL and not (lost and check.measure == "survived")
+    ]
+    held = [reason] if status == SURVIVED and reason is not None else []
+    return "; ".join([*lost, *failed, *held])
+
+
+def _with_status(status: str, reason: str | None) -> str:
+    if reason is None or reason.startswith(status):
+        return reason or status
+    return f"{status}: {reason}"
+
+
+def _failure(check: Check) -> str:
+    if check.value is None:
+        return f"{check.label}: {check.why}" if check.why else f"{check.label} is not known"
+    value = f"{check.label} {check.value:.4g}{' ' * bool(check.unit)}{check.unit}"
+    if check.envelope is not None:
+        return f"{value} outside of its envelope"
+    limit = f"below {check.at_least:.4g}" if _below(check) else f"above {check.at_most:.4g}"
+    return f"{value}, {limit}"
+
+
+def _below(check: Check) -> bool:
+    return check.at_least is not None and check.value is not None and not check.value >= check.at_least
+
+
+def _checked(criterion: Criterion, given: MeasureInput) -> tuple[Check, Limits | None]:
+    """One criterion, measured; and the envelope, if it is one."""
+    if criterion.envelope is not None:
+        envelope = ENVELOPES[criterion.envelope]
+        bounds = envelope.of(given, criterion.given)
+        excess = None if bounds.why else _known(bounds.excess(given.trace))
+        check = Check(
+            measure=criterion.measure,
+            label=envelope.label,
+            value=excess,
+            unit="pu",
+            at_most=0.0,
+            envelope=criterion.envelope,
+            ours=criterion.ours,
+            verdict=_verdict(criterion, excess),
+            why=bounds.why,
+        )
+        if bounds.why:
+            return check, None
+        limits = limits_at(given.trace.t_s, bounds.signal, bounds.t_s, bounds.low, bounds.high)
+        return check, limits
+    measure = MEASURES[criterion.measure]
+    found = measure.of(given, criterion.given)
+    check = Check(
+        measure=criterion.measure,
+        label=measure.label,
+        value=found.value,
+        plus_minus=found.plus_minus,
+        unit=measure.unit,
+        at_least=criterion.at_least,
+        at_most=criterion.at_most,
+        ours=criterion.ours,
+        verdict=_verdict(criterion, found.value),
+        why=found.why,
+    )
+    return check, None
+
+
+def _known(excess: float) -> float | None:
+    """An excess over an envelope, None where the run holds what is no number."""
+    return excess if math.isfinite(excess) else None
+
+
+def _verdict(criterion: Criterion, value: float | None) -> str:
+    """What is not known has not been shown, so it does not pass."""
+    if criterion.informational:
+        return INFORMATIONAL
+    if value is None:
+        return FAIL
+    if criterion.envelope is not None:
+        return PASS if value <= 0.0 else FAIL
+    kept = criterion.at_least is None or value >= criterion.at_least
+    return PASS if kept and (criterion.at_most is None or value <= criterion.at_most) else FAIL
+
+
+def _unmeasured(criterion: Criterion, why: str) -> Check:
+    known = ENVELOPES[criterion.envelope] if criterion.envelope is not None else MEASURES[criterion.measure]
+    return Check(
+        measure=criterion.measure,
+        label=known.label,
+        value=None,
+        unit=getattr(known, "unit", "pu"),
+        at_least=criterion.at_least,
+        at_most=criterion.at_most,
+        envelope=criterion.envelope,
+        ours=criterion.ours,
+        verdict=INFORMATIONAL if criterion.informational else FAIL,
+        why=why,
+    )
+
+
+def _of_checks(checks: Iterable[Check]) -> str:
+    verdicts = {check.verdict for check in checks}
+    return FAIL if FAIL in verdicts else PASS if PASS in verdicts else INFORMATIONAL
+
+
+def _row(
+    subject: Subject,
+    suite: Suite,
+    test: SuiteTest,
+    verdict: str,
+    why: str,
+    checks: tuple[Check, ...] = (),
+    status: str = "",
+) -> Row:
+    return Row(
+        suite=suite.name,
+        test=test.id,
+        group=test.group,
+        title=test.title,
+        controller=subject.spec.name,
+        network=network_in_words(test),
+        verdict=verdict,
+        why=why,
+        checks=checks,
+        status=status,
+        source=vars(test.source).copy(),
+    )
+
+
+def network_in_words(test: SuiteTest) -> str:
+    """The grid and the operating point of a test: ``SCR 3, X/R 10, P 0.5 pu``."""
+    parts = [f"SCR {test.scr:.4g}", f"X/R {test.x_over_r:.4g}", f"P {test.P_pu:.4g} pu"]
+    if test.Q_pu:
+        parts.append(f"Q {test.Q_pu:.4g} pu")
+    if test.df_hz:
+        parts.append(f"{test.df_hz:+.4g} Hz")
+    if test.V_g_pu != 1.0:
+        parts.append(f"V_g {test.V_g_pu:.4g} pu")
+    if test.load is not None:
+        S = test.load.in_si(1.0, 1.0).admittance(1.0).conjugate()
+        parts.append(f"load {S.real:.3g} pu" + (f", {S.imag:.3g} pu reactive" if abs(S.imag) > 1e-6 else ""))
+    return ", ".join(parts)
+
+
+def summary_of(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """How many rows (as in results.json) have which verdict, for each suite and controller in the order of the rows.
+
+    ``judged``: runs with a verdict on survival; ``survived``: those that survived.
+    """
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for row in rows:
+        key = row["suite"], row["controller"]
+        if key not in found:
+            counts = dict.fromkeys((verdict.replace(" ", "_") for verdict in VERDICTS), 0)
+            found[key] = {"suite": key[0], "controller": key[1], **counts, "survived": 0, "judged": 0}
+        found[key][row["verdict"].replace(" ", "_")] += 1
+        found[key]["judged"] += row["status"] in JUDGED
+        found[key]["survived"] += row["status"] == SURVIVED
+    return list(found.values())

@@ -1,0 +1,221 @@
+"""One test of a suite through the EMT: its run, its trace, the judge's verdict, and what the linear model says."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.campaigns.compliance.case import Subject, case_of, closed_test, test_as_run
+from vsgdesign.campaigns.compliance.measuring import Trace
+from vsgdesign.campaigns.compliance.suite import SuiteTest
+from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.frames import clarke_inverse, rms_to_peak
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import CircuitError, InfeasibleStudyError, SimulationDivergedError, StudyError
+from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.linear.stability.loops import network_frequency_perturbation
+from vsgdesign.metrics.step_response import unwrapped
+from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
+from vsgdesign.simulation.clearing import with_instants
+from vsgdesign.simulation.energy import dc_energy_steps
+from vsgdesign.simulation.feeds import feed_of
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.survival.scenario import judge_scenario
+from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TestRun:
+    """One run of one test with everything that its row is made of."""
+
+    __test__ = False  # pytest takes no test for one of its own
+
+    test: SuiteTest
+    """With the instants at which a synchro-check has closed the breaker and the phases of faults were interrupted."""
+    study: Study
+    """With the events of the test, and with the current limit of the controller."""
+    spec: ControllerSpec
+    """The controller as it ran: with what it was told of the grid."""
+    simulation: Simulation | None
+    """None: the run could not begin, or diverged at once."""
+    trace: Trace | None
+    """None: there is no run, or it ended before its test began."""
+    survival: Survival
+    gains: PowerLoopGains | None = None
+    """In force before the first event."""
+
+
+def run_test(subject: Subject, test: SuiteTest) -> TestRun:
+    """The run of a test with a controller. What goes wrong in the run is its verdict.
+
+    A breaker that never closes in phase is a verdict, too. Raises StudyError where the test cannot be said in a study,
+    and where an island does not drift to the angle at which its breaker is to close out of phase; CircuitError where
+    the simulation cannot follow the circuit.
+    """
+    study = case_of(subject, test)
+    spec = study.controllers[0]
+    study = study.with_limit_of(spec)
+    try:
+        closed = closed_test(subject, test)
+        if closed is not test:
+            test = closed
+            study = case_of(subject, test).with_limit_of(spec)
+        found = with_instants(study, spec, subject.ready)
+        if found is not study:
+            test, study = test_as_run(test, study, found, subject.lead_s), found
+        feed = feed_of(study, spec, build_timeline(study), subject.ready)
+        simulation = simulate(study, feed)
+    except StudyError as error:  # the test itself has been said above: its breaker never closes
+        if any(one.synchro_check is not None and one.synchro_check.around for one in test.events):
+            raise
+        reason = "; ".join(str(fault) for fault in error.faults)
+        return _without(study, spec, test, Survival(status=NOT_AT_REST, reason=reason))
+    except SimulationDivergedError as error:
+        return _without(study, spec, test, Survival(status=DIVERGED, reason=str(error)))
+    except CircuitError:
+        raise
+    except InfeasibleStudyError as error:
+        return _without(study, spec, test, Survival(status=NO_REST, reason=f"before the test: {error}"))
+    before = [change.gains for change in simulation.gain_changes if change.t_s < subject.lead_s or change.t_s == 0.0]
+    return TestRun(
+        test=test,
+        study=study,
+        spec=spec,
+        simulation=simulation,
+        trace=_trace(subject, study, simulation),
+        survival=judge_scenario(study, spec, subject.ready, simulation, own_rest=True),
+        gains=before[-1],
+    )
+
+
+def _trace(subject: Subject, study: Study, simulation: Simulation) -> Trace | None:
+    """The trace of a run; None where it diverged before its test began."""
+    if float(simulation.t_s[-1]) <= subject.lead_s:
+        return None
+    return trace_of(study, simulation, subject.row_samples, subject.lead_s)
+
+
+def _without(study: Study, spec: ControllerSpec, test: SuiteTest, survival: Survival) -> TestRun:
+    return TestRun(test=test, study=study, spec=spec, simulation=None, trace=None, survival=survival)
+
+
+BEFORE_S = 0.1
+"""A trace begins so long before its test, s; what an estimator learned earlier is left out."""
+
+_ROWS_COUNTED = 256
+"""After so many rows the energy of the dc link is counted from zero again: what a row has of it is not lost in a large
+sum."""
+
+_ROWS_AT_ONCE = 2 * _ROWS_COUNTED
+
+_SAME_INSTANT = 1e-6
+"""Share of a sample by which a row may lie before an event and is still after it: times are rounded."""
+
+
+def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) -> Trace:
+    """The trace of a run whose log has every sample, with a row for every ``every`` samples.
+
+    Values are those of the row's sample. Peaks are the largest since the row before, and the power of the dc link and
+    the share of limited samples are means over this time.
+    """
+    c, circuit = study.converter, study.circuit()
+    t = simulation.t_s - lead_s
+    first = max(round((lead_s - BEFORE_S) / c.T_s) // every * every, 0)
+    rows = np.arange(first, len(t), every)
+    at = simulation.log[rows]
+    node = [capacitor_node_voltage(at[:, k], at[:, 2 + k], at[:, 4 + k], circuit) for k in (0, 1)]
+    V_pk = rms_to_peak(c.V_rated_rms)
+    # One instant of rounding later: the row of an event belongs to the source after it.
+    phase = simulation.timeline.source_phase(simulation.t_s[rows] + _SAME_INSTANT * c.T_s)
+    i_s, i_phase, P_dc = _between_rows(study, simulation, rows, every)
+    counted = simulation.column("limited_samples")[rows]
+    return Trace(
+        t_s=np.round(t[rows], 9) + 0.0,
+        P_pu=simulation.column("P")[rows] / c.S_rated,
+        Q_pu=simulation.column("Q")[rows] / c.S_rated,
+        f_hz=simulation.column("omega")[rows] / (2.0 * np.pi),
+        V_pu=simulation.column("V_rms")[rows] / c.V_rated_rms,
+        delta_rad=unwrapped(simulation.column("theta")[rows] - phase),
+        i_s_pu=i_s / c.I_rated_pk,
+        i_phase_pu=i_phase / c.I_rated_pk,
+        v_alpha_pu=node[0] / V_pk,
+        v_beta_pu=node[1] / V_pk,
+        i_g_alpha_pu=at[:, 4] / c.I_rated_pk,
+        i_g_beta_pu=at[:, 5] / c.I_rated_pk,
+        P_dc_pu=P_dc / c.S_rated,
+        limited=np.diff(counted, prepend=counted[:1]) / every,
+    )
+
+
+def _between_rows(
+    study: Study, simulation: Simulation, rows: NDArray[np.intp], every: int
+) -> tuple[Array, Array, Array]:
+    """Of the samples since the row before: the largest length of the converter current's vector and the largest phase
+    current (A peak), and the mean power of the dc link (W). The first row has its own sample, and the second one's
+    power. The samples are looked at part by part, as a part stays in the processor's memory.
+    """
+    length, phase, power = (np.empty(len(rows)) for _ in range(3))
+    for begin in range(0, max(len(rows) - 1, 1), _ROWS_AT_ONCE):
+        end = min(begin + _ROWS_AT_ONCE, len(rows) - 1)
+        columns = np.ascontiguousarray(simulation.log[rows[begin] : rows[end] + 1, :6].T)
+        alpha, beta = columns[:2]
+        squared = alpha * alpha + beta * beta
+        largest = functools.reduce(np.maximum, map(np.abs, clarke_inverse(alpha, beta)))
+        if begin == 0:
+            length[0], phase[0] = squared[0], largest[0]
+        length[begin + 1 : end + 1] = _largest(squared[1:], every)
+        phase[begin + 1 : end + 1] = _largest(largest[1:], every)
+        taken = dc_energy_steps(columns, study)
+        for first in range(begin, end, _ROWS_COUNTED):
+            last = min(first + _ROWS_COUNTED, end)
+            energy = np.cumsum(taken[(first - begin) * every : (last - begin) * every])[every - 1 :: every]
+            power[first + 1 : last + 1] = np.diff(energy, prepend=0.0) / (every * study.converter.T_s)
+    power[0] = power[1] if len(rows) > 1 else 0.0
+    return np.sqrt(length), phase, power
+
+
+def _largest(values: Array, every: int) -> Array:
+    """The largest of every so many values, in a third of the time of a reduction over a short axis."""
+    return functools.reduce(np.maximum, [values[k::every] for k in range(every)])
+
+
+Complex = NDArray[np.complexfloating[Any, Any]]
+
+
+def nfp_of(study: Study, gains: PowerLoopGains | None) -> Callable[[Array], Complex | str]:
+    """ΔP over Δω_g per unit (:eq:`nfp`) as a function of angular frequencies (F,), rad/s, at the first grid and
+    references of a test's own study. The function gives a text where there is none: it says why.
+
+    The model is linearised when the function is first called, and then kept.
+    """
+
+    @functools.cache
+    def model() -> FullOrderModel | str:
+        if gains is None:
+            return "the gains before the first event are not known"
+        if not study.network.plain:
+            return "a load at the PCC is not in the linear model"
+        start = build_timeline(study)
+        source = start.source_at(0.0)
+        cell = Cell.with_references(
+            start.grid_at(0.0), gains, start.references_at(0.0), GridSource(source.V_g_rms, source.omega)
+        )
+        found = linearise_full_order(study.undisturbed, [cell])
+        return found if found.faults[0] is None else f"no steady state before the test: {found.faults[0]}"
+
+    def nfp(omega: Array) -> Complex | str:
+        found = model()
+        if isinstance(found, str):
+            return found
+        return network_frequency_perturbation(found, 0, omega, study.converter.S_rated, study.converter.omega_n)
+
+    return nfp

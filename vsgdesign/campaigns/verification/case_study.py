@@ -1,0 +1,173 @@
+"""A case of a batch as a study file, which ``vsgdesign simulate`` runs as it was in the batch."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.simulation.lanes.cases import STEP, LaneCases, segments_of
+from vsgdesign.simulation.lanes.rests import ends_of
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.grid import GridEstimate
+from vsgdesign.study.parameters.loading import FILES, study_from_document
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study, StudyOrigin
+from vsgdesign.study.parameters.toml_file import toml_text
+
+_LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "network", "events", "grid", "simulation")
+"""Sections of the study that a case does not have, or has in its own words."""
+
+
+def case_study(
+    study: Study,
+    spec: ControllerSpec,
+    drawn: LaneCases,
+    index: int,
+    *,
+    ready: Ready = NOTHING,
+    folder: str | Path = ".",
+    table: str | None = None,
+    name: str | None = None,
+    title: str | None = None,
+    bridge: str = "averaged",
+) -> tuple[Study, str]:
+    """One case of a batch as a study and as its text, for a file in ``folder``.
+
+    It has the converter, the loops and the one controller of ``study``, with the case's grid, source, references,
+    events and knowledge of the grid, logged at every sample. ``table``: the controller's gain table as the file is to
+    name it, relative to ``folder``; None: as the study names it. Numbers are written so that reading gives the same
+    bits. Raises StudyError where the study was built from its parts, or where the case cannot be said in a study.
+    """
+    document, origin = base_document(study, spec, folder, name or f"{study.name}_case", title)
+    document["grid"] = _grid(study, drawn, index)
+    document["simulation"] = _simulation(study, drawn, index, settling_time_of(spec, ready), bridge)
+    document["controllers"] = [_controller(study, spec, document, drawn, index, table)]
+    document["events"] = _events(study, drawn, index)
+    text = toml_text(document, (document["study"]["title"],))
+    return study_from_document(document, origin), text
+
+
+def base_document(
+    study: Study, spec: ControllerSpec, folder: str | Path, name: str, title: str | None = None
+) -> tuple[dict[str, Any], StudyOrigin]:
+    """The document of a study for a case of one controller, for a file in ``folder``: with the converter and the loops,
+    and without grid, source, events, controllers and the settings of the run. Raises StudyError where the study was
+    built from its parts.
+    """
+    origin = study.origin
+    if origin is None:
+        fault = Fault("study", "", "was built from its parts and not read from a document", "Use vd.load.")
+        raise StudyError(study.name, [fault])
+    source, place = dict(origin.document), os.path.abspath(folder)
+    document: dict[str, Any] = {key: value for key, value in source.items() if key not in _LEFT_OUT}
+    document = placed_document(place, document, os.path.abspath(origin.folder))
+    document["study"] = {"name": name, "title": title or f"A case of {study.title}"}
+    if study.source:
+        document["study"]["source"] = study.source
+    if study.inner_request is not None:
+        document["inner_loops"] = inner_loops_document(study)
+    if spec.estimate == "truth":
+        document.pop("estimator", None)
+    return document, StudyOrigin(document, place, name, name)
+
+
+def placed_document(place: str, document: dict[str, Any], folder: str) -> dict[str, Any]:
+    """The document with the files that it names relative to another folder."""
+    if place == folder:
+        return document
+
+    def moved(table: Any, field: str) -> Any:
+        named = table.get(field) if isinstance(table, dict) else None
+        if not isinstance(named, str) or (field == "recipe" and not named.endswith(".toml")):
+            return table
+        return table | {field: Path(os.path.relpath(os.path.join(folder, named), place)).as_posix()}
+
+    for section, field in FILES:
+        tables = document.get(section)
+        if isinstance(tables, list):
+            document[section] = [moved(one, field) for one in tables]
+        elif tables is not None:
+            document[section] = moved(tables, field)
+    return document
+
+
+def inner_loops_document(study: Study) -> dict[str, Any]:
+    """The gains that were designed for the study, in place of the wish to design them."""
+    gains, c = study.inner_gains, study.converter
+    found: dict[str, Any] = {name: float(getattr(gains, name)) for name in ("K_pv", "K_iv", "K_pc", "K_ic")}
+    found["current_feedforward"] = float(gains.K_ff)
+    if gains.R_t or gains.X_t:
+        found["transient_resistance_pu"] = float(gains.R_t) / c.Z_base
+        found["transient_reactance_pu"] = float(gains.X_t) / c.Z_base
+        found["transient_corner"] = study.omega_t / (2.0 * math.pi)
+    if gains.kappa:
+        found["current_prediction"] = float(gains.kappa)
+    return found
+
+
+def _grid(study: Study, drawn: LaneCases, k: int) -> dict[str, Any]:
+    """The grid of the case with the source of the study, for which closed forms are designed: a controller does not
+    know the source of the case, which an event at t = 0 gives."""
+    return {
+        "scr_basis": study.scr_basis,
+        "R_g": float(drawn.R_g[k]),
+        "L_g": float(drawn.L_g[k]),
+        "V_g_pu": study.grid_source.V_g_rms / study.converter.V_rated_rms,
+        "f_g": study.grid_source.omega_g / (2.0 * math.pi),
+    }
+
+
+def _simulation(study: Study, drawn: LaneCases, k: int, settling_time: float, bridge: str) -> dict[str, Any]:
+    T_s, own = study.converter.T_s, drawn.take(np.array([k]))
+    end = int(ends_of(study, own, segments_of(own), demand_of(study.converter, settling_time), bridge)[0][0])
+    found: dict[str, Any] = {
+        "duration": end * T_s,
+        "bridge": bridge,
+        "log_interval": T_s,
+        "reference_limit_pu": 100.0,  # the droops take away what a reference is beyond the drawn power
+        "P_ref": float(drawn.P_ref[k]),
+        "Q_ref": float(drawn.Q_ref[k]),
+    }
+    return found if drawn.kind[k] == STEP else found | {"survival": True}
+
+
+def _controller(
+    study: Study, spec: ControllerSpec, document: dict[str, Any], drawn: LaneCases, k: int, table: str | None
+) -> dict[str, Any]:
+    told = float(drawn.error_R[k]), float(drawn.error_X[k]), float(drawn.silent_s[k])
+    knowledge = GridEstimate(*told) if any(told) else None
+    return controller_document(study, spec, document, knowledge, table)
+
+
+def controller_document(
+    study: Study, spec: ControllerSpec, document: dict[str, Any], knowledge: GridEstimate | None, table: str | None
+) -> dict[str, Any]:
+    """The controller's own table of the document, with what it knows of the grid."""
+    found = dict(next(one for one in document["controllers"] if one.get("name") == spec.name))
+    found.pop("knowledge", None)
+    if spec.estimate == "truth":  # also where the study names an estimator, whose errors the case has instead
+        found.pop("estimate", None)
+    if table is not None:
+        found["table"] = table
+    if spec.kind == "fixed" and spec.gains is None and spec.design_grid is not None:
+        at = spec.design_grid
+        found["design_grid"] = {"scr_basis": study.scr_basis, "R_g": at.R_g, "L_g": at.L_g}
+    if spec.kind == "scheduled" and spec.estimate == "truth" and knowledge is not None:
+        told = knowledge.error_R, knowledge.error_X, knowledge.silent_s
+        found["knowledge"] = dict(zip(("error_R", "error_X", "silent"), told, strict=True))
+    return found
+
+
+def _events(study: Study, drawn: LaneCases, k: int) -> list[dict[str, Any]]:
+    begun = GridSource(float(drawn.V_g_rms[k]), float(drawn.omega_g[k]))
+    first = Event(0.0, V_g_rms=begun.V_g_rms, omega_g=begun.omega_g)
+    begins = () if begun == replace(study.grid_source, components=()) else (first,)
+    return [event.document(study.converter) for event in (*begins, *drawn.events.events(k))]

@@ -1,0 +1,193 @@
+"""From the results of a block of runs to its summary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.campaigns.verification.promises import FIGURES, Promise
+from vsgdesign.campaigns.verification.summary import (
+    BROKEN,
+    MAP,
+    WORST,
+    BrokenCase,
+    CaseFigures,
+    FamilyCount,
+    PromiseCount,
+    Summary,
+    binned,
+    worst_of,
+)
+from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.linear.operating_point.many import FAULTS
+from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STATUSES
+from vsgdesign.study.parameters.converter import Converter
+
+Array = NDArray[np.float64]
+
+LEFT_OUT = (NO_REST, OVER_LIMIT)
+"""Statuses of cases that no converter is asked for: they are counted apart."""
+
+
+class Results(Protocol):
+    """What a batch of N runs gives: arrays (N,), among them one for each figure."""
+
+    @property
+    def status(self) -> NDArray[np.int8]:
+        """Index of :data:`vsgdesign.simulation.lanes.results.STATUSES`."""
+        ...
+
+    @property
+    def fault(self) -> NDArray[np.int8]:
+        """Index of :data:`vsgdesign.linear.operating_point.many.FAULTS`, where there is no rest."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapAxes:
+    """The bins of the map over the box of grids: MAP[0] of SCR and MAP[1] of X/R, equal in the logarithm."""
+
+    scr: tuple[float, float]
+    x_over_r: tuple[float, float]
+    scr_basis: str
+
+    @property
+    def scr_edges(self) -> tuple[float, ...]:
+        """MAP[0] + 1 edges, ascending."""
+        return _edges(*self.scr, MAP[0])
+
+    @property
+    def x_over_r_edges(self) -> tuple[float, ...]:
+        """MAP[1] + 1 edges, ascending."""
+        return _edges(*self.x_over_r, MAP[1])
+
+    def bins(self, converter: Converter, R_g: Array, L_g: Array) -> NDArray[np.intp]:
+        """The bin of each grid (N,), as an index of the raveled map. A grid outside belongs to the nearest bin."""
+        scr = SCR_BASES[self.scr_basis].scr(R_g, L_g, converter.Z_base, converter.omega_n)
+        with np.errstate(divide="ignore"):
+            x_over_r = converter.omega_n * L_g / R_g
+        k = np.searchsorted(np.array(self.scr_edges[1:-1]), scr, side="right")
+        m = np.searchsorted(np.array(self.x_over_r_edges[1:-1]), x_over_r, side="right")
+        return k * MAP[1] + m
+
+
+def _edges(low: float, high: float, count: int) -> tuple[float, ...]:
+    inner = (low * (high / low) ** (k / count) for k in range(1, count))
+    return (low, *inner, high)
+
+
+def last_grids(cases: LaneCases) -> tuple[Array, Array]:
+    """R_g and L_g (N,) after the last change: the grid on which each case comes to rest."""
+    R_g, L_g = cases.R_g.copy(), cases.L_g.copy()
+    for k in range(cases.events.count):
+        changed = np.isfinite(cases.events.t_s[:, k]) & np.isfinite(cases.events.R_g[:, k])
+        R_g = np.where(changed, cases.events.R_g[:, k], R_g)
+        L_g = np.where(changed, cases.events.L_g[:, k], L_g)
+    return R_g, L_g
+
+
+def figures_of(results: Results) -> Array:
+    """Every figure of FIGURES as a column, (N, figures)."""
+    return np.stack([np.asarray(getattr(results, name), dtype=float) for name in FIGURES], axis=1)
+
+
+def judged_values(promise: Promise, status: NDArray[np.int8], figures: Array) -> Array:
+    """The figure of a promise (N,), infinite where it does not exist: what a case that never settles has."""
+    values = figures[:, tuple(FIGURES).index(promise.figure)]
+    if promise.survival:
+        values = np.where(status == JUDGED, values, math.inf)
+    return np.where(np.isnan(values), math.inf, values)
+
+
+def count_block(
+    number: int,
+    first: int,
+    cases: LaneCases,
+    family: NDArray[np.int8],
+    results: Results,
+    *,
+    names: Sequence[str],
+    promises: Sequence[Promise],
+    axes: MapAxes,
+    converter: Converter,
+    instruction_set: str,
+) -> Summary:
+    """The summary of block ``number``, whose cases have the numbers from ``first`` on. ``names``: of the families."""
+    status = np.asarray(results.status)
+    figures = figures_of(results)
+    bins = axes.bins(converter, *last_grids(cases))
+    judged = ~np.isin(status, LEFT_OUT)
+    families: dict[str, FamilyCount] = {}
+    broken: list[BrokenCase] = []
+    for k, name in enumerate(names):
+        drawn = family == k
+        if not drawn.any():
+            continue
+        asked = np.flatnonzero(drawn & judged)
+        held = [promise for promise in promises if name in promise.families]
+        found = {p.name: judged_values(p, status[asked], figures[asked]) for p in held}
+        misses = {p.name: ~(found[p.name] <= p.limit) for p in held}
+        any_broken = np.any(list(misses.values()), axis=0) if held else np.zeros(len(asked), bool)
+        families[name] = FamilyCount(
+            drawn=int(drawn.sum()),
+            judged=len(asked),
+            left_out=_reasons(status[drawn & ~judged], np.asarray(results.fault)[drawn & ~judged]),
+            lost=_counts(status[asked][status[asked] != JUDGED]),
+            broken=int(any_broken.sum()),
+            promises={
+                p.name: _promise(p, found[p.name], first + asked, status[asked], figures[asked], bins[asked])
+                for p in sorted(held, key=lambda promise: promise.name)
+            },
+            judged_map=np.bincount(bins[asked], minlength=MAP[0] * MAP[1]).reshape(MAP),
+            broken_map=np.bincount(bins[asked[any_broken]], minlength=MAP[0] * MAP[1]).reshape(MAP),
+        )
+        for j in np.flatnonzero(any_broken)[:BROKEN].tolist():
+            which = tuple(p.name for p in held if misses[p.name][j])
+            at = int(asked[j])
+            broken.append(BrokenCase(first + at, name, which, STATUSES[status[at]], tuple(figures[at].tolist())))
+    return Summary(
+        blocks=(number,),
+        instruction_sets=(instruction_set,),
+        families=dict(sorted(families.items())),
+        broken=tuple(sorted(broken)[:BROKEN]),
+    )
+
+
+def _promise(
+    promise: Promise,
+    values: Array,
+    index: NDArray[np.intp],
+    status: NDArray[np.int8],
+    figures: Array,
+    bins: NDArray[np.intp],
+) -> PromiseCount:
+    worst_map = np.full(MAP[0] * MAP[1], -math.inf)
+    np.maximum.at(worst_map, bins, values)
+    severity = values / promise.limit
+    order = np.lexsort((index, -severity))[:WORST]
+    return PromiseCount(
+        broken=int((~(values <= promise.limit)).sum()),
+        worst=worst_of(
+            CaseFigures(int(index[j]), float(severity[j]), STATUSES[status[j]], tuple(figures[j].tolist()))
+            for j in order
+        ),
+        bins=binned(values),
+        worst_map=worst_map.reshape(MAP),
+    )
+
+
+def _reasons(status: NDArray[np.int8], fault: NDArray[np.int8]) -> Mapping[str, int]:
+    """How many cases are left out for which reason."""
+    said = [FAULTS[f] if s == NO_REST and f > 0 else STATUSES[s] for s, f in zip(status, fault, strict=True)]
+    return {name: said.count(name) for name in sorted(set(said))}
+
+
+def _counts(status: NDArray[np.int8]) -> Mapping[str, int]:
+    found, counts = np.unique(status, return_counts=True)
+    return dict(sorted((STATUSES[k], int(count)) for k, count in zip(found, counts, strict=True)))

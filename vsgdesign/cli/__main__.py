@@ -1,5 +1,0 @@
-"""``python -m vsgdesign.cli``: the program."""
-
-from vsgdesign.cli.program import main
-
-main()

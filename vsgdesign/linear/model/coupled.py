@@ -1,0 +1,165 @@
+"""The coupled small-signal model of the power loops: ideal inner loops, quasi-static grid, B and C kept.
+
+Generated from the power-loop and power-flow equations by automatic differentiation, for any number of cells
+(grids × operating points × gains) in one call. Arrays carry the cells first.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.power_flow import power_flow
+from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
+from vsgdesign.linear.model.power_loops import numpy_on_symbols
+
+Array = NDArray[np.float64]
+
+INPUTS = ("P_ref", "Q_ref", "omega_g", "V_g")
+OUTPUTS = ("P", "Q", "omega", "V")
+
+_CHUNK = 64
+"""Operating points that CasADi evaluates in one call."""
+
+
+@dataclass(frozen=True)
+class CoupledModel:
+    """Linear model of N cells, ẋ = A x + B u, y = C x + D u (:eq:`coupled-model`).
+
+    ``states`` names x: delta, omega_i, V, then P_f and Q_f where the power filters have a time constant.
+    Inputs are INPUTS, outputs OUTPUTS, in W, var, rad, rad/s and phase rms V. The loop itself is K, from
+    measured (P, Q) to (δ, V), against the plant's Jacobian J: K(s) = C_K (sI − A_K)⁻¹ B_K.
+    """
+
+    states: tuple[str, ...]
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    A_K: Array
+    B_K: Array
+    C_K: Array
+    J: Array
+
+
+PLANT = ("delta", "V", "V_g", "R", "X")
+MATRICES = ("A", "B", "C", "D", "A_K", "B_K", "C_K", "J")
+
+
+@functools.cache
+def coupled_function(filter_P: bool, filter_Q: bool, coupling: bool = True) -> ca.Function:
+    """(PLANT, PowerLoopGains, tau_P, tau_Q) → MATRICES of one cell, dense, for numbers or symbols.
+
+    ``filter_P``, ``filter_Q``: whether that power filter is a state; its time constant is unused where it is not.
+    """
+    delta, V, V_g, R, X = plant = [ca.SX.sym(name) for name in PLANT]
+    gains = PowerLoopGains(*(ca.SX.sym(name) for name in PowerLoopGains._fields))
+    taus = [ca.SX.sym("tau_P"), ca.SX.sym("tau_Q")]
+    omega_i, P, Q = ca.SX.sym("omega_i"), ca.SX.sym("P"), ca.SX.sym("Q")
+    refs = References(*(ca.SX.sym(name) for name in References._fields))
+    with numpy_on_symbols():
+        powers = ca.vertcat(*power_flow(delta, V, V_g, R, X))
+        rates = ca.vertcat(*power_loops(omega_i, V, P, Q, refs, gains))
+    J, of_V_g = ca.jacobian(powers, ca.vertcat(delta, V)), ca.jacobian(powers, V_g)
+    if not coupling:
+        J = J * ca.SX(np.eye(2))
+    of_states = ca.jacobian(rates, ca.vertcat(omega_i, V))
+    of_powers = ca.jacobian(rates, ca.vertcat(P, Q))
+    of_refs = ca.jacobian(rates, ca.vertcat(refs.P_ref, refs.Q_ref))
+
+    # The controller, open at the measurement: δ̇ = ω − ω_g, then dω_i/dt and dV/dt, then the filters.
+    filters = [k for k, present in enumerate((filter_P, filter_Q)) if present]
+    n = 3 + len(filters)
+    A_K, B_K, C_K = ca.SX.zeros(n, n), ca.SX.zeros(n, 2), ca.SX.zeros(2, n)
+    A_K[:3, 1:3] = of_states
+    B_K[:3, :] = of_powers
+    for k, column in enumerate(filters, start=3):
+        A_K[:3, k] = B_K[:3, column]
+        B_K[:3, column] = 0.0
+        A_K[k, k] = -1.0 / taus[column]
+        B_K[k, column] = 1.0 / taus[column]
+    C_K[0, 0] = C_K[1, 2] = 1.0
+
+    closed = B_K @ J
+    A = A_K + closed @ C_K
+    B = ca.SX.zeros(n, 4)
+    B[:3, :2] = of_refs
+    B[0, 2] = -1.0
+    B[:, 3] = B_K @ of_V_g
+    C, D = ca.SX.zeros(4, n), ca.SX.zeros(4, 4)
+    C[:2, :] = J @ C_K
+    D[:2, 3] = of_V_g
+    # ω is the first row of the controller, before ω_g is taken off.
+    C[2, :] = A[0, :]
+    D[2, :2] = of_refs[0, :]
+    D[2, 3] = (B_K @ of_V_g)[0]
+    C[3, 2] = 1.0
+    outputs = [ca.densify(matrix) for matrix in (A, B, C, D, A_K, B_K, C_K, J)]
+    return ca.Function("coupled", [*plant, *gains, *taus], outputs)
+
+
+def coupled_model(
+    delta: float | Array,
+    V_rms: float | Array,
+    V_g_rms: float | Array,
+    R: float | Array,
+    X: float | Array,
+    gains: PowerLoopGains,
+    *,
+    tau_P: float = 0.0,
+    tau_Q: float = 0.0,
+    coupling: bool = True,
+) -> CoupledModel:
+    """The coupled model at N operating points (arrays of shape (N,), or scalars).
+
+    tau_P, tau_Q: time constants of the power filters in s; zero leaves the state out. ``coupling=False`` drops
+    B and C: the paper's two decoupled loops.
+    """
+    columns = [np.atleast_1d(np.asarray(value, dtype=float)) for value in (delta, V_rms, V_g_rms, R, X, *gains)]
+    columns = [*columns, np.array([tau_P]), np.array([tau_Q])]
+    inputs = np.stack(np.broadcast_arrays(*columns), axis=1)
+    count = len(inputs)
+    function = coupled_function(tau_P > 0.0, tau_Q > 0.0, coupling)
+    names = ("P_f",) * (tau_P > 0.0) + ("Q_f",) * (tau_Q > 0.0)
+    packed, shapes = _packed(function)
+    values = _evaluate(packed, inputs)
+    matrices, start = [], 0
+    for rows, cols in shapes:
+        part = values[:, start : start + rows * cols]
+        matrices.append(np.ascontiguousarray(part).reshape(count, rows, cols))
+        start += rows * cols
+    return CoupledModel(("delta", "omega_i", "V", *names), *matrices)
+
+
+@functools.cache
+def _packed(function: ca.Function) -> tuple[ca.Function, list[tuple[int, int]]]:
+    """The function with one column in and one out (matrices row by row), and the matrices' shapes."""
+    column = ca.SX.sym("column", function.n_in())
+    outputs = function.call(ca.vertsplit(column))
+    shapes = [out.shape for out in outputs]
+    return ca.Function("packed", [column], [ca.vertcat(*(ca.vec(out.T) for out in outputs))]), shapes
+
+
+def _evaluate(function: ca.Function, inputs: Any) -> Array:
+    """One row of results for each row of inputs, through buffers: CasADi's own matrices are copied by way of lists."""
+    chunks = -(-len(inputs) // _CHUNK)
+    given: Any = np.zeros((chunks * _CHUNK, inputs.shape[1]))
+    results: Any = np.empty((chunks * _CHUNK, function.size1_out(0)))
+    given[: len(inputs)] = inputs
+    buffer, run = _mapped(function).buffer()
+    for k in range(0, len(given), _CHUNK):
+        buffer.set_arg(0, memoryview(given[k : k + _CHUNK]))
+        buffer.set_res(0, memoryview(results[k : k + _CHUNK]))
+        run()
+    return results[: len(inputs)]
+
+
+@functools.cache
+def _mapped(function: ca.Function) -> Any:
+    """The function of _CHUNK columns. To make one takes as long as to run it for a thousand."""
+    return function.map(_CHUNK)

@@ -1,0 +1,327 @@
+"""The exact steady states of many sampled converters at once, with the gains that are given.
+
+In a steady state of the sampled map, plant state and bridge voltage follow linearly from the voltage at the control
+point. One complex impedance then lies between the control point and the source. It differs from that of the grid only
+by the sampling, and the steady state is an operating point on it (:eq:`sampled-path`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.frames import instantaneous_power, peak_to_rms, rms_to_peak
+from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterView
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.linear.operating_point.equilibrium import points_with_droop
+from vsgdesign.linear.operating_point.plant import TwoAxisCircuit, plant_step
+from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import Study
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+NO_POINT, BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, NOT_CONVERGED, NO_GAINS, LIMITER_PULLS = range(1, 8)
+FAULTS = (
+    "",
+    "no operating point",
+    "the steady state needs more bridge voltage than there is",
+    "the steady state needs more current than the limit",
+    "the current limiter acts in the steady state",
+    "the gains follow the measured powers and do not come to rest",
+    "no gains",
+    "the current limiter pulls the power loops away from the steady state",
+)
+"""The meaning of the codes of :attr:`ManyStates.fault`. The code 0 means that there is a steady state."""
+
+
+@dataclass(frozen=True, eq=False)
+class ManyStates:
+    """Steady states of N converters. Lanes whose fault is ``NO_POINT``, ``NOT_CONVERGED`` or ``NO_GAINS`` are NaN."""
+
+    plant: Array
+    """(6, N): i_s, v_c, i_g, each as α, β; A and V peak. More rows with a circuit that has more states."""
+    controller: ControllerState
+    """The controller's state. Every field is (N,), including the memory of the limiter."""
+    pending: Array
+    """(2, N): bridge voltage that the delay holds back, α and β, V peak."""
+    P: Array
+    Q: Array
+    """(N,): powers at the control point, W and var."""
+    V: Array
+    """(N,): voltage at the control point, phase rms V."""
+    delta: Array
+    """(N,): its angle to the source, rad."""
+    i_s_pk: Array
+    v_b_pk: Array
+    """(N,): converter current (A peak) and bridge voltage (V peak)."""
+    fault: NDArray[np.int64]
+    """(N,): 0, or what is wrong (:data:`FAULTS`)."""
+
+    def __len__(self) -> int:
+        return len(self.fault)
+
+
+class Lanes(NamedTuple):
+    """Grid, source and set points of N converters, in SI: numbers or (N,), which broadcast. The last two may be None:
+    they are then nominal."""
+
+    R_g: Any
+    L_g: Any
+    V_g_rms: Any
+    omega_g: Any
+    P_ref: Any
+    Q_ref: Any
+    omega_0: Any = None
+    V_n: Any = None
+
+    @classmethod
+    def at(cls, grid: Grid, source: GridSource, refs: References) -> Lanes:
+        """One converter."""
+        return cls(grid.R_g, grid.L_g, source.V_g_rms, source.omega_g, *refs)
+
+    @property
+    def refs(self) -> References:
+        """The set points."""
+        return References(*self[4:])
+
+
+class Paths(NamedTuple):
+    """The path between bridge and source in a sampled steady state, for N lanes, with the source at angle zero."""
+
+    known: NDArray[np.bool_]
+    """Lanes whose numbers are those of a grid with a voltage; the others hold the numbers of the study's own grid."""
+    omega_g: Array
+    per_bridge: Complex
+    """(N, n): plant state per bridge voltage."""
+    from_source: Complex
+    """(N, n): plant state without bridge voltage."""
+    node_per_bridge: Complex
+    node_from_source: Complex
+    """(N,): the same for the voltage at the control point."""
+    V_rms: Array
+    angle: Array
+    """Source behind the impedance: phase rms V, and its angle to the grid's source, rad."""
+    R: Array
+    X: Array
+    """Impedance between control point and source as the samples see it, Ω."""
+
+
+def many_steady_states(
+    study: Study,
+    lanes: Lanes,
+    gains: PowerLoopGains,
+    phase: float = 0.0,
+    *,
+    free_of_limits: bool = False,
+    circuit: TwoAxisCircuit | None = None,
+) -> ManyStates:
+    """The states that one control period only rotates by ω_g·T_s, with the source's phasor at ``phase`` (rad).
+
+    The fields of ``lanes`` and ``gains`` are numbers or (N,), and they broadcast. The bridge is averaged. A lane
+    without a steady state has its reason in ``fault`` and does not affect the others. With ``free_of_limits``, a
+    current above the limit is no fault, and the caller judges it. The limit of the bridge voltage always counts.
+    ``circuit``, with equal axes, takes the place of the filter and of all that is connected to it. It is possible for
+    one lane only.
+    """
+    lanes, gains = lanes_of(study, lanes, gains)
+    paths = paths_of(study, lanes, circuit)
+    V, delta = points_of(paths, lanes, gains)
+    return states_at(study, paths, lanes, gains, V, delta, phase, free_of_limits)
+
+
+def lanes_of(study: Study, lanes: Lanes, gains: PowerLoopGains) -> tuple[Lanes, PowerLoopGains]:
+    """Lanes and gains as arrays of one length, with nominal values where a set point is not given."""
+    nominal = study.converter.references()
+    lanes = lanes._replace(
+        omega_0=nominal.omega_0 if lanes.omega_0 is None else lanes.omega_0,
+        V_n=nominal.V_n if lanes.V_n is None else lanes.V_n,
+    )
+    given = [np.asarray(value, dtype=float) for value in (*lanes, *gains)]
+    count = max(value.size for value in given)
+    arrays = [np.full(count, value) for value in given]
+    return Lanes(*arrays[: len(lanes)]), PowerLoopGains(*arrays[len(lanes) :])
+
+
+def paths_of(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | None) -> Paths:
+    """x(k+1) = Φ x + Γ v_b + u v_g and x(k+1) = e^{jω_g T} x: x is affine in v_b, and so is v at the control point."""
+    R_g, L_g, V_g_rms, omega_g = lanes[:4]
+    known = np.isfinite(R_g) & np.isfinite(L_g) & np.isfinite(V_g_rms) & np.isfinite(omega_g)
+    known &= (V_g_rms > 0.0) & (omega_g > 0.0) & (R_g >= 0.0) & (L_g >= 0.0) & (L_g + study.filter.L_2 > 0.0)
+    R_g, L_g = np.where(known, R_g, study.grid.R_g), np.where(known, L_g, study.grid.L_g)
+    V_g_rms = np.where(known, V_g_rms, study.converter.V_rated_rms)
+    omega_g = np.where(known, omega_g, study.converter.omega_n)
+    T_s = study.converter.T_s
+    if circuit is None:
+        steps = plant_steps(study, R_g, L_g, T_s, omega_g)
+    else:
+        steps = _on_one_axis(circuit, T_s, float(omega_g[0]))
+    turn, unit = np.exp(1j * omega_g * T_s), np.eye(steps.bridge.shape[1])
+    inverse: Complex = np.asarray(np.linalg.inv(turn[:, None, None] * unit - steps.transition), dtype=complex)
+    per_bridge = (inverse @ steps.bridge[..., None])[..., 0]
+    from_source = (inverse @ steps.source[:, 0, :, None])[..., 0] * rms_to_peak(V_g_rms)[:, None]
+    node_per_bridge, node_from_source = (
+        capacitor_node_voltage(x[:, 0], x[:, 1], x[:, 2], study.circuit()) for x in (per_bridge, from_source)
+    )
+    # i_g = (v - v_source)/Z, with the two numbers that make it so for every v.
+    Z = node_per_bridge / per_bridge[:, 2]
+    if circuit is not None:  # a load and a grid may be capacitive together: no operating point is known for that
+        known &= Z.imag > 0.0
+    v_source = node_from_source - Z * from_source[:, 2]
+    return Paths(
+        known=known,
+        omega_g=omega_g,
+        per_bridge=per_bridge,
+        from_source=from_source,
+        node_per_bridge=node_per_bridge,
+        node_from_source=node_from_source,
+        V_rms=peak_to_rms(np.abs(v_source)),
+        angle=np.angle(v_source),
+        R=Z.real,
+        X=Z.imag,
+    )
+
+
+def _on_one_axis(circuit: TwoAxisCircuit, h: float, omega: float) -> PlantSteps:
+    """The step of a circuit with equal axes as that of one lane."""
+    step = plant_step(circuit, h, omega, edges=False)
+    source = step.source[:, 0::2, 0] + 1j * step.source[:, 1::2, 0]  # what 1 adds on α, and on β
+    return PlantSteps(
+        np.array([h]), step.transition[None, 0::2, 0::2], step.bridge[None, 0::2, 0], np.empty((1, 0, 0)), source[None]
+    )
+
+
+def points_of(paths: Paths, lanes: Lanes, gains: PowerLoopGains) -> tuple[Array, Array]:
+    """V and δ of steady states: both errors of the power loops are zero, and the frequency is the source's."""
+    P = power_of(lanes, gains)
+    V, delta = points_with_droop(P, lanes.Q_ref, gains.D_q, lanes.V_n, paths.V_rms, paths.R, paths.X)
+    return np.where(paths.known & np.isfinite(gains).all(axis=0), V, np.nan), delta + paths.angle
+
+
+def power_of(lanes: Lanes, gains: PowerLoopGains) -> Array:
+    """P of a steady state under its P–f droop, W."""
+    return lanes.P_ref + gains.D_p * (lanes.omega_0 - lanes.omega_g)
+
+
+def states_at(
+    study: Study,
+    paths: Paths,
+    lanes: Lanes,
+    gains: PowerLoopGains,
+    V: Array,
+    delta: Array,
+    phase: float,
+    free_of_limits: bool,
+    fault: NDArray[np.int64] | None = None,
+) -> ManyStates:
+    """The steady states with the given V and δ. V is NaN in lanes without a steady state."""
+    with np.errstate(invalid="ignore"):
+        return _states_of(study, paths, lanes, gains, V, delta, phase, free_of_limits, fault)
+
+
+def _states_of(
+    study: Study,
+    paths: Paths,
+    lanes: Lanes,
+    gains: PowerLoopGains,
+    V: Array,
+    delta: Array,
+    phase: float,
+    free_of_limits: bool,
+    fault: NDArray[np.int64] | None,
+) -> ManyStates:
+    settings, inner, c = study.controller_settings(), study.inner_gains, study.converter
+    theta = delta + phase
+    turn = np.exp(-1j * theta)
+    # Everything in the converter's own frame, whose d axis is the voltage at the control point.
+    v = rms_to_peak(V) + 0j
+    to_source = np.exp(-1j * delta)
+    v_b = (v - paths.node_from_source * to_source) / paths.node_per_bridge
+    x = paths.per_bridge.T * v_b + paths.from_source.T * to_source
+    i_s, i_g = x[0], x[2]
+    # The voltage on the bridge now was computed `delay` samples ago, in the frame of that time.
+    lead = settings.advance_cos + 1j * settings.advance_sin
+    v_b_dq = v_b * np.exp(1j * c.delay_samples * paths.omega_g * settings.T_s) / lead
+    u = v_b / (settings.half_cos + 1j * settings.half_sin)
+    i_ref = i_s + inner.kappa * settings.T_over_L * (u - v - 1j * settings.omega_L * i_s)
+    xi_v = i_ref - inner.K_ff * i_g - 1j * settings.omega_C * v
+    xi_i = v_b_dq - v - 1j * settings.omega_L * i_s
+    P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
+    omega_i = paths.omega_g + gains.k_P * P + gains.k_Q * (Q + gains.D_q * V)
+    view = LimiterView(
+        v_d=v.real,
+        v_q=v.imag,
+        i_s_d=i_s.real,
+        i_s_q=i_s.imag,
+        i_g_d=i_g.real,
+        i_g_q=i_g.imag,
+        e_d=0.0,
+        e_q=0.0,
+        i_want_d=i_ref.real,
+        i_want_q=i_ref.imag,
+        V=V,
+        omega_i=omega_i,
+        P=P,
+        Q=Q,
+        K_pv=inner.K_pv,
+    )
+    memory = study.limiter.at_rest(view, paths.omega_g, settings)
+    memory = type(memory)(*(np.full(V.shape, value, dtype=float) for value in memory))
+    plant, applied = x / turn, v_b / turn
+    state = ControllerState(
+        theta=theta,
+        omega_i=omega_i,
+        V=V,
+        P_f=P,
+        Q_f=Q,
+        xi_vd=xi_v.real,
+        xi_vq=xi_v.imag,
+        xi_id=xi_i.real,
+        xi_iq=xi_i.imag,
+        i_f_d=i_g.real,
+        i_f_q=i_g.imag,
+        u_alpha=applied.real,
+        u_beta=applied.imag,
+        ripple_P=np.zeros_like(P),
+        ripple_Q=np.zeros_like(P),
+        mean_P=P,
+        mean_Q=Q,
+        limiter=memory,
+    )
+    found = np.zeros(V.shape, dtype=int) if fault is None else fault
+    lost = ~np.isfinite(V) | ~np.isfinite(P)
+    _mark(found, lost & ~np.isfinite(gains).all(axis=0), NO_GAINS)
+    _mark(found, lost, NO_POINT)
+    _mark(found, np.abs(v_b) > settings.v_max_pk, BRIDGE_VOLTAGE)
+    if not free_of_limits:
+        _mark(found, np.abs(i_s) > settings.i_max_pk, CURRENT)
+        law, estimate = study.limiter.law, GridEstimate(R_g=lanes.R_g, L_g=lanes.L_g)
+        sample = law.limit(memory, view, estimate, lanes.refs, gains, settings)
+        _mark(found, np.asarray(sample.limited) > 0.0, LIMITER_ACTS)
+        # One that limits the voltage or the frequency of the power loops moves an integrator that should rest.
+        moved, _ = law.move(memory, sample, view, paths.omega_g, IntegratorSteps(0.0, 0.0, 0.0), settings)
+        for step in moved:
+            _mark(found, np.asarray(step) != 0.0, LIMITER_PULLS)
+    return ManyStates(
+        plant=np.stack([part for row in plant for part in (row.real, row.imag)]),
+        controller=state,
+        pending=np.stack([applied.real, applied.imag]),
+        P=P,
+        Q=Q,
+        V=V,
+        delta=delta,
+        i_s_pk=np.abs(i_s),
+        v_b_pk=np.abs(v_b),
+        fault=found,
+    )
+
+
+def _mark(fault: NDArray[np.int64], where: NDArray[np.bool_], code: int) -> None:
+    """The first fault that is found is the one that is told."""
+    fault[where & (fault == 0)] = code

@@ -1,5 +1,0 @@
-"""Operating points of the converter on a grid, and linear models at them."""
-
-from vsgdesign.operating_point.equilibrium import OperatingPoint, solve_operating_point, solve_with_droop
-
-__all__ = ["OperatingPoint", "solve_operating_point", "solve_with_droop"]

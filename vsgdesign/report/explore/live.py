@@ -1,0 +1,290 @@
+"""The page's EMT: every shown controller through the same event from the same operating point, with its figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.errors import SimulationDivergedError, VsgDesignError
+from vsgdesign.metrics.beside_limit import beside_limit
+from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, EventMetrics
+from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
+from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
+from vsgdesign.report.explore.events import LEAD_S, SHOWN_S, after_s, event_s, events_of, length_s, study_of
+from vsgdesign.report.explore.scene import Scene, scene_of
+from vsgdesign.report.explore.state import State
+from vsgdesign.simulation.feeds import feed_of
+from vsgdesign.simulation.outcome import outcome_of
+from vsgdesign.simulation.rest import Rest, expected_rests_of
+from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.scenario import measure_events, rest_at_limit, series_at_pcc
+from vsgdesign.simulation.survival.running import record_of
+from vsgdesign.simulation.survival.scenario import judge_scenario
+from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.study import Study
+
+__all__ = ["emt_answer", "events_of"]
+
+SIGNALS = ("P", "Q", "i_s_pu", "omega_hz", "v_pu")
+"""Curves of each controller: P and Q at the control point in per unit of S_rated, the converter's current and the
+voltage at the control point in per unit of the rated peak, and the converter's frequency in Hz."""
+
+_NOT_SIMULATED = "not simulated"
+_TOLD = "Its own estimator does not run here: it is told the grid with the errors and the silence that are set."
+
+
+def never() -> bool:
+    """Nothing overtakes this answer."""
+    return False
+
+
+def emt_answer(
+    study: Study,
+    ready: Ready,
+    state: State,
+    stale: Callable[[], bool] = never,
+    places: Collection[int] | None = None,
+) -> Answer | None:
+    """EMT of every shown controller through the state's event, with the figures of ``vsgdesign run`` and its verdict.
+
+    ``study`` has the state's changes already. Times count from the event. None: a newer request made this one ``stale``
+    meanwhile. A controller that cannot be simulated has words in place of curves; nothing is raised for it. ``places``:
+    the shown controllers of a part of the answer (:func:`vsgdesign.report.explore.answer.joined_emt`), None for all.
+    """
+    scene = scene_of(study, ready, state)
+    places = [k for k in range(len(scene.shown)) if places is None or k in places]
+    runs: list[Simulated | dict[str, Any]] = []
+    for k in places:
+        if stale():
+            return None
+        runs.append(_run(scene, state, ready, k))
+    rests = _rests([one for one in runs if isinstance(one, Simulated)], ready, state)
+    rows: list[dict[str, Any]] = []
+    arrays: dict[str, NDArray[np.float32]] = {}
+    for k, one in zip(places, runs, strict=True):
+        shown = scene.shown[k]
+        row = one if isinstance(one, dict) else _figures(one, ready, state, next(rests))
+        rows.append({"name": shown.name, **row, "note": _TOLD if shown.spec.estimate != "truth" else ""})
+        if isinstance(one, Simulated) and row["status"] != _NOT_SIMULATED:
+            curves = curves_of(one.study, one.run)
+            arrays |= {f"{k}/{name}": values for name, values in curves.items()}
+    return emt_of_rows(rows, bands(scene, ready, state), arrays)
+
+
+class Simulated(NamedTuple):
+    """A run of one controller, with its study."""
+
+    study: Study
+    run: Simulation
+
+
+def _run(scene: Scene, state: State, ready: Ready, k: int) -> Simulated | dict[str, Any]:
+    """The run of the ``k``-th shown controller, or its row if there is none."""
+    fault = scene.cells.faults[k]
+    if fault is not None:
+        return no_run("no operating point", fault)
+    try:
+        study = study_of(scene, ready, state, k)
+        return Simulated(study, simulated(study, ready))
+    except SimulationDivergedError as error:
+        return no_run("diverged", str(error))
+    except VsgDesignError as error:
+        return no_run(_NOT_SIMULATED, str(error))
+
+
+def _rests(runs: Sequence[Simulated], ready: Ready, state: State) -> Iterator[Sequence[Rest] | VsgDesignError | None]:
+    """Where each run comes to rest after a step; None after another event."""
+    if state.event.kind != "step":
+        return iter([None] * len(runs))
+    since_s = min((event_s(one.study) for one in runs), default=0.0)
+    several = [(one.study, one.run.timeline, one.study.controllers[0]) for one in runs]
+    return iter(expected_rests_of(several, ready, since_s))
+
+
+def _figures(
+    one: Simulated, ready: Ready, state: State, rests: Sequence[Rest] | VsgDesignError | None
+) -> dict[str, Any]:
+    try:
+        if isinstance(rests, VsgDesignError):
+            raise rests
+        return figures_of(one.study, ready, state, one.run, rests)
+    except VsgDesignError as error:
+        return no_run(_NOT_SIMULATED, str(error))
+
+
+def simulated(study: Study, ready: Ready) -> Simulation:
+    """The run of a study's only controller.
+
+    Nothing is checked before: an event may lead to where there is no steady state, and the run shows what happens.
+    """
+    spec = study.controllers[0]
+    own = study.with_limit_of(spec)
+    run = simulate(own, feed_of(own, spec, build_timeline(own), ready))
+    # What follows reads it column by column.
+    return replace(run, log=np.asfortranarray(run.log))
+
+
+def curves_of(study: Study, run: Simulation) -> dict[str, NDArray[np.float32]]:
+    """Time from the event (s) and :data:`SIGNALS` of a run: rows of its log, few enough to be drawn."""
+    log, c = run.log, study.converter
+    v = capacitor_node_voltage(log[:, 0:2], log[:, 2:4], log[:, 4:6], study.circuit())
+    values = (
+        run.column("P") / c.S_rated,
+        run.column("Q") / c.S_rated,
+        np.hypot(log[:, 0], log[:, 1]) / c.I_rated_pk,
+        run.column("omega") / (2.0 * np.pi),
+        np.hypot(v[:, 0], v[:, 1]) / rms_to_peak(c.V_rated_rms),
+    )
+    kept = thinned(values)
+    found = {"t": run.t_s - event_s(study)} | dict(zip(SIGNALS, values, strict=True))
+    return {name: series[kept].astype(np.float32) for name, series in found.items()}
+
+
+def bands(scene: Scene, ready: Ready, state: State) -> list[dict[str, Any]]:
+    """Bands and limits of the curves: current limits, and what the specification asks of a step.
+
+    The band of a step lies around the value that its reference asks for. Where a droop moves the final value of Q,
+    there is none.
+    """
+    end_s = length_s(state.event) + after_s(scene, ready, state)
+    given = [one.study.converter.current_limit_pu for one in scene.shown]
+    limits = sorted({limit for limit in given if limit is not None})
+    found = [_band("i_s_pu", (-LEAD_S, end_s), None, limit, f"current limit {limit:.3g} pu") for limit in limits]
+    asked, event = scene.study.specification, state.event
+    if asked is None or not asked.settles or event.kind != "step" or event.size == 0.0:
+        return found
+    if event.signal == "Q" and np.any(np.asarray(scene.cells.gains.D_q)):
+        return found
+    final = (state.P_pu if event.signal == "P" else state.Q_pu) + event.size
+    width, beyond = abs(event.size) * SETTLING_BAND, final + event.size * asked.overshoot
+    label = f"within 2 % from {asked.settling_time:.3g} s"
+    found.append(_band(event.signal, (asked.settling_time, end_s), final - width, final + width, label))
+    low, high = (None, beyond) if event.size > 0.0 else (beyond, None)
+    found.append(_band(event.signal, (0.0, end_s), low, high, f"overshoot of {100.0 * asked.overshoot:.3g} %"))
+    return found
+
+
+def _band(
+    signal: str, over_s: tuple[float, float], low: float | None, high: float | None, label: str
+) -> dict[str, Any]:
+    return {"signal": signal, "from_s": over_s[0], "to_s": over_s[1], "low": low, "high": high, "label": label}
+
+
+SETTLED = "settled"
+
+NOTHING: dict[str, Any] = dict.fromkeys(
+    ("overshoot", "settling_s", "needs_s", "recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_deg")
+)
+"""The figures of a controller that could not be simulated."""
+
+_VERDICTS = {
+    "not settled": "It does not come to rest.",
+    "unstable": "The operating point after the step is unstable.",
+    "no steady state": "There is no steady state after the step.",
+    "no model": "No model knows the circuit after the step.",
+    "limited": "It rests at its current limit.",
+    DIVERGED: "It is lost: the run diverges.",
+    SLIPPED: "It is lost: the angle slips by a turn.",
+    LATCHED: "It is lost: it stays in its current limit.",
+    NOT_AT_REST: "It is not at rest in time.",
+    "no rest": "There is no steady state after the event.",
+    "rest over limit": "The steady state after the event needs more current than the limiter leaves.",
+}
+
+
+def no_run(status: str, why: str) -> dict[str, Any]:
+    """The row of a controller that could not be simulated."""
+    return {**NOTHING, "status": status, "why": why, "verdict": why}
+
+
+def figures_of(
+    study: Study, ready: Ready, state: State, run: Simulation, rests: Sequence[Rest] | None
+) -> dict[str, Any]:
+    """The row of a controller that was simulated: figures in SI, status, the reason of a bad one, and the verdict.
+
+    ``study`` is that of the run, with this controller alone. A step of a reference is judged by settling time and
+    overshoot, everything else as a disturbance that is survived or not: as by ``vsgdesign run``. ``rests`` are those
+    after a step (:func:`vsgdesign.simulation.rest.expected_rests`), None after anything else.
+    """
+    spec = study.controllers[0]
+    own = study.with_limit_of(spec)
+    found = NOTHING | (_of_disturbance(own, ready, run) if rests is None else _of_step(own, state, run, rests))
+    if found["limited_s"] is None:
+        loads = loads_of(record_of(own, run), (event_s(study),), None)
+        found |= {"peak_pu": loads.peak_pu, "first_peak_pu": loads.first_peak_pu, "limited_s": loads.limited_s}
+    return found | {"verdict": _verdict(found, study, state)}
+
+
+def _of_disturbance(study: Study, ready: Ready, run: Simulation) -> dict[str, Any]:
+    survival = judge_scenario(study, study.controllers[0], ready, run)
+    found = {name: getattr(survival, name) for name in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s")}
+    if survival.swing_rad is not None:
+        found["swing_deg"] = math.degrees(survival.swing_rad)
+    return found | {"status": survival.status, "why": "" if survival.survived else survival.reason or ""}
+
+
+def _of_step(study: Study, state: State, run: Simulation, rests: Sequence[Rest]) -> dict[str, Any]:
+    """Settling time and overshoot of the signal whose reference is stepped."""
+    series = series_at_pcc(study, run)
+    signal = f"{state.event.signal}_pcc"
+    events = measure_events(study, series, rests, ripples=False, divergence=run.divergence, signals=(signal,))
+    outcome = outcome_of(run.divergence, rests, events, rest_at_limit(study, run, series))
+    if outcome.status in ("limited", "diverged"):
+        return {"status": outcome.status, "why": outcome.reason or ""}
+    if not events:
+        return {"status": "not known", "why": "the run is too short for any figure"}
+    event = events[0]
+    if event.status == TOO_SHORT:  # no fault: a slow response
+        return {"status": TOO_SHORT, "why": "", "needs_s": event.needs_s}
+    if event.status != MEASURED:
+        return {"status": event.status, "why": event.reason or "", "overshoot": _share(event)}
+    return {"status": SETTLED, "why": "", "overshoot": _share(event), "settling_s": event.raw.settling_time_s}
+
+
+def _at_most(value: float, limit: float | None, decimals: int) -> str:
+    """A value beside what the specification allows at most."""
+    return beside_limit(value, limit, limit is not None and value > limit, lambda v, n: f"{v:.{n}f}", decimals)
+
+
+def _share(event: EventMetrics) -> float | None:
+    percent = event.raw.overshoot_pct
+    return None if percent is None else percent / 100.0
+
+
+def _verdict(found: dict[str, Any], study: Study, state: State) -> str:
+    """One or two sentences on a run."""
+    status = found["status"]
+    if status == SETTLED and found["settling_s"] is not None:
+        over = found["overshoot"]
+        asked = study.specification if study.specification is not None and study.specification.settles else None
+        late, too_much = (None, None) if asked is None else (asked.settling_time, 100.0 * asked.overshoot)
+        beyond = ""
+        if over is not None:
+            beyond = " without overshoot" if over < 5e-4 else f" with {_at_most(100.0 * over, too_much, 1)} % overshoot"
+        said = f"{state.event.signal} settles in {_at_most(found['settling_s'], late, 2)} s{beyond}."
+    elif status == SURVIVED and found["recovery_s"] is not None:
+        since = {"sag": "the end of the sag", "ramp": "the end of the ramp"}.get(state.event.kind, "the event")
+        said = f"It survives and is back at rest {found['recovery_s']:.2f} s after {since}."
+    elif status == TOO_SHORT:
+        needs = math.ceil(100.0 * found["needs_s"]) / 100.0
+        said = f"{state.event.signal} is not judged in {SHOWN_S:g} s: the slowest mode needs {needs:.2f} s."
+    elif status in _VERDICTS:
+        said = _VERDICTS[status]
+        if found["why"].startswith("before"):
+            said = said.replace("after the event", "before the event")
+    else:
+        return f"There is no verdict: {found['why'] or status}."
+    if found["peak_pu"] is not None and status != DIVERGED:
+        said += f" The current reaches {max(found['peak_pu'], found['first_peak_pu'] or 0.0):.2f} pu"
+        limited = found["limited_s"] or 0.0
+        said += "." if limited < 5e-4 else f", and its limiter acts for {limited:.3g} s."
+    return said

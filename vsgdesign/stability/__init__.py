@@ -1,5 +1,0 @@
-"""Stability of a controller on a grid: modes, margins, maps, and the impedance as seen from the grid."""
-
-from vsgdesign.stability.margins import MarginTable, frequency_grid, full_order_margins, reduced_margins
-
-__all__ = ["MarginTable", "frequency_grid", "full_order_margins", "reduced_margins"]

@@ -1,0 +1,20 @@
+"""From a one-page datasheet to a study: reading, resolving, writing. This room designs and simulates nothing."""
+
+from vsgdesign.study.datasheet.fields import FIELDS, Field
+from vsgdesign.study.datasheet.reading import Entry, Sheet, read_sheet
+from vsgdesign.study.datasheet.resolving import Datasheet, faults_of, resolve
+from vsgdesign.study.datasheet.rows import Assumption
+from vsgdesign.study.datasheet.study_text import study_text
+
+__all__ = [
+    "FIELDS",
+    "Assumption",
+    "Datasheet",
+    "Entry",
+    "Field",
+    "Sheet",
+    "faults_of",
+    "read_sheet",
+    "resolve",
+    "study_text",
+]

@@ -1,0 +1,69 @@
+"""The [stability] section: the axes of the margin maps and the gates."""
+
+from __future__ import annotations
+
+from vsgdesign.study.parameters.fields import S_RATED, SEEDS, Scope, number, numbers, read, section, subtable, whole
+from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
+from vsgdesign.study.parameters.reader import REQUIRED, TableReader
+from vsgdesign.study.parameters.targets import ClosedFormTarget
+
+DEFAULT_SCR = (1.2, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0, 12.5, 16.0, 20.0)
+DEFAULT_X_OVER_R = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0)
+DEFAULT_ERRORS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
+
+
+@section
+class Gates:
+    """Gates: limits for the margins of a design. They are set in the study and do not come from a grid code."""
+
+    damping_ratio: float = number("1", 0.0, 1.0, default=0.3)
+    """Least damping ratio of any mode."""
+    gain_margin_db: float = number("1", 0.0, 60.0, default=6.0)
+    """Of either loop with the other closed, dB."""
+    phase_margin_deg: float = number("1", 0.0, 180.0, default=30.0)
+    """Of either loop with the other closed, degrees."""
+    M_s: float = number("1", 1.0, 100.0, default=2.0)
+    """Largest singular value of the sensitivity."""
+    settling_time: float = number(
+        "s", 1e-3, 1000.0, default=1.0, shown="the specification's, else that of `[power_loops]`"
+    )
+    """2 % settling of P and Q steps, reduced model."""
+
+
+@section
+class StabilitySpec:
+    """Axes of the margin maps: SCR × X/R × every combination of P and Q, and estimate errors."""
+
+    scr: tuple[float, ...] = numbers("1", *SCR_LIMITS, default=DEFAULT_SCR)
+    """Short-circuit ratios, on the basis of `[grid]`."""
+    x_over_r: tuple[float, ...] = numbers("1", *X_OVER_R_LIMITS, default=DEFAULT_X_OVER_R)
+    """X_g/R_g."""
+    P: tuple[float, ...] = numbers("W", -2.0 * S_RATED, 2.0 * S_RATED, shown="`P_design`")
+    """Active powers; every combination with `Q` is a layer."""
+    Q: tuple[float, ...] = numbers("var", -2.0 * S_RATED, 2.0 * S_RATED, shown="`Q_design`")
+    """Reactive powers."""
+    errors: tuple[float, ...] = numbers("1", -0.9, 10.0, default=DEFAULT_ERRORS)
+    """Relative errors of R_g and of L_g, each taking every value."""
+    gates: Gates = subtable(Gates, default=REQUIRED, shown="the defaults below")
+    """Limits that the margins are held against."""
+
+
+def read_stability(
+    table: TableReader | None, scope: Scope, target: ClosedFormTarget, settling_time: float
+) -> StabilitySpec:
+    """The section, or its defaults: SCR 1.2–20 × X/R 0.5–20 at the design point of the power loops.
+
+    ``settling_time`` (s) is what the study asks of its steps: the gate's default.
+    """
+    gates = read(Gates, table.child("gates") if table else None, defaults={"settling_time": settling_time})
+    return read(StabilitySpec, table, scope, {"P": (target.P,), "Q": (target.Q,)}, gates=gates)
+
+
+@section
+class SurvivalSpec:
+    """Random disturbances beside the systematic ones."""
+
+    random: int = whole(0, 1_000_000, default=600)
+    """Number of random disturbances."""
+    seed: int = whole(0, SEEDS, default=1)
+    """Seed of their draw."""

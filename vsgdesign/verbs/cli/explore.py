@@ -1,0 +1,207 @@
+"""The verb that opens the explorer in the browser, or writes it to a file."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from typing import TYPE_CHECKING
+
+import click
+
+from vsgdesign.verbs.cli.common import Interrupted, load, progress, results_at, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.report.explore.server import ExplorerServer, Opening
+    from vsgdesign.report.explore.session import Session
+
+_SWITCH_S = 5e-4
+"""How long a thread computes while another one waits. Python's own 5 ms are half a linear answer."""
+_MOST_APART = 3
+"""Processes for EMT at most."""
+_LAST_WORDS_S = 1.0
+"""How long a page that waits has time to hear that the study is wrong."""
+
+
+@click.command()
+@click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
+@click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
+)
+@click.option(
+    "--controller", default=None, metavar="NAME", help="The controller that has TABLE.json.  [default: the last one]"
+)
+@click.option("--browser/--no-browser", default=True, help="Open the page in the browser.  [default: yes]")
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    default=None,
+    metavar="N",
+    help="Port on this machine.  [default: any free one]",
+)
+@click.option(
+    "--state",
+    "link",
+    default=None,
+    metavar="TEXT",
+    help="Begin with the state in this link, which the page has copied.",
+)
+@click.option(
+    "--static", default=None, metavar="FILE.html", help="Write one file that needs no server, and open nothing."
+)
+@verb
+def explore(
+    file: str,
+    study_file: str | None,
+    controller: str | None,
+    browser: bool,
+    port: int | None,
+    link: str | None,
+    static: str | None,
+) -> None:
+    """Drag the grid in the browser, and watch modes, margins and EMT.
+
+    The page is served on this machine alone, at an address with a random token. It needs no internet. Ctrl-C ends it.
+    Gain tables that the study asks for are read where earlier commands have left them, or designed first.
+    """
+    _check_options(file, study_file, controller)
+    # The matrices are small. On several threads, BLAS takes twice the time, and no library reads this later.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("MKL_NUM_THREADS", "1")
+    if static is not None:
+        _write(file, study_file, controller, link, static)
+        return
+    # A request for EMT comes while the linear answer is computed: its thread gets its turn soon.
+    sys.setswitchinterval(_SWITCH_S)
+    from vsgdesign.report.explore.server import Opening
+
+    opening = Opening()
+    server = _served(opening, port)
+    try:
+        click.echo(f"explorer: {server.gate.address}{_fragment(link)}")
+        if browser:
+            _open_browser(server.gate.address + _fragment(link))
+        session = _session(file, study_file, controller, link, opening)
+        session.info()  # its models are loaded here, where Ctrl-C is heard
+        _explored(opening, session)
+        click.echo("The explorer has ended.", err=True)
+    except Exception as error:
+        opening.fail(str(error))
+        opening.told.wait(_LAST_WORDS_S if browser else 0.0)
+        raise
+    finally:
+        server.end()
+
+
+def _check_options(file: str, study_file: str | None, controller: str | None) -> None:
+    if study_file is None and file.lower().endswith(".json"):
+        raise click.UsageError(f"{file} is a gain table; --study names the study with whose converter it is shown")
+    if study_file is None and controller is not None:
+        raise click.UsageError("--controller says whose gain table TABLE.json is; a study has its own")
+    # A file that is missing is said before a browser opens.
+    from vsgdesign.errors import Fault, StudyError
+
+    path = file if study_file is None else study_file
+    if not os.path.isfile(path):
+        raise StudyError(path, [Fault("study file", "", "there is no such file", "Give the path of a study.")])
+
+
+def _served(opening: Opening, port: int | None) -> ExplorerServer:
+    from vsgdesign.report.explore.server import ExplorerServer
+
+    try:
+        server = ExplorerServer(opening, port or 0, complain=lambda text: click.echo(text, err=True))
+    except OSError as error:
+        advice = "Give another one, or leave --port out for any free port."
+        raise click.UsageError(f"--port {port} cannot be used: {error.strerror}. {advice}") from None
+    server.begin()
+    return server
+
+
+def _fragment(link: str | None) -> str:
+    """The part of a link from # on, for the address that the browser opens."""
+    from urllib.parse import quote, unquote
+
+    return "" if link is None else "#" + quote(unquote(link.partition("#")[2] or link), safe="")
+
+
+def _open_browser(address: str) -> None:
+    import webbrowser
+
+    # A text browser would wait until it is closed.
+    threading.Thread(target=webbrowser.open, args=(address,), name="browser", daemon=True).start()
+
+
+def _session(
+    file: str, study_file: str | None, controller: str | None, link: str | None, opening: Opening | None
+) -> Session:
+    doing = ["Reading the study."]
+
+    def show(words: str) -> None:
+        if opening is not None:
+            opening.say(words)
+
+    def say(sentence: str) -> None:
+        doing.append(sentence)
+        show(sentence)
+        click.echo(sentence, err=True)
+
+    show(doing[0])
+    study = load(file if study_file is None else study_file)
+    from vsgdesign.verbs.pipeline.study_tables import kept_tables
+
+    if study_file is not None:
+        from vsgdesign.verbs.pipeline.verify import with_table
+
+        study, _ = with_table(study, file, controller)
+    with progress(quiet=False) as bar:
+
+        def tell(what: str, share: float) -> None:
+            show(f"{doing[-1]} {what[:1].upper()}{what[1:]}: {share:.0%}.")
+            if bar is not None:
+                bar(what, share)
+
+        try:
+            kept = kept_tables(study, progress=tell, say=say)
+        except KeyboardInterrupt:
+            raise Interrupted("finished cells of gain tables are kept, and the same command continues there") from None
+    show("Loading the models.")
+    from vsgdesign.artifacts.ready import Ready
+    from vsgdesign.errors import Fault, StudyError
+    from vsgdesign.report.explore.session import Session, start_of
+    from vsgdesign.report.explore.state import StateError
+
+    try:
+        start = None if link is None else start_of(link, study)
+        return Session(study, Ready(tables=kept.tables), files=kept.files, words=" ".join(kept.words), start=start)
+    except StateError as error:
+        faults = [Fault(str(one["field"]), "", one["text"].rstrip(".")) for one in error.faults]
+        raise StudyError("--state", faults) from None
+
+
+def _write(file: str, study_file: str | None, controller: str | None, link: str | None, static: str) -> None:
+    from vsgdesign.report.explore.static import write_static
+
+    session = _session(file, study_file, controller, link, None)
+    with results_at(static):
+        with progress(quiet=False) as tell:
+            size = write_static(session, static, progress=tell)
+        click.echo(f"page: {static} ({size / 1e6:.1f} MB)")
+
+
+def _explored(opening: Opening, session: Session) -> None:
+    """Serve the session until Ctrl-C, which is the way to end it from the moment in which it is open."""
+    try:
+        opening.open(session)
+        threading.Thread(target=session.warm_up, kwargs={"apart": _apart()}, name="warm-up", daemon=True).start()
+        click.echo("Ctrl-C ends the explorer.", err=True)
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        return
+    finally:
+        session.close()
+
+
+def _apart() -> int:
+    """How many processes compute EMT: the linear answer and the browser have a core of their own."""
+    return min(max((os.cpu_count() or 1) - 1, 1), _MOST_APART)

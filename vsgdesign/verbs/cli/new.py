@@ -1,0 +1,144 @@
+"""The verb that writes a study from a datasheet, which it reads from a file or asks for on the terminal."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from vsgdesign.verbs.cli.common import EXIT_WRONG_INPUT, JSON, Interrupted, print_json, results_at, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.study.datasheet import Datasheet, Sheet
+
+_BACK = ("back", "<")
+
+
+@click.command()
+@click.option(
+    "--from",
+    "sheet_file",
+    default=None,
+    metavar="FILE",
+    type=click.Path(),
+    help="A datasheet in .csv or .toml format.  [default: ask on the terminal]",
+)
+@click.option(
+    "--out",
+    default="study.toml",
+    show_default=True,
+    metavar="FILE.toml",
+    type=click.Path(),
+    help="The study to write. An existing file is never overwritten.",
+)
+@JSON
+@verb
+def new(sheet_file: str | None, out: str, as_json: bool) -> None:
+    """Write a study from a converter's datasheet.
+
+    The datasheet gives ratings, filter, sampling, current limit and grids. The inner loops and the gain table are
+    left to be designed by `vsgdesign run`. Values that the datasheet does not give are assumed, listed here, and
+    written into the study.
+    """
+    from vsgdesign.artifacts.files import check_new, write_new_text
+    from vsgdesign.study.datasheet import read_sheet, resolve, study_text
+
+    path = check_new(out)
+    if sheet_file is not None:
+        sheet, origin = read_sheet(sheet_file), Path(sheet_file).name
+    elif not sys.stdin.isatty():
+        click.echo("error: there is no terminal to ask on. Give a datasheet: vsgdesign new --from FILE.csv", err=True)
+        sys.exit(EXIT_WRONG_INPUT)
+    else:
+        try:
+            sheet, origin = _asked(), "answers on the terminal"
+        except click.Abort:  # Ctrl-C or Ctrl-D at a prompt
+            click.echo(err=True)
+            raise Interrupted("nothing was written") from None
+    converter = resolve(sheet)
+    text = study_text(converter, origin)
+    _check(text, sheet.source)
+    with results_at(path):
+        write_new_text(path, text)
+        if as_json:
+            print_json(
+                {
+                    "study": str(path),
+                    "title": converter.title,
+                    "assumed": [vars(item) for item in converter.assumptions],
+                    "read": converter.remarks,
+                    "notes": list(converter.notes),
+                    "not_used": list(converter.unused),
+                }
+            )
+        else:
+            _tell(path, converter)
+
+
+def _check(text: str, source: str) -> None:
+    """The faults that the study's own reader reports, before anything is written."""
+    from vsgdesign.equations.inner_loops import InnerLoopGains
+    from vsgdesign.study.parameters import study_from_text
+
+    study_from_text(text, source, inner_loops=lambda _: (InnerLoopGains(*[math.nan] * 4), math.nan))
+
+
+def _asked() -> Sheet:
+    """A datasheet from answers. Each answer is checked immediately; ``back`` returns to the previous question."""
+    from vsgdesign.study.datasheet.reading import Entry
+    from vsgdesign.study.datasheet.resolving import answer_faults, answered_sheet, entry_of, next_question
+
+    click.echo(
+        "Answer from the datasheet, with units. Enter accepts the value in brackets, back returns, Ctrl-C ends.\n"
+    )
+    answers: list[Entry] = []
+    asked: list[str] = []
+    while (field := next_question(answers, asked)) is not None:
+        offered = f"[{field.missing}]" if field.missing else f"(such as {field.example})"
+        text = click.prompt(f"{field.question} {offered}", default="", show_default=False).strip()
+        if text.casefold() in _BACK:
+            if asked:
+                last = asked.pop()
+                answers = [entry for entry in answers if entry_of_field(entry.key) != last]
+            continue
+        if not text and not field.missing:
+            click.echo(f"  It must be given, for example {field.example}.")
+            continue
+        left_out = text.casefold() in ("", "none", "no", "-") and field.name != "delay"
+        if text and not left_out:
+            answer = entry_of(field, text)
+            faults = answer_faults(answers, answer)
+            if faults:
+                for fault in faults:
+                    click.echo(f"  {fault}")
+                continue
+            answers.append(answer)
+        asked.append(field.name)
+    click.echo()
+    return answered_sheet(answers)
+
+
+def entry_of_field(key: str) -> str:
+    """The question to which an answer belongs."""
+    return "scr" if key in ("short_circuit_power", "grid_impedance") else key
+
+
+def _tell(path: Path, converter: Datasheet) -> None:
+    click.echo(f"{path}: {converter.title}")
+    if converter.remarks:
+        click.echo("read:")
+        for field, text in converter.remarks.items():
+            click.echo(f"  {field}: {text}")
+    if converter.assumptions:
+        click.echo("assumed, because the datasheet does not give it:")
+        for assumption in converter.assumptions:
+            click.echo(f"  {assumption.field}: {assumption.text}")
+    for note in converter.notes:
+        click.echo(f"note: {note}")
+    if converter.unused:
+        click.echo("not used: " + ", ".join(converter.unused))
+    click.echo(f"next: vsgdesign run {shlex.quote(str(path))}")

@@ -1,0 +1,206 @@
+"""The verbs of a whole study: run, simulate, compare its gains, show its inner loops, check it."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from vsgdesign.errors import counted
+from vsgdesign.verbs.cli.common import (
+    BRIDGE,
+    EXIT_WRONG_INPUT,
+    JSON,
+    STUDY,
+    keeping,
+    load,
+    print_json,
+    progress,
+    results_at,
+    verb,
+)
+
+if TYPE_CHECKING:
+    from vsgdesign.report.page.blocks import Block
+
+
+@click.command()
+@STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME]")
+@BRIDGE
+@JSON
+@verb
+def run(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
+    """Design, simulate and report everything, and write C.
+
+    The folder contains time series, figures, results.json, report.html, gain tables and their C.
+    """
+    _run(study_file, out, bridge, as_json, report=True)
+
+
+@click.command()
+@STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-simulation]")
+@BRIDGE
+@JSON
+@verb
+def simulate(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
+    """Simulate every controller, and write the time series.
+
+    The folder contains time series and results.json.
+    """
+    _run(study_file, out, bridge, as_json, report=False)
+
+
+def _warn(text: str) -> None:
+    click.echo(f"warning: {text}", err=True)
+
+
+def _say(text: str) -> None:
+    click.echo(text, err=True)
+
+
+def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, report: bool) -> None:
+    from vsgdesign.verbs.pipeline import run_study
+
+    study = load(study_file, left_tables=not report)
+    name = study.name if report else f"{study.name}-simulation"
+    folder = Path("out") / name if out is None else Path(out)
+    blocks: list[Block] = []
+    show = None if as_json else blocks.extend
+    with keeping(folder):
+        with progress(quiet=as_json) as tell:
+            results = run_study(
+                study, folder, bridge=bridge, report=report, progress=tell, warn=_warn, say=_say, show=show
+            )
+        if as_json:
+            print_json(results)
+        else:
+            from vsgdesign.report.page.terminal import print_terminal
+
+            print_terminal(blocks)
+            click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
+    _refuse_divergence(results)
+
+
+def _refuse_divergence(results: dict[str, Any]) -> None:
+    """The results are there; still a script has to notice that a part of them is missing."""
+    outcomes = {name: controller["outcome"] for name, controller in results["controllers"].items()}
+    from vsgdesign.errors import SimulationDivergedError
+
+    diverged = [f"{name}: {one['reason']}" for name, one in outcomes.items() if one["status"] == "diverged"]
+    if diverged:
+        raise SimulationDivergedError(". ".join(diverged) + ".")
+
+
+@click.command()
+@STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-comparison]")
+@click.option("--emt/--no-emt", default=True, show_default=True, help="Also simulate steps with the real inner loops.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the search for fixed gains."
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(1),
+    default=None,
+    metavar="N",
+    help="Number of processes for tables.  [default: one per core]",
+)
+@JSON
+@verb
+def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int | None, as_json: bool) -> None:
+    """Compare the controllers with the best fixed gains.
+
+    All of them are evaluated on the same grids. The [specification] gives the requirements and their range. Gain
+    tables that the study asks for are designed first.
+    """
+    from vsgdesign.verbs.pipeline.comparison import report_comparison
+
+    study = load(study_file, left_tables=True)
+    folder = Path("out") / f"{study.name}-comparison" if out is None else Path(out)
+    blocks: list[Block] = []
+    show = None if as_json else blocks.extend
+    with keeping(folder):
+        with progress(quiet=as_json) as tell:
+            document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell, show=show)
+        if as_json:
+            print_json(document)
+            return
+        from vsgdesign.report.page.terminal import print_terminal
+
+        print_terminal(blocks)
+        click.echo(f"report: {folder / 'report.html'}")
+
+
+@click.command()
+@STUDY
+@click.option("--out", default=None, metavar="DIR", help="Also write a page with maps into this folder.")
+@click.option(
+    "--what-if/--no-what-if",
+    default=True,
+    show_default=True,
+    help="Also compute what sampling, delay and L_2 would improve.",
+)
+@JSON
+@verb
+def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> None:
+    """Show what the inner loops keep, and what limits them.
+
+    The result also says what would improve them. Gains that the study leaves to be designed are designed once and
+    kept beside it, for every verb.
+    """
+    from vsgdesign.verbs.pipeline.inner import assess_inner_loops, inner_document, report_inner_loops
+    from vsgdesign.verbs.pipeline.opening import inner_loops_file
+
+    study = load(study_file, quiet=as_json)
+    with nullcontext() if out is None else results_at(out):
+        with progress(quiet=as_json) as tell:
+            if out is None:
+                found = assess_inner_loops(study, what_if=what_if, progress=tell)
+            else:
+                found = report_inner_loops(study, out, what_if=what_if, progress=tell)
+        document = inner_document(found)
+        if as_json:
+            print_json(document)
+            return
+        from vsgdesign.report.inner.page import inner_page
+        from vsgdesign.report.page.terminal import print_terminal
+
+        kept = inner_loops_file(study_file)
+        file = str(kept) if found.designed and kept.exists() else None
+        print_terminal(inner_page(document, file=file).blocks)
+        if out is not None:
+            click.echo(f"report: {out}/report.html")
+
+
+@click.command()
+@STUDY
+@JSON
+@verb
+def validate(study_file: str, as_json: bool) -> None:
+    """Check a study and its files, and report all faults at once."""
+    from vsgdesign.errors import StudyError
+    from vsgdesign.verbs.pipeline.opening import check_named_files, check_study
+
+    try:
+        study, inner_loops = check_study(study_file)
+        check_named_files(study, study_file)
+    except StudyError as error:
+        if not as_json:
+            raise
+        faults = [vars(fault) for fault in error.faults]
+        print_json({"valid": False, "source": error.source, "faults": faults})
+        sys.exit(EXIT_WRONG_INPUT)
+    if as_json:
+        document = {"valid": True, "study": study.name, "hash": study.hash}
+        print_json(document | ({"inner_loops": inner_loops} if inner_loops else {}))
+    else:
+        counts = [(len(study.controllers), "controller"), (len(study.events), "event")]
+        shown = ", ".join(counted(count, word) for count, word in counts)
+        click.echo(f"{study_file}: valid ({shown})")
+        if inner_loops:
+            click.echo(inner_loops)

@@ -1,0 +1,227 @@
+"""The verbs that compute with the model of a study: gains, modes and margins, their page, and the proof."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from vsgdesign.verbs.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, load, print_json, progress, results_at, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.report.page.blocks import Block
+
+
+@click.command()
+@STUDY
+@JSON
+@verb
+def design(study_file: str, as_json: bool) -> None:
+    """Show operating points, gains, margins, inertia and droop.
+
+    The tables have one row for every controller on every grid of the study.
+    """
+    from dataclasses import asdict
+
+    from vsgdesign.artifacts.ready import Ready, read_tables
+    from vsgdesign.design import design_closed_form, distinct_grids
+
+    study = _on_the_grid_alone(load(study_file, left_tables=True))
+    ready = Ready(tables=read_tables(study))
+    known = [spec for spec in study.controllers if spec.schedule != "table" or spec.name in ready.tables]
+    missing = [
+        f"{spec.name}: its gain table is not built yet. vsgdesign run builds it, vsgdesign table build keeps it."
+        for spec in study.controllers
+        if spec not in known
+    ]
+    designs = [design_closed_form(study, spec, grid, ready) for spec in known for grid in distinct_grids(study)]
+    if as_json:
+        print_json(
+            {
+                "study": study.name,
+                "hash": study.hash,
+                "designs": [
+                    asdict(d) | {"gains": d.gains.named(), "inertia_s": d.inertia_s, "droop_W_per_Hz": d.droop_W_per_Hz}
+                    for d in designs
+                ],
+                "missing": missing,
+            }
+        )
+    else:
+        from vsgdesign.report.page.terminal import print_terminal
+        from vsgdesign.report.terminals import design_blocks
+
+        print_terminal(design_blocks(study, designs, missing))
+
+
+@click.command()
+@STUDY
+@click.option("--evidence/--no-evidence", default=False, help="Also simulate small steps in EMT.  [default: no]")
+@JSON
+@verb
+def margins(study_file: str, evidence: bool, as_json: bool) -> None:
+    """Print modes and margins over the study's grids.
+
+    The output gives the worst cells, the details of the study's own grids, and which of its limits for margins are
+    met.
+    """
+    from vsgdesign.verbs.pipeline import assess_study, stability_document
+
+    study = _on_the_grid_alone(load(study_file, left_tables=True))
+    with progress(quiet=as_json) as tell:
+        result = assess_study(study, evidence=evidence, progress=tell)
+    if as_json:
+        print_json(stability_document(result))
+        return
+    from vsgdesign.report.page.terminal import print_terminal
+    from vsgdesign.report.stability.page import terminal_blocks
+
+    print_terminal(terminal_blocks(result))
+
+
+@click.command()
+@STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-stability]")
+@click.option("--pdf", is_flag=True, help="Also write report.pdf.")
+@click.option("--explorer/--no-explorer", default=True, help="Also write explorer.html.  [default: yes]")
+@JSON
+@verb
+def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json: bool) -> None:
+    """Write the modes and margins as one page.
+
+    The page contains maps, modes, margins, impedances and EMT results, with CSV files. It shows explorer.html, on
+    which one drags the grid.
+    """
+    from vsgdesign.verbs.pipeline import report_stability
+
+    study = _on_the_grid_alone(load(study_file, left_tables=True))
+    folder = Path("out") / f"{study.name}-stability" if out is None else Path(out)
+    blocks: list[Block] = []
+    with results_at(folder):
+        with progress(quiet=as_json) as tell:
+            document = report_stability(
+                study, folder, pdf=pdf, explorer=explorer, progress=tell, show=None if as_json else blocks.extend
+            )
+        if as_json:
+            print_json(document)
+            return
+        from vsgdesign.report.page.terminal import print_terminal
+
+        print_terminal(blocks)
+        click.echo(f"report: {folder / 'report.html'}")
+
+
+@click.command()
+@STUDY
+@click.option(
+    "--controller", default=None, metavar="NAME", help="The scheduled controller to prove.  [default: the last one]"
+)
+@click.option(
+    "--scr",
+    type=(float, float),
+    default=None,
+    metavar="LOW HIGH",
+    help="Range of SCR.  [default: the table's, else the axes]",
+)
+@click.option(
+    "--x-over-r",
+    type=(float, float),
+    default=None,
+    metavar="LOW HIGH",
+    help="Range of X/R.  [default: the table's, else the axes]",
+)
+@click.option(
+    "--p-pu",
+    type=(float, float),
+    default=None,
+    metavar="LOW HIGH",
+    help="Range of P in pu.  [default: the table's, else ±0.9]",
+)
+@click.option(
+    "--q-pu",
+    type=(float, float),
+    default=None,
+    metavar="LOW HIGH",
+    help="Range of Q in pu.  [default: the table's, else ±0.4]",
+)
+@click.option(
+    "--error",
+    type=float,
+    default=None,
+    help="Relative error of the estimated R_g and of L_g.  [default: the table's, else 0.2]",
+)
+@click.option(
+    "--error-z",
+    type=float,
+    default=None,
+    help="Error of the estimate in any direction, relative to |Z_g|. The larger error counts.  "
+    "[default: the table's, else 0]",
+)
+@click.option(
+    "--rate", type=float, default=float("inf"), help="Largest |d ln SCR/dt| and |d ln(X/R)/dt|, 1/s.  [default: inf]"
+)
+@click.option("--decay", type=float, default=None, help="Decay rate to prove, 1/s.  [default: the largest]")
+@click.option(
+    "--boxes",
+    type=click.IntRange(0),
+    default=1_500_000,
+    show_default=True,
+    help="Largest number of boxes for the proof.",
+)
+@JSON
+@verb
+def certify(
+    study_file: str,
+    controller: str | None,
+    scr: tuple[float, float] | None,
+    x_over_r: tuple[float, float] | None,
+    p_pu: tuple[float, float] | None,
+    q_pu: tuple[float, float] | None,
+    error: float | None,
+    error_z: float | None,
+    rate: float,
+    decay: float | None,
+    boxes: int,
+    as_json: bool,
+) -> None:
+    """Prove stability on a range of grids, or refute it.
+
+    The proof is one Lyapunov function for a range of grids, powers and estimate errors. It also says after which steps
+    no limit of the controller acts and, for an angle-damped controller with the limiter "projection", on which grids
+    the angle returns while the current is limited.
+    """
+    from dataclasses import replace
+
+    from vsgdesign.artifacts.ready import Ready, read_tables
+    from vsgdesign.certificate import Certificate, certify, region_of, with_steps
+    from vsgdesign.certificate.swing import large_signal
+    from vsgdesign.verbs.pipeline.study_tables import study_tables
+
+    study = _on_the_grid_alone(load(study_file, left_tables=True))
+    named = Ready(tables=read_tables(study))
+    spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
+    with progress(quiet=as_json) as tell:
+        ready = study_tables(replace(study, controllers=(spec,)), progress=tell).ready
+        found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
+        found = with_steps(study, spec, found, ready=ready, budget=boxes, progress=tell)
+        swing = large_signal(study, spec, region, ready=ready, budget=boxes, progress=tell)
+    if as_json:
+        more = {} if swing is None else {"large_signal": swing.as_document()}
+        print_json(found.as_document() | more)
+    else:
+        from vsgdesign.report.gain_table.words import certificate_text, swing_text
+
+        click.echo(certificate_text(found))
+        if swing is not None:
+            click.echo(swing_text(swing))
+    if not isinstance(found, Certificate):
+        sys.exit(EXIT_IMPOSSIBLE)
+
+
+def _on_the_grid_alone(study: Any) -> Any:
+    """A study, with a warning where it has more at the PCC than these models know."""
+    if not study.network.plain:
+        click.echo("warning: [network] is left out: gains, modes and margins are those of the grid alone.", err=True)
+    return study

@@ -1,0 +1,206 @@
+"""Verbs of gain tables: build, show, check, compare, report."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import click
+
+from vsgdesign.verbs.cli.common import (
+    EXIT_IMPOSSIBLE,
+    JSON,
+    STUDY,
+    in_blocks,
+    kept_words,
+    load,
+    print_json,
+    progress,
+    results_at,
+    verb,
+)
+
+if TYPE_CHECKING:
+    from vsgdesign.execution.executors import How
+
+_FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
+
+
+@click.group()
+def table() -> None:
+    """Build, show, check and compare gain tables.
+
+    A gain table contains gains over SCR and X/R with their promises, in one guarded file.
+    """
+
+
+@table.command()
+@STUDY
+@click.option(
+    "--controller", default=None, metavar="NAME", help="The controller whose table is built.  [default: the last one]"
+)
+@click.option(
+    "--out", default=None, metavar="FILE.json", help="File for the table.  [default: out/STUDY-CONTROLLER.json]"
+)
+@in_blocks
+@click.option(
+    "--points",
+    type=click.IntRange(1),
+    default=None,
+    metavar="N",
+    help="Number of random grids in each check between the nodes.  [default: 2000]",
+)
+@click.option(
+    "--verify",
+    type=click.IntRange(1),
+    default=None,
+    metavar="N",
+    help="Also verify the table in N random EMT cases. Its file keeps the result.",
+)
+@JSON
+@verb
+def build(
+    study_file: str,
+    controller: str | None,
+    out: str | None,
+    how: How,
+    points: int | None,
+    verify: int | None,
+    as_json: bool,
+) -> None:
+    """Design a table for the study's [specification].
+
+    Every node is designed first, and then the table is checked and mended between the nodes.
+    An interrupted or killed build continues from its finished cells and gives the same file.
+    """
+    from pathlib import Path
+
+    from vsgdesign.verbs.pipeline.study_tables import CELLS
+    from vsgdesign.verbs.pipeline.table import build_table_file
+
+    study = load(study_file)
+    default = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
+    file = default if out is None else Path(out)
+
+    with results_at(file, lambda: kept_words(file, CELLS, "cell")):
+        with progress(quiet=as_json) as tell:
+            document = build_table_file(
+                study,
+                file,
+                controller=controller,
+                points=points,
+                verify=verify or 0,
+                progress=tell,
+                **how,
+            )
+        if as_json:
+            print_json(document)
+        else:
+            from vsgdesign.report.gain_table.words import built_text
+
+            click.echo(built_text(document))
+
+
+@table.command()
+@_FILE
+@click.option(
+    "--sigma",
+    is_flag=True,
+    help="Show only how certain an estimate must be in each cell to be followed fully.",
+)
+@JSON
+@verb
+def show(table_file: str, sigma: bool, as_json: bool) -> None:
+    """Show a table: its purpose, gains, margins and certificate."""
+    from vsgdesign.artifacts.gain_table import table_document
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.runtime.needed_sigma import needed_sigmas
+
+    found = read_table_file(table_file)
+    if as_json and sigma:
+        print_json({"scr": found.scr, "x_over_r": found.x_over_r, "needed_sigma": needed_sigmas(found)})
+        return
+    if as_json:
+        print_json(table_document(found) | {"sha256": found.sha256})
+        return
+    from vsgdesign.report.gain_table.overview import sigma_blocks, table_blocks
+    from vsgdesign.report.page.terminal import print_terminal
+
+    print_terminal((sigma_blocks if sigma else table_blocks)(found))
+
+
+@table.command()
+@_FILE
+@click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="Also compare the table with its study."
+)
+@JSON
+@verb
+def check(table_file: str, study_file: str | None, as_json: bool) -> None:
+    """Read a table, and analyse every node again.
+
+    The exit code is 1 if something does not agree with the file.
+    """
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.linear.stability.gain_table import check_table
+
+    found = read_table_file(table_file)
+    outcome = check_table(found, None if study_file is None else load(study_file))
+    if as_json:
+        print_json({"good": outcome.good, "table": found.name, "sha256": found.sha256} | vars(outcome))
+    else:
+        from vsgdesign.report.gain_table.words import check_text
+
+        click.echo(check_text(table_file, found, outcome))
+    if not outcome.good:
+        sys.exit(EXIT_IMPOSSIBLE)
+
+
+@table.command()
+@click.argument("table_files", metavar="TABLE.json...", nargs=-1, required=True, type=click.Path())
+@JSON
+@verb
+def compare(table_files: tuple[str, ...], as_json: bool) -> None:
+    """Compare the gains and margins of two or more tables.
+
+    All of them are compared on the grids of the first one.
+    """
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.linear.stability.gain_table import compare_tables
+
+    if len(table_files) < 2:
+        raise click.UsageError("give at least two tables to compare")
+    compared = compare_tables([read_table_file(path) for path in table_files])
+    from vsgdesign.report.gain_table.overview import comparison_blocks, comparison_document
+    from vsgdesign.report.page.terminal import print_terminal
+
+    if as_json:
+        print_json(comparison_document(compared, table_files))
+    else:
+        print_terminal(comparison_blocks(compared, table_files))
+
+
+@table.command()
+@_FILE
+@click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-table]")
+@JSON
+@verb
+def report(table_file: str, out: str | None, as_json: bool) -> None:
+    """Write the table as one page with figures.
+
+    The page shows gains, margin maps, active constraints, the certificate, and stale schedules.
+    """
+    from pathlib import Path
+
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.verbs.pipeline.table import report_table
+
+    found = read_table_file(table_file)
+    folder = Path("out") / f"{Path(table_file).stem}-table" if out is None else Path(out)
+    with results_at(folder):
+        with progress(quiet=as_json) as tell:
+            document = report_table(found, folder, inputs=[table_file], progress=tell)
+        if as_json:
+            print_json(document)
+        else:
+            click.echo(f"report: {folder / 'report.html'}")

@@ -1,0 +1,56 @@
+"""Margins of a study's controllers over its grids, with the maps of the stability report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.shown import Shown
+
+if TYPE_CHECKING:
+    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.simulation.stability_result import StabilityResult
+
+
+@dataclass(frozen=True)
+class Margins(Shown):
+    """Modes and margins of every controller on every grid. ``result`` holds the maps as arrays."""
+
+    result: StabilityResult
+
+    @property
+    def title(self) -> str:
+        """The study's title."""
+        return f"Margins: {self.result.study.title}"
+
+    def sentences(self) -> Sequence[str]:
+        """The verdict of the stability report, with one paragraph for each controller."""
+        from vsgdesign.report.stability.verdict import verdict_text
+
+        return verdict_text(self.result)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of results.json of the stability report."""
+        from vsgdesign.verbs.pipeline.margins import stability_document
+
+        return plain(stability_document(self.result))
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.stability.page import stability_figures
+
+        yield from stability_figures(self.result)
+
+
+def margins(study: Study, *, evidence: bool = False, progress: Callable[[str, float], None] | None = None) -> Margins:
+    """Computes modes and margins over the study's stability axes.
+
+    With ``evidence`` it also simulates small steps in EMT, which takes longer. Gain tables that the study asks for are
+    read or designed first. Raises the errors of
+    :func:`vsgdesign.verbs.pipeline.margins.assess_study`.
+    """
+    from vsgdesign.verbs.pipeline.margins import assess_study
+
+    return Margins(assess_study(study, evidence=evidence, progress=progress))

@@ -1,0 +1,42 @@
+"""Result folders from Python, with the same files that the commands of the command line write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.assessed import Margins
+from vsgdesign.verbs.facade.simulated import Run
+from vsgdesign.verbs.facade.tables import DesignedTable
+
+
+def write_report(
+    what: Study | Run | Margins | DesignedTable,
+    out: str | Path,
+    *,
+    progress: Callable[[str, float], None] | None = None,
+) -> dict[str, Any]:
+    """Writes report.html, results.json, figures and data of a result into the folder ``out``.
+
+    A study is run first, as ``vsgdesign run`` does. A :class:`Run`, :class:`Margins` or :class:`DesignedTable` is
+    written as it is. A folder of the same kind is replaced if nobody has changed it since. Anything else is left
+    unchanged and raises ArtifactError. Returns the content of results.json.
+    """
+    if isinstance(what, Study):
+        from vsgdesign.verbs.pipeline.run import run_study
+
+        return run_study(what, out, progress=progress)
+    if isinstance(what, Run):
+        from vsgdesign.verbs.pipeline.run import write_run
+
+        return write_run(what.result, out, progress=progress)
+    if isinstance(what, Margins):
+        from vsgdesign.verbs.pipeline.margins import write_stability
+
+        # A process of its own would run the user's script again where its main part has no guard.
+        return write_stability(what.result, out, workers=1, progress=progress)
+    from vsgdesign.verbs.pipeline.table import report_table
+
+    return report_table(what.table, out, progress=progress)

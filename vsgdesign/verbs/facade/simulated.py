@@ -1,0 +1,110 @@
+"""EMT runs of a study's controllers, with the figures and sentences of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.shown import Shown
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from vsgdesign.artifacts.ready import Ready
+    from vsgdesign.metrics import EventMetrics
+    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
+
+
+@dataclass(frozen=True)
+class Run(Shown):
+    """A simulated study. ``result`` holds every controller's series, events and gains."""
+
+    result: ScenarioResult
+
+    @property
+    def title(self) -> str:
+        """The study's title."""
+        return self.result.study.title
+
+    @property
+    def study(self) -> Study:
+        """The study that was simulated, as it was given."""
+        return self.result.given or self.result.study
+
+    def controller(self, name: str | None = None) -> ControllerResult:
+        """The result of one controller, or of the first one without a name. Raises KeyError for an unknown name."""
+        known = {one.spec.name: one for one in self.result.controllers}
+        if name is None:
+            return self.result.controllers[0]
+        if name not in known:
+            raise KeyError(f"no controller is called {name!r}. There are: {', '.join(known)}.")
+        return known[name]
+
+    def series(self, controller: str | None = None) -> Mapping[str, NDArray[np.float64]]:
+        """Time series of one controller by name, in SI units over ``t_s``.
+
+        Without a name it is the first controller.
+        """
+        return self.controller(controller).series
+
+    def events(self, controller: str | None = None) -> tuple[EventMetrics, ...]:
+        """Overshoot, settling time and other figures of every event of one controller."""
+        return tuple(self.controller(controller).events)
+
+    def sentences(self) -> Sequence[str]:
+        """The first sentences of the report: which targets were met or missed, and by how much."""
+        from vsgdesign.report.scenario.outcomes import step_outcomes
+        from vsgdesign.report.scenario.verdict import verdict
+
+        warnings = [one.message for one in self.result.instabilities]
+        return [*warnings, *verdict(self.result, step_outcomes(self.result))]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of results.json of ``vsgdesign simulate``."""
+        from vsgdesign.verbs.pipeline.run import results_document
+
+        return plain(results_document(self.result, {}))
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.scenario.figures import all_figures
+
+        yield from all_figures(self.result)
+
+
+def simulate(
+    study: Study,
+    *,
+    bridge: str | None = None,
+    ready: Ready | None = None,
+    workers: int | None = None,
+    progress: Callable[[str, float], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> Run:
+    """Simulates every controller of a study through its events, in memory.
+
+    ``bridge`` is ``averaged`` or ``pwm`` and replaces that of the study. ``ready`` holds gain tables and the network
+    from an earlier call of :func:`vsgdesign.verbs.pipeline.making.make_ready`. Without it, those that the study asks
+    for are read, or designed and trained first (on ``workers`` processes). ``warn`` is called with one sentence for
+    each controller that is unstable by the linear model. Raises StudyError, InfeasibleStudyError, ArtifactError and
+    SimulationDivergedError.
+    """
+    from vsgdesign.execution.progress import silent
+    from vsgdesign.simulation.scenario import run_scenario
+    from vsgdesign.verbs.pipeline.making import make_ready
+
+    tell = progress or silent
+    there = ready or make_ready(study, bridge=bridge, workers=workers, progress=progress)
+    return Run(
+        run_scenario(
+            study,
+            there,
+            bridge=bridge,
+            warn=warn,
+            progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
+        )
+    )

@@ -1,0 +1,183 @@
+"""Functions that design, show, certify and export gain tables, and load them into a scheduler."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.shown import Shown
+
+if TYPE_CHECKING:
+    from vsgdesign.certificate import Certificate, Counterexample
+    from vsgdesign.export import ExportedC
+    from vsgdesign.report.drawing.figure_types import NamedFigure
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class DesignedTable(Shown):
+    """A gain table with the results of its design.
+
+    ``table`` holds the data, and ``document`` is what ``table build --json`` prints.
+    """
+
+    table: GainTable
+    document: dict[str, Any]
+
+    @property
+    def title(self) -> str:
+        """Name, structure and study of the table."""
+        return f"Gain table {self.table.name} of {self.table.study}"
+
+    def sentences(self) -> Sequence[str]:
+        """The purpose of the table and what is proved about it, as ``vsgdesign table show`` prints it."""
+        from vsgdesign.report.gain_table.words import heading
+
+        return list(heading(self.table))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result of the design in JSON's types."""
+        return self.document
+
+    def save(self, file: str | Path) -> Path:
+        """Writes the table to a file and returns its path.
+
+        An existing gain table is replaced. Any other existing file raises ArtifactError.
+        """
+        from vsgdesign.artifacts import write_table_file
+
+        write_table_file(self.table, Path(file))
+        return Path(file)
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.gain_table.page import table_figures
+
+        yield from table_figures(self.table)
+
+
+@dataclass(frozen=True)
+class Proof(Shown):
+    """The result of :func:`certify`: a certificate, or a cell that makes one impossible.
+
+    It is true for a certificate.
+    """
+
+    found: Certificate | Counterexample
+
+    @property
+    def title(self) -> str:
+        """The title, with the controller that was certified."""
+        return f"Certificate of {self.found.controller}"
+
+    @property
+    def certified(self) -> bool:
+        """Whether the decay is proved over the whole region."""
+        return bool(self.to_dict()["certified"])
+
+    def __bool__(self) -> bool:
+        return self.certified
+
+    def sentences(self) -> Sequence[str]:
+        """What was proved, or the cell that makes a proof impossible."""
+        from vsgdesign.report.gain_table.words import certificate_text
+
+        return certificate_text(self.found).split("\n")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record in JSON's types."""
+        return self.found.as_document()
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        yield from ()
+
+
+def design_table(
+    study: Study,
+    *,
+    controller: str | None = None,
+    workers: int | None = None,
+    points: int | None = None,
+    progress: Progress | None = None,
+) -> DesignedTable:
+    """Designs the gain table of a scheduled controller (the last one, if none is named) to the study's specification.
+
+    ``workers`` is the number of processes (None means one per core). ``points`` is the number of random grids of each
+    check between the nodes (default 2000). Nothing is written to a file. Raises StudyError if the study has no
+    [specification], and the errors of :func:`vsgdesign.verbs.pipeline.table.build_table_file`.
+    """
+    from vsgdesign.artifacts import read_table_file
+    from vsgdesign.verbs.pipeline.table import build_table_file
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"{study.name}.json"
+        document = build_table_file(
+            study, file, controller=controller, workers=workers, points=points, progress=progress
+        )
+        return DesignedTable(read_table_file(file), {key: value for key, value in document.items() if key != "file"})
+
+
+def open_table(file: str | Path) -> DesignedTable:
+    """The gain table of a file. Raises ArtifactError if the file is damaged or is not a gain table."""
+    from vsgdesign.artifacts import read_table_file
+
+    return DesignedTable(read_table_file(file), {})
+
+
+def certify(
+    study: Study,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+    decay: float | None = None,
+    progress: Progress | None = None,
+    **region: Any,
+) -> Proof:
+    """Searches for one Lyapunov function over a region of grids, powers and estimate errors.
+
+    The result is a certificate, or a cell that makes one impossible. ``table`` holds the gains of a controller that
+    takes them from a table; without it the table is read or designed first. ``decay`` is the decay rate in 1/s to be
+    proved; None asks for the largest. ``region`` may hold the pairs ``scr``, ``x_over_r``, ``P_pu`` and ``Q_pu``, and
+    ``error``, ``error_Z`` and ``rate`` (1/s), as in :func:`vsgdesign.certificate.region_of`. Whatever it leaves out is
+    taken from the box of the table. A certificate also says after which steps no limit acts. Raises the errors of
+    :func:`vsgdesign.certificate.certify`.
+    """
+    from vsgdesign.artifacts.ready import Ready, read_tables
+    from vsgdesign.certificate import certify as prove
+    from vsgdesign.certificate import region_of, with_steps
+    from vsgdesign.verbs.pipeline.study_tables import study_tables
+
+    given = table.table if isinstance(table, DesignedTable) else table
+    tables = read_tables(study)
+    if given is not None:
+        tables |= {spec.name: given for spec in study.controllers if spec.schedule == "table"}
+    asked: dict[str, Any] = {"scr": None, "x_over_r": None} | region
+    spec, chosen = region_of(study, controller, **asked, ready=Ready(tables=tables))
+    if spec.name not in tables:
+        tables |= study_tables(replace(study, controllers=(spec,)), progress=progress).tables
+    ready = Ready(tables=tables)
+    found = prove(study, spec, chosen, ready=ready, decay=decay, progress=progress)
+    return Proof(with_steps(study, spec, found, ready=ready, progress=progress))
+
+
+def export_c(source: DesignedTable | GainTable | str | Path, out: str | Path, **options: Any) -> ExportedC:
+    """Writes the C99 code of a table (or of its file) into the folder ``out``.
+
+    ``options`` are those of :func:`vsgdesign.export.export_c_files` (``weights``, ``study``, ``rate`` ...). Raises
+    ArtifactError where the table does not fit or the folder cannot be written.
+    """
+    from vsgdesign.artifacts import write_table_file
+    from vsgdesign.export import export_c_files
+
+    if isinstance(source, str | Path):
+        return export_c_files(source, out, **options)
+    table = source.table if isinstance(source, DesignedTable) else source
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "table.json"
+        write_table_file(table, file)
+        return export_c_files(file, out, **options)

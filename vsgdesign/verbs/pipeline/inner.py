@@ -1,0 +1,175 @@
+"""Assessment of a study's inner loops over its grids, for designed and for given gains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts import provenance, staged_folder, write_record
+from vsgdesign.artifacts.time_series import write_table
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.study.parameters.inner_loops import Reading, request_of
+from vsgdesign.study.parameters.study import InnerLoopRequest, Study
+
+if TYPE_CHECKING:  # the compiled scores are loaded by who asks for them
+    from vsgdesign.design.inner import Alternative, FullOrderCheck, InnerScore
+
+VERB = "vsgdesign inner"
+
+
+@dataclass(frozen=True)
+class InnerAssessment:
+    """The inner loops of a study on a lattice over its grids."""
+
+    study: Study
+    request: InnerLoopRequest
+    """The request for which they were designed, or for given gains the request for which they would be designed."""
+    score: InnerScore
+    full_order: FullOrderCheck
+    resonance_hz: float
+    """Highest resonance of filter and grid in the box."""
+    alternatives: tuple[Alternative, ...] | None
+    """The improvement by another sampling, delay or L_2. None if it was not asked for."""
+
+    @property
+    def designed(self) -> bool:
+        """Whether the gains were designed; else the study gives them."""
+        return self.study.inner_request is not None
+
+    @property
+    def kept(self) -> bool:
+        """Whether every promise is kept on every grid and the full order is stable wherever it was analysed."""
+        return self.score.t >= 1.0 and self.full_order.passed
+
+
+def assess_inner_loops(study: Study, *, what_if: bool = True, progress: Progress | None = None) -> InnerAssessment:
+    """Scores the study's inner gains on the grids that they serve; with ``what_if`` also alternatives that may be
+    better.
+
+    The grids are those of the study's request. For given gains they are those of its specification, or SCR 1.2 to 20
+    and X/R 0.3 to 20 without one. This takes about one second, and some seconds more for each alternative.
+    """
+    from vsgdesign.design.inner import GridBox, check_full_order, score_inner_loops, what_would_help
+    from vsgdesign.design.inner.grids import highest_resonance
+
+    tell = progress or silent
+    request = study.inner_request or _as_if_asked(study)
+    converter, filter_ = study.converter, study.filter
+    box = GridBox(request.scr, request.x_over_r, request.scr_basis)
+    tell("score the inner loops", 0.0)
+    score = score_inner_loops(
+        converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
+    )
+    check = check_full_order(
+        converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
+    )
+    tell("score the inner loops", 1.0)
+    alternatives = None
+    if what_if:
+        alternatives = tuple(
+            what_would_help(
+                converter,
+                filter_,
+                box,
+                study.inner_gains,
+                study.omega_t,
+                settling_time=request.settling_time,
+                seed=request.seed,
+                progress=progress,
+            )
+        )
+    resonance_hz = highest_resonance(converter, filter_, box) / (2.0 * math.pi)
+    return InnerAssessment(study, request, score, check, resonance_hz, alternatives)
+
+
+def _as_if_asked(study: Study) -> InnerLoopRequest:
+    return request_of(
+        Reading(None, math.nan), study.converter, study.filter, study.scr_basis, study.target, study.specification
+    )
+
+
+def report_inner_loops(
+    study: Study, out: str | Path, *, what_if: bool = True, progress: Progress | None = None
+) -> InnerAssessment:
+    """Assesses the inner loops and writes results.json, inner.csv, figures and report.html to ``out``.
+
+    The folder appears when everything is done. Raises ArtifactError.
+    """
+    from vsgdesign.report.inner.page import write_inner_figures, write_inner_page
+
+    tell = progress or silent
+    with staged_folder(out, VERB, inputs=study.input_files) as folder:
+        found = assess_inner_loops(study, what_if=what_if, progress=progress)
+        tell("draw figures", 0.0)
+        figures = write_inner_figures(found.score, folder / "figures")
+        tell("draw figures", 1.0)
+        document = inner_document(found)
+        write_inner_page(document, figures, folder / "report.html")
+        write_table(folder / "inner.csv", *_rows(found))
+        write_record(folder, document | {"provenance": provenance()}, VERB)
+    return found
+
+
+def inner_document(found: InnerAssessment) -> dict[str, Any]:
+    """Everything that was found, in JSON's types."""
+    study, score, check = found.study, found.score, found.full_order
+    return {
+        "study": {"name": study.name, "title": study.title, "hash": study.hash},
+        "designed": found.designed,
+        "request": {
+            "scr": found.request.scr,
+            "x_over_r": found.request.x_over_r,
+            "scr_basis": found.request.scr_basis,
+            "settling_time": found.request.settling_time,
+            "seed": found.request.seed,
+        },
+        "gains": {**study.inner_gains._asdict(), "omega_t": study.omega_t},
+        "kept": found.kept,
+        "score": score.t,
+        "limiting": asdict(score.limiting),
+        "promises": [asdict(promise) for promise in score.promises],
+        "grids": {"stable": int(score.stable.sum()), "of": int(score.stable.size)},
+        "full_order": asdict(check),
+        "sampling": {
+            "rate_hz": 1.0 / study.converter.T_s,
+            "highest_resonance_hz": found.resonance_hz,
+            "ratio": 1.0 / (study.converter.T_s * found.resonance_hz),
+        },
+        "map": {"scr": score.scr, "x_over_r": score.x_over_r, "score": score.t_map.tolist()},
+        "alternatives": None
+        if found.alternatives is None
+        else [
+            {
+                "name": one.name,
+                "change": one.change,
+                "score": one.t,
+                "kept": one.kept,
+                "limiting": asdict(one.limiting),
+                "sampling_ratio": one.sampling_ratio,
+            }
+            for one in found.alternatives
+        ],
+    }
+
+
+def _rows(found: InnerAssessment) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
+    score = found.score
+    header = (
+        "SCR",
+        "X/R",
+        "score",
+        "damping ratio",
+        "decay [1/s]",
+        "disk margin",
+        "all-sensor margin",
+        "noise gain",
+        "damping ratio, L_1 and C off",
+    )
+    rows: list[tuple[object, ...]] = [
+        (scr, x_over_r, float(score.t_map[i, j]), *(float(values[i, j]) for values in score.maps))
+        for i, scr in enumerate(score.scr)
+        for j, x_over_r in enumerate(score.x_over_r)
+    ]
+    return header, rows

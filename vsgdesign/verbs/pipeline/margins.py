@@ -1,0 +1,271 @@
+"""From a study to its stability: maps, close looks, EMT evidence, clause matrix, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vsgdesign.artifacts import provenance, staged_folder, write_record
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.artifacts.time_series import write_table
+from vsgdesign.errors import WorkerError
+from vsgdesign.execution.executors import worker_count, worker_processes
+from vsgdesign.execution.jobs import begun
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.linear.stability.assessment import (
+    VIEW_HEADER,
+    ControllerAssessment,
+    FocusCell,
+    assess,
+    map_header,
+    map_rows,
+    view_rows,
+)
+from vsgdesign.linear.stability.verdict import clause_matrix, left_out, worst_cases
+from vsgdesign.metrics.margins import guaranteed_margins
+from vsgdesign.report.drawing.figure_types import ExplorerFile
+from vsgdesign.report.explore.static import StaticPage, static_page_of
+from vsgdesign.simulation.evidence import StepEvidence, step_evidence
+from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
+from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.study import ControllerSpec
+from vsgdesign.verbs.pipeline.study_tables import study_tables
+
+if TYPE_CHECKING:
+    from vsgdesign.report.page.blocks import Block
+
+VERB = "vsgdesign report"
+EXPLORER_FILE = "explorer.html"
+
+
+def assess_study(
+    study: Study, ready: Ready | None = None, *, evidence: bool = True, progress: Progress | None = None
+) -> StabilityResult:
+    """Assesses every controller of a study; with ``evidence``, it also simulates small EMT steps at its stable grids.
+
+    ``ready`` holds the gain tables that the study asks for. With None they are read or designed first.
+    """
+    tell = progress or silent
+    if ready is None:
+        ready = study_tables(study, progress=progress).ready
+    begin = time.perf_counter()
+    assessments = tuple(
+        assess(study, spec, ready, lambda what, share: tell(f"assess {what}", share))
+        for spec in study.controllers
+        if spec.estimate == "truth" or not _knows_the_truth(study, ready, spec)
+    )
+    timing = {"assess": time.perf_counter() - begin}
+    begin = time.perf_counter()
+    found: dict[tuple[str, str], tuple[StepEvidence, StepEvidence]] = {}
+    if evidence:
+        cells = [(a.spec.name, cell) for a in assessments for cell in a.focus if cell.full_order_table.stable[0]]
+        for done, (name, cell) in enumerate(cells):
+            tell("simulate small steps", done / len(cells))
+            found[name, cell.label] = step_evidence(study, cell)
+        tell("simulate small steps", 1.0)
+        timing["evidence"] = time.perf_counter() - begin
+    return StabilityResult(study, assessments, found, clause_matrix(study, assessments), timing, ready)
+
+
+def _knows_the_truth(study: Study, ready: Ready, spec: ControllerSpec) -> bool:
+    """Whether another controller is the same but for its estimate: margins are those of the gains for a grid."""
+    return any(
+        replace(spec, name=other.name, estimate="truth") == other and ready.table(spec) == ready.table(other)
+        for other in study.controllers
+    )
+
+
+def report_stability(
+    study: Study,
+    out: str | Path,
+    *,
+    pdf: bool = False,
+    explorer: bool = True,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    show: Callable[[list[Block]], None] | None = None,
+) -> dict[str, Any]:
+    """Assesses a study and writes figures, CSV files, results.json and report.html to ``out``.
+
+    With ``pdf`` it also writes report.pdf. With ``explorer`` it also writes explorer.html, the page of ``vsgdesign
+    explore --static``, which the report shows in a frame. Another process makes it while the figures are drawn, unless
+    ``workers`` is 1 (None means one per core). ``show`` is given what a terminal prints of the result. Returns the
+    content of results.json. The folder appears when everything is done. Raises the errors of :func:`assess_study` and
+    ArtifactError.
+    """
+    tell = progress or silent
+    with staged_folder(out, VERB, inputs=study.input_files) as folder:
+        result = assess_study(study, progress=progress)
+        document = _write(result, folder, pdf, explorer, workers, tell)
+        if show is not None:
+            from vsgdesign.report.stability.page import terminal_blocks
+
+            show(terminal_blocks(result))
+        return document
+
+
+def write_stability(
+    result: StabilityResult,
+    out: str | Path,
+    *,
+    pdf: bool = False,
+    explorer: bool = True,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Writes the folder of :func:`report_stability` for an existing result. Raises ArtifactError."""
+    with staged_folder(out, VERB, inputs=result.study.input_files) as folder:
+        return _write(result, folder, pdf, explorer, workers, progress or silent)
+
+
+def _write(
+    result: StabilityResult, folder: Path, pdf: bool, explorer: bool, workers: int | None, tell: Progress
+) -> dict[str, Any]:
+    from vsgdesign.report import write_stability_figures, write_stability_report
+
+    begin = time.perf_counter()
+    with _explorer_begun(result, workers) if explorer else nullcontext() as explored:
+        write_stability_tables(result, folder)
+        tell("draw figures", 0.0)
+        figures = write_stability_figures(result, folder / "figures")
+        tell("draw figures", 1.0)
+        page = None if explored is None else _write_explorer(explored, folder, tell)
+    write_stability_report(result, figures, folder / "report.html", page, folder / "report.pdf" if pdf else None)
+    result.timing_s["report"] = time.perf_counter() - begin
+    return write_record(folder, stability_document(result), VERB)
+
+
+@contextmanager
+def _explorer_begun(result: StabilityResult, workers: int | None) -> Iterator[Callable[[], StaticPage]]:
+    """Begins to make the explorer of a study in another process; what is yielded waits for it. With one worker it is
+    made in that call."""
+    with ExitStack() as held:
+        executor = None if worker_count(workers) == 1 else held.enter_context(worker_processes(1))
+        yield begun(executor, static_page_of, result.study, result.ready)
+
+
+def _write_explorer(explored: Callable[[], StaticPage], folder: Path, tell: Progress) -> ExplorerFile:
+    """Waits for the explorer and writes it. The report does without it where there is none."""
+    tell("make the explorer", 0.0)
+    try:
+        text, why = explored()
+    except WorkerError as error:
+        text, why = None, f"It was not made: {error}"
+    tell("make the explorer", 1.0)
+    if text is None:
+        return ExplorerFile(why=why)
+    size = (folder / EXPLORER_FILE).write_bytes(text.encode("utf-8"))
+    return ExplorerFile(EXPLORER_FILE, size)
+
+
+def write_stability_tables(result: StabilityResult, folder: Path) -> None:
+    """Every map, frequency view and response of a result as CSV."""
+    for a in result.assessments:
+        name = a.spec.name
+        for kind, field in maps_of(a).items():
+            write_table(folder / map_file(name, kind), map_header(field), map_rows(field))
+        for cell in a.focus:
+            write_table(folder / frequency_file(name, cell.label), VIEW_HEADER, view_rows(cell))
+    for (name, label), responses in result.evidence.items():
+        for e in responses:
+            columns = (e.t_s, e.emt, e.full_order, e.reduced)
+            unit = "W" if e.signal == "P" else "var"
+            header = ("t [s]", *(f"{kind} [{unit}]" for kind in ("emt", "full_order", "reduced")))
+            step = max(len(e.t_s) // 3000, 1)
+            rows = zip(*(column[::step].tolist() for column in columns), strict=True)
+            write_table(folder / step_file(name, label, e.signal), header, rows)
+
+
+def stability_document(result: StabilityResult) -> dict[str, Any]:
+    """results.json of a stability report: identity, gates, verdicts, worst cases and close looks."""
+    study = result.study
+    return {
+        "schema": 1,
+        "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
+        "provenance": provenance(),
+        "gates": asdict(study.stability.gates),
+        "axes": {key: value for key, value in asdict(study.stability).items() if key != "gates"},
+        "scr_basis": study.scr_basis,
+        "verdicts": [asdict(row) for row in result.verdicts],
+        "controllers": {a.spec.name: _controller(result, a) for a in result.assessments},
+        "timing_s": result.timing_s,
+    }
+
+
+def _controller(result: StabilityResult, a: ControllerAssessment) -> dict[str, Any]:
+    study = result.study
+    return {
+        "kind": a.spec.kind,
+        "worst": {
+            "reduced": [asdict(w) for w in worst_cases(study, a.reduced)],
+            "full_order": [asdict(w) for w in worst_cases(study, a.full_order)],
+        },
+        "outside_the_limits": {
+            "reduced": {"cells": len(a.reduced.faults), "outside": len(left_out(a.reduced))},
+            "full_order": {"cells": len(a.full_order.faults), "outside": len(left_out(a.full_order))},
+        },
+        "between_nodes": {
+            "grids": len(a.between.stable),
+            "stable": int(a.between.stable.sum()),
+            "least_damping": float(np.min(a.between.least_damping)) if len(a.between.stable) else None,
+        },
+        "x_over_r_limit": [{"scr": scr, "x_over_r": limit} for scr, limit in a.x_over_r_limit],
+        "cells": [_focus(result, a.spec.name, cell) for cell in a.focus],
+    }
+
+
+def _focus(result: StabilityResult, name: str, cell: FocusCell) -> dict[str, Any]:
+    evidence = result.evidence.get((name, cell.label))
+    return {
+        "label": cell.label,
+        "R_g": cell.grid.R_g,
+        "L_g": cell.grid.L_g,
+        "P": cell.P,
+        "Q": cell.Q,
+        "outside_the_limits": cell.outside,
+        "gains": cell.gains.named(),
+        "margins": {"reduced": _margins(cell.reduced_table), "full_order": _margins(cell.full_order_table)},
+        "modes": [
+            {
+                "real": m.s.real,
+                "imag": m.s.imag,
+                "damping": m.damping,
+                "participation": [{"state": state, "share": share} for state, share in m.participation],
+            }
+            for m in cell.modes
+        ],
+        "sensitivities": [
+            {"parameter": s.parameter, "value": s.value, "ds_dp_real": s.ds_dp.real, "ds_dp_imag": s.ds_dp.imag}
+            for s in cell.sensitivities
+        ],
+        "linear_against_emt": None
+        if evidence is None
+        else {e.signal: {"full_order": e.error("full_order"), "reduced": e.error("reduced")} for e in evidence},
+    }
+
+
+def _margins(table: Any) -> dict[str, Any]:
+    gain, phase = guaranteed_margins(table.disk_output.value)
+    loops = {
+        loop: {field: float(getattr(margins, field)[0]) for field in margins.__dataclass_fields__}
+        for loop, margins in (("P", table.loop_P), ("Q", table.loop_Q))
+    }
+    return {
+        "stable": bool(table.stable[0]),
+        "spectral_abscissa": float(table.spectral_abscissa[0]),
+        "least_damping": float(table.least_damping[0]),
+        "disk_margin_output": float(table.disk_output.value[0]),
+        "disk_margin_output_rad_s": float(table.disk_output.omega[0]),
+        "disk_margin_input": float(table.disk_input.value[0]),
+        "guaranteed_gain_factor": float(gain[0]),
+        "guaranteed_phase_deg": float(phase[0]),
+        "M_s": float(table.M_s.value[0]),
+        "M_s_rad_s": float(table.M_s.omega[0]),
+        "loops": loops,
+    }

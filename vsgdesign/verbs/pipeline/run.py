@@ -1,0 +1,321 @@
+"""The whole path from a study to a folder of results."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vsgdesign.artifacts import (
+    provenance,
+    room_for,
+    staged_folder,
+    write_csv,
+    write_npz,
+    write_record,
+    write_table_file,
+)
+from vsgdesign.artifacts.network_weights import write_network_weights
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.artifacts.table_text import table_summary
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.identification.registry import needs_network, samples_itself, why_no_c
+from vsgdesign.linear.operating_point import OperatingPoint
+from vsgdesign.linear.stability.loci import shares_of
+from vsgdesign.metrics import EventMetrics
+from vsgdesign.simulation.gains import GainChange, settled_changes
+from vsgdesign.simulation.rest import Instability
+from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, mean_cycles, run_scenario
+from vsgdesign.simulation.scenario.judging import judge_estimates
+from vsgdesign.simulation.scenario.promises import Kept, promises_kept
+from vsgdesign.study.parameters import Study
+from vsgdesign.verbs.pipeline.inner import assess_inner_loops, inner_document
+from vsgdesign.verbs.pipeline.making import Made, made, nothing_to_make
+from vsgdesign.verbs.pipeline.training import judgement_document, network_document, training_document
+
+if TYPE_CHECKING:
+    from vsgdesign.report.drawing.figure_types import WrittenFigure
+    from vsgdesign.report.page.blocks import Block
+
+
+def run_study(
+    study: Study,
+    out: str | Path,
+    *,
+    bridge: str | None = None,
+    report: bool = True,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    warn: Callable[[str], None] | None = None,
+    say: Callable[[str], None] | None = None,
+    show: Callable[[list[Block]], None] | None = None,
+) -> dict[str, Any]:
+    """Simulates every controller and writes time series, results, figures and a report to ``out``.
+
+    Gain tables that the study asks for are designed first, on ``workers`` processes (None means one per core), and its
+    network is trained beside them (:func:`vsgdesign.verbs.pipeline.making.made`). With ``report`` tables are verified
+    if the study's [verification] says ``with_run``. All is written to the same folder.
+    ``warn`` is called before a controller is simulated that is unstable by the full-order model, since its run
+    shows no meaningful response. A design that ``out`` has already, made from the same inputs by the same program,
+    is taken from there, and ``say`` is told; the files are the same. ``show`` is given what a terminal prints of
+    the run. Returns the content of results.json. The folder appears when everything is done; after an error or an
+    interruption the old folder is unchanged. Raises the errors of
+    :func:`vsgdesign.simulation.scenario.run_scenario` and ArtifactError.
+    """
+    tell = progress or silent
+    verb = "vsgdesign run" if report else "vsgdesign simulate"
+    with (
+        room_for(out, verb, inputs=study.input_files),
+        # What it keeps goes after the folder is in its place: an interruption in between loses no finished work.
+        made(study, out, bridge=bridge, verify=report, workers=workers, progress=progress, say=say) as have,
+        staged_folder(out, verb, inputs=study.input_files) as folder,
+    ):
+        begin = time.perf_counter()
+        result = run_scenario(
+            study,
+            have.ready,
+            bridge=bridge,
+            warn=warn,
+            progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
+            late=have.late,
+        )
+        have.timing_s["simulate"] = time.perf_counter() - begin
+        return _write(result, folder, verb, have, report=report, tell=tell, warn=warn, show=show)
+
+
+def write_run(result: ScenarioResult, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
+    """Writes the folder of :func:`run_study` for a scenario that was simulated before. Raises ArtifactError."""
+    verb = "vsgdesign run"
+    with staged_folder(out, verb, inputs=result.study.input_files) as folder:
+        return _write(result, folder, verb, nothing_to_make(result.ready), report=True, tell=progress or silent)
+
+
+def _write_made(ready: Ready, folder: Path) -> None:
+    for name, table in ready.tables.items():
+        write_table_file(table, folder / f"{name}.table.json")
+    if ready.network is not None:
+        write_network_weights(ready.network, folder / "estimator.weights.json")
+
+
+def _write(
+    result: ScenarioResult,
+    folder: Path,
+    verb: str,
+    have: Made,
+    *,
+    report: bool,
+    tell: Progress,
+    warn: Callable[[str], None] | None = None,
+    show: Callable[[list[Block]], None] | None = None,
+) -> dict[str, Any]:
+    """Time series, figures, tables with their C, page and record of a simulated scenario.
+
+    The first two are written while the tables are verified.
+    """
+    study, network, trained, timing = result.study, result.ready.network, have.trained, have.timing_s
+    begin = time.perf_counter()
+    for done, controller in enumerate(result.controllers):
+        tell("write time series", done / len(result.controllers))
+        write_npz(folder / f"{controller.spec.name}.npz", controller.series)
+        write_csv(folder / f"{controller.spec.name}.csv", controller.series, study.simulation.csv_interval)
+        if controller.estimates is not None:
+            write_csv(folder / f"{controller.spec.name}.estimates.csv", controller.estimates.series(), 0.0)
+    tell("write time series", 1.0)
+    timing["write"] = time.perf_counter() - begin
+    inner = inner_document(assess_inner_loops(study, what_if=False)) if study.inner_request is not None else None
+    drawn: Callable[[], list[WrittenFigure]] | None = None
+    if report:
+        from vsgdesign.report import begin_figures
+
+        begin = time.perf_counter()
+        tell("draw figures", 0.0)
+        drawn = begin_figures(result, folder / "figures", trained, have.executor)
+        timing["report"] = time.perf_counter() - begin
+    result = replace(result, ready=have.verified())
+    _write_made(result.ready, folder)
+    exports = _exports(study, result.ready, folder, have.executor, warn)
+    if drawn is not None:
+        from vsgdesign.report import write_report
+
+        begin = time.perf_counter()
+        figures = drawn()
+        tell("draw figures", 1.0)
+        write_report(result, figures, folder / "report.html", trained, inner)
+        timing["report"] += time.perf_counter() - begin
+    if show is not None:
+        from vsgdesign.report.scenario.page import terminal_blocks
+
+        show(terminal_blocks(result))
+    for wait in exports:
+        wait()
+    document = results_document(result, timing)
+    for name, sha256 in have.made_from.items():
+        if sha256:
+            document["controllers"][name]["table"]["made_from"] = sha256
+    if inner is not None:
+        document["inner_loops"] = inner
+    if network is not None:
+        document["estimator"] = network_document(network)
+        if trained is not None:
+            document["estimator"]["training"] = training_document(trained)
+    return write_record(folder, document, verb)
+
+
+def _exports(
+    study: Study,
+    ready: Ready,
+    folder: Path,
+    executor: Executor | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> list[Callable[[], Any]]:
+    """Begins the C of every gain table, with the network where the study has one: ready to compile, beside what it was
+    made of. Returns what waits for each.
+
+    An estimator that has no C is left out, and said: its scheduler is exported without one.
+    """
+    if not ready.tables:
+        return []
+    from vsgdesign.execution.jobs import begun
+    from vsgdesign.export import export_c_files
+
+    estimator, begin = study.estimator, []
+    for spec in study.controllers:
+        if spec.name not in ready.tables:
+            continue
+        network = estimator if needs_network(spec.estimate) else None
+        missing = why_no_c(spec.name, spec.estimate)
+        if missing and warn is not None:
+            warn(missing)
+        own, by_sample = study.with_limit_of(spec), samples_itself(spec.estimate)
+        call = begun(
+            executor,
+            export_c_files,
+            folder / f"{spec.name}.table.json",
+            folder / f"{spec.name}.c",
+            weights=None if network is None else folder / "estimator.weights.json",
+            grid_phase=network is not None and network.grid_phase,
+            limiter=own.current_limiter,
+            study=own if by_sample else None,
+            estimator=spec.estimate if by_sample else "none",
+        )
+        begin.append(call)
+    return begin
+
+
+def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict[str, Any]:
+    """results.json: what scripts and tests read. Later stages add keys and rename none."""
+    study = result.study
+    judged = {one.name: judgement_document(one) for one in judge_estimates(result)}
+    return {
+        "schema": 1,
+        "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
+        "provenance": provenance(),
+        "mean_cycles": mean_cycles(study),
+        "background": None if study.background is None else study.background.document(),
+        "sensors": None if study.sensors is None else study.sensors.document(),
+        "replay": None if study.replay is None else study.replay.document(),
+        "warnings": [_instability(study, one) for one in result.instabilities],
+        "operating_points": [_operating_point(row) for row in result.operating_points],
+        "gains": [
+            {"controller": c.spec.name, "t_s": change.t_s, **change.gains.named()}
+            for c in result.controllers
+            for change in _changes(study, c)
+        ],
+        "promises": [_kept(one) for one in promises_kept(result)],
+        "controllers": {c.spec.name: _controller(result, c, judged.get(c.spec.name)) for c in result.controllers},
+        "timing_s": timing_s,
+    }
+
+
+def _kept(one: Kept) -> dict[str, Any]:
+    judged = not one.excuse
+    return asdict(one) | {"kept_ideal": one.kept_ideal if judged else None, "kept": one.kept if judged else None}
+
+
+def _operating_point(row: OperatingPointRow) -> dict[str, Any]:
+    where = {"t_s": row.t_s, "R_g": row.grid.R_g, "L_g": row.grid.L_g}
+    names = [field.name for field in fields(OperatingPoint)]
+    return {**where, **(dict.fromkeys(names) if row.point is None else asdict(row.point)), "reason": row.reason}
+
+
+def _instability(study: Study, one: Instability) -> dict[str, Any]:
+    grid, place = one.grid, one.grid.place(study.converter, study.scr_basis)
+    return {
+        "controller": one.controller,
+        "t_s": one.t_s,
+        "end_s": one.end_s,
+        "event": one.event,
+        "grid": {
+            "R_g": grid.R_g,
+            "L_g": grid.L_g,
+            "scr": place.scr,
+            "x_over_r": place.x_over_r,
+        },
+        "mode": {
+            "real": one.mode.s.real,
+            "imag": one.mode.s.imag,
+            "frequency_hz": abs(one.mode.s.imag) / (2.0 * np.pi),
+            "damping_ratio": one.mode.damping,
+            "participation": shares_of(one.mode),
+        },
+        "message": one.message,
+    }
+
+
+def _changes(study: Study, controller: ControllerResult) -> tuple[GainChange, ...]:
+    """Every change of gains; of gains that follow an estimate or what is measured, those that hold before an event."""
+    if not controller.moves:
+        return controller.gain_changes
+    instants = [event.t_s for event in study.events]
+    return settled_changes(controller.gain_changes, instants, study.simulation.duration)
+
+
+def _controller(result: ScenarioResult, controller: ControllerResult, judged: dict[str, Any] | None) -> dict[str, Any]:
+    study, table, knowledge = result.study, result.ready.table(controller.spec), controller.spec.knowledge
+    return {
+        "kind": controller.spec.kind,
+        "bridge": controller.bridge,
+        "distorted": controller.distorted,
+        "structure": controller.spec.target.structure,
+        "schedule": controller.spec.schedule if controller.spec.kind == "scheduled" else None,
+        "table": None if table is None else table_summary(study, table),
+        "target": asdict(controller.spec.target),
+        **({} if knowledge is None else {"knowledge": asdict(knowledge)}),
+        "gains": [{"t_s": change.t_s, **change.gains.named()} for change in _changes(study, controller)],
+        "gain_changes": len(controller.gain_changes),
+        "estimate": judged,
+        "outcome": asdict(controller.outcome),
+        **({} if controller.survival is None else {"survival": asdict(controller.survival)}),
+        "limiter": _limiter(study.with_limit_of(controller.spec)),
+        "events": [_event(event, mean_cycles(study)) for event in controller.events],
+        "loop_s": controller.simulation.loop_seconds,
+        "real_time_factor": study.simulation.duration / max(controller.simulation.loop_seconds, 1e-9),
+    }
+
+
+def _limiter(study: Study) -> dict[str, Any] | None:
+    if study.converter.current_limit_pu is None:
+        return None
+    parameters = {name: float(value) for name, value in study.limiter_values.items()}
+    return {"name": study.current_limiter, "limit_pu": study.converter.current_limit_pu, "parameters": parameters}
+
+
+def _event(event: EventMetrics, cycles: int) -> dict[str, Any]:
+    return {
+        "name": event.name,
+        "t_s": event.t_s,
+        "signal": event.signal,
+        "kind": event.kind,
+        **asdict(event.raw),
+        "peak_current_pu": event.peak_current_pu,
+        "status": event.status,
+        "reason": event.reason,
+        "needs_s": event.needs_s,
+        "cycle_mean": asdict(event.cycle_mean),
+        **({"one_cycle_mean": asdict(event.cycle_mean)} if cycles == 1 else {}),
+    }

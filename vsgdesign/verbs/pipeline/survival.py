@@ -1,0 +1,231 @@
+"""From a study to a survival measurement: every controller with every current limiter through many disturbances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.artifacts.time_series import write_table
+from vsgdesign.equations.limiters import LIMITERS as KNOWN
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.progress import Progress
+from vsgdesign.identification import estimator_kind
+from vsgdesign.study.parameters.study import NO_LIMITER, Study
+
+if TYPE_CHECKING:  # the simulation is loaded by who measures
+    from vsgdesign.simulation.survival import CaseResult, Subject, SurvivalCase
+
+VERB = "vsgdesign survive"
+WORK = "survival"
+"""Names the folder beside the output that keeps finished runs and gain tables."""
+
+LIMITERS = (NO_LIMITER, "circular", "projection")
+"""The current limiters with which each controller is measured."""
+
+PLAIN_PHASE_DEG = 60.0
+"""The current of the first 5 ms has a figure of its own for cases without larger jumps of the phase."""
+
+
+def variant_name(controller: str, limiter: str | None) -> str:
+    """What a controller with a limiter is called in results; None: with the limiter that the study gives it."""
+    return controller if limiter is None else f"{controller}, {limiter}"
+
+
+def report_survival(
+    study: Study,
+    out: str | Path,
+    *,
+    controllers: Iterable[str] | None = None,
+    limiters: Sequence[str] | None = None,
+    bridge: str = "averaged",
+    workers: int | None = None,
+    cluster: str | None = None,
+    fresh: bool = False,
+    progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Sends a study's controllers through all disturbances; writes results.json and cases.csv to ``out``.
+
+    ``controllers`` and ``limiters`` are those of :func:`subjects_of`. Gain tables without a file are designed first.
+    Finished runs and tables are kept beside ``out`` until everything is done, so the same call continues after an
+    interruption; ``fresh`` starts anew. ``workers`` and ``cluster`` are those of
+    :func:`vsgdesign.execution.executors.executor_of`. ``say`` takes a sentence where what is kept is of other work.
+    Returns results.json. Raises StudyError, ArtifactError and WorkerError.
+    """
+    from vsgdesign.execution.journal import work_folder
+    from vsgdesign.simulation.survival import run_many
+
+    with (
+        room_for(out, VERB, inputs=study.input_files),
+        # What it keeps goes after the folder is in its place: an interruption in between loses no finished run.
+        work_folder(out, WORK, own=True, fresh=fresh) as kept,
+        staged_folder(out, VERB, inputs=study.input_files) as folder,
+    ):
+        # Its faults are said before anything is designed.
+        subjects_of(study, Ready(), controllers=controllers, limiters=limiters)
+        names = None if controllers is None else set(controllers)
+        part = replace(study, controllers=tuple(c for c in study.controllers if names is None or c.name in names))
+        ready = survival_tables(part, kept, workers=workers, progress=progress)
+        subjects = subjects_of(study, ready, controllers=controllers, limiters=limiters, bridge=bridge)
+        results = run_many(
+            subjects,
+            survival_cases(study),
+            kept / "runs.jsonl",
+            workers=workers,
+            cluster=cluster,
+            progress=progress,
+            say=say,
+        )
+        write_cases(folder / "cases.csv", results)
+        document = survival_document(study, subjects, results) | {"bridge": bridge, "provenance": provenance()}
+        return write_record(folder, document, VERB)
+
+
+def survival_tables(
+    study: Study, folder: str | Path, *, workers: int | None = None, progress: Progress | None = None
+) -> Ready:
+    """The gain tables of a study's controllers, as :class:`vsgdesign.artifacts.ready.Ready`.
+
+    A table that ``folder`` has is read if it was designed from this study and has a safe place. Any other is designed
+    and kept there, without its certificate, which no run needs. Raises the errors of
+    :func:`vsgdesign.verbs.pipeline.study_tables.study_tables`.
+    """
+    from vsgdesign.verbs.pipeline.study_tables import kept_beside, study_tables
+
+    left = kept_beside(folder)
+    return study_tables(study, folder, left=left, workers=workers, certificates=False, progress=progress).ready
+
+
+def subjects_of(
+    study: Study,
+    ready: Ready,
+    *,
+    controllers: Iterable[str] | None = None,
+    limiters: Iterable[str] | None = LIMITERS,
+    bridge: str = "averaged",
+) -> dict[str, Subject]:
+    """Every named controller (None: all) with every limiter (None: with its own), by :func:`variant_name`.
+
+    Raises StudyError with every fault: no current limit, a recorded source, no controller or limiter of a name.
+    """
+    from vsgdesign.simulation.survival import Subject
+    from vsgdesign.simulation.survival.demand import ROOM
+
+    limit_pu, faults = study.converter.current_limit_pu, []
+    known = {spec.name: spec for spec in study.controllers}
+    wanted = list(known if controllers is None else controllers)
+    if limit_pu is None:
+        advice = "Set it, for example to 1.2: it decides which states of rest are asked for."
+        faults.append(Fault("converter.current_limit_pu", "", "is missing", advice))
+    if study.replay is not None:
+        advice = "Take [replay] away; [background] makes a restless grid."
+        faults.append(Fault("replay", "", "a recorded source cannot sag or jump as the disturbances ask", advice))
+    if study.network.fault is not None or not study.network.connected:
+        advice = "Take it away; vsgdesign simulate and comply have events for it."
+        faults.append(Fault("network", "", "every disturbance begins at rest, without a fault and on the grid", advice))
+    for name in wanted:
+        if name not in known:
+            faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))
+    for limiter in limiters or ():
+        if limiter != NO_LIMITER and limiter not in KNOWN:
+            advice = f"There are {', '.join((NO_LIMITER, *KNOWN))}."
+            faults.append(Fault("limiter", f'"{limiter}"', "unknown", advice))
+    if faults or limit_pu is None:
+        raise StudyError(study.name, faults)
+    found = {}
+    room_pu = None if study.background is None else ROOM * limit_pu
+    for name in wanted:
+        for limiter in (None,) if limiters is None else limiters:
+            spec = known[name]
+            if limiter is not None:  # that of the study has the parameters that the study gives it
+                spec = replace(spec, current_limiter=None if limiter == study.current_limiter else limiter)
+            found[variant_name(name, limiter)] = Subject(
+                study=study, spec=spec, ready=ready, limit_pu=limit_pu, bridge=bridge, room_pu=room_pu
+            )
+    return found
+
+
+def survival_cases(study: Study, *, random: bool = True) -> tuple[SurvivalCase, ...]:
+    """The systematic disturbances, and the random ones that the study's [survival] asks for.
+
+    Where a controller estimates its grid by itself, every case leaves it time to learn the grid, and has a background
+    and sensors of its own if the study has any.
+    """
+    from vsgdesign.simulation.survival import field_cases, fixed_set, random_set
+
+    drawn = random_set(study.survival.seed, study.survival.random) if random else ()
+    cases = (*fixed_set(), *drawn)
+    learns = any(spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample for spec in study.controllers)
+    return tuple(field_cases(cases, study.survival.seed)) if learns else cases
+
+
+def survival_document(
+    study: Study, subjects: Mapping[str, Subject], results: Mapping[str, Sequence[CaseResult]]
+) -> dict[str, Any]:
+    """Figures of every variant, by group and over all, and every lost case with its reason, in JSON's types."""
+    return {
+        "study": study.name,
+        "title": study.title,
+        "limit_pu": study.converter.current_limit_pu,
+        "seed": study.survival.seed,
+        "variants": {name: _variant(subjects[name], results[name]) for name in results},
+    }
+
+
+def _variant(subject: Subject, results: Sequence[CaseResult]) -> dict[str, Any]:
+    from vsgdesign.simulation.survival import by_group, figures_of
+
+    def figures(chosen: Iterable[CaseResult]) -> dict[str, Any]:
+        found = figures_of(chosen, T)
+        return asdict(found) | {"share": found.share}
+
+    T = subject.settling_time
+    plain = [result for result in results if result.case.largest_phase_deg <= PLAIN_PHASE_DEG]
+    return {
+        "settling_time": T,
+        "stale_to_1_s": figures(result for result in results if not result.case.for_ever),
+        "for_ever": figures(result for result in results if result.case.for_ever),
+        "phase_to_60": figures(result for result in plain if not result.case.for_ever),
+        "groups": {group: figures(members) for group, members in by_group(results).items()},
+        "lost": [
+            {
+                "group": result.case.group,
+                "case": result.case.name,
+                "status": result.verdict.status,
+                "reason": result.verdict.reason,
+            }
+            for result in results
+            if result.verdict.judged and not result.verdict.survived
+        ],
+    }
+
+
+CSV_HEADER = (
+    "variant",
+    "group",
+    "case",
+    "status",
+    "recovery_s",
+    "peak_pu",
+    "first_5_ms_pu",
+    "limited_s",
+    "swing_rad",
+    "reason",
+)
+
+
+def write_cases(path: str | Path, results: Mapping[str, Sequence[CaseResult]]) -> None:
+    """Every verdict as a row of a CSV file."""
+
+    def rows() -> Iterable[Sequence[object]]:
+        for name, found in results.items():
+            for result in found:
+                v, case = result.verdict, result.case
+                figures = (v.recovery_s, v.peak_pu, v.first_peak_pu, v.limited_s, v.swing_rad)
+                yield name, case.group, case.name, v.status, *figures, v.reason
+
+    write_table(path, CSV_HEADER, rows())

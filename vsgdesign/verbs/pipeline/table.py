@@ -1,0 +1,167 @@
+"""From a study to a gain table, and from that to its figures and page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts import staged_folder, write_record, write_table_file
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.gain_table_file import TABLE_FILE
+from vsgdesign.artifacts.table_text import certificate_summary
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.executors import executor_of
+from vsgdesign.execution.journal import begins_again, kept_elsewhere, work_folder
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.verbs.pipeline.study_tables import CELLS
+
+if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds
+    from vsgdesign.design.table import BuiltTable
+
+STATUSES = ("met", "relaxed", "outside")
+REPORT = "vsgdesign table report"
+
+
+def build_table_file(
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    fresh: bool = False,
+    points: int | None = None,
+    verify: int = 0,
+    progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Designs the gain table of a controller (the last one, if none is named) and writes it to ``out``.
+
+    Returns the result in JSON's types. Finished cells are kept beside ``out`` until the file is complete, so the same
+    call continues from them after an interruption and writes the same bytes. ``fresh`` ignores them. ``workers`` and
+    ``cluster`` are those of :func:`vsgdesign.execution.executors.executor_of`. ``points`` is the number of random
+    grids of each check between nodes (default 2000). ``verify`` is the number of random cases in EMT with which the
+    table is verified; the file then has their counts and bounds. Raises StudyError, InfeasibleStudyError, WorkerError,
+    and ArtifactError if the file cannot be written or would replace anything but a gain table.
+    """
+    out = Path(out)
+    spec = _controller(study, controller)
+    study = study.with_limit_of(spec)
+    if study.specification is None:
+        advice = "Add one: it gives the requirements of the table and their box."
+        raise StudyError(study.name, [Fault("specification", "", "missing table", advice)])
+    TABLE_FILE.check_target(out)
+    from vsgdesign.design.between import POINTS
+    from vsgdesign.design.record import cells_file
+    from vsgdesign.design.table import build_table
+    from vsgdesign.verbs.pipeline.verify import Asked, check_verifiable, verified_table
+
+    if verify:
+        check_verifiable(study, Asked(controller=spec.name))
+    with work_folder(out, CELLS, own=True, fresh=fresh) as folder:
+        if say is not None and kept_elsewhere(folder, cells_file(folder)):
+            say(begins_again(out))
+        with executor_of(workers, cluster) as executor:
+            built = build_table(
+                study, spec, folder, executor=executor, points=POINTS if points is None else points, progress=progress
+            )
+            if verify:
+                table = verified_table(study, spec, built.table, verify, folder, executor=executor, progress=progress)
+                built = replace(built, table=table)
+        write_table_file(built.table, out)
+    return _built_document(built, out)
+
+
+def _controller(study: Study, name: str | None) -> ControllerSpec:
+    if name is None:
+        return study.controllers[-1]
+    found = next((spec for spec in study.controllers if spec.name == name), None)
+    if found is None:
+        known = ", ".join(spec.name for spec in study.controllers)
+        raise StudyError(study.name, [Fault("controller", f'"{name}"', "unknown", f"The study has: {known}.")])
+    return found
+
+
+def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
+    table, between = built.table, built.between
+    return {
+        "file": str(out),
+        "table": {
+            "name": table.name,
+            "structure": table.structure,
+            "law": table.law,
+            "sha256": table.sha256,
+            "scr": table.scr.tolist(),
+            "x_over_r": table.x_over_r.tolist(),
+            "study": table.study,
+            "study_hash": table.study_hash,
+            "design_hash": table.design_hash,
+        },
+        "certificate": certificate_summary(table.certificate),
+        **({} if table.verification is None else {"verification": table.verification}),
+        "cells": {status: int((table.status == status).sum()) for status in STATUSES},
+        "added": [{"axis": axis, "value": value} for axis, value in built.added],
+        "relaxed": [
+            {
+                "scr": record.scr,
+                "x_over_r": record.x_over_r,
+                "inner_loops_rad_s": record.inner_rad_s,
+                "inner_loops_fail": "inner_loops" in record.missed,
+                "would_be_feasible_with": {k: v for k, v in record.missed.items() if k != "inner_loops"},
+            }
+            for record in built.records
+            if record.missed
+        ],
+        "causes": table.causes,
+        "between": {
+            "points": len(between.points) + between.outside,
+            "seed": between.seed,
+            "outside": between.outside,
+            "promised": between.promised,
+            "broken": [
+                {"scr": p.scr, "x_over_r": p.x_over_r, "reached": p.missed, "figures": asdict(p.figures)}
+                for p in between.broken
+            ],
+        },
+    }
+
+
+def report_table(
+    table: GainTable, out: str | Path, *, inputs: Iterable[str | Path] = (), progress: Progress | None = None
+) -> dict[str, Any]:
+    """Writes table.json, figures, results.json and report.html to ``out``. Returns the content of results.json.
+
+    ``inputs`` are the files from which the table comes. A folder that contains one of them is not replaced. The folder
+    appears when everything is done. Raises ArtifactError.
+    """
+    from vsgdesign.linear.stability.gain_table import check_table
+    from vsgdesign.report import write_table_figures, write_table_report
+
+    tell = progress or silent
+    with staged_folder(out, REPORT, inputs=inputs) as folder:
+        tell("check the table", 0.0)
+        outcome = check_table(table)
+        tell("check the table", 1.0)
+        write_table_file(table, folder / "table.json")
+        tell("draw figures", 0.0)
+        figures = write_table_figures(table, folder / "figures")
+        tell("draw figures", 1.0)
+        write_table_report(table, figures, folder / "report.html")
+        document = {
+            "table": {
+                "name": table.name,
+                "sha256": table.sha256,
+                "study": table.study,
+                "study_hash": table.study_hash,
+                "design_hash": table.design_hash,
+            },
+            "certificate": certificate_summary(table.certificate),
+            "between": table.between,
+            "cells": {status: int((table.status == status).sum()) for status in STATUSES},
+            "check": {"good": outcome.good} | vars(outcome),
+            "figures": [figure.name for figure in figures],
+        }
+        return write_record(folder, document, REPORT)

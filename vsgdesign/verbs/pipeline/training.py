@@ -1,0 +1,266 @@
+"""The network of a study, which is read from a file or trained in the run, and the function of its command."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+from vsgdesign.artifacts import staged_folder, write_record
+from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
+from vsgdesign.errors import Fault, StudyError
+from vsgdesign.execution.executors import How
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.threads import one_thread
+from vsgdesign.identification.registry import needs_network
+from vsgdesign.simulation.estimated import same_period
+from vsgdesign.study.parameters.estimator import EstimatorSpec
+from vsgdesign.study.parameters.study import Study
+
+if TYPE_CHECKING:  # the estimator's room is loaded by who trains
+    from vsgdesign.estimator.recipes import WindowRecipe
+    from vsgdesign.estimator.trained import TrainedEstimator, TrainedFieldNetwork
+    from vsgdesign.simulation.scenario.judging import Judgement
+
+
+def trains(study: Study) -> bool:
+    """Whether a controller asks for a network that no file has, so that it has to be trained."""
+    spec = study.estimator
+    return spec is not None and spec.weights_file is None and any(needs_network(c.estimate) for c in study.controllers)
+
+
+def make_network(
+    study: Study, *, bridge: str | None = None, progress: Progress | None = None
+) -> tuple[NetworkWeights | None, TrainedEstimator | None]:
+    """Returns the network of a study (None if no controller asks for one) and, if it was trained, how it was trained.
+
+    If the study names a file, the network is read from it. Training windows are taken with the bridge of the run: a
+    switched bridge biases samples of v_pcc, and the training data must contain this. Raises StudyError if recipe and
+    study do not fit, ArtifactError for a file that is not a network, and the errors of
+    :func:`vsgdesign.estimator.specification.train`.
+    """
+    spec = study.estimator
+    if spec is None or not any(needs_network(c.estimate) for c in study.controllers):
+        return None, None
+    if spec.weights_file is not None:
+        return read_network_weights(spec.weights_file), None
+    from vsgdesign.estimator.specification import WINDOW_NETWORK, train
+
+    with one_thread():  # the same digits wherever it is trained, and beside whatever
+        recipe, size = recipe_of(study, spec, bridge), {name: getattr(spec, name) for name in WINDOW_NETWORK.size}
+        trained = train(WINDOW_NETWORK, study, recipe, seed=spec.seed, size=size, progress=progress or silent)
+    return trained.weights, trained
+
+
+def recipe_of(study: Study, spec: EstimatorSpec, bridge: str | None) -> WindowRecipe:
+    """The recipe of a training in a run with this bridge. Raises StudyError if it does not fit the study, and
+    InfeasibleStudyError without PyTorch."""
+    from vsgdesign.estimator.recipes import WINDOW_RECIPES
+    from vsgdesign.estimator.trained import require_torch
+
+    recipe = replace(WINDOW_RECIPES.load(spec.recipe), bridge=bridge or study.simulation.bridge)
+    check_fit(study, spec, recipe)
+    require_torch()
+    return recipe
+
+
+def check_fit(study: Study, spec: EstimatorSpec, recipe: WindowRecipe) -> None:
+    """Checks recipe and study before the work starts. Raises StudyError with every fault."""
+    faults = []
+    if recipe.synchronised and not spec.grid_phase:
+        faults.append(
+            Fault(
+                "estimator.grid_phase",
+                "false",
+                f"recipe {recipe.name} trains on windows synchronised with the grid's own voltage, which no converter "
+                "in the field can measure",
+                "Give a recipe with a range of phase, or set grid_phase = true to use the simulator's own phase.",
+            )
+        )
+    from vsgdesign.estimator.recipes import describe_sampling, with_sampling
+
+    sampled = with_sampling(recipe, study.converter)
+    for controller in study.controllers:
+        period = controller.update_period
+        if needs_network(controller.estimate) and period and not same_period(period, sampled.update_period, study):
+            faults.append(
+                Fault(
+                    f"controller {controller.name}.update_period",
+                    f"{period:g} s",
+                    f"recipe {recipe.name} has windows of {describe_sampling(sampled, study.converter)}",
+                    "Leave update_period out: the network answers at the end of every window. Or give the recipe "
+                    "samples and sample_interval of that length.",
+                )
+            )
+    if faults:
+        raise StudyError(study.name, faults)
+
+
+def train_weights_file(
+    study: Study,
+    spec: EstimatorSpec,
+    out: str | Path,
+    *,
+    data: str | Path | None = None,
+    report: str | Path | None = None,
+    progress: Progress | None = None,
+    **how: Unpack[How],
+) -> dict[str, Any]:
+    """Trains the network that the recipe of ``spec`` is for, and writes its weights. Returns file, network and training
+    in JSON's types.
+
+    ``data`` is a file for the windows or runs that it is trained on; windows are then taken with the bridge of the
+    recipe. ``report`` is a folder for results.json, figures and report.html, of the field estimator's network alone.
+    Raises StudyError if ``spec`` has what this network does not have, and the errors of
+    :func:`vsgdesign.estimator.specification.train`.
+    """
+    from vsgdesign.estimator.data_set import check_data_target
+    from vsgdesign.estimator.specification import WINDOW_NETWORK, specification_of, train
+
+    network = specification_of(spec.recipe)
+    given = {name: getattr(spec, name) for name in WINDOW_NETWORK.size}
+    faults = [
+        Fault(name, str(value), "the network of the field estimator has none", "Leave it out.")
+        for name, value in given.items()
+        if name not in network.size and value is not None
+    ]
+    if faults:
+        raise StudyError("estimator", faults)
+    _check_places(out, data, report)
+    network.file.check_target(out)
+    if data is not None:
+        check_data_target(data)
+    recipe = network.recipes.load(spec.recipe)
+    with _report_folder(report, study, spec) as folder:
+        trained: Any = train(
+            network, study, recipe, seed=spec.seed, size=given, out=data, progress=progress or silent, **how
+        )
+        document = _trained_document(study, recipe, trained)
+        if folder is not None:
+            from vsgdesign.report.drawing.files import write_all
+            from vsgdesign.report.estimator.field_training import field_training_figures
+            from vsgdesign.report.estimator.page import write_field_training_page
+
+            figures = write_all(field_training_figures(trained), folder / "figures")
+            write_field_training_page(study.title, trained, figures, folder / "report.html")
+            named = {"study": study.name, "study_hash": study.hash, "figures": [figure.name for figure in figures]}
+            write_record(folder, named | document, _TRAIN)
+        network.file.write(trained.weights, out)
+    return {"file": str(out)} | document
+
+
+def _trained_document(study: Study, recipe: Any, trained: TrainedEstimator | TrainedFieldNetwork) -> dict[str, Any]:
+    """Network and training in JSON's types."""
+    from vsgdesign.estimator.recipes import sampling_document, with_sampling
+    from vsgdesign.estimator.scores import scores_document, verdict
+    from vsgdesign.estimator.trained import TrainedEstimator
+
+    if isinstance(trained, TrainedEstimator):
+        window = sampling_document(with_sampling(recipe, study.converter), study.converter)
+        return network_document(trained.weights) | training_document(trained) | {"window": window}
+    return {
+        "weights_sha256": trained.weights.hash,
+        "data_sha256": trained.weights.data_hash,
+        "recipe": recipe.name,
+        "seed": trained.weights.seed,
+        "converters": [dict(one) for one in trained.weights.converters],
+        "features": trained.weights.features,
+        "hidden": len(trained.weights.layers.b_1),
+        "epochs": len(trained.history["epoch"]),
+        "best_epoch": trained.best_epoch,
+        "runs": trained.runs,
+        "broken_off": trained.broken,
+        "cycles": trained.cycles,
+        "changes": trained.changes,
+        "scores": scores_document(trained.scores),
+        "verdict": verdict(trained.scores),
+        "timing_s": trained.timing_s,
+    }
+
+
+def network_document(weights: NetworkWeights) -> dict[str, Any]:
+    """The description of a network in JSON's types."""
+    return {
+        "weights_sha256": weights.hash,
+        "data_sha256": weights.data_hash,
+        "recipe": weights.recipe.get("name"),
+        "bridge": weights.recipe.get("bridge"),
+        "seed": weights.seed,
+        "synchronised": weights.window.synchronised,
+        "channels": weights.window.channels,
+        "window": {
+            "samples": weights.window.samples,
+            "sample_interval_s": weights.window.sample_interval,
+            "period_s": weights.window.period,
+            "cycles": weights.recipe.get("cycles"),
+        },
+        "hidden": len(weights.network.b_1),
+        "trained_on": weights.trained_on,
+    }
+
+
+def training_document(trained: TrainedEstimator) -> dict[str, Any]:
+    """How a training went, in JSON's types."""
+    return {
+        "draws": trained.draws,
+        "stop": trained.stop,
+        "epochs": trained.epochs,
+        "components": trained.components,
+        "parts": {
+            name: {
+                "windows": len(part.truth),
+                "mse": part.mse,
+                "correlation": dict(zip(("R_g", "L_g"), part.correlation, strict=True)),
+                "errors": part.errors,
+            }
+            for name, part in trained.parts.items()
+        },
+        "timing_s": trained.timing_s,
+    }
+
+
+def judgement_document(judged: Judgement) -> dict[str, Any]:
+    """What an estimate was worth, in JSON's types."""
+    return {
+        "windows": len(judged.log.status),
+        "statuses": judged.statuses,
+        "rate_limit": dict(zip(("rate_1_s", "held_s", "of_s"), judged.rate_limit or (None,) * 3, strict=True)),
+        "inside_set": None if judged.inside is None else dict(zip(("at_rest", "of_all"), judged.inside, strict=True)),
+        "rest": [asdict(one) for one in judged.rest],
+        "grid_changes": [asdict(one) for one in judged.changes],
+        "with_the_truth": judged.twin,
+        "steps": [asdict(one) for one in judged.steps],
+    }
+
+
+def _check_places(out: str | Path, windows: str | Path | None, report: str | Path | None = None) -> None:
+    """Raises StudyError, before the long work, where one result would take the place of another."""
+    files = {name: os.path.realpath(path) for name, path in (("out", out), ("windows", windows)) if path is not None}
+    faults = []
+    if files.get("windows") == files["out"]:
+        faults.append(Fault("windows", f'"{windows}"', "is the file of out as well", "Give another file."))
+    if report is not None:
+        folder = Path(os.path.realpath(report))
+        for name, path in files.items():
+            if folder in (Path(path), *Path(path).parents):
+                problem = f"would replace {name}, which is in it"
+                faults.append(Fault("report", f'"{report}"', problem, "Give a folder of its own."))
+    if faults:
+        raise StudyError("estimator train", faults)
+
+
+_TRAIN = "vsgdesign estimator train"
+
+
+@contextmanager
+def _report_folder(report: str | Path | None, study: Study, spec: EstimatorSpec) -> Iterator[Path | None]:
+    """A folder for a report that appears when everything is done; None without one."""
+    if report is None:
+        yield None
+        return
+    own = [spec.recipe] if spec.recipe.endswith(".toml") else []
+    with staged_folder(report, _TRAIN, inputs=[*study.input_files, *own]) as folder:
+        yield folder
