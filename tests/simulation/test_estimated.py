@@ -125,18 +125,18 @@ def test_a_table_takes_estimates_too() -> None:
     assert len({change.gains for change in run.gain_changes}) > 3  # in steps, not in one
     judged = judge_estimates(result)[0]
     assert judged.twin is None
-    # SCR 1.41 is not in the box, so it begins at the safe R/X of 0.577 and goes to 0.988, by 1.2 a window:
-    # ln(0.988/0.577)/ln 1.2 = 2.9, the third window arrives.
+    # SCR 1.41 is not in the box, so it begins at the nearest one, 1.5, and goes to 5.67, by 1.2 a window:
+    # ln(5.67/1.5)/ln 1.2 = 7.3, the eighth window arrives.
     assert judged.rate_limit is not None
     assert judged.rate_limit[0] == 10.0
-    assert judged.rate_limit[1] == pytest.approx(2 * 0.02)
+    assert judged.rate_limit[1] == pytest.approx(7 * 0.02)
     assert "held the gains behind the estimate" in estimate_text(result, [judged])[0]
     assert "certificate" not in estimate_text(result, [judged])[0]
 
 
 @pytest.mark.parametrize("with_table", [False, True])
 def test_it_says_which_grid_its_gains_are_for(with_table: bool) -> None:
-    """At first the study's own, or the safe place of a table that has no such grid; in the end the estimate."""
+    """At first the study's own, or the nearest one of a table that has no such grid; in the end the estimate."""
     text = TEXT.replace('estimate = "neural"', 'estimate = "neural", structure = "angle_damped", P_design = "2 kW"')
     study, ready = study_with(always(0.9, 2.9e-3), text=text)
     spec = study.controllers[1]
@@ -147,7 +147,7 @@ def test_it_says_which_grid_its_gains_are_for(with_table: bool) -> None:
     scheduler.first_gains()
     first = scheduler.grid
     assert first.scr(study.converter, "impedance") == pytest.approx(
-        np.sqrt(30.0) if with_table else study.grid.scr(study.converter, "impedance"), rel=1e-6
+        1.5 if with_table else study.grid.scr(study.converter, "impedance"), rel=1e-6
     )
     simulate(study, scheduler)
     assert (scheduler.grid.R_g, scheduler.grid.L_g) == pytest.approx((0.9, 2.9e-3), rel=2e-3)

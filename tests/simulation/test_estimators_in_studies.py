@@ -86,7 +86,7 @@ def test_the_statuses_of_files_are_counted_as_ever() -> None:
 
 
 def test_a_table_goes_to_its_safe_place_while_nothing_is_known() -> None:
-    """The guards are those that ship: a table that has no such grid begins at the safe place and waits there."""
+    """The guards are those that ship: after a long silence the gains leave the grid of the start."""
     study = study_from_text(text("kalman", extra=', schedule = "table", table = "t.json", structure = "angle_damped"'))
     study = replace(study, events=(), tau_P=5e-3, tau_Q=5e-3)
     (run,) = run_scenario(study, Ready(tables={"kalman": table()})).controllers

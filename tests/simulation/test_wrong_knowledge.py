@@ -102,16 +102,36 @@ def test_a_stale_closed_form_of_the_published_structure_goes_to_the_middle_of_th
     assert not knows_its_rests(one, one.controllers[0], build_timeline(one))
 
 
-def test_a_table_has_settled_at_an_estimate_beyond_its_edge() -> None:
-    """SCR 3 is taken for 30: the gains are those of the nearest place from the start on, and do not travel there."""
-    kind = 'kind = "scheduled"\nschedule = "table"\ntable = "t.json"\n'
-    text = kind + 'knowledge = { error_R = "-90 %", error_X = "-90 %" }'
+TABLE = 'kind = "scheduled"\nschedule = "table"\ntable = "t.json"\n'
+
+
+@pytest.mark.parametrize(
+    ("knowledge", "scr"), [('knowledge = { error_R = "-90 %", error_X = "-90 %" }', 3), ("", 30)], ids=["told", "true"]
+)
+def test_a_table_has_settled_beyond_its_edge(knowledge: str, scr: float) -> None:
+    """SCR 30, or 3 that is taken for 30: the gains are those of the nearest place from the start on, and do not travel
+    there."""
     step = '[[events]]\ntime = "0.1 s"\nP_ref = "2.1 kW"\n'
-    one = study(text, events=step, duration="0.2 s")
+    one = study(TABLE + knowledge, events=step, duration="0.2 s").with_changes(grid={"scr": scr})
     changes = run_scenario(one, Ready(tables={"c0": gain_tables.table()})).controllers[0].gain_changes
     assert len(changes) > 1
     for change in changes[1:]:
         np.testing.assert_allclose(change.gains, changes[0].gains, rtol=2e-2)
+
+
+def test_a_step_soon_after_a_start_outside_a_table_is_any_step() -> None:
+    """The gains travelled for half a second, and this was measured as the response: 1.36 s and 6.9 %."""
+    measured = []
+    for t_s in (0.05, 1.1):
+        step = f'[[events]]\ntime = "{t_s} s"\nP_ref = "0.7 kW"\n'
+        one = study(TABLE, events=step, duration=f"{t_s + 3.0} s").with_changes(
+            grid={"scr": 1.4, "x_over_r": 3}, simulation={"P_ref": "0.5 kW", "bridge": "averaged"}
+        )
+        (run,) = run_scenario(one, Ready(tables={"c0": gain_tables.table()})).controllers
+        measured += [event.raw for event in run.events if event.signal == "P_pcc"]
+    early, late = measured
+    assert early.settling_time_s == pytest.approx(late.settling_time_s, abs=1e-4)
+    assert early.overshoot_pct == pytest.approx(late.overshoot_pct, abs=1e-3)
 
 
 @pytest.mark.parametrize(("scr", "x_over_r"), [(1.5, 0.3), (1.5, 10.0), (20.0, 0.3), (20.0, 10.0)])

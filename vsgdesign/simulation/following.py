@@ -20,10 +20,6 @@ from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
-_ROUNDING = 2.0**-22
-"""A grid that is this little outside a scheduler's box, relatively, is on its edge. The box is that of the table in
-single precision, rounded inwards."""
-
 
 class MeasuredPowers(Protocol):
     """What a schedule takes of a window, SI."""
@@ -87,11 +83,12 @@ class ScheduledAnswers:
 
     def first(self, told: Grid | None = None, *, known: bool = True) -> PowerLoopGains:
         """Gains at the start: of the known grid, in the steady state that they are part of; without load for a cold
-        start. A table's safe place where the true grid is not in its box.
+        start.
 
-        ``told`` is the grid that the controller takes the true one for; None: it knows the true one. A grid that was
-        told leads a table to the nearest place of its box. With ``known`` false a table starts at its safe place,
-        whatever the grid is. Raises InfeasibleStudyError where there is no steady state, or a closed form has no gains.
+        ``told`` is the grid that the controller takes the true one for; None: it knows the true one. A table begins
+        where its updates would hold it: at the nearest place of its box. With ``known`` false it begins at its safe
+        place, whatever the grid is. Raises InfeasibleStudyError where there is no steady state, or a closed form has no
+        gains.
         """
         study, spec = self._study, self._spec
         timeline = build_timeline(study)
@@ -102,9 +99,8 @@ class ScheduledAnswers:
             self._runtime = Scheduler(self._runtime.lookup, self._runtime.settings)
         elif self._runtime is not None:
             try:
-                nearest = told is not None or _on_the_edge(self._runtime, grid)
-                self._runtime.start(grid.R_g, grid.L_g, nearest=nearest)
-            except ArtifactError:  # not in the table's box: from the safe place, as in the field
+                self._runtime.start(grid.R_g, grid.L_g, nearest=True)
+            except ArtifactError:  # the table has no design there: from the safe place, as in the field
                 known = False
         elif not self._law.measured:
             return self._at_design_point(grid.R_g, grid.L_g)
@@ -199,15 +195,6 @@ class KnownGridScheduler:
         """Gains for the true grid: a change that coincides with the update is seen by the next one."""
         grid = self._timeline.grid_at(window.t_s - 0.5 * self._T_s)
         return self._answers.to(window, grid.R_g, grid.L_g)[0]
-
-
-def _on_the_edge(runtime: Scheduler, grid: Grid) -> bool:
-    """Whether a grid is in the scheduler's box but for rounding: R_g and L_g of a corner need not give its SCR."""
-    c, at = runtime.settings, runtime.lookup.coordinates(grid.R_g, grid.L_g)
-    return all(
-        low * (1.0 - _ROUNDING) <= value <= high * (1.0 + _ROUNDING)
-        for value, (low, high) in zip(at, (c.scr, c.r_over_x), strict=True)
-    )
 
 
 def _numbers(gains: PowerLoopGains) -> PowerLoopGains:
