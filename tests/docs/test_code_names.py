@@ -9,7 +9,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "vsgdesign"
-ROOMS = [*sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py")), "frames", "errors"]
+ROOMS = [*sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py") if path.parent.name != "study"), "errors"]
+ROOMS += ["study.parameters", "study.datasheet"]  # a study is a variable of most examples, too
 NAMED = re.compile(rf"`(?:vsgdesign\.)?((?:{'|'.join(ROOMS)})(?:\.\w+)+)(?:\(\))?`")
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "bench/README.md")),

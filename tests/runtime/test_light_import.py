@@ -66,4 +66,4 @@ def test_what_ships_reads_no_study_files() -> None:
     code = "import sys, vsgdesign.runtime; print(*{'.'.join(name.split('.')[:2]) for name in sys.modules})"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     rooms = {name.split(".")[1] for name in run.stdout.split() if name.startswith("vsgdesign.")}
-    assert rooms == {"runtime", "identification", "equations", "frames", "errors"}
+    assert rooms == {"runtime", "identification", "equations", "errors"}
