@@ -18,6 +18,7 @@ GUIDES = {
     "compare": "[comparison](comparison.md)",
     "comply": "[grid-code tests](how-to/comply.md)",
     "design": "[tutorial](tutorial.md)",
+    "diff": "[results](how-to/results.md)",
     "estimator compare": "[compare estimators](how-to/compare-estimators.md)",
     "estimator stress": "[compare estimators](how-to/compare-estimators.md)",
     "estimator train": "[estimator](how-to/estimator.md)",

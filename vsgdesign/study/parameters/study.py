@@ -195,6 +195,13 @@ class Study:
         return replace(self, converter=converter, current_limiter=limiter, limiter_given=given)
 
     @property
+    def identity(self) -> dict[str, Any]:
+        """What results say of their study: its name, its hash, and ``inputs``, its sections and fields as they were
+        written, bases included (None for a study that was built from its parts)."""
+        inputs = None if self.origin is None else dict(self.origin.document)
+        return {"name": self.name, "title": self.title, "source": self.source, "hash": self.hash, "inputs": inputs}
+
+    @property
     def input_files(self) -> tuple[str, ...]:
         """Every file that the study is read from or names: itself, its bases, tables, weights and recipe."""
         named = [controller.table_file for controller in self.controllers]

@@ -72,6 +72,18 @@ def parse_quantity(value: object, dimension: str) -> float:
     return number
 
 
+def same_quantity(a: object, b: object) -> bool:
+    """Whether two TOML values say the same quantity, as "8 kW" and 8000 do."""
+
+    def in_si(value: object, dimension: str) -> float:
+        try:
+            return parse_quantity(value, dimension)
+        except UnitError:
+            return math.nan
+
+    return any(in_si(a, dimension) == in_si(b, dimension) for dimension in _DIMENSIONS)
+
+
 def _examples(dimension: str) -> str:
     if dimension == "1":
         return 'a ratio such as 0.05 or "5 %"'

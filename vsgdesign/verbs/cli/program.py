@@ -12,6 +12,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     from vsgdesign import __version__
     from vsgdesign.verbs.cli.common import streams_can_print
     from vsgdesign.verbs.cli.comply import comply
+    from vsgdesign.verbs.cli.diff import diff
     from vsgdesign.verbs.cli.estimator import estimator
     from vsgdesign.verbs.cli.explore import explore
     from vsgdesign.verbs.cli.export import export
@@ -46,7 +47,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
 
     for _verb in (
         *(run, simulate, design, margins, report, certify, validate),
-        *(compare, comply, estimator, explore, export, inner, new, survive, table, verify),
+        *(compare, comply, diff, estimator, explore, export, inner, new, survive, table, verify),
     ):
         main.add_command(_verb)
 

@@ -182,7 +182,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
     study, spec = comparison.study, comparison.specification
     return {
         "schema": 1,
-        "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
+        "study": study.identity,
         "provenance": provenance(),
         "seed": comparison.seed,
         "specification": asdict(spec),

@@ -187,7 +187,7 @@ def stability_document(result: StabilityResult) -> dict[str, Any]:
     study = result.study
     return {
         "schema": 1,
-        "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
+        "study": study.identity,
         "provenance": provenance(),
         "gates": asdict(study.stability.gates),
         "axes": {key: value for key, value in asdict(study.stability).items() if key != "gates"},

@@ -213,7 +213,7 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
     judged = {one.name: judgement_document(one) for one in judge_estimates(result)}
     return {
         "schema": 1,
-        "study": {"name": study.name, "title": study.title, "source": study.source, "hash": study.hash},
+        "study": study.identity,
         "provenance": provenance(),
         "mean_cycles": mean_cycles(study),
         "background": None if study.background is None else study.background.document(),
