@@ -11,7 +11,7 @@ from tests.compliance.made_runs import STEP_S, made_run, made_trace, times
 from vsgdesign.campaigns.compliance.measures import MEASURES
 from vsgdesign.campaigns.compliance.reading import suite_from_text
 from vsgdesign.errors import StudyError
-from vsgdesign.metrics.survival import LATCHED, NO_REST, SURVIVED, Survival
+from vsgdesign.metrics.survival import DIVERGED, LATCHED, NO_REST, NOT_AT_REST, SLIPPED, SURVIVED, Survival
 from vsgdesign.study.parameters.event import Event
 
 JUMP = Event.of_pu(0.1, phase_deg=10.0)
@@ -110,10 +110,22 @@ def test_energy_and_power_of_the_dc_link() -> None:
     mean = extra * tau * (edge[0] - edge[1]) / STEP_S
     run = made_run(made_trace(t, P_dc_pu=0.5 + np.where(since > 1e-9, mean, 0.0)), JUMP)
     total = extra * tau * (1.0 - math.exp(-(t[-1] - 0.1) / tau))
-    assert MEASURES["energy_pu_s"].of(run).value == pytest.approx(total, rel=1e-9)
+    assert MEASURES["energy_given_pu_s"].of(run).value == pytest.approx(total, rel=1e-9)
+    assert MEASURES["energy_taken_pu_s"].of(run).value == 0.0
     assert MEASURES["P_dc_peak_pu"].of(run).value == pytest.approx(0.5 + mean[np.searchsorted(t, 0.1005 - 1e-9)])
     taken = made_run(made_trace(t, P_dc_pu=0.5 - np.where(since > 1e-9, mean, 0.0)), JUMP)
-    assert MEASURES["energy_pu_s"].of(taken).value == pytest.approx(-total, rel=1e-9)
+    assert MEASURES["energy_taken_pu_s"].of(taken).value == pytest.approx(total, rel=1e-9)
+
+
+def test_energy_given_and_taken_are_told_apart() -> None:
+    """One figure, the larger in magnitude, hid that a storage has to give as well as to take."""
+    t = times(2.1)
+    swing = np.where(t > 0.1 + 1e-9, 0.4 * np.sin(2.0 * np.pi * (t - 0.1)) - 0.1, 0.0)
+    run = made_run(made_trace(t, P_dc_pu=0.5 + swing), JUMP)
+    energy = np.cumsum(swing) * STEP_S
+    given, taken = (MEASURES[f"energy_{way}_pu_s"].of(run).value for way in ("given", "taken"))
+    assert (given, taken) == (pytest.approx(energy.max()), pytest.approx(-energy.min()))
+    assert min(energy.max(), -energy.min()) > 0.05
 
 
 def test_frequency_of_a_ramp() -> None:
@@ -143,3 +155,44 @@ def test_settling_and_overshoot_of_a_damped_step() -> None:
     settled = fine[np.flatnonzero(np.abs(mean) > 0.02)[-1]]
     assert MEASURES["settling_s"].of(run).value == pytest.approx(settled, abs=STEP_S)
     assert MEASURES["overshoot_pu"].of(run).value == pytest.approx(np.max(mean), abs=1e-3)
+
+
+FINAL = ("recovery_s", "settling_s", "overshoot_pu", "P_back_s")
+"""Measures that take the end of a trace as a rest."""
+
+
+@pytest.mark.parametrize("status", [SLIPPED, LATCHED, DIVERGED, NOT_AT_REST])
+@pytest.mark.parametrize("name", FINAL)
+def test_the_end_of_a_run_that_is_not_at_rest_is_no_final_value(name: str, status: str) -> None:
+    """A suite without `survived` passed runs that had slipped by 9.8 rad, or that still drifted."""
+    trace = made_trace(times(2.1))
+    lost = Survival(status=status, reason="as the judge says", recovery_s=0.3)
+    assert MEASURES[name].of(made_run(trace, JUMP, survival=lost)) == (None, "as the judge says", 0.0)
+    kept = Survival(status=SURVIVED, recovery_s=0.3)
+    assert MEASURES[name].of(made_run(trace, JUMP, survival=kept)).value is not None
+
+
+@pytest.mark.parametrize("name", ["damping_ratio", "oscillation_hz", "droop_pu"])
+def test_a_run_that_is_lost_has_no_small_oscillation(name: str) -> None:
+    """One that only comes late to rest has: a ratio near zero, or below, is what is asked for."""
+    t = times(3.1)
+    since = np.clip(t - 0.1, 0.0, None)
+    P = 0.5 + 0.05 * np.exp(-0.5 * since) * np.sin(2.0 * math.pi * 3.0 * since)
+    for status in (SLIPPED, LATCHED, DIVERGED):
+        run = made_run(made_trace(t, P_pu=P), JUMP, survival=Survival(status=status, reason="lost"))
+        assert MEASURES[name].of(run) == (None, "lost", 0.0)
+    late = made_run(made_trace(t, P_pu=P), JUMP, survival=Survival(status=NOT_AT_REST, reason="late"))
+    if name == "damping_ratio":
+        assert MEASURES[name].of(late).value == pytest.approx(0.0265, abs=1e-3)
+
+
+@pytest.mark.parametrize(("end_s", "known"), [(1.1, True), (0.46, False)])
+@pytest.mark.parametrize("name", ["settling_s", "P_back_s"])
+def test_what_settles_is_in_its_band_for_five_cycles(name: str, end_s: float, known: bool) -> None:
+    """P comes back at 0.4 s. A trace that ends three cycles later does not show that it stays."""
+    t = times(end_s)
+    P = np.where((t > 0.1) & (t < 0.4), 0.9, 0.5)
+    found = MEASURES[name].of(made_run(made_trace(t, P_pu=P), JUMP))
+    assert (found.value is not None) == known
+    if not known:
+        assert "cycles alone; 5 are needed" in found.why

@@ -140,7 +140,7 @@ def test_every_fault_is_told_at_once() -> None:
         "tests[0].P_pu", "tests[0].needs", "tests[0].source", f"{event}[0].phase_jump", f"{event}[0].sag.type",
         f"{event}[0].sag.V_pu", f"{event}[0].V_g_pu", f"{event}[0].lasts", f"{event}[1]", f"{event}[2].df_per_s",
         f"{event}[3].fault.phases", f"{event}[3].fault.R_pu", f"{event}[3].load", "tests[0].criteria[0].at_least",
-        "tests[0].criteria[1]", "tests[0].criteria[2].at_least",
+        "tests[0].criteria[1]", "tests[0].criteria[2].at_least", "tests[0].criteria[2].at_most",
     }  # fmt: skip
     assert found.keys() == expected
     assert (
@@ -177,6 +177,29 @@ def test_criteria_are_checked_against_what_can_be_measured() -> None:
     assert found.keys() == expected
     assert "Did you mean survived?" in found[f"{at}[0].measure"].advice
     assert "Did you mean band_pu?" in found[f"{at}[3].band"].advice
+
+
+@pytest.mark.parametrize(
+    ("criterion", "field", "problem"),
+    [
+        ('measure = "survived", at_most = 0', "at_most", "would ask that it is not so"),
+        ('measure = "survived", at_least = 0', "at_least", "must be above 0 and at most 1"),
+        ('measure = "recovery_s", at_most = "-1 s"', "at_most", "must be at least 0 s and below 600 s"),
+        ('measure = "settling_s", at_most = 1, band_pu = 10', "band_pu", "must be from 0.0001 pu to 0.2 pu"),
+        ('measure = "damping_ratio", at_least = 2', "at_least", "must be above -1 and at most 1"),
+        ('measure = "peak_pu", at_most = "1200 %"', "at_most", "must be at least 0 pu and below 10 pu"),
+        ('measure = "limited_s", at_least = 0', "at_least", "must be above 0 s and at most 600 s"),
+    ],
+)
+def test_a_limit_that_every_run_keeps_or_none_is_a_fault(criterion: str, field: str, problem: str) -> None:
+    found = faults_of(f"{ONE}events = [{{ P_pu = 0 }}]\ncriteria = [{{ {criterion} }}]")
+    assert {name: fault.problem for name, fault in found.items()} == {f"tests[0].criteria[0].{field}": problem}
+
+
+def test_limits_at_the_edge_of_what_a_measure_can_be() -> None:
+    asked = '{ measure = "limited_s", at_most = 0 }, { measure = "damping_ratio", at_least = 0 }'
+    criteria = suite_from_text(f"{ONE}events = [{{ P_pu = 0 }}]\ncriteria = [{asked}]").tests[0].criteria
+    assert [(one.at_least, one.at_most) for one in criteria] == [(None, 0.0), (0.0, None)]
 
 
 def test_a_need_is_one_that_is_known() -> None:

@@ -1,4 +1,4 @@
-"""docs/theory/measures.md against the registry: every measure with its unit, its sentence and its parameters."""
+"""docs/theory/measures.md against the registry: every measure with its unit, sentence, range and parameters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ def row_of(measure: Measure) -> str:
         for one in measure.parameters
     )
     text = measure.text.replace("|", "\\|")
-    return f"| `{measure.name}` | {measure.unit or '–'} | {text} | {parameters} |"
+    low, high = measure.values
+    return f"| `{measure.name}` | {measure.unit or '–'} | {text} | {low:g} to {high:g} | {parameters} |"
 
 
 def test_the_table_is_that_of_the_registry() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.campaigns.compliance.measuring import Measured, MeasureInput, measure, not_known
 from vsgdesign.metrics.step_response import cycle_mean
@@ -81,25 +82,41 @@ def rocof_hz_s(run: MeasureInput, window_s: float = 0.1) -> Measured:
 
 
 @measure(
-    "energy of the dc link",
+    "energy given by the dc link",
     "pu·s",
-    "Largest energy that the dc link has given beyond its power before the first event, or has taken, whichever is "
-    "larger in magnitude (taken is negative).",
+    "Largest energy that the dc link has given beyond its power before the first event, at any instant after it.",
 )
-def energy_pu_s(run: MeasureInput) -> Measured:
-    """∫(P_dc − P_dc before) dt; what storage behind a constant infeed must hold (:eq:`storage-energy`)."""
-    first = run.first_row(run.first_s)
-    extra = run.trace.P_dc_pu[first + 1 :] - run.rest_before(run.trace.P_dc_pu, run.first_s)
-    energy = np.cumsum(extra) * run.step_s
-    return Measured(float(energy[np.argmax(np.abs(energy))]))
+def energy_given_pu_s(run: MeasureInput) -> Measured:
+    """max ∫(P_dc − P_dc before) dt; what storage behind a constant infeed must give (:eq:`storage-energy`)."""
+    return Measured(max(float(np.max(run.once(_energy), initial=0.0)), 0.0))
 
 
 @measure(
-    "peak power of the dc link", "pu", "Largest power that the dc link gives, as a mean over a row, after the event."
+    "energy taken by the dc link",
+    "pu·s",
+    "Largest energy that the dc link has taken beyond its power before the first event, at any instant after it.",
+)
+def energy_taken_pu_s(run: MeasureInput) -> Measured:
+    """max −∫(P_dc − P_dc before) dt; what storage behind a constant infeed must take (:eq:`storage-energy`)."""
+    return Measured(max(float(-np.min(run.once(_energy), initial=0.0)), 0.0))
+
+
+def _energy(run: MeasureInput) -> NDArray[np.float64]:
+    """∫(P_dc − P_dc before) dt at each row after the first event, pu·s."""
+    first = run.first_row(run.first_s)
+    extra = run.trace.P_dc_pu[first + 1 :] - run.rest_before(run.trace.P_dc_pu, run.first_s)
+    return np.cumsum(extra) * run.step_s
+
+
+@measure(
+    "peak power of the dc link",
+    "pu",
+    "Largest power that the dc link gives, as a mean over a row, after the event.",
+    values=(-10.0, 10.0),
 )
 def P_dc_peak_pu(run: MeasureInput) -> Measured:
     """Over the rating."""
     return Measured(float(np.max(run.trace.P_dc_pu[run.first_row(run.first_s) + 1 :], initial=-np.inf)))
 
 
-EXTREMES = (f_min_hz, f_max_hz, rocof_hz_s, energy_pu_s, P_dc_peak_pu)
+EXTREMES = (f_min_hz, f_max_hz, rocof_hz_s, energy_given_pu_s, energy_taken_pu_s, P_dc_peak_pu)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.campaigns.compliance.measuring import Measured, MeasureInput, measure, not_known
+from vsgdesign.campaigns.compliance.measuring import NO_FINAL_VALUE, Measured, MeasureInput, measure, not_known
 from vsgdesign.metrics.sequences import Sequences, frame_angle, last_sequences, positive_sequence, sequences
-from vsgdesign.metrics.step_response import cycle_mean, first_time, settling_time
+from vsgdesign.metrics.step_response import cycle_mean, first_time
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.network import Fault
 
@@ -138,6 +138,7 @@ def Iq_90_ms(run: MeasureInput, share: float = 0.9) -> Measured:
     "s",
     "Time from the end of the disturbance until the one-cycle mean of P stays within 5 % of the rating of its value "
     "before the first event.",
+    void=NO_FINAL_VALUE,
 )
 def P_back_s(run: MeasureInput, band_pu: float = 0.05) -> Measured:
     """It does not come back if the test changes what P rests at."""
@@ -145,11 +146,8 @@ def P_back_s(run: MeasureInput, band_pu: float = 0.05) -> Measured:
     mean = cycle_mean(run.trace.P_pu, run.rows_per_cycle)[rows]
     if mean.size < run.rows_per_cycle:
         return not_known("less than a cycle follows the disturbance")
-    error = mean - run.rest_before(run.trace.P_pu, run.first_s)
-    found = settling_time(run.trace.t_s[rows] - run.cleared_s, np.abs(error), band_pu)
-    if found is None:
-        return not_known(f"P is {abs(float(error[-1])):.3g} pu away from its value before, at the end of the trace")
-    return Measured(found, plus_minus=run.step_s)
+    error = np.abs(mean - run.rest_before(run.trace.P_pu, run.first_s))
+    return run.settled(run.trace.t_s[rows] - run.cleared_s, error, band_pu, "its value before")
 
 
 def _is_fault(event: Event) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsgdesign.campaigns.compliance.measuring import Measured, MeasureInput, measure, not_known
+from vsgdesign.campaigns.compliance.measuring import LOST, Measured, MeasureInput, measure, not_known
 from vsgdesign.metrics.inertia import RampFit, fit_ramp
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.study.parameters.event import Event
@@ -24,6 +24,7 @@ _NO_DROOP = 1e-3
     "pu",
     "Largest change of the one-cycle mean of P after the first jump of the grid's phase or change of its frequency, "
     "positive if it opposes the change.",
+    values=(-10.0, 10.0),
 )
 def dP_pu(run: MeasureInput, within_s: float = 0.1) -> Measured:
     """A grid that falls back in phase or frequency is opposed by more power."""
@@ -44,6 +45,7 @@ def dP_pu(run: MeasureInput, within_s: float = 0.1) -> Measured:
     "s",
     "H for which ΔP = −(2H/f_n)·df/dt besides the droop's power, fitted to P and the converter's frequency during and "
     "after the first ramp of the grid's frequency.",
+    values=(-1e3, 1e3),
 )
 def H_s(run: MeasureInput) -> Measured:
     """The project's one definition of H (:eq:`effective-inertia`), as :eq:`ramp-fit` finds it in the trace."""
@@ -56,6 +58,7 @@ def H_s(run: MeasureInput) -> Measured:
     "pu",
     "Power that the inertia gives while the grid's frequency falls (or takes while it rises) at the rate of the first "
     "ramp: 2H/f_n times the rate, positive if it opposes the ramp.",
+    values=(-10.0, 10.0),
 )
 def inertial_power_pu(run: MeasureInput) -> Measured:
     """H is that of ``H_s``; the power of the droop is not in it."""
@@ -73,6 +76,8 @@ def inertial_power_pu(run: MeasureInput) -> Measured:
     "pu",
     "Change of the frequency over the change of P that it causes at rest, both per unit, for the first change of the "
     "grid's frequency; the deviation that changes P by the rating.",
+    values=(-10.0, 10.0),
+    void=LOST,
 )
 def droop_pu(run: MeasureInput, band_pu: float = 0.005) -> Measured:
     """(:eq:`measured-droop`). Rest: the one-cycle mean of P stays within the band for the last fifth of the time."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.campaigns.compliance.measuring import Measured, MeasureInput, measure, not_known
+from vsgdesign.campaigns.compliance.measuring import LOST, Measured, MeasureInput, measure, not_known
 from vsgdesign.metrics.oscillation import Oscillation, dominant_oscillation
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.study.parameters.event import Event
@@ -30,6 +30,7 @@ _POINTS = 30
     "",
     "Damping ratio of the oscillation of P that has the largest energy between 0.1 and 50 Hz after the disturbance; "
     "1 if P comes to rest without oscillating.",
+    void=LOST,
 )
 def damping_ratio(run: MeasureInput) -> Measured:
     """By the matrix pencil (:eq:`matrix-pencil`), from when the disturbance is over and the limiter is silent."""
@@ -41,7 +42,7 @@ def damping_ratio(run: MeasureInput) -> Measured:
     return Measured(found.damping)
 
 
-@measure("frequency of the oscillation", "Hz", "Frequency of the oscillation whose damping ratio is given.")
+@measure("frequency of the oscillation", "Hz", "Frequency of the oscillation whose damping ratio is given.", void=LOST)
 def oscillation_hz(run: MeasureInput) -> Measured:
     """That of the damped oscillation, Im s/2π."""
     found = run.once(_oscillation)

@@ -7,11 +7,18 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.campaigns.compliance.measuring import Measured, MeasureInput, measure, not_known
-from vsgdesign.metrics.step_response import SETTLING_BAND, cycle_mean, onset, phasor_change, settling_time
+from vsgdesign.campaigns.compliance.measuring import NO_FINAL_VALUE, Measured, MeasureInput, measure, not_known
+from vsgdesign.metrics.step_response import SETTLING_BAND, cycle_mean, onset, phasor_change
 
 
-@measure("survived", "", "1 if the converter is at its new rest in time and stays there, 0 if not.", of_trace=False)
+@measure(
+    "survived",
+    "",
+    "1 if the converter is at its new rest in time and stays there, 0 if not.",
+    of_trace=False,
+    values=(0.0, 1.0),
+    yes_or_no=True,
+)
 def survived(run: MeasureInput) -> Measured:
     """:func:`vsgdesign.metrics.survival.judge_survival` decides."""
     if run.survival is None:
@@ -26,6 +33,7 @@ def survived(run: MeasureInput) -> Measured:
     "s",
     "Time from the end of the disturbance until the means of P and Q stay at the new rest.",
     of_trace=False,
+    void=NO_FINAL_VALUE,
 )
 def recovery_s(run: MeasureInput) -> Measured:
     """The means are those over a cycle, and the band is 2 % of the rating, as the survival judge has them."""
@@ -41,6 +49,7 @@ def recovery_s(run: MeasureInput) -> Measured:
     "s",
     "Time from the end of the disturbance until the one-cycle mean of P stays within 2 % of the rating of its value at "
     "the end.",
+    void=NO_FINAL_VALUE,
 )
 def settling_s(run: MeasureInput, band_pu: float = SETTLING_BAND) -> Measured:
     """The value at the end is the mean of the last cycles, up to a tenth of the trace after the disturbance."""
@@ -48,16 +57,15 @@ def settling_s(run: MeasureInput, band_pu: float = SETTLING_BAND) -> Measured:
     mean = cycle_mean(run.trace.P_pu, run.rows_per_cycle)[after]
     if len(mean) < 2 * run.rows_per_cycle:
         return not_known("the trace ends less than two cycles after the disturbance")
-    found = settling_time(run.trace.t_s[after] - run.cleared_s, np.abs(mean - run.end(run.trace.P_pu)), band_pu)
-    if found is None:
-        return not_known("P has not settled at the end of the trace")
-    return Measured(found, plus_minus=run.step_s)
+    error = np.abs(mean - run.end(run.trace.P_pu))
+    return run.settled(run.trace.t_s[after] - run.cleared_s, error, band_pu, "its value at the end")
 
 
 @measure(
     "overshoot of P",
     "pu",
     "How far the one-cycle mean of P goes beyond its final value, seen from where it was when the disturbance ended.",
+    void=NO_FINAL_VALUE,
 )
 def overshoot_pu(run: MeasureInput) -> Measured:
     """The final value is as in ``settling_s``. If P is within 2 % of the rating of it when the disturbance ends, there

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.metrics.survival import Survival
+from vsgdesign.metrics.step_response import settling_time
+from vsgdesign.metrics.survival import DIVERGED, LATCHED, NOT_AT_REST, SLIPPED, Survival
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -189,9 +190,32 @@ class MeasureInput:
         changes = [event.df_hz for event in self.test.events if event.df_hz is not None and event.t_s < t_s - 1e-9]
         return self.ratings.f_n_hz + (changes[-1] if changes else self.test.df_hz)
 
+    def settled(self, since_s: Array, error: Array, band: float, what: str) -> Measured:
+        """The time from which ``error`` stays within ``band`` up to the end of the trace, for some cycles at least."""
+        found = settling_time(since_s, error, band)
+        if found is None:
+            return not_known(f"P is {float(error[-1]):.3g} pu away from {what}, at the end of the trace")
+        cycles = (float(since_s[-1]) - found) * self.ratings.f_n_hz
+        if cycles < IN_BAND_CYCLES:
+            return not_known(
+                f"P is within {band:g} pu of {what} for the last {cycles:.2g} cycles alone; {IN_BAND_CYCLES} are needed"
+            )
+        return Measured(found, plus_minus=self.step_s)
+
     def limiter_acts(self, rows: slice) -> bool:
         """Whether the current limiter acts in any of the rows."""
         return bool(np.any(self.trace.limited[rows] > 0.0))
+
+
+LOST = (SLIPPED, LATCHED, DIVERGED)
+"""Verdicts of the judge after which nothing is known of how the converter swings about a rest."""
+
+NO_FINAL_VALUE = (*LOST, NOT_AT_REST)
+"""Verdicts after which the end of a trace is no final value."""
+
+
+IN_BAND_CYCLES = 5
+"""For so many cycles at the end of a trace a signal must have been in its band to have settled there."""
 
 
 class Parameter(NamedTuple):
@@ -227,8 +251,14 @@ class Measure:
     parameters: tuple[Parameter, ...]
     function: Callable[..., Measured]
     """(run, **parameters), each parameter with its default."""
+    values: tuple[float, float]
+    """Between which its values lie, both included: a limit that all of them keep, or none, asks for nothing."""
     of_trace: bool = True
     """Whether it is measured in the trace, so that there is none if the trace ends at the first event."""
+    void: tuple[str, ...] = ()
+    """Verdicts of the judge after which there is no figure."""
+    yes_or_no: bool = False
+    """Whether its values are 1 for yes and 0 for no."""
 
     def of(self, run: MeasureInput, given: tuple[tuple[str, float], ...] | Mapping[str, float] = ()) -> Measured:
         """The figure with the given parameters, or why there is none. A run that is too short to hold a figure, or
@@ -242,10 +272,24 @@ class Measure:
             raise ValueError(" ".join(faults))
         if self.of_trace and (len(run.trace.t_s) < 2 or run.first_row(run.first_s) + 2 > len(run.trace.t_s)):
             return not_known("the trace ends before the first event")
+        if run.survival is not None and run.survival.status in self.void:
+            return not_known(run.survival.reason or run.survival.status)
         found = self.function(run, **chosen)
         if found.value is not None and not math.isfinite(found.value):
             return not_known("the run diverged, so this figure is no number")
         return found
+
+    def limit_problem(self, *, at_least: float | None = None, at_most: float | None = None) -> str | None:
+        """Why a limit means nothing for this measure, in words; None if it means something."""
+        low, high = self.values
+        if at_most is not None and self.yes_or_no:
+            return "would ask that it is not so"
+        unit = f" {self.unit}" if self.unit else ""
+        if at_least is not None and not low < at_least <= high:
+            return f"must be above {low:g}{unit} and at most {high:g}{unit}"
+        if at_most is not None and not low <= at_most < high:
+            return f"must be at least {low:g}{unit} and below {high:g}{unit}"
+        return None
 
     def faults(self, given: Mapping[str, float]) -> list[str]:
         """What is wrong with given parameters, in words; empty if nothing is."""
@@ -261,8 +305,20 @@ class Measure:
         return faults
 
 
-_LIMITS = {"s": ("s", 1e-4, 60.0), "hz": ("Hz", 0.01, 50.0), "pu": ("pu", 1e-4, 10.0), "share": ("", 1e-3, 1.0)}
-"""Unit, smallest and largest value of a parameter, by the end of its name."""
+_LIMITS = {"s": ("s", 1e-4, 60.0), "hz": ("Hz", 0.01, 50.0), "pu": ("pu", 1e-4, 0.2), "share": ("", 1e-3, 1.0)}
+"""Unit, smallest and largest value of a parameter, by the end of its name. What is in pu is a band around a rest."""
+
+_VALUES = {
+    "": (-1.0, 1.0),
+    "s": (0.0, 600.0),
+    "ms": (0.0, 1e4),
+    "Hz": (0.0, 1e3),
+    "Hz/s": (0.0, 1e3),
+    "dB": (-200.0, 200.0),
+    "pu": (0.0, 10.0),
+    "pu·s": (0.0, 1e3),
+}
+"""Between which the values of a measure lie, by its unit."""
 
 
 def _parameter(name: str, default: float) -> Parameter:
@@ -271,7 +327,16 @@ def _parameter(name: str, default: float) -> Parameter:
     return Parameter(name, default, unit, min(least, default), most if default <= most else 10.0)
 
 
-def measure(label: str, unit: str, text: str, *, of_trace: bool = True) -> Callable[[Callable[..., Measured]], Measure]:
+def measure(
+    label: str,
+    unit: str,
+    text: str,
+    *,
+    of_trace: bool = True,
+    values: tuple[float, float] | None = None,
+    void: tuple[str, ...] = (),
+    yes_or_no: bool = False,
+) -> Callable[[Callable[..., Measured]], Measure]:
     """Makes a registry entry of a function; its name and the defaults of its parameters are those of the function."""
 
     def made(function: Callable[..., Measured]) -> Measure:
@@ -284,6 +349,9 @@ def measure(label: str, unit: str, text: str, *, of_trace: bool = True) -> Calla
             parameters=tuple(_parameter(p.name, p.default) for p in parameters),
             function=function,
             of_trace=of_trace,
+            values=_VALUES[unit] if values is None else values,
+            void=void,
+            yes_or_no=yes_or_no,
         )
 
     return made

@@ -12,7 +12,7 @@ from typing import Any
 from vsgdesign.campaigns.compliance.applies import NEEDS
 from vsgdesign.campaigns.compliance.envelopes import ENVELOPES
 from vsgdesign.campaigns.compliance.expanding import MOST_TESTS, axes_of, combinations, size_in_words, size_of
-from vsgdesign.campaigns.compliance.measures import MEASURES, Parameter
+from vsgdesign.campaigns.compliance.measures import MEASURES, Measure, Parameter
 from vsgdesign.campaigns.compliance.reading_events import LONGEST_S, read_events
 from vsgdesign.campaigns.compliance.suite import CONFIDENCES, ENVELOPE, USER, Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import Fault, StudyError, did_you_mean, nearest
@@ -273,11 +273,22 @@ def _limits(table: TableReader, measure: str) -> tuple[float | None, float | Non
             table.fault(field, table.table[field], "limits a measure, and an envelope has its own", "Leave it out.")
             found.append(None)
         else:
-            found.append(in_unit(table, field, MEASURES[measure].unit) if measure in MEASURES else None)
+            found.append(_limit(table, field, MEASURES[measure]) if measure in MEASURES else None)
     low, high = found
     if low is not None and high is not None and low > high:
         table.fault("at_least", f"{low:g}", f"is above at_most = {high:g}: nothing can pass", "Exchange the two.")
     return low, high
+
+
+def _limit(table: TableReader, field: str, measure: Measure) -> float:
+    """A limit within the range of a measure; NaN for a fault."""
+    value = in_unit(table, field, measure.unit)
+    problem = None if math.isnan(value) else measure.limit_problem(**{field: value})
+    if problem is not None:
+        advice = "Any other limit is kept by every run or by none. Leave it out to show the value without a verdict."
+        table.fault(field, table.table[field], problem, advice)
+        return math.nan
+    return value
 
 
 def in_unit(table: TableReader, field: str, unit: str) -> float:

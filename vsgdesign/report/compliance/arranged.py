@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsgdesign.campaigns.compliance.evidence import slug
+from vsgdesign.campaigns.compliance.measures import MEASURES
 from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS, VERDICTS
 from vsgdesign.report.drawing.quantities import number, plain
 
@@ -18,7 +19,7 @@ _LONG = 11
 
 _NOTHING = "not asked for"
 
-YES_OR_NO = ("survived",)
+YES_OR_NO = tuple(name for name, one in MEASURES.items() if one.yes_or_no)
 """Measures that are 1 or 0."""
 
 _SPREAD_SHOWN = 0.01
