@@ -66,7 +66,7 @@ def json_text(document: Any) -> str:
 
 def write_text(path: str | Path, text: str) -> None:
     """UTF-8 text, written to a neighbour, then renamed: the file appears whole or not at all."""
-    with _neighbour(Path(path), text) as name:
+    with _neighbour(Path(path), text.encode()) as name:
         os.replace(name, path)
 
 
@@ -93,9 +93,14 @@ def check_new(path: str | Path) -> Path:
 
 def write_new_text(path: str | Path, text: str) -> None:
     """UTF-8 text into a file that must not be there yet, whole or not at all. Raises ArtifactError."""
+    write_new(path, text.encode())
+
+
+def write_new(path: str | Path, data: bytes) -> None:
+    """Bytes into a file that must not be there yet, whole or not at all. Raises ArtifactError."""
     path = check_new(path)
     try:
-        with _neighbour(path, text) as name:
+        with _neighbour(path, data) as name:
             os.link(name, path)  # unlike a rename it fails where somebody else was quicker
     except FileExistsError:
         raise _left_untouched(path) from None
@@ -108,12 +113,12 @@ def _left_untouched(path: Path) -> ArtifactError:
 
 
 @contextmanager
-def _neighbour(path: Path, text: str) -> Iterator[str]:
-    """A whole file with a text beside a path, under a name of its own; gone at the end of the block."""
+def _neighbour(path: Path, data: bytes) -> Iterator[str]:
+    """A whole file beside a path, under a name of its own; gone at the end of the block."""
     handle, name = tempfile.mkstemp(prefix=hidden_prefix(path), dir=path.parent)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
         os.chmod(name, 0o644)
         yield name
     finally:

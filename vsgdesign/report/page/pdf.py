@@ -45,6 +45,17 @@ _LEAST_MAP = 0.62
 
 def print_pdf(page: Page, out_path: str | Path, wide: bool = False) -> Path:
     """Write a page on upright sheets, or on ``wide`` ones. Equal pages give equal bytes."""
+    flow = _set(page, wide)
+    flow.number(page.title, f"{plain_text(page.origin)} Made by vsgdesign {__version__}.".strip())
+    return save(flow.sheets, out_path, page.title)
+
+
+def sheets_of(page: Page) -> int:
+    """How many upright sheets a page needs."""
+    return len(_set(page, wide=False).sheets)
+
+
+def _set(page: Page, wide: bool) -> Flow:
     flow = Flow(WIDTH, HEIGHT) if wide else Flow(HEIGHT, WIDTH)
     flow.heading(page.title, 15.0)
     blocks = printed(numbered(page.blocks), Where.PAGE)
@@ -53,8 +64,7 @@ def print_pdf(page: Page, out_path: str | Path, wide: bool = False) -> Path:
             _heading(flow, block, _least(flow, following))
         else:
             _print(flow, block)
-    flow.number(page.title, f"{plain_text(page.origin)} Made by vsgdesign {__version__}.".strip())
-    return save(flow.sheets, out_path, page.title)
+    return flow
 
 
 def _print(flow: Flow, block: Block) -> None:

@@ -73,6 +73,7 @@ def scenario_page(
     blocks: list[Block | None] = [
         words(f"Parameters: {study.source}" if study.source else "", style=SOURCE),
         words(_scenario(result)),
+        *left_out(result),
         *_warnings(result),
         *opening(answer, [one for one in answers if one is not None], figures),
         Heading("In words"),
@@ -110,7 +111,7 @@ def terminal_blocks(result: ScenarioResult) -> list[Block]:
     held = [estimate_tables.rate_limit_text(name, *limit) for name, limit in limits]
     responses = tables.responses_table(result)
     return [
-        words(*_table_lines(result), on=Where.TERMINAL),
+        words(*lines_of_tables(result), on=Where.TERMINAL),
         responses if responses.rows else words(f"{result.study.title}: no event to measure", on=Where.TERMINAL),
         words(*survived, *held, on=Where.TERMINAL),
     ]
@@ -120,6 +121,11 @@ def _with_heading(title: str, block: Block | None) -> list[Block]:
     return [] if block is None else [Heading(title), block]
 
 
+def left_out(result: ScenarioResult) -> list[Block]:
+    """A box that says which controllers of the study were not run; nothing where all were."""
+    return [Box([words(*result.left_out)], warning=True)] if result.left_out else []
+
+
 def _warnings(result: ScenarioResult) -> list[Block]:
     if not result.instabilities:
         return []
@@ -127,12 +133,13 @@ def _warnings(result: ScenarioResult) -> list[Block]:
     return [Box([said], warning=True)]
 
 
-def _table_lines(result: ScenarioResult) -> list[str]:
+def lines_of_tables(result: ScenarioResult) -> list[str]:
+    """What is proved and counted of every gain table, in words."""
     return [line for name, table in _tables(result) for line in table_lines(name, table_summary(result.study, table))]
 
 
 def _of_tables(result: ScenarioResult) -> Block | None:
-    lines = _table_lines(result)
+    lines = lines_of_tables(result)
     return words(*lines) if lines else None
 
 

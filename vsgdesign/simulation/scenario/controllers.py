@@ -117,6 +117,8 @@ class ScenarioResult:
     """The gain tables and the network that the controllers ran with."""
     given: Study | None = None
     """The study as it was given, without events that the runs found; None: as ``study``."""
+    left_out: tuple[str, ...] = ()
+    """One sentence on each controller that was left out."""
 
 
 def run_scenario(

@@ -25,20 +25,32 @@ from vsgdesign.verbs.cli.common import (
 
 if TYPE_CHECKING:
     from vsgdesign.report.page.blocks import Block
+    from vsgdesign.simulation.scenario import ScenarioResult
 
 
 @click.command()
 @STUDY
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME]")
 @BRIDGE
+@click.option("--sheet", default=None, metavar="FILE.pdf", help="Also write one page to sign. It is never replaced.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="Averaged bridge; nothing is designed, trained or verified.  --out is out/NAME-quick by default.",
+)
 @JSON
 @verb
-def run(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
+def run(study_file: str, out: str | None, bridge: str | None, sheet: str | None, quick: bool, as_json: bool) -> None:
     """Design, simulate and report everything, and write C.
 
-    The folder contains time series, figures, results.json, report.html, gain tables and their C.
+    The folder contains time series, figures, results.json, report.html, gain tables and their C. With --quick, gain
+    tables that exist are used, and a controller whose table or network is missing is left out.
     """
-    _run(study_file, out, bridge, as_json, report=True)
+    if quick and bridge == "pwm":
+        raise click.UsageError("--quick has an averaged bridge: leave --bridge pwm out, or --quick")
+    if sheet is not None and not sheet.lower().endswith(".pdf"):
+        raise click.UsageError(f'--sheet writes a PDF: give a name that ends in .pdf, not "{sheet}"')
+    _run(study_file, out, bridge, as_json, "-quick" if quick else "", sheet=sheet)
 
 
 @click.command()
@@ -52,7 +64,7 @@ def simulate(study_file: str, out: str | None, bridge: str | None, as_json: bool
 
     The folder contains time series and results.json.
     """
-    _run(study_file, out, bridge, as_json, report=False)
+    _run(study_file, out, bridge, as_json, "-simulation")
 
 
 def _warn(text: str) -> None:
@@ -63,18 +75,46 @@ def _say(text: str) -> None:
     click.echo(text, err=True)
 
 
-def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, report: bool) -> None:
+def _run(
+    study_file: str, out: str | None, bridge: str | None, as_json: bool, what: str, sheet: str | None = None
+) -> None:
+    from vsgdesign.artifacts.files import check_new
     from vsgdesign.verbs.pipeline import run_study
+    from vsgdesign.verbs.pipeline.run import what_is_there
 
-    study = load(study_file, left_tables=not report)
-    name = study.name if report else f"{study.name}-simulation"
-    folder = Path("out") / name if out is None else Path(out)
+    report, left_out = what != "-simulation", list[str]()
+    study = load(study_file, left_tables=bool(what))
+    if sheet is not None:
+        check_new(sheet)
+    if what == "-quick":
+        study, left_out = what_is_there(study)
+        for sentence in left_out:
+            _say(sentence)
+    folder = Path("out") / f"{study.name}{what}" if out is None else Path(out)
     blocks: list[Block] = []
-    show = None if as_json else blocks.extend
+
+    def done(result: ScenarioResult, document: dict[str, Any]) -> None:
+        if not as_json:
+            from vsgdesign.report.scenario.page import terminal_blocks
+
+            blocks.extend(terminal_blocks(result))
+        if sheet is not None:
+            from vsgdesign.report.scenario.sheet import write_sheet
+
+            write_sheet(result, document, sheet)
+
     with keeping(folder):
         with progress(quiet=as_json) as tell:
             results = run_study(
-                study, folder, bridge=bridge, report=report, progress=tell, warn=_warn, say=_say, show=show
+                study,
+                folder,
+                bridge=bridge,
+                report=report,
+                progress=tell,
+                warn=_warn,
+                say=_say,
+                done=done,
+                left_out=left_out,
             )
         if as_json:
             print_json(results)
@@ -83,6 +123,8 @@ def _run(study_file: str, out: str | None, bridge: str | None, as_json: bool, re
 
             print_terminal(blocks)
             click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
+            if sheet is not None:
+                click.echo(f"sheet: {sheet}")
     _refuse_divergence(results)
 
 

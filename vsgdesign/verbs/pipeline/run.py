@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, fields, replace
 from pathlib import Path
@@ -23,6 +23,7 @@ from vsgdesign.artifacts import (
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.table_text import table_summary
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification.registry import needs_network, samples_itself, why_no_c
 from vsgdesign.linear.operating_point import OperatingPoint
@@ -36,11 +37,10 @@ from vsgdesign.simulation.scenario.promises import Kept, promises_kept
 from vsgdesign.study.parameters import Study
 from vsgdesign.verbs.pipeline.inner import assess_inner_loops, inner_document
 from vsgdesign.verbs.pipeline.making import Made, made, nothing_to_make
-from vsgdesign.verbs.pipeline.training import judgement_document, network_document, training_document
+from vsgdesign.verbs.pipeline.training import judgement_document, network_document, training_document, trains
 
 if TYPE_CHECKING:
     from vsgdesign.report.drawing.figure_types import WrittenFigure
-    from vsgdesign.report.page.blocks import Block
 
 
 def run_study(
@@ -53,7 +53,8 @@ def run_study(
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
     say: Callable[[str], None] | None = None,
-    show: Callable[[list[Block]], None] | None = None,
+    done: Callable[[ScenarioResult, dict[str, Any]], None] | None = None,
+    left_out: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Simulates every controller and writes time series, results, figures and a report to ``out``.
 
@@ -62,9 +63,10 @@ def run_study(
     if the study's [verification] says ``with_run``. All is written to the same folder.
     ``warn`` is called before a controller is simulated that is unstable by the full-order model, since its run
     shows no meaningful response. A design that ``out`` has already, made from the same inputs by the same program,
-    is taken from there, and ``say`` is told; the files are the same. ``show`` is given what a terminal prints of
-    the run. Returns the content of results.json. The folder appears when everything is done; after an error or an
-    interruption the old folder is unchanged. Raises the errors of
+    is taken from there, and ``say`` is told; the files are the same. ``done`` is given the result and the content of
+    results.json when the folder is in its place. ``left_out`` has a sentence on each controller that the study has
+    without these (:func:`what_is_there`). Returns the content of results.json. The folder appears when everything is
+    done; after an error or an interruption the old folder is unchanged. Raises the errors of
     :func:`vsgdesign.simulation.scenario.run_scenario` and ArtifactError.
     """
     tell = progress or silent
@@ -85,14 +87,37 @@ def run_study(
             late=have.late,
         )
         have.timing_s["simulate"] = time.perf_counter() - begin
-        return _write(result, folder, verb, have, report=report, tell=tell, warn=warn, show=show)
+        result = replace(result, left_out=tuple(left_out))
+        result, document = _write(result, folder, verb, have, report=report, tell=tell, warn=warn)
+    if done is not None:
+        done(result, document)
+    return document
+
+
+def what_is_there(study: Study) -> tuple[Study, list[str]]:
+    """The study with an averaged bridge and without the controllers whose gain table or network would have to be made,
+    with a sentence on each of these. No table is verified. Raises InfeasibleStudyError if no controller is left."""
+    untrained = trains(study)
+    kept, left_out = [], []
+    for spec in study.controllers:
+        table = spec.schedule == "table" and spec.table_file is None
+        if not table and not (untrained and needs_network(spec.estimate)):
+            kept.append(spec)
+            continue
+        what = "gain table is not built" if table else "network is not trained"
+        left_out.append(f"{spec.name} is left out: its {what} yet. A run without --quick does it.")
+    if not kept:
+        raise InfeasibleStudyError(f"there is nothing to run. {' '.join(left_out)}")
+    averaged = replace(study.simulation, bridge="averaged")
+    return replace(study, controllers=tuple(kept), simulation=averaged, verification=None), left_out
 
 
 def write_run(result: ScenarioResult, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
     """Writes the folder of :func:`run_study` for a scenario that was simulated before. Raises ArtifactError."""
     verb = "vsgdesign run"
     with staged_folder(out, verb, inputs=result.study.input_files) as folder:
-        return _write(result, folder, verb, nothing_to_make(result.ready), report=True, tell=progress or silent)
+        have = nothing_to_make(result.ready)
+        return _write(result, folder, verb, have, report=True, tell=progress or silent)[1]
 
 
 def _write_made(ready: Ready, folder: Path) -> None:
@@ -111,11 +136,10 @@ def _write(
     report: bool,
     tell: Progress,
     warn: Callable[[str], None] | None = None,
-    show: Callable[[list[Block]], None] | None = None,
-) -> dict[str, Any]:
+) -> tuple[ScenarioResult, dict[str, Any]]:
     """Time series, figures, tables with their C, page and record of a simulated scenario.
 
-    The first two are written while the tables are verified.
+    The first two are written while the tables are verified. Returns the scenario with these, and the record.
     """
     study, network, trained, timing = result.study, result.ready.network, have.trained, have.timing_s
     begin = time.perf_counter()
@@ -147,10 +171,6 @@ def _write(
         tell("draw figures", 1.0)
         write_report(result, figures, folder / "report.html", trained, inner)
         timing["report"] += time.perf_counter() - begin
-    if show is not None:
-        from vsgdesign.report.scenario.page import terminal_blocks
-
-        show(terminal_blocks(result))
     for wait in exports:
         wait()
     document = results_document(result, timing)
@@ -163,7 +183,7 @@ def _write(
         document["estimator"] = network_document(network)
         if trained is not None:
             document["estimator"]["training"] = training_document(trained)
-    return write_record(folder, document, verb)
+    return result, write_record(folder, document, verb)
 
 
 def _exports(
@@ -219,6 +239,7 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
         "background": None if study.background is None else study.background.document(),
         "sensors": None if study.sensors is None else study.sensors.document(),
         "replay": None if study.replay is None else study.replay.document(),
+        "left_out": list(result.left_out),
         "warnings": [_instability(study, one) for one in result.instabilities],
         "operating_points": [_operating_point(row) for row in result.operating_points],
         "gains": [
