@@ -8,8 +8,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -366,6 +365,6 @@ def test_a_folder_of_the_users_is_left_alone(place: Path) -> None:
 
 def test_a_lost_worker_is_said_where_the_study_files_are_written() -> None:
     lost: Future[None] = Future()
-    lost.set_exception(BrokenProcessPool("gone"))
+    lost.set_exception(BrokenExecutor("a process was lost"))
     with pytest.raises(WorkerError, match="workers: "), workers_needed():
         lost.result()

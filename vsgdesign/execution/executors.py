@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import importlib
 import logging
-import multiprocessing
 import os
-import pickle
 import platform
-import signal
-import subprocess
-import sys
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Executor
+from contextlib import ExitStack, contextmanager
 from typing import Any, TypedDict
 
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import WorkerError
+from vsgdesign.execution.workers import WorkerPool
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 """What ``map`` is: results of a function of one argument, in order, here or elsewhere."""
@@ -40,10 +35,7 @@ class How(TypedDict, total=False):
 _CONNECT_S = 10.0
 """How long a scheduler may take to answer."""
 
-LOST = (
-    "a process was lost (out of memory?). What is finished is kept: run the same command again, with fewer workers if "
-    "it happens once more."
-)
+KEPT = "What is finished is kept: run the same command again, with fewer workers if memory is short."
 """What an error says where a worker did not come back."""
 
 
@@ -55,8 +47,9 @@ def executor_of(
 
     ``cluster``: ``local`` starts one here, anything else is the address of a scheduler. It needs the extra
     ``cluster``. ``reproducible``: the processes that start here compute the same bits on every x86 processor
-    (:mod:`vsgdesign.execution.executors`), and even a single one is another process. Raises WorkerError where the
-    package for a cluster is missing, or the scheduler cannot be reached.
+    (:mod:`vsgdesign.execution.executors`), and even a single one is another process. Structures of the program's own
+    script are not known to another process; there is then none. Raises WorkerError where the package for a cluster is
+    missing, the scheduler cannot be reached, or another process is needed that cannot know these structures.
     """
     with environment(reproducible_environment() if reproducible else {}):
         if cluster is not None:
@@ -64,11 +57,23 @@ def executor_of(
                 yield executor
             return
         count = worker_count(workers)
+        if own := known_here_alone():
+            if reproducible:
+                raise WorkerError(
+                    f"structure {own[0]}: another process has to import it, and it is part of the script that runs. "
+                    "Move it to a module of its own."
+                )
+            count = 1
         if count == 1 and not reproducible:
             yield None
             return
         with worker_processes(count) as pool:
             yield pool
+
+
+def known_here_alone() -> list[str]:
+    """Names of the structures that the program's own script defines. Another process does not run that script."""
+    return [one.name for one in STRUCTURES.added if "__main__" in (one.gains.__module__, one.closed_form.__module__)]
 
 
 def worker_count(workers: int | None) -> int:
@@ -103,62 +108,23 @@ def _dask(cluster: str, workers: int | None) -> Iterator[Executor]:
         try:
             yield client.get_executor(pure=False)
         except (distributed.KilledWorker, distributed.CommClosedError) as error:
-            raise WorkerError(f'cluster = "{cluster}": {LOST}') from error
+            raise WorkerError(f'cluster = "{cluster}": a process was lost. {KEPT}') from error
 
 
 @contextmanager
-def worker_processes(count: int) -> Iterator[ProcessPoolExecutor]:
+def worker_processes(count: int) -> Iterator[WorkerPool]:
     """A pool of ``count`` fresh processes. After an error or an interruption they end at once, without finishing.
 
     Fresh, because a forked copy of threads (a progress bar's, BLAS's) and their locks may hang.
     """
-    context = multiprocessing.get_context("spawn")
-    theirs, ours = context.Pipe(duplex=False)
-    pool: ProcessPoolExecutor | None = None
+    pool = WorkerPool(count)
     try:
-        with _signals_blocked():
-            pool = ProcessPoolExecutor(count, context, _begin_worker, (theirs,))
-            for _ in range(count):
-                pool.submit(os.getpid)
         yield pool
     except BaseException:
-        ours.close()
+        pool.kill()
         raise
     finally:
-        if pool is not None:
-            pool.shutdown(cancel_futures=True)
-        ours.close()
-        theirs.close()
-
-
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Processes that start here inherit that SIGINT and SIGHUP, which go to whole groups, do not reach them.
-
-    One that is starting would show its traceback, and the one that keeps account of shared memory would die of SIGHUP.
-    SIGTERM reaches them: the pool ends its processes with it.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _begin_worker(lifeline: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
-
-
-def _end_with(lifeline: Connection) -> None:
-    """Nothing is ever sent: the pipe ends when the other end is closed, also by the kernel after a kill."""
-    try:
-        lifeline.recv_bytes()
-    except (EOFError, OSError):
-        os._exit(1)
+        pool.shutdown(cancel_futures=True)
 
 
 _ONE_KERNEL = {
@@ -200,85 +166,3 @@ def environment(values: Mapping[str, str]) -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-_PROGRAM = "import sys; sys.path[:] = {!r}; from vsgdesign.execution.executors import answer_all; answer_all()"
-
-
-class AnsweringProcess:
-    """A fresh process with a function that it makes itself: ``make(*arguments)``, called there once.
-
-    ``make``, its arguments, questions and answers travel by pickle between these two processes. Threads may ask at the
-    same time; they are answered one after the other. No module of the program that asks is run there but those of
-    ``make``, and neither Ctrl-C nor a terminal that closes reaches it.
-    """
-
-    def __init__(self, make: Callable[..., Callable[[Any], Any]], *arguments: Any) -> None:
-        self._lock = threading.Lock()
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", _PROGRAM.format(sys.path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            process_group=0 if os.name == "posix" else None,
-        )
-        self._send((make, arguments))
-
-    @property
-    def alive(self) -> bool:
-        """Whether it runs."""
-        return self._process.poll() is None
-
-    def ask(self, question: Any) -> Any | None:
-        """Its answer. None where it has none: its function raised an error there, or the process is gone.
-
-        The first answer waits until the function is made.
-        """
-        return ask_all([(self, question)])[0]
-
-    def close(self) -> None:
-        """Ends the process at once."""
-        self._process.kill()
-        with suppress(OSError):  # a question that was never read
-            self._process.__exit__(None, None, None)
-
-    def _send(self, what: Any) -> bool:
-        pipe = self._process.stdin
-        with suppress(OSError, ValueError):
-            if pipe is not None:
-                pickle.dump(what, pipe)
-                pipe.flush()
-                return True
-        return False
-
-    def _received(self) -> Any | None:
-        pipe = self._process.stdout
-        with suppress(OSError, ValueError, EOFError, pickle.UnpicklingError):
-            return None if pipe is None else pickle.load(pipe)  # noqa: S301 - of the process that this one has started
-        return None
-
-
-def ask_all(questions: Sequence[tuple[AnsweringProcess, Any]]) -> list[Any | None]:
-    """The answers of several processes that work at the same time, as :meth:`AnsweringProcess.ask`."""
-    with ExitStack() as held:
-        for process, _ in questions:
-            held.enter_context(process._lock)
-        sent = [process._send(question) for process, question in questions]
-        return [process._received() if reached else None for (process, _), reached in zip(questions, sent, strict=True)]
-
-
-def answer_all() -> None:
-    """What the other process does: makes the function, and answers until the questions end."""
-    questions, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.dup2(2, 1)  # what anything prints must not get between the answers
-    with suppress(EOFError, OSError):
-        make, arguments = pickle.load(questions)  # noqa: S301 - of the process that has started this one
-        answer = make(*arguments)
-        while True:
-            question = pickle.load(questions)  # noqa: S301
-            try:
-                found = answer(question)
-            except Exception:  # noqa: BLE001 - whoever asks finds out why by computing it there
-                found = None
-            pickle.dump(found, answers)
-            answers.flush()

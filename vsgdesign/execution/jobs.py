@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from vsgdesign.equations.structures import STRUCTURES, Structure
 from vsgdesign.errors import WorkerError
-from vsgdesign.execution.executors import LOST, Each
+from vsgdesign.execution.executors import KEPT, Each
 from vsgdesign.execution.threads import one_thread
 
 Block = TypeVar("Block")
@@ -112,7 +112,7 @@ def parts_done(
             if future.done() and not future.cancelled() and future.exception() is None:
                 yield block, future.result()
         if isinstance(error, BrokenExecutor | CancelledError):
-            raise WorkerError(f"workers: {LOST}") from error
+            raise _lost(error) from error
         raise
     finally:
         for future in under_way:
@@ -130,7 +130,11 @@ def workers_needed() -> Iterator[None]:
     try:
         yield
     except (BrokenExecutor, CancelledError) as error:
-        raise WorkerError(f"workers: {LOST}") from error
+        raise _lost(error) from error
+
+
+def _lost(error: BaseException) -> WorkerError:
+    return WorkerError(f"workers: {str(error) or 'a process was lost'}. {KEPT}")
 
 
 def each_of(executor: Executor | None) -> Each:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
     from vsgdesign.artifacts.network_weights import NetworkWeights
     from vsgdesign.equations.structures import Structure
-    from vsgdesign.execution.executors import AnsweringProcess
+    from vsgdesign.execution.workers import AnsweringProcess
 
 
 KEPT = 16
@@ -172,7 +172,7 @@ class Session:
 
     def _process(self) -> AnsweringProcess:
         from vsgdesign.equations.structures import STRUCTURES
-        from vsgdesign.execution.executors import AnsweringProcess
+        from vsgdesign.execution.workers import AnsweringProcess
 
         ready = self.ready
         return AnsweringProcess(_emt_of, self.study, dict(ready.tables), ready.network, STRUCTURES.added)
@@ -201,7 +201,7 @@ class Session:
         found = None
         apart = [process for process in self._apart if process.alive]
         if apart and not stale():
-            from vsgdesign.execution.executors import ask_all
+            from vsgdesign.execution.workers import ask_all
             from vsgdesign.report.explore.answer import joined_emt
 
             count = max(min(len(apart), len(state.controllers)), 1)

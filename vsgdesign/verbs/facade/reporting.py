@@ -35,8 +35,7 @@ def write_report(
     if isinstance(what, Margins):
         from vsgdesign.verbs.pipeline.margins import write_stability
 
-        # A process of its own would run the user's script again where its main part has no guard.
-        return write_stability(what.result, out, workers=1, progress=progress)
+        return write_stability(what.result, out, progress=progress)
     from vsgdesign.verbs.pipeline.table import report_table
 
     return report_table(what.table, out, progress=progress)

@@ -15,7 +15,7 @@ from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import WorkerError
-from vsgdesign.execution.executors import worker_count, worker_processes
+from vsgdesign.execution.executors import known_here_alone, worker_count, worker_processes
 from vsgdesign.execution.jobs import begun
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.linear.stability.assessment import (
@@ -146,7 +146,8 @@ def _explorer_begun(result: StabilityResult, workers: int | None) -> Iterator[Ca
     """Begins to make the explorer of a study in another process; what is yielded waits for it. With one worker it is
     made in that call."""
     with ExitStack() as held:
-        executor = None if worker_count(workers) == 1 else held.enter_context(worker_processes(1))
+        alone = worker_count(workers) == 1 or known_here_alone()
+        executor = None if alone else held.enter_context(worker_processes(1))
         yield begun(executor, static_page_of, result.study, result.ready)
 
 
