@@ -1,4 +1,4 @@
-"""Errors of the package cross the border between processes as they were raised."""
+"""Errors cross the border between processes as they were raised, and counts are told as they are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from multiprocessing import Pipe
 import pytest
 
 from vsgdesign import errors
-from vsgdesign.errors import Fault, LimitHitError, NoOperatingPointError, StudyError, UnknownNameError, VsgDesignError
+from vsgdesign.errors import (
+    Fault,
+    LimitHitError,
+    NoOperatingPointError,
+    StudyError,
+    UnknownNameError,
+    VsgDesignError,
+    share_percent,
+)
 
 
 def _kinds(kind: type[VsgDesignError]) -> list[type[VsgDesignError]]:
@@ -33,3 +41,20 @@ def test_an_error_of_a_worker_arrives_as_it_was_raised(kind: type[VsgDesignError
     assert type(arrived) is kind
     assert str(arrived) == str(raised)
     assert vars(arrived) == vars(raised)
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [
+        (2091 / 2092, "99.95 %"),
+        (49_743 / 49_984, "99.5 %"),
+        (0.99996, "99.996 %"),
+        (1.0, "100 %"),
+        (0.0, "0 %"),
+        (1 / 50_002, "0.002 %"),
+        (0.5, "50 %"),
+    ],
+)
+def test_a_share_that_is_not_all_does_not_read_so(share: float, said: str) -> None:
+    """`survive` printed "2091/2092 (100.0 %)"."""
+    assert share_percent(share) == said

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from vsgdesign.errors import share_percent
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 
 Document = Mapping[str, Any]
@@ -153,13 +154,7 @@ def share_text(promise: Document) -> str:
     share = promise["share"]
     if share is None:
         return "–"
-    if share in (0.0, 1.0):
-        return f"{100.0 * share:.0f} %"
-    digits = 2 if share < 0.1 else 3
-    # A share that is not all must not read 100 %.
-    while digits < 15 and float(f"{100.0 * share:.{digits}g}") >= 100.0:
-        digits += 1
-    return f"{100.0 * share:.{digits}g} %"
+    return share_percent(share, 2 if share < 0.1 else 3)
 
 
 def bound_text(promise: Document) -> str:

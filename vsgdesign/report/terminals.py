@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.errors import counted
+from vsgdesign.errors import counted, share_percent
 from vsgdesign.report.drawing.quantities import DASH
 from vsgdesign.report.page.blocks import Block, Table, Where, words
 
@@ -71,7 +71,7 @@ def _lost(name: str, one: dict[str, Any]) -> list[str]:
 def _share(figures: dict[str, Any]) -> str:
     if not figures["judged"]:
         return DASH
-    return f"{figures['survived']}/{figures['judged']} ({100.0 * figures['share']:.1f} %)"
+    return f"{figures['survived']}/{figures['judged']} ({share_percent(figures['share'])})"
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:

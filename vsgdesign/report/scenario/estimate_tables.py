@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vsgdesign.errors import counted
+from vsgdesign.errors import counted, share_percent
 from vsgdesign.identification import GUESS_SCR, Estimator, estimator_kind
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.metrics.estimation import FOUND_PCT
@@ -233,8 +233,8 @@ def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> li
         if errors:
             text += f" At rest it is off by {number(min(errors), 2)} to {number(max(errors), 2)} %."
         if judged.inside is not None and math.isfinite(judged.inside[0]):
-            at_rest, of_all = (number(100.0 * share, 3) for share in judged.inside)
-            text += f" {at_rest} % of its answers at rest and {of_all} % of all are inside the error set of its table."
+            at_rest, of_all = (share_percent(share) for share in judged.inside)
+            text += f" {at_rest} of its answers at rest and {of_all} of all are inside the error set of its table."
         if judged.steps:
             late = [
                 abs(step.settling_time_s - step.settling_time_truth_s)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsgdesign.errors import share_percent
 from vsgdesign.metrics import cycle_mean
 from vsgdesign.metrics.answers import Answers, answers_of, coverage, share_valid, time_to_stay
 from vsgdesign.metrics.oscillation import interharmonic_rms, ripple_rms
@@ -128,7 +129,7 @@ def answers_text(result: ScenarioResult, controller: ControllerResult) -> str:
         most, held = float(np.percentile(answers.error[chosen], 95.0)), coverage(answers, chosen)
         text += (
             f" At rest 95 % of its answers are within {number(100.0 * most, 2)} % of the true Z, and "
-            f"{number(100.0 * held, 3)} % of its 95 % ellipses hold it."
+            f"{share_percent(held)} of its 95 % ellipses hold it."
         )
     moved = _moved(result, controller)
     if moved > 0.0:
