@@ -7,7 +7,7 @@ import math
 import pytest
 
 from vsgdesign.linear.stability.verdict import _margin
-from vsgdesign.report.drawing.quantities import typeset
+from vsgdesign.report.drawing.quantities import merged, typeset
 from vsgdesign.report.page.html import environment, with_subscripts
 
 
@@ -38,3 +38,12 @@ def test_a_margin_without_a_limit_is_said_in_words() -> None:
         "6.02 dB",
     ]
     assert _margin(5.9991, "dB", 6.0, True) == "5.999 dB"
+
+
+def test_texts_that_differ_in_numbers_are_one() -> None:
+    """A map has one reason for each cell: a page said the same sentence once for every bridge voltage."""
+    said = "the steady state needs a bridge voltage of {} V peak, but the bridge makes at most 461.9 V."
+    reasons = [said.format(492.6), said.format(462), "no gains", said.format(483), "P = -3 kW", "P = 2 kW"]
+    assert merged(reasons) == {said.format("462 to 492.6"): 3, "no gains": 1, "P = -3 to 2 kW": 2}
+    assert merged([said.format(483)] * 2) == {said.format(483): 2}
+    assert merged([]) == {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
@@ -71,6 +72,25 @@ def percent(value: float | None, decimals: int = 1) -> str:
     if value is None:
         return DASH
     return _minus(f"{value:.{decimals}f}")
+
+
+_NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\d)")
+
+
+def merged(texts: Iterable[str]) -> dict[str, int]:
+    """Texts that differ in their numbers alone as one, with "462 to 492.6" for a number that differs, and their count.
+
+    The order is that in which they come first.
+    """
+    groups: dict[str, list[list[str]]] = {}
+    for text in texts:
+        groups.setdefault(_NUMBER.sub("\0", text), []).append(_NUMBER.findall(text))
+    found = {}
+    for pattern, rows in groups.items():
+        ends = [(min(column, key=float), max(column, key=float)) for column in zip(*rows, strict=True)]
+        said = iter(low if low == high else f"{low} to {high}" for low, high in ends)
+        found[re.sub("\0", lambda _: next(said), pattern)] = len(rows)  # noqa: B023 - used at once
+    return found
 
 
 _NEGATIVE = re.compile(r"(?<![\w.\-−+/)])-(?=\d|∞|inf\b)")
