@@ -149,7 +149,7 @@ ABSENT = {
     "faulty": [
         "none of its 4 cells could be analysed within the limits",
         "No grid of the scenario could be analysed in detail",
-        "no cell within the converter's limits could be analysed",
+        "no cell that is asked for could be analysed within the converter's limits",
         "No eigenvalue could be drawn",
     ],
 }

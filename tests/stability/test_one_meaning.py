@@ -198,7 +198,7 @@ def test_a_cell_outside_the_limits_is_shown_and_never_the_worst() -> None:
     assert V_pu[0, 0] > c.V_max_pu
     outside = np.array([reason is not None for reason in field.cells.outside]).reshape(2, 2)
     np.testing.assert_array_equal(outside, (V_pu > c.V_max_pu) | (V_pu < c.V_min_pu))
-    assert f"V = {V_pu[0, 0]:.3g} pu" in left_out(field)[0]
+    assert f"V = {V_pu[0, 0]:.3g} pu" in left_out(field)[0][0]
     assert outside.any()
     assert not outside.all()
     assert len(field.table.stable) == 4  # shown all the same

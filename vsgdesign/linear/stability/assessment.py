@@ -15,7 +15,15 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.linear.model.coupled import CoupledModel
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.stability.cells import OUTSIDE, GainLaw, cells_under, full_order_cells, grid_arrays, reduced_cells
+from vsgdesign.linear.stability.cells import (
+    OUTSIDE,
+    GainLaw,
+    cells_under,
+    full_order_cells,
+    grid_arrays,
+    only_asked,
+    reduced_cells,
+)
 from vsgdesign.linear.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes, stability_limit, track
 from vsgdesign.linear.stability.loops import (
     FullOrderLoop,
@@ -24,7 +32,14 @@ from vsgdesign.linear.stability.loops import (
     output_admittance,
     passivity_index,
 )
-from vsgdesign.linear.stability.maps import MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
+from vsgdesign.linear.stability.maps import (
+    MODELS,
+    MarginMap,
+    estimate_error_map,
+    judged_map,
+    margin_map,
+    stale_schedule_matrix,
+)
 from vsgdesign.linear.stability.margins import MarginTable, frequency_grid, full_order_margins, reduced_margins
 from vsgdesign.linear.stability.step_responses import reduced_step_metrics
 from vsgdesign.metrics.modes import to_continuous
@@ -106,7 +121,7 @@ class ControllerAssessment:
     between: MarginTable
     between_grids: Array
     """Margins of the full-order model at random grids between the map's nodes, (N, 2): SCR, X/R, for those within the
-    converter's limits.
+    converter's limits that are asked for.
     """
     focus: tuple[FocusCell, ...]
     loci: tuple[Locus, ...]
@@ -128,12 +143,12 @@ def assess(
     P, Q = axes.P[0], axes.Q[0]
     ratio = study.grid.x_over_r(study.converter.omega_n)
     tell(spec.name, 0.0)
-    reduced = margin_map(study, law, axes.scr, axes.x_over_r, axes.P, axes.Q, "reduced")
+    reduced, full = (
+        judged_map(study, margin_map(study, law, axes.scr, axes.x_over_r, axes.P, axes.Q, model)) for model in MODELS
+    )
     model = reduced_cells(study, reduced.cells)
     step_P = tuple(reduced_step_metrics(model, "P_ref", "P"))
     step_Q = tuple(reduced_step_metrics(model, "Q_ref", "Q"))
-    tell(spec.name, 0.15)
-    full = margin_map(study, law, axes.scr, axes.x_over_r, axes.P, axes.Q, "full_order")
     tell(spec.name, 0.4)
     scheduled = spec.kind == "scheduled"
     stale = stale_schedule_matrix(study, law, axes.scr, ratio, P, Q, "full_order") if scheduled else None
@@ -184,7 +199,7 @@ def _between_nodes(study: Study, law: GainLaw, P: float, Q: float, seed: int) ->
     grids = [grid_arrays(study, p[:1], p[1:]) for p in points]
     R_g = np.array([g[0][0, 0] for g in grids])
     L_g = np.array([g[1][0, 0] for g in grids])
-    cells = cells_under(study, law, R_g, L_g, P, Q)
+    cells = only_asked(study, cells_under(study, law, R_g, L_g, P, Q))
     within = np.flatnonzero(cells.inside)
     points, cells = points[within], cells.take(within)
     model = full_order_cells(study, cells)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import rated_current_rms, rms_to_peak
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
@@ -27,6 +28,9 @@ study's controller.
 
 OUTSIDE = "outside the limits"
 """The name of a cell beyond the converter's limits, on every page."""
+NOT_ASKED = "not asked for"
+"""How the reason of a cell begins that lies outside the box of the study's specification."""
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +38,9 @@ class CellSet:
     """N cells. ``faults`` contains for each cell the reason why it cannot be analysed, or None.
 
     Operating points are exact (P, Q) at the control point. ``V_rms`` and ``delta`` are NaN in faulty cells.
-    ``outside`` contains for each cell the limit of the converter that its steady state exceeds, or None. Such a cell
-    has values, but the converter would not stay there, and it is therefore not counted as a worst case.
+    ``outside`` contains for each cell the limit of the converter that its steady state exceeds, or why nobody asked
+    for it (:func:`only_asked`), or None. Such a cell has values. It is not counted as a worst case, because the
+    converter would not stay there, or because the study does not ask for this grid.
     """
 
     R_g: Array
@@ -55,7 +60,7 @@ class CellSet:
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """Which cells are within the converter's limits of voltage and current."""
+        """Which cells are within the converter's limits of voltage and current, and asked for."""
         return np.array([reason is None for reason in self.outside], dtype=bool)
 
     def take(self, index: NDArray[np.intp]) -> CellSet:
@@ -173,6 +178,28 @@ def _outside(study: Study, P: Array, Q: Array, V_rms: Array) -> list[str | None]
         else:
             found.append(None)
     return found
+
+
+def only_asked(study: Study, cells: CellSet) -> CellSet:
+    """The cells with a reason in ``outside`` where SCR, X/R, P or Q leave the box of the study's specification."""
+    asked = study.specification
+    if asked is None:
+        return cells
+    c = study.converter
+    scr = SCR_BASES[asked.scr_basis].scr(cells.R_g, cells.L_g, c.Z_base, c.omega_n)
+    with np.errstate(divide="ignore"):
+        x_over_r = c.omega_n * cells.L_g / cells.R_g
+    limits = {"SCR": (scr, asked.scr, 1.0, ""), "X/R": (x_over_r, asked.x_over_r, 1.0, "")}
+    limits |= {"P": (cells.P, asked.box.P, 1e3, " kW"), "Q": (cells.Q, asked.box.Q, 1e3, " kvar")}
+    outside = list(cells.outside)
+    for name, (values, allowed, unit, suffix) in limits.items():
+        low, high = min(allowed), max(allowed)
+        room = _ROUNDING * max(abs(low), abs(high))
+        for k in np.flatnonzero((values < low - room) | (values > high + room)):
+            if outside[k] is None:
+                said = f"{values[k] / unit:.4g} outside {low / unit:g} to {high / unit:g}{suffix}"
+                outside[k] = f"{NOT_ASKED}: {name} {said}"
+    return replace(cells, outside=tuple(outside))
 
 
 def grid_arrays(study: Study, scr: Array, x_over_r: Array) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from vsgdesign.linear.stability.cells import (
     cells_under,
     full_order_cells,
     grid_arrays,
+    only_asked,
     operating_box,
     reduced_cells,
 )
@@ -54,7 +55,8 @@ class MarginMap:
 
     @property
     def counted(self) -> NDArray[np.bool_]:
-        """Rows of the table whose cells are within the converter's limits; only these can be worst cases."""
+        """Rows of the table whose cells are within the converter's limits and asked for; only these can be worst
+        cases."""
         return self.cells.inside[self.analysed]
 
     @property
@@ -83,6 +85,11 @@ def margin_map(
     cells = cells_under(study, law, R_g[..., None], L_g[..., None], P_box, Q_box)
     axes = (("SCR", scr_axis), ("X/R", ratio_axis), ("P, Q", np.arange(len(P_box), dtype=float)))
     return _analyse(study, cells, axes, model)
+
+
+def judged_map(study: Study, field: MarginMap) -> MarginMap:
+    """A map whose cells count where the study's specification asks for them (:func:`only_asked`)."""
+    return replace(field, cells=only_asked(study, field.cells))
 
 
 def stale_schedule_matrix(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.linear.stability.assessment import ControllerAssessment
+from vsgdesign.linear.stability.cells import NOT_ASKED
 from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.linear.stability.margins import MarginTable, rows_of
 from vsgdesign.metrics.beside_limit import beside_limit
@@ -22,7 +23,10 @@ Array = NDArray[np.float64]
 
 OWN = "vsgdesign internal gate, no grid code"
 PASS, FAIL, INFORMATIONAL, NOT_ASSESSED = "pass", "fail", "informational", "not assessed"
-NOTHING = "no cell within the converter's limits could be analysed"
+EVERY_CELL = "every cell"
+"""Where a margin has no limit in any cell."""
+NO_LIMIT = "no limit"
+NOTHING = "no cell that is asked for could be analysed within the converter's limits"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +45,10 @@ class Verdict:
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst cell of one quantity in a map; ``where`` names the cell and is empty if there is none."""
+    """The worst cell of one quantity in a map; ``where`` names the cell and is empty if there is none.
+
+    ``value`` is infinite where no cell has a limit: no gain, phase or delay makes a loop unstable in any of them.
+    """
 
     quantity: str
     unit: str
@@ -56,9 +63,12 @@ def counted_rows(field: MarginMap) -> MarginTable:
     return rows_of(field.table, np.flatnonzero(field.counted))
 
 
-def left_out(field: MarginMap) -> list[str]:
-    """Why cells of a map are not counted, one reason for each cell that exceeds a limit of the converter."""
-    return [reason for reason in field.cells.outside if reason is not None]
+def left_out(field: MarginMap) -> tuple[list[str], int]:
+    """Why cells of a map are not counted: one reason for each that exceeds a limit of the converter, and how many
+    others the study's specification does not ask for."""
+    reasons = [reason for reason in field.cells.outside if reason is not None]
+    beyond = [reason for reason in reasons if not reason.startswith(NOT_ASKED)]
+    return beyond, len(reasons) - len(beyond)
 
 
 def describe_cell(field: MarginMap, flat: int) -> str:
@@ -77,7 +87,7 @@ def _margin(value: float, unit: str, gate: float, missed: bool) -> str:
     if np.isnan(value):
         return "unstable"
     if np.isinf(value):
-        return "no limit"
+        return NO_LIMIT
     return f"{beside_limit(value, gate, missed, _digits, 3)} {unit}".strip().replace(" °", "°")
 
 
@@ -118,7 +128,8 @@ def worst_cases(study: Study, field: MarginMap) -> tuple[WorstCase, ...]:
         misses = bad < gate if larger_is_better else bad > gate
         value = float(bad[k]) if np.isfinite(bad[k]) or table.stable[k] else float("nan")
         share = float(np.mean(misses)) if np.isfinite(gate) else float("nan")
-        found.append(WorstCase(quantity, unit, value, describe_cell(field, int(field.analysed[rows_in[k]])), share))
+        where = EVERY_CELL if np.isinf(value) else describe_cell(field, int(field.analysed[rows_in[k]]))
+        found.append(WorstCase(quantity, unit, value, where, share))
     return tuple(found)
 
 
@@ -226,11 +237,12 @@ def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
         nearest = [int(np.argmin(np.abs(np.log(axis / ratio)))) for ratio in ratios]
         covered = [k for k, ratio in zip(nearest, ratios, strict=True) if abs(axis[k] / ratio - 1.0) < 0.02]
         if len(covered) < len(ratios):
-            value, verdict = "not on the map's SCR axis", NOT_ASSESSED
+            missing = (f"{r:g}" for k, r in zip(nearest, ratios, strict=True) if k not in covered)
+            value, verdict = f"SCR {', '.join(missing)} not on the map's axis", NOT_ASSESSED
         else:
             cells = stable[covered]
             value = f"small-signal stable in {int(np.nansum(cells))} of {int(np.isfinite(cells).sum())} cells over X/R "
-            value += "that are within the limits"
+            value += "that are within the limits and asked for"
             verdict = INFORMATIONAL
         rows.append(
             Verdict(

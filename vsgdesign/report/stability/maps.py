@@ -14,7 +14,7 @@ from vsgdesign.linear.stability.margins import MarginTable
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import Frame, Panel, groups, map_figure
-from vsgdesign.report.drawing.quantities import GAIN_UNITS, plain
+from vsgdesign.report.drawing.quantities import GAIN_UNITS, merged, plain
 from vsgdesign.report.stability.gains import gain_figures, used_gains
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.study.parameters.stability import Gates
@@ -23,8 +23,8 @@ from vsgdesign.study.parameters.study import Study
 Array = NDArray[np.float64]
 
 CIRCLES = (
-    "Circles: the steady state is outside the converter's limits of voltage or current, so the cell is shown and "
-    "counts for no worst case."
+    "Circles: the steady state is outside the converter's limits of voltage or current, or the specification does not "
+    "ask for the grid, so the cell is shown and counts for no worst case."
 )
 
 MODEL_NAMES = {"reduced": "reduced", "full_order": "full order"}
@@ -225,7 +225,7 @@ def _powers(study: Study) -> str:
 
 def _left_out(part: Sequence[tuple[int, ControllerAssessment]]) -> str:
     """Why cells are not analysed, in the words of the analysis; and what circles are."""
-    reasons = dict.fromkeys(
+    reasons = merged(
         fault.partition(":")[0]
         for _, a in part
         for field in (a.reduced, a.full_order)

@@ -40,7 +40,7 @@ from vsgdesign.report.stability.maps import map_figures
 from vsgdesign.report.stability.modes import mode_figures
 from vsgdesign.report.stability.schedule import schedule_figures
 from vsgdesign.report.stability.steps import step_figures
-from vsgdesign.report.stability.verdict import stability_answer, stability_headline, verdict_text
+from vsgdesign.report.stability.verdict import gates_text, stability_answer, stability_headline, verdict_text
 from vsgdesign.simulation.stability_result import (
     StabilityResult,
     frequency_file,
@@ -138,8 +138,6 @@ def stability_page(
 
 def terminal_blocks(result: StabilityResult) -> list[Block]:
     """What a terminal prints: the answer, the worst cells over the maps, and the study's own grids in detail."""
-    verdicts = [row.verdict for row in result.verdicts]
-    counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
     focus = [a for a in result.assessments if a.focus]
     found: list[Block | None] = [
         words(stability_headline(result), style=HEADLINE),
@@ -148,7 +146,7 @@ def terminal_blocks(result: StabilityResult) -> list[Block]:
         made.faults_table(result),
         *(replace(made.focus_table(a), left_out=frozenset({"at [Hz]", "DM [ms]"})) for a in focus),
         *(made.participation_table(a) for a in focus),
-        words(f"gates (ours, no grid code): {counts}"),
+        words(*gates_text(result)),
     ]
     return [replace(block, on=Where.BOTH) for block in found if block is not None]
 

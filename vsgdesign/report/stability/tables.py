@@ -9,13 +9,14 @@ import numpy as np
 
 from vsgdesign.artifacts import provenance
 from vsgdesign.equations.frames import phase_to_ll
+from vsgdesign.errors import share_percent
 from vsgdesign.linear.stability.assessment import ControllerAssessment
 from vsgdesign.linear.stability.cells import OUTSIDE
 from vsgdesign.linear.stability.maps import MarginMap
-from vsgdesign.linear.stability.verdict import NOTHING, left_out, worst_cases
+from vsgdesign.linear.stability.verdict import NO_LIMIT, NOTHING, left_out, worst_cases
 from vsgdesign.metrics.events import TOO_SHORT
 from vsgdesign.metrics.margins import guaranteed_margins
-from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, plain_quantity
+from vsgdesign.report.drawing.quantities import DASH, merged, number, percent, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.stability.steps import SOURCES, metrics_of
 from vsgdesign.simulation.stability_result import StabilityResult
@@ -86,13 +87,14 @@ def worst_table(result: StabilityResult, a: ControllerAssessment) -> Table:
             if worst.share_below > 0.0:
                 flagged.add(len(rows))
             unstable = math.isnan(worst.value) and bool(worst.where)
-            value = "unstable" if unstable else _value(worst.value, worst.unit)
-            share = "no gate" if math.isnan(worst.share_below) else f"{percent(100.0 * worst.share_below)} %"
+            value = "unstable" if unstable else NO_LIMIT if math.isinf(worst.value) else _value(worst.value, worst.unit)
+            share = "no gate" if math.isnan(worst.share_below) else share_percent(worst.share_below)
             where = worst.where or NOTHING
             rows.append((MODEL_NAMES[field.model], worst.quantity, where, value, share))
     head = ("Model", "Quantity", "Worst cell", "Value", "Cells that miss the gate")
     notes = (
-        "Unstable cells count as the worst of all and as missing every gate; they have no margins. The disk margin of "
+        "Unstable cells count as the worst of all and as missing every gate; they have no margins. "
+        f"{NO_LIMIT.capitalize()}: no gain, phase or delay makes a loop unstable, in any cell. The disk margin of "
         f"this table is that at the plant's output. {left_out_text(a.full_order)}".strip(),
     )
     return Table(f"Worst cells of {a.spec.name}", head, tuple(rows), 3, notes=notes, flagged=frozenset(flagged))
@@ -100,16 +102,21 @@ def worst_table(result: StabilityResult, a: ControllerAssessment) -> Table:
 
 def left_out_text(field: MarginMap) -> str:
     """How many cells of a map are not counted, and why; empty if all are counted."""
-    outside = left_out(field)
-    if not outside:
-        return ""
-    kinds = dict.fromkeys(reason.partition(" ")[0] for reason in outside)
-    what = {"V": "voltage", "current": "current"}
-    limits = " or ".join(what[kind] for kind in kinds)
-    return (
-        f"{len(outside)} of {len(field.faults)} cells are outside the limits (the steady state breaks the converter's "
-        f"limit of {limits}) and are not counted here."
-    )
+    parts = left_out_parts(field)
+    return f"Not counted here: {' and '.join(parts)}." if parts else ""
+
+
+def left_out_parts(field: MarginMap) -> list[str]:
+    """Each reason why cells of a map are not counted, with their number."""
+    beyond, not_asked = left_out(field)
+    count, parts = len(field.faults), []
+    if beyond:
+        kinds = dict.fromkeys(reason.partition(" ")[0] for reason in beyond)
+        limits = " or ".join({"V": "voltage"}.get(kind, kind) for kind in kinds)
+        parts.append(f"{len(beyond)} of {count} cells outside the limits (the steady state breaks that of {limits})")
+    if not_asked:
+        parts.append(f"{not_asked} of {count} cells that the specification does not ask for")
+    return parts
 
 
 def _value(value: float, unit: str) -> str:
@@ -124,10 +131,7 @@ def faults_table(result: StabilityResult) -> Table | None:
     rows = []
     for a in result.assessments:
         for field in (a.reduced, a.full_order):
-            counts: dict[str, int] = {}
-            for fault in field.faults:
-                if fault:
-                    counts[fault] = counts.get(fault, 0) + 1
+            counts = merged(fault for fault in field.faults if fault)
             rows += [(a.spec.name, MODEL_NAMES[field.model], reason, str(n)) for reason, n in counts.items()]
     if not rows:
         return None

@@ -13,11 +13,11 @@ from vsgdesign.linear.stability.assessment import ControllerAssessment
 from vsgdesign.linear.stability.cells import full_order_cells
 from vsgdesign.linear.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes
 from vsgdesign.linear.stability.maps import MarginMap
-from vsgdesign.linear.stability.verdict import FAIL, OWN, PASS, Verdict, counted_rows, describe_cell, left_out
+from vsgdesign.linear.stability.verdict import FAIL, OWN, PASS, Verdict, counted_rows, describe_cell
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.drawing.quantities import number
+from vsgdesign.report.drawing.quantities import merged, number
 from vsgdesign.report.page.blocks import MET, MISSED, UNKNOWN, Answer, Cell, Row, counted
-from vsgdesign.report.stability.tables import complex_text, state_symbol
+from vsgdesign.report.stability.tables import complex_text, left_out_parts, state_symbol
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.study.parameters.study import Study
 
@@ -66,14 +66,13 @@ def _controller(result: StabilityResult, a: ControllerAssessment) -> str:
     field, table = a.full_order, counted_rows(a.full_order)
     head = f"Controller {a.spec.name} ({a.spec.kind} gains) meets {_count(own)}"
     cells = len(field.faults)
-    outside = len(left_out(field))
+    parts = left_out_parts(field)
     faulty = sum(bool(fault) and not beyond for fault, beyond in zip(field.faults, field.cells.outside, strict=True))
     if len(table.stable) == 0:
-        reason = "" if outside == cells else f", {_reason(field)}"
-        beyond = f"; {outside} of {cells} are outside the converter's limits" if outside else ""
+        reason = f", {_reason(field)}" if faulty else ""
+        beyond = "".join(f"; {part}" for part in parts)
         return f"{head}: none of its {cells} cells could be analysed within the limits{reason}{beyond}."
     analysed = len(table.stable)
-    parts = [f"{outside} of {cells} are outside the converter's limits"] if outside else []
     parts += [f"{faulty} of {cells} could not be analysed"] if faulty else []
     part = f" ({'; '.join(parts)})" if parts else ""
     text = f"{head}: in the full-order model {int(table.stable.sum())} of {analysed} analysed cells are stable{part}"
@@ -103,7 +102,7 @@ def _count(own: Sequence[Verdict]) -> str:
 
 
 def _reason(field: MarginMap) -> str:
-    reasons = dict.fromkeys(fault for fault in field.faults if fault)
+    reasons = merged(fault for fault in field.faults if fault)
     return "; ".join(reasons) if len(reasons) <= 2 else f"{next(iter(reasons))}; and {len(reasons) - 1} other reasons"
 
 
@@ -121,16 +120,41 @@ def gates_of(result: StabilityResult, name: str) -> list[Verdict]:
 
 
 def stability_headline(result: StabilityResult) -> str:
-    """Which controllers meet all of their gates."""
+    """Which controllers meet all of their gates; of the first that does not, which gate it misses, and where."""
     names = [a.spec.name for a in result.assessments]
+    missed = {name: missed_gates(gates_of(result, name)) for name in names}
     good = [name for name in names if all(row.verdict == PASS for row in gates_of(result, name))]
+    first = next((f" {name}: {rows[0]}." for name, rows in missed.items() if rows), "")
     if len(names) == 1:
-        return f"{names[0]} {'meets' if good else 'does not meet'} all of its gates."
+        return f"{names[0]} {'meets' if good else 'does not meet'} all of its gates.{first}"
     if not good:
-        return "No controller meets all of its gates."
-    return (
-        "Every controller meets all of its gates." if good == names else f"All gates are met by {', '.join(good)} only."
-    )
+        return f"No controller meets all of its gates.{first}"
+    if good == names:
+        return "Every controller meets all of its gates."
+    return f"All gates are met by {', '.join(good)} only.{first}"
+
+
+def missed_gates(own: Sequence[Verdict]) -> list[str]:
+    """Each gate that is missed: what it is about, its value with the cell, and its limit."""
+    return [f"{row.test} is {row.value}, asked {row.limit}" for row in own if row.verdict == FAIL]
+
+
+def gates_text(result: StabilityResult) -> list[str]:
+    """How many gates of this project are met, each that is missed, and what the rows of other sources say."""
+    ours = [row for row in result.verdicts if row.source == OWN]
+    others = [row for row in result.verdicts if row.source != OWN]
+    found = [f"gates (ours, no grid code): {_kinds(ours)}"]
+    found += [
+        f"  {name}: {text}"
+        for name in dict.fromkeys(row.controller for row in ours)
+        for text in missed_gates(gates_of(result, name))
+    ]
+    return [*found, f"grid codes and test frameworks: {_kinds(others)}"]
+
+
+def _kinds(rows: Sequence[Verdict]) -> str:
+    verdicts = [row.verdict for row in rows]
+    return ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
 
 
 def stability_answer(result: StabilityResult) -> Answer:

@@ -60,7 +60,7 @@ from vsgdesign.study.parameters.scenario import (
 from vsgdesign.study.parameters.sensors import SENSORS, read_sensors
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.specification import SPECIFICATION, read_specification
-from vsgdesign.study.parameters.stability import StabilitySpec, SurvivalSpec, read_stability
+from vsgdesign.study.parameters.stability import StabilitySpec, SurvivalSpec, default_axes, read_stability
 from vsgdesign.study.parameters.study import Event, InnerLoopRequest, Study
 from vsgdesign.study.parameters.targets import POWER_LOOPS, Filters, read_target
 from vsgdesign.study.parameters.verification import read_verification, verification_fields
@@ -200,7 +200,8 @@ def build_study(
     )
     specification = read_specification(root.child("specification"), scope, converter, source_, target, basis)
     slowest = target.settling_time if specification is None else specification.settling_time
-    stability = read_stability(root.child("stability"), scope, target, slowest)
+    axes = default_axes(specification, converter, basis)
+    stability = read_stability(root.child("stability"), scope, target, slowest, axes)
     estimator = read_estimator(root.child("estimator"))
     by_sample = [spec for spec in controllers if spec.estimate != "truth" and ESTIMATORS[spec.estimate].by_sample]
     if estimator is not None and estimator.probe is not None and not by_sample:

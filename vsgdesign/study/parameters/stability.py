@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Callable, Sequence
+
+from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.fields import S_RATED, SEEDS, Scope, number, numbers, read, section, subtable, whole
-from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
+from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, Place
 from vsgdesign.study.parameters.reader import REQUIRED, TableReader
+from vsgdesign.study.parameters.specification import Specification
 from vsgdesign.study.parameters.targets import ClosedFormTarget
 
 DEFAULT_SCR = (1.2, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0, 12.5, 16.0, 20.0)
 DEFAULT_X_OVER_R = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0)
+_WIDEST = 1.7
+"""Largest ratio of neighbours on an axis that follows from a specification: those above are not farther apart."""
+_OF_BOX = "over the box of `[specification]`; else"
 DEFAULT_ERRORS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
 
 
@@ -34,10 +43,10 @@ class Gates:
 class StabilitySpec:
     """Axes of the margin maps: SCR × X/R × every combination of P and Q, and estimate errors."""
 
-    scr: tuple[float, ...] = numbers("1", *SCR_LIMITS, default=DEFAULT_SCR)
+    scr: tuple[float, ...] = numbers("1", *SCR_LIMITS, shown=f"{_OF_BOX} 14 values, 1.2 … 20")
     """Short-circuit ratios, on the basis of `[grid]`."""
-    x_over_r: tuple[float, ...] = numbers("1", *X_OVER_R_LIMITS, default=DEFAULT_X_OVER_R)
-    """X_g/R_g."""
+    x_over_r: tuple[float, ...] = numbers("1", *X_OVER_R_LIMITS, shown=f"{_OF_BOX} 12 values, 0.5 … 20")
+    """X_g/R_g. A grid outside the box of `[specification]` is drawn and marked, and no gate judges it."""
     P: tuple[float, ...] = numbers("W", -2.0 * S_RATED, 2.0 * S_RATED, shown="`P_design`")
     """Active powers; every combination with `Q` is a layer."""
     Q: tuple[float, ...] = numbers("var", -2.0 * S_RATED, 2.0 * S_RATED, shown="`Q_design`")
@@ -49,14 +58,54 @@ class StabilitySpec:
 
 
 def read_stability(
-    table: TableReader | None, scope: Scope, target: ClosedFormTarget, settling_time: float
+    table: TableReader | None,
+    scope: Scope,
+    target: ClosedFormTarget,
+    settling_time: float,
+    axes: dict[str, tuple[float, ...]],
 ) -> StabilitySpec:
-    """The section, or its defaults: SCR 1.2–20 × X/R 0.5–20 at the design point of the power loops.
+    """The section, or its defaults: ``axes`` of SCR and X/R, at the design point of the power loops.
 
     ``settling_time`` (s) is what the study asks of its steps: the gate's default.
     """
     gates = read(Gates, table.child("gates") if table else None, defaults={"settling_time": settling_time})
-    return read(StabilitySpec, table, scope, {"P": (target.P,), "Q": (target.Q,)}, gates=gates)
+    return read(StabilitySpec, table, scope, {"P": (target.P,), "Q": (target.Q,)} | axes, gates=gates)
+
+
+def default_axes(
+    specification: Specification | None, converter: Converter, scr_basis: str
+) -> dict[str, tuple[float, ...]]:
+    """SCR and X/R of the margin maps where a study gives none: the box of its specification, else 1.2–20 × 0.5–20.
+
+    SCR is on ``scr_basis``. With another basis in the specification, the axis holds every grid of its box.
+    """
+    if specification is None or not (specification.scr and specification.x_over_r):
+        return {"scr": DEFAULT_SCR, "x_over_r": DEFAULT_X_OVER_R}
+    ratios = specification.x_over_r[0], specification.x_over_r[-1]
+    scr = specification.scr[0], specification.scr[-1]
+    if specification.scr_basis != scr_basis:
+        places = [Place(s, x, specification.scr_basis).grid(converter) for s in scr for x in ratios]
+        found = [grid.scr(converter, scr_basis) for grid in places]
+        scr = _rounded(min(found), math.ceil), _rounded(max(found), math.floor)
+    return {"scr": _axis(DEFAULT_SCR, *scr), "x_over_r": _axis(DEFAULT_X_OVER_R, *ratios)}
+
+
+def _rounded(value: float, towards: Callable[[float], int]) -> float:
+    """A number to three digits, by ``ceil`` or ``floor``."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{towards(value / unit) * unit:.3g}")
+
+
+def _axis(usual: Sequence[float], low: float, high: float) -> tuple[float, ...]:
+    """Both ends, the usual values that are not close to them, and more where two neighbours are far apart."""
+    if not 0.0 < low < high < math.inf:
+        return tuple(usual)
+    points = [low, *(value for value in usual if 1.05 * low < value < high / 1.05), high]
+    found = [low]
+    for left, right in itertools.pairwise(points):
+        parts = max(math.ceil(math.log(right / left) / math.log(_WIDEST)), 1)
+        found += [float(f"{left * (right / left) ** (k / parts):.3g}") for k in range(1, parts)] + [right]
+    return tuple(found)
 
 
 @section

@@ -208,8 +208,9 @@ def _controller(result: StabilityResult, a: ControllerAssessment) -> dict[str, A
             "full_order": [asdict(w) for w in worst_cases(study, a.full_order)],
         },
         "outside_the_limits": {
-            "reduced": {"cells": len(a.reduced.faults), "outside": len(left_out(a.reduced))},
-            "full_order": {"cells": len(a.full_order.faults), "outside": len(left_out(a.full_order))},
+            name: {"cells": len(field.faults), "outside": len(beyond), "not_asked": not_asked}
+            for name, field in (("reduced", a.reduced), ("full_order", a.full_order))
+            for beyond, not_asked in (left_out(field),)
         },
         "between_nodes": {
             "grids": len(a.between.stable),
