@@ -20,7 +20,8 @@ from vsgdesign.equations.controller_data import Nothing
 from vsgdesign.equations.limiters import CIRCULAR
 from vsgdesign.linear.operating_point.plant import plant_step, state_matrices, two_axes
 from vsgdesign.simulation import GainChange, simulate
-from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Axes, Bridge, Kind, plant, states_of
+from vsgdesign.simulation.axes import FALLING, PEAK, RISING, Axes, states_of
+from vsgdesign.simulation.bodies import LARGEST_DEGREE, Bridge, Kind, plant
 from vsgdesign.simulation.circuit_sample import BridgeVoltage, carrier, modulation
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.field_feed import FieldScheduler

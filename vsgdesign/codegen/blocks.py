@@ -44,6 +44,18 @@ def joined(*parts: Part) -> Block:
     return Block(tuple(inputs), tuple(lets), tuple(outputs.items()))
 
 
+def renamed(block: Block, name: Callable[[str], str]) -> Block:
+    """The block with other names for its inputs and outputs: one unit of several, for example."""
+    here: dict[str, Expression] = {one: Variable(name(one)) for one in block.inputs}
+    taken, lets = {name(one) for one in block.inputs}, []
+    for one, value in block.lets:
+        own = _free(one, taken)
+        lets.append((own, _moved(value, here)))
+        here[one] = Variable(own)
+    outputs = tuple((name(one), _moved(value, here)) for one, value in block.outputs)
+    return Block(tuple(name(one) for one in block.inputs), tuple(lets), outputs)
+
+
 def with_outputs(block: Block, names: tuple[str, ...]) -> Block:
     """The block with these outputs alone, and without what they do not need."""
     outputs = dict(block.outputs)

@@ -74,7 +74,7 @@ class Body:
         spec = self.spec
         found = dict.fromkeys(spec.uniform, ONCE) | dict.fromkeys(spec.constant, STRETCH)
         found |= dict.fromkeys(spec.cyclic, SAMPLE) | ({spec.index: SAMPLE} if spec.index else {})
-        found |= dict.fromkeys((*spec.fed, *(name for name, _ in (*spec.state, *spec.rings))), STATE)
+        found |= dict.fromkeys((*spec.fed, *(name for name, _ in (*spec.state, *spec.rings)), *spec.multiplied), STATE)
         for name, value in self.block.lets:
             read = [found[one.name] for one in _arguments(value) if isinstance(one, Variable)]
             found[name] = Level(any(one.lane for one in read), any(one.sample for one in read))
@@ -185,6 +185,7 @@ class Body:
             (spec.cyclic, "%cyclic_now", False),
             (spec.fed, "%fed_now", True),
             (tuple(ring for ring, _ in spec.rings), "%ring", True),
+            (spec.multiplied, "%products", True),
         ):
             if name in names:
                 at = names.index(name) * (spec.width if wide else 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vsgdesign.codegen.llvm_body import Body, Kept, Surroundings
+from vsgdesign.codegen.llvm_product import product_lines
 from vsgdesign.codegen.llvm_values import Printer, Scope
 from vsgdesign.codegen.loop_spec import LoopSpec
 
@@ -53,12 +54,13 @@ def loop_text(spec: LoopSpec) -> str:
         "entry:",
         f"  %once = alloca double, i64 {around.once.size}, align 64",
         f"  %lanes = alloca double, i64 {around.lanes.size}, align 64",
+        f"  %products = alloca double, i64 {max(1, len(spec.multiplied) * spec.width)}, align 64",
         *entry.lines,
         "  br label %group",
         *_group(spec),
         *_program(spec),
         *_stretch(spec, stretch.lines),
-        *_sample_head(spec),
+        *_sample_head(spec, printer),
         *(line for body in bodies for line in body),
         *_sample_end(spec),
         "}",
@@ -202,7 +204,7 @@ def _stretch(spec: LoopSpec, lines: list[str]) -> list[str]:
     return [*text, "  br label %sample"]
 
 
-def _sample_head(spec: LoopSpec) -> list[str]:
+def _sample_head(spec: LoopSpec, printer: Printer) -> list[str]:
     """Counters, and the places of what depends on the sample's number."""
     text = ["sample:", "  %k = phi i64 [ %k_first, %ready ], [ %k_next, %next ]"]
     several = len(spec.bodies) > 1
@@ -230,6 +232,7 @@ def _sample_head(spec: LoopSpec) -> list[str]:
         ]
     if spec.index:
         text += ["  %since = sub i64 %k, %origin", "  %index = sitofp i64 %since to double"]
+    text += product_lines(spec, printer)
     if not several:
         return [*text, "  br label %body_0"]
     others = " ".join(f"i64 {at}, label %body_{at}" for at in range(1, len(spec.bodies)))

@@ -9,6 +9,21 @@ from vsgdesign.codegen.flat import Block
 
 
 @dataclass(frozen=True)
+class Product:
+    """A matrix times numbers of the state, as a loop of fixed length: its text does not grow with the matrix.
+
+    It is computed at the beginning of every sample. Each sum is taken in the order of ``factors``.
+    """
+
+    results: tuple[str, ...]
+    """Inputs of the bodies, one for each row of the matrix."""
+    matrix: tuple[str, ...]
+    """Rows of a group that are beside each other: the matrix column by column."""
+    factors: tuple[str, ...]
+    """Rows of the state that are beside each other, one for each column."""
+
+
+@dataclass(frozen=True)
 class LoopSpec:
     """Samples one after the other, each for many lanes at once.
 
@@ -29,6 +44,8 @@ class LoopSpec:
     """Inputs that are given for every sample and lane."""
     rings: tuple[tuple[str, str], ...] = ()
     """(input, output): the input is what the output was ``ring_length`` samples ago."""
+    products: tuple[Product, ...] = ()
+    """Products of matrices and numbers of the state."""
     logged: tuple[str, ...] = ()
     """Outputs, or inputs of the state, that are written at every ``every``-th sample of the run."""
     index: str = ""
@@ -53,9 +70,14 @@ class LoopSpec:
         """Inputs that are rows of a group, in order: the state, then the constants."""
         return (*(name for name, _ in self.state), *self.constant)
 
+    @property
+    def multiplied(self) -> tuple[str, ...]:
+        """Inputs that are results of products, in order."""
+        return tuple(name for product in self.products for name in product.results)
+
     def check(self) -> None:
         """Raises ValueError with everything that does not fit."""
-        faults = [*self._shape_faults(), *self._place_faults(), *self._output_faults()]
+        faults = [*self._shape_faults(), *self._place_faults(), *self._product_faults(), *self._output_faults()]
         if faults:
             raise ValueError("A loop cannot be built: " + "; ".join(faults) + ".")
 
@@ -82,9 +104,11 @@ class LoopSpec:
             *self.cyclic,
             *self.fed,
             *ring_inputs,
+            *self.multiplied,
             *([self.index] if self.index else []),
         ]
         known = {name for body in self.bodies for name in body.inputs}
+        known |= {name for product in self.products for name in product.matrix}
         read = {name for body in self.bodies for name in inputs_read(body)}
         faults = [
             f"input {name} has {places.count(name)} places: give it one"
@@ -96,6 +120,18 @@ class LoopSpec:
             f"input {name} has no place: name it in state, constant, uniform or another"
             for name in sorted(read - set(places))
         ]
+        return faults
+
+    def _product_faults(self) -> list[str]:
+        faults = []
+        for product in self.products:
+            rows, columns = len(product.results), len(product.factors)
+            if len(product.matrix) != rows * columns or not rows * columns:
+                faults.append(f"a product of {rows} x {columns} has {len(product.matrix)} numbers: give one for each")
+            for what, names in (("matrix", product.matrix), ("factors", product.factors)):
+                first = self.rows.index(names[0]) if names and names[0] in self.rows else 0
+                if self.rows[first : first + len(names)] != names:
+                    faults.append(f"the {what} of a product are no rows beside each other: put them so")
         return faults
 
     def _output_faults(self) -> list[str]:

@@ -7,18 +7,17 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from vsgdesign.codegen.blocks import Part, Writer, joined, with_outputs
-from vsgdesign.codegen.expressions import Expression, Number
+from vsgdesign.codegen.expressions import Number
 from vsgdesign.codegen.flat import Block, flat_block
+from vsgdesign.codegen.loop_spec import Product
 from vsgdesign.codegen.records import Kinds
 from vsgdesign.equations.controller import ControllerSettings, ControllerState
 from vsgdesign.equations.field import LockIn
 from vsgdesign.equations.limiters import LimiterLaw
 from vsgdesign.simulation import circuit_sample, sample, watched_sample
-from vsgdesign.simulation.circuit_sample import CarrierPart, Coefficients, EdgeRow, PlantRow, PlantState
+from vsgdesign.simulation.axes import PEAK, RISING, Axes, headed, states_of, two_axes
+from vsgdesign.simulation.circuit_sample import CarrierPart, Coefficients, EdgeRow, PlantRow
 from vsgdesign.simulation.ramp_sample import with_ramp
-
-RISING, FALLING, PEAK = "rising", "falling", "peak"
-"""Where an interval lies on the carrier: on one of its slopes, or around its peak."""
 
 STEP, MEAN_STEP, DISTURBANCE = "step", "mean step", "disturbance"
 """What is watched of a run: a step of a reference, judged by the power or by its mean over some samples because that
@@ -26,19 +25,6 @@ ripples; anything else."""
 
 LARGEST_DEGREE = len(Coefficients._fields) - 1
 """Of an edge polynomial of a circuit whose axes are alike. A stiffer one goes the way of two axes."""
-
-
-class Axes(NamedTuple):
-    """A circuit whose axes may differ: how many states it has on both together, the degree of its edge polynomials (of
-    a switched bridge), and whether α and β act on each other."""
-
-    states: int
-    degree: int = 0
-    coupled: bool = True
-
-    def on(self, row: int) -> tuple[int, ...]:
-        """The axes (0: α) that act on a state."""
-        return (0, 1) if self.coupled else (row % 2,)
 
 
 class Bridge(NamedTuple):
@@ -117,12 +103,6 @@ def names_of(record: Any, head: str, records: Mapping[Any, Mapping[str, Any]] | 
     return [f"{head}.{path}" for path in Kinds(records or {}).paths(record)]
 
 
-def states_of(axes: Axes | None) -> tuple[str, ...]:
-    """Names of the circuit's states: those that are measured, then the others."""
-    more = 0 if axes is None else axes.states - len(PlantState._fields)
-    return (*PlantState._fields, *(f"more_{k}" for k in range(more)))
-
-
 def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], ...]:
     """What a sample moves: (input, output) of every number. ``watched``: the inputs of what is watched."""
     arrived = "arrived" if kind.added else "moved"
@@ -149,25 +129,25 @@ def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], .
 @functools.cache
 def control(kind: Kind) -> Block:
     """From the circuit's state to the voltage that acts over the interval: sensors, probe, controller, delay."""
-    own = _called(flat_block(sample.controlled, fixed={"limiter": kind.law}, kinds=kind.records))
-    true = _called(flat_block(circuit_sample.measured_by), measurement="true" if kind.sensors else "measured")
+    own = headed(flat_block(sample.controlled, fixed={"limiter": kind.law}, kinds=kind.records))
+    true = headed(flat_block(circuit_sample.measured_by), measurement="true" if kind.sensors else "measured")
     parts = [Part(true)]
     if kind.sensors:
-        parts.append(Part(_called(flat_block(sample.sensed))))
+        parts.append(Part(headed(flat_block(sample.sensed))))
     if kind.field:
         commanded = {"state.theta": "commanded_theta", "state.V": "commanded_V"}
         before = {"theta": "state.theta", "V_rms": "state.V"}
         heard = {"theta": "commanded_theta", "acted": "said.limited"}
         after = {"theta": "following.theta", "V_rms": "following.V"}
         parts += [
-            Part(_called(flat_block(sample.probing)), before),
+            Part(headed(flat_block(sample.probing)), before),
             Part(own, commanded),
-            Part(_called(flat_block(sample.hearing)), heard),
-            Part(_called(flat_block(sample.without_probe)), after),
+            Part(headed(flat_block(sample.hearing)), heard),
+            Part(headed(flat_block(sample.without_probe)), after),
         ]
     else:
-        parts += [Part(own), Part(_called(flat_block(sample.kept_angle)), {"theta": "following.theta"})]
-    parts.append(Part(_called(flat_block(sample.source_voltage_with if kind.added else sample.source_voltage))))
+        parts += [Part(own), Part(headed(flat_block(sample.kept_angle)), {"theta": "following.theta"})]
+    parts.append(Part(headed(flat_block(sample.source_voltage_with if kind.added else sample.source_voltage))))
     return joined(*parts)
 
 
@@ -178,20 +158,33 @@ def plant(kind: Kind, slope: str = "") -> Block:
     waits = "pending." if bridge.delayed else "said.v_b_"
     applied = {f"applied.{axis}": f"{waits}{axis}" for axis in ("alpha", "beta")}
     if kind.axes is not None:
-        return joined(*_two_axes(kind.axes, bridge, slope, applied), *_added(kind))
+        return joined(
+            *two_axes(kind.axes, slope, applied, zero_sequence=bridge.zero_sequence, carried=bool(products(kind))),
+            *_added(kind),
+        )
     parts, row = [], {}
     if kind.ramped:
-        parts.append(Part(_called(flat_block(with_ramp)), {"T_s": "settings.T_s"}))
+        parts.append(Part(headed(flat_block(with_ramp)), {"T_s": "settings.T_s"}))
         row = {name: name.replace("row.", "moved_row.", 1) for name in names_of(PlantRow, "row")}
     fixed: dict[str, Any] = {"zero_sequence": bridge.zero_sequence}
     if not slope:
-        parts.append(Part(_called(flat_block(circuit_sample.averaged_plant)), applied | row))
+        parts.append(Part(headed(flat_block(circuit_sample.averaged_plant)), applied | row))
     elif slope == PEAK:
-        parts.append(Part(_called(flat_block(circuit_sample.peak_plant, fixed=fixed)), applied | row))
+        parts.append(Part(headed(flat_block(circuit_sample.peak_plant, fixed=fixed)), applied | row))
     else:
         fixed["rising"] = slope == RISING
-        parts.append(Part(_called(flat_block(circuit_sample.switched_plant, fixed=fixed)), applied | row))
+        parts.append(Part(headed(flat_block(circuit_sample.switched_plant, fixed=fixed)), applied | row))
     return joined(*parts, *_added(kind))
+
+
+def products(kind: Kind) -> tuple[Product, ...]:
+    """What a loop computes at the beginning of a sample: Φ x of a large circuit. An interval in pieces has a Φ for each
+    of them, which is written out."""
+    if kind.axes is None or not kind.axes.large or kind.cut:
+        return ()
+    matrix = tuple(name for name in row_names(kind) if name.startswith("row.p_"))
+    results, factors = (tuple(f"{head}.{state}" for state in kind.states) for head in ("carried", "x"))
+    return (Product(results, matrix, factors),)
 
 
 def piece_names(kind: Kind, number: int) -> dict[str, str]:
@@ -221,7 +214,10 @@ def row_names(kind: Kind) -> list[str]:
         return [*names_of(PlantRow, "row"), *(names_of(EdgeRow, "edge") if switched else [])]
     axes, rows = kind.axes, range(kind.axes.states)
     pairs = [(row, axis) for row in rows for axis in axes.on(row)]
-    found = [f"row.p_{row}_{k}" for row in rows for k in rows if k % 2 in axes.on(row)]
+    if axes.large:  # column by column
+        found = [f"row.p_{row}_{k}" for k in rows for row in rows]
+    else:
+        found = [f"row.p_{row}_{k}" for row in rows for k in rows if k % 2 in axes.on(row)]
     found += [f"row.b_{row}_{axis}" for row, axis in pairs]
     found += [f"row.s_{row}_{axis}" for row in rows for axis in range(2)]
     found += ["row.turn_cos", "row.turn_sin"]
@@ -248,18 +244,18 @@ def watch(kind: Kind) -> Block | None:
     if kind.watch != DISTURBANCE:
         own = flat_block(watched_sample.watched_step if kind.watch == STEP else watched_sample.watched_mean_step)
         if not kind.second_inductor:  # the PCC is the capacitor node
-            return joined(Part(_called(own), {"P_pcc": "said.P", "Q_pcc": "said.Q"}))
+            return joined(Part(headed(own), {"P_pcc": "said.P", "Q_pcc": "said.Q"}))
         at_pcc = flat_block(watched_sample.power_at_pcc)
-        return joined(Part(_called(at_pcc, P="P_pcc", Q="Q_pcc"), {"circuit.R_c": "R_c"}), Part(_called(own)))
+        return joined(Part(headed(at_pcc, P="P_pcc", Q="Q_pcc"), {"circuit.R_c": "R_c"}), Part(headed(own)))
     own = flat_block(watched_sample.watched_disturbance, fixed={} if kind.ramped else {"extra": 0.0})
     called = {"P": "said.P", "Q": "said.Q", "theta": "state.theta", "next_theta": "following.theta"}
     if not kind.field:
-        return joined(Part(_called(own), called))
+        return joined(Part(headed(own), called))
     # The angle that is watched is that of the commanded voltage, as a log has it.
     called |= {"theta": "commanded_theta", "watch.delta": "commanded_delta"}
     return joined(
         Part(_sum("watch.delta", "added_theta", "+", "commanded_delta")),
-        Part(_called(own), called),
+        Part(headed(own), called),
         Part(_sum("watched.delta", "added_theta", "-", "next_delta")),
     )
 
@@ -289,80 +285,9 @@ def _standing_still(moved: tuple[tuple[str, str], ...]) -> Block:
     return line.block()
 
 
-def _called(block: Block, **heads: str) -> Block:
-    """The block with results under their own names, or under those that are given for them."""
-
-    def name(of: str) -> str:
-        head, dot, rest = of.partition(".")
-        head = head.removesuffix("_out")
-        return f"{heads.get(head, head)}{dot}{rest}"
-
-    return Block(block.inputs, block.lets, tuple((name(of), value) for of, value in block.outputs))
-
-
 def _sum(one: str, other: str, operation: str, name: str) -> Block:
     line = Writer()
     line.output(name, line.does(operation, line.input(one), line.input(other)))
-    return line.block()
-
-
-# Circuits whose axes may differ.
-
-
-def _two_axes(axes: Axes, bridge: Bridge, slope: str, applied: Mapping[str, str]) -> list[Part]:
-    turned = Part(_called(flat_block(circuit_sample.turned_source)))
-    if not slope:
-        return [
-            Part(
-                _moved_by_both(axes, ()),
-                {"bridge.alpha": applied["applied.alpha"], "bridge.beta": applied["applied.beta"]},
-            ),
-            turned,
-        ]
-    fixed = {"zero_sequence": bridge.zero_sequence, "rising": slope != FALLING}
-    parts = [Part(_called(flat_block(circuit_sample.legs_after, fixed=fixed), first="bridge"), applied)]
-    edges = []
-    for rising in {RISING: (True,), FALLING: (False,), PEAK: (True, False)}[slope]:
-        word = "falls" if rising else "rises"  # a leg falls where it meets the rising carrier
-        heads = {f"edge_{leg}": f"{word}_{leg}" for leg in "abc"}
-        parts.append(Part(_called(flat_block(circuit_sample.edges_on_slope, fixed={"rising": rising}), **heads)))
-        edges += list(heads.values())
-    return [*parts, Part(_moved_by_both(axes, tuple(edges))), turned]
-
-
-def _moved_by_both(axes: Axes, edges: tuple[str, ...]) -> Block:
-    """x ← Φ x + Γ v, the responses to edges, and what the source adds (:eq:`two-axes`), written out for every state.
-
-    ``row`` holds Φ (p), Γ (b) and the responses to the source's cosine and sine with V_g in them (s); ``edge`` the
-    coefficients of the edge polynomials, from the constant one on.
-    """
-    line, states = Writer(), states_of(axes)
-    x = [line.input(f"x.{state}") for state in states]
-    bridge = [line.input("bridge.alpha"), line.input("bridge.beta")]
-    source = [line.input("source.cosine"), line.input("source.sine")]
-
-    def product(name: str, value: Expression) -> Expression:
-        return line.does("*", line.input(name), value)
-
-    def polynomial(row: int, axis: int, place: Expression) -> Expression:
-        total: Expression = line.input(f"edge.c{axes.degree}_{row}_{axis}")
-        for k in range(axes.degree - 1, -1, -1):
-            total = line.does("+", line.does("*", total, place), line.input(f"edge.c{k}_{row}_{axis}"))
-        return total
-
-    for row, state in enumerate(states):
-        acting = axes.on(row)
-        terms = [product(f"row.b_{row}_{axis}", bridge[axis]) for axis in acting]
-        terms += [product(f"row.p_{row}_{k}", x[k]) for k in range(len(x)) if k % 2 in acting]
-        for edge in edges:
-            place = line.input(f"{edge}.place")
-            steps = [
-                line.does("*", line.input(f"{edge}.{('alpha', 'beta')[axis]}"), polynomial(row, axis, place))
-                for axis in acting
-            ]
-            terms.append(line.sum_of(*steps))
-        terms.append(line.sum_of(*(product(f"row.s_{row}_{axis}", source[axis]) for axis in range(2))))
-        line.output(f"moved.{state}", line.sum_of(*terms))
     return line.block()
 
 

@@ -18,7 +18,8 @@ from vsgdesign.codegen.llvm import Program
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
-from vsgdesign.simulation.bodies import FALLING, LARGEST_DEGREE, PEAK, RISING, Kind
+from vsgdesign.simulation.axes import FALLING, PEAK, RISING
+from vsgdesign.simulation.bodies import LARGEST_DEGREE, Kind
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.loop import carrier_part
 from vsgdesign.simulation.segments import Segments, last_before
@@ -90,6 +91,7 @@ class CircuitProgram:
             rows = range(self._axes.states)
             self._by_state = np.array([[k % 2 in self._axes.on(row) for k in rows] for row in rows])
             self._by_axis = self._by_state[:, :2]
+            self._by_columns = self._axes.large
 
     def write(self) -> None:
         """Every interval of the run: those of the first segment, of the events, and of what follows each."""
@@ -270,7 +272,10 @@ class CircuitProgram:
         if self._axes is None:
             source = [np.real(interval.source), np.imag(interval.source)]
             return np.column_stack([interval.transition.reshape(count, -1), interval.bridge, *source, turn])
-        acting = [interval.transition[:, self._by_state], interval.bridge[:, self._by_axis]]
+        if self._by_columns:
+            acting = [interval.transition.swapaxes(1, 2).reshape(count, -1), interval.bridge[:, self._by_axis]]
+        else:
+            acting = [interval.transition[:, self._by_state], interval.bridge[:, self._by_axis]]
         return np.column_stack([*acting, interval.source.reshape(count, -1), turn])
 
     def _edges(self, steps: PlantSteps) -> Array:

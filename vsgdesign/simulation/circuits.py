@@ -17,7 +17,8 @@ from vsgdesign.linear.operating_point.network import NetworkStates, network_circ
 from vsgdesign.linear.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
 from vsgdesign.linear.operating_point.plants import PlantSteps
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, steady_state
-from vsgdesign.simulation.bodies import LARGEST_DEGREE, Axes
+from vsgdesign.simulation.axes import Axes
+from vsgdesign.simulation.bodies import LARGEST_DEGREE
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.grid import Grid

@@ -21,18 +21,16 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.simulation.axes import FALLING, PEAK, RISING, Axes
 from vsgdesign.simulation.bodies import (
     DISTURBANCE,
-    FALLING,
-    PEAK,
-    RISING,
-    Axes,
     Bridge,
     Kind,
     bodies,
     moves,
     names_of,
     piece_names,
+    products,
     row_names,
 )
 from vsgdesign.simulation.circuit_sample import CarrierPart, carrier
@@ -136,6 +134,7 @@ def spec_of(kind: Kind, logged: tuple[str, ...] = (), build: Build = ALONE) -> L
     held = tuple(pair for pair in (*moved, *rings) if pair[0] != "k")
     made = bodies(kind, tuple(dict.fromkeys(wanted)), held if kind.waits else ())
     known = {name for block in made for name in block.inputs}
+    known |= {name for product in products(kind) for name in product.matrix}
     return LoopSpec(
         bodies=made,
         state=moved,
@@ -144,6 +143,7 @@ def spec_of(kind: Kind, logged: tuple[str, ...] = (), build: Build = ALONE) -> L
         cyclic=() if kind.cut else tuple(name for name in names_of(CarrierPart, "part") if name in known),
         fed=fed_names(kind),
         rings=rings,
+        products=products(kind),
         logged=logged,
         index="k" if "k" in known and not kind.waits else "",
         stop=stop,
