@@ -7,8 +7,13 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
 from vsgdesign.campaigns.compliance.case import Subject
+from vsgdesign.campaigns.compliance.measures import MEASURES
 from vsgdesign.campaigns.compliance.suite import SuiteTest
+from vsgdesign.metrics.survival import NOT_AT_REST
+from vsgdesign.simulation.survival.scenario import ISLAND_F
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.network import Network
 from vsgdesign.study.parameters.study import Study
@@ -63,14 +68,16 @@ def not_applicable(subject: Subject, test: SuiteTest) -> str | None:
     return "; ".join(missing) or None
 
 
-BACK = ("P_back_s",)
-"""Measures that ask for the power of before: no converter has it again where the grid no longer carries it."""
+BACK = "P_back_s"
+"""The measure that asks for the power of before: no converter has it again where the grid no longer carries it."""
+
+AT_REST = ("survived", *(name for name, one in MEASURES.items() if NOT_AT_REST in one.void))
+"""Measures that ask for a rest: there is none on an island whose load is too large."""
 
 
 class _State(NamedTuple):
     """What a test asks for before its first event, or after its last one."""
 
-    when: str
     place: Place
     V_g_pu: float
     df_hz: float
@@ -84,7 +91,7 @@ def impossible(study: Study, test: SuiteTest) -> str | None:
 
     It must be at rest before the test. After it, a converter may hold at its limit on a grid that does not carry P_ref,
     and survive; so the power after the test counts only where the power of before is asked for (BACK). An island whose
-    load is too large leaves no converter a voltage.
+    load is too large leaves no converter a voltage, where a rest is asked for (AT_REST).
 
     ``study`` has the current limit of the controller. The power that a grid carries is bounded by the current alone and
     by the voltage alone, both with the best angle and any reactive power (:eq:`largest-power`). The current into the
@@ -95,15 +102,20 @@ def impossible(study: Study, test: SuiteTest) -> str | None:
     if limit_pu is None:
         return None
     before, after = _states(test)
-    back = any(one.measure in BACK and not one.informational for one in test.criteria)
-    for state in (before, after):
-        if not state.network.connected:
-            why = _overloaded_island(study, state, limit_pu)
-        else:
-            why = _too_much(study, state, limit_pu) if state is before or back else None
-        if why is not None:
-            return f"{state.when} {why}"
-    return None
+    why = _too_much(study, before, before.P_pu, limit_pu)
+    if why is not None:
+        return f"Before the test P_ref = {before.P_pu:.4g} pu is asked for, and {why}"
+    judged = [one for one in test.criteria if not one.informational]
+    if not after.network.connected and any(one.measure in AT_REST for one in judged):
+        why = _overloaded_island(study, after, limit_pu)
+    elif before.network.plain and before.df_hz == 0.0:
+        for one in judged:
+            band = MEASURES[BACK].given(one.given)["band_pu"] if one.measure == BACK else math.inf
+            if why is None and abs(before.P_pu) > band:
+                needed = math.copysign(abs(before.P_pu) - band, before.P_pu)
+                why = _too_much(study, after, needed, limit_pu)
+                why = why and f"P is to be back at {needed:.4g} pu or more, and {why}"
+    return why and f"After the test {why}"
 
 
 def largest_power(V_g: float, R: float, X: float, current: float, V_max: float) -> tuple[float, str]:
@@ -137,7 +149,6 @@ def largest_power(V_g: float, R: float, X: float, current: float, V_max: float) 
 
 def _states(test: SuiteTest) -> tuple[_State, _State]:
     before = _State(
-        when="Before the test",
         place=test.place,
         V_g_pu=test.V_g_pu,
         df_hz=test.df_hz,
@@ -145,7 +156,7 @@ def _states(test: SuiteTest) -> tuple[_State, _State]:
         network=Network(load=test.load),
         distorted=False,
     )
-    after = before._replace(when="After the test")
+    after = before
     for event in test.events:
         after = after._replace(
             place=event.place or after.place,
@@ -158,8 +169,8 @@ def _states(test: SuiteTest) -> tuple[_State, _State]:
     return before, after
 
 
-def _too_much(study: Study, state: _State, limit_pu: float) -> str | None:
-    """The power that is asked for against what the grid carries with this current."""
+def _too_much(study: Study, state: _State, P_pu: float, limit_pu: float) -> str | None:
+    """A power against what the grid carries with this current."""
     if not state.network.plain or state.distorted or state.df_hz != 0.0:
         return None
     c, f = study.converter, study.filter
@@ -167,17 +178,17 @@ def _too_much(study: Study, state: _State, limit_pu: float) -> str | None:
     R, X = ((part / c.Z_base) for part in study.path_to_grid(grid, c.omega_n))
     B = c.omega_n * f.C * c.Z_base
     current = limit_pu + B * c.V_max_pu
-    if state.P_pu > 0.0:
+    if P_pu > 0.0:
         most, words = largest_power(state.V_g_pu, R, X, current, c.V_max_pu)
     else:
         most, words = _largest_taken(state.V_g_pu, R, current)
-    if abs(state.P_pu) <= most:
+    if abs(P_pu) <= most:
         return None
     place = f"SCR {state.place.scr:.4g}, X/R {state.place.x_over_r:.4g} and V_g = {state.V_g_pu:.4g} pu"
     of_both = f"{limit_pu:.4g} pu of the converter and {B * c.V_max_pu:.3g} pu of the filter capacitor"
     return (
-        f"P_ref = {state.P_pu:.4g} pu is asked for, and at {place} no converter with I = {current:.4g} pu ({of_both}) "
-        f"and at most {c.V_max_pu:.4g} pu voltage carries more than {words}."
+        f"at {place} no converter with I = {current:.4g} pu ({of_both}) and at most {c.V_max_pu:.4g} pu voltage "
+        f"carries more than {words}."
     )
 
 
@@ -188,21 +199,50 @@ def _largest_taken(V_g: float, R: float, current: float) -> tuple[float, str]:
     return P, f"V_g·I − R·I² = {V_g:.4g}·{i:.4g} − {R:.4g}·{i:.4g}² = {P:.4g} pu"
 
 
+_EXACT = 1.02
+"""A current is too large from this share of the limit on, because no limiter is exact."""
+
+
 def _overloaded_island(study: Study, state: _State, limit_pu: float) -> str | None:
-    """The current of an island's load at the least voltage against that of the converter."""
+    """The least current of an island's load against that of the converter: with the least voltage and at the frequency,
+    among those that the judge allows, that need the least (:eq:`island-current`)."""
     load = state.network.load
     if load is None or state.network.fault is not None:
         return None
-    c = study.converter
-    Y, of_capacitor = (
-        abs(load.in_si(1.0, 1.0).admittance(1.0)),
-        c.omega_n * study.filter.C * c.Z_base * c.V_min_pu,
-    )
-    needed, there = Y * c.V_min_pu, limit_pu + of_capacitor
-    if needed <= there:
+    c, f = study.converter, study.filter
+    of_load = load.in_si(c.Z_base, c.omega_n)
+
+    def admittances(share: float) -> tuple[complex, complex]:
+        """Of the load behind the second inductor and of the capacitor, pu, at a share of the nominal frequency."""
+        s = 1j * share * c.omega_n
+        Y = of_load.admittance(share * c.omega_n)
+        return Y / (1.0 + (f.R_2 + s * f.L_2) * Y) * c.Z_base, s * f.C / (1.0 + s * f.C * f.R_c) * c.Z_base
+
+    def current(share: float) -> float:
+        return abs(sum(admittances(share))) * c.V_min_pu
+
+    best = _least_at(current, 1.0 - ISLAND_F, 1.0 + ISLAND_F)
+    needed, f_n_hz = current(best), c.omega_n / (2.0 * math.pi)
+    if needed <= _EXACT * limit_pu:
         return None
-    return (
-        f"the island's load takes {Y:.4g} pu at the nominal voltage, which is {Y:.4g}·{c.V_min_pu:.4g} = {needed:.4g} "
-        f"pu of current at {c.V_min_pu:.4g} pu, the least voltage that the study allows. The converter gives "
-        f"{limit_pu:.4g} pu and its filter capacitor at most {of_capacitor:.3g} pu."
+    Y, of_capacitor = (
+        f"({one.real:.4g} {'−' if one.imag < 0.0 else '+'} j{abs(one.imag):.4g})" for one in admittances(best)
     )
+    return (
+        f"the island's load takes {needed:.4g} pu of current or more: {c.V_min_pu:.4g}·|{Y} + {of_capacitor}| at the "
+        f"least voltage that the study allows and at {best * f_n_hz:.4g} Hz, where it is least from "
+        f"{(1.0 - ISLAND_F) * f_n_hz:.4g} to {(1.0 + ISLAND_F) * f_n_hz:.4g} Hz. The first admittance is that of the "
+        f"load behind the filter's second inductor, the other one that of the filter's capacitor. The converter gives "
+        f"{limit_pu:.4g} pu."
+    )
+
+
+def _least_at(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function is least between two numbers."""
+    at = np.linspace(low, high, 121).tolist()
+    k = min(range(len(at)), key=lambda j: function(at[j]))
+    from scipy.optimize import minimize_scalar
+
+    bounds = at[max(k - 1, 0)], at[min(k + 1, len(at) - 1)]
+    inside = float(minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": 1e-9}).x)
+    return min((inside, at[k]), key=function)

@@ -279,6 +279,10 @@ class Measure:
             return not_known("the run diverged, so this figure is no number")
         return found
 
+    def given(self, given: tuple[tuple[str, float], ...] = ()) -> dict[str, float]:
+        """Its parameters with the given ones among them."""
+        return {parameter.name: parameter.default for parameter in self.parameters} | dict(given)
+
     def limit_problem(self, *, at_least: float | None = None, at_most: float | None = None) -> str | None:
         """Why a limit means nothing for this measure, in words; None if it means something."""
         low, high = self.values
