@@ -14,7 +14,7 @@ import pytest
 from tests.cli.small_studies import call
 from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
-from vsgdesign.artifacts.certificate_record import certificate_record
+from vsgdesign.artifacts.certificate_record import StaticLimits, certificate_record
 from vsgdesign.artifacts.table_text import (
     between_text,
     certificate_sentence,
@@ -49,9 +49,9 @@ CASES = {name: None if said is None else certificate_record(said) for name, said
 SAYS = {
     "none": "There is no certificate: no proof was made for this table.",
     "gap-free": "Certified, gap-free (every point of the region is proved). Over SCR 2 to 8, X/R 0.3 to 3, "
-    "P −4.5 to 4.5 kW, Q −2 to 2 kvar, R_g and L_g known to ±20 %, within the static limits, one quadratic Lyapunov "
-    "function decays at 2.15 1/s or faster, whatever the speed of change (power loops; ideal inner loops, no power "
-    "filters).",
+    "P −4.5 to 4.5 kW, Q −2 to 2 kvar, R_g and L_g known to ±20 %, within the static limits of V and power transfer "
+    "alone, one quadratic Lyapunov function decays at 2.15 1/s or faster, whatever the speed of change (power loops; "
+    "ideal inner loops, no power filters).",
     "gridded": "Certified on a grid only, not gap-free (verified at 42 points, not between them; 75 % of the region is "
     "proved on boxes).",
     "slow": "a quadratic Lyapunov function that follows the grid decays at 2.15 1/s or faster, while SCR and X/R "
@@ -150,6 +150,7 @@ def test_the_document_of_a_counterexample_is_understood() -> None:
     found = Counterexample(
         controller="mine",
         region=region,
+        limits=StaticLimits(V_low=0.85, V_high=1.25, power_transfer=1.3),
         scr=2.0,
         x_over_r=0.3,
         P=-2500.0,

@@ -15,6 +15,32 @@ Pair = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
+class StaticLimits:
+    """Between which limits an operating point has to rest (:eq:`static-limits`): V, current and bridge voltage in per
+    unit of the rated voltage and current, and how many times its apparent power the grid has to carry.
+
+    None: there is no such limit. A certificate of before they were kept knew those of V and of the grid alone.
+    """
+
+    V_low: float | None = None
+    V_high: float | None = None
+    power_transfer: float | None = None
+    current: float | None = None
+    bridge_voltage: float | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The limits that there are, as they are called."""
+        found = ["V"] if self.V_low is not None or self.V_high is not None else []
+        named = {"power transfer": self.power_transfer, "current": self.current, "bridge voltage": self.bridge_voltage}
+        return (*found, *(name for name, value in named.items() if value is not None))
+
+
+OF_BEFORE = ("V", "power transfer")
+"""Names of the static limits of a certificate that does not keep them: they were the only ones until version 0.2."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class CertificateRegion:
     """Where the proof was sought, each as (least, largest): SCR on the table's basis, X/R, P (W), Q (var).
 
@@ -30,6 +56,13 @@ class CertificateRegion:
     error: float | None = None
     error_Z: float = 0.0
     rate: float = math.inf
+    limits: StaticLimits | None = None
+    """Static limits within which it was sought; None: those that OF_BEFORE names."""
+
+    @property
+    def limit_names(self) -> tuple[str, ...]:
+        """How the static limits are called within which the proof was sought."""
+        return OF_BEFORE if self.limits is None else self.limits.names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +133,7 @@ def certificate_record(document: Any) -> CertificateRecord:
             error=region.number("error"),
             error_Z=region.number("error_Z") or 0.0,
             rate=math.inf if rate is None else rate,
+            limits=_static_limits(reader),
         ),
         decay=reader.number("decay"),
         proof=reader.text("proof"),
@@ -113,6 +147,15 @@ def certificate_record(document: Any) -> CertificateRecord:
     if reader.faults:
         raise ValueError("; ".join(reader.faults))
     return record
+
+
+def _static_limits(reader: _Reader) -> StaticLimits | None:
+    if "static_limits" not in reader.document:
+        return None
+    limits, known = reader.table("static_limits"), tuple(StaticLimits.__dataclass_fields__)
+    for name in limits.document.keys() - set(known):
+        limits.fault(name, "is not a static limit")
+    return StaticLimits(**{name: limits.number(name) for name in known})
 
 
 def _steps(reader: _Reader) -> StepStatement | None:
@@ -189,6 +232,15 @@ def _needed(reader: _Reader, names: tuple[str, ...]) -> list[float]:
             reader.fault(name, "is missing")
     values = [reader.number(name) for name in names]
     return [math.nan if value is None else value for value in values]
+
+
+_LEAST_ROOM = 0.02
+"""Share of the current limit that a rest has to leave: with less, no step is worth a claim."""
+
+
+def no_room(rest_pu: float | None, limit_pu: float | None) -> bool:
+    """Whether the current at rest leaves no room for a step. Both are per unit; a limit of None is none."""
+    return rest_pu is not None and limit_pu is not None and rest_pu > (1.0 - _LEAST_ROOM) * limit_pu
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ from vsgdesign.artifacts.certificate_record import (
     Pair,
     StepRow,
     StepStatement,
+    no_room,
 )
 from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable
@@ -34,7 +35,7 @@ def certificate_sentence(certificate: CertificateRecord | None) -> str:
         return "There is no certificate: no proof was made for this table."
     over = _region(certificate.region)
     if not certificate.certified:
-        return f"Not certified over {over}: {_defeat(certificate)}"
+        return f"Not certified over {over}, within {_limits(certificate.region)}: {_defeat(certificate)}"
     what, speed = "one quadratic Lyapunov function decays", "whatever the speed of change"
     if math.isfinite(certificate.region.rate):
         what = "a quadratic Lyapunov function that follows the grid decays"
@@ -44,7 +45,7 @@ def certificate_sentence(certificate: CertificateRecord | None) -> str:
     decay = certificate.decay
     at = "at a rate that the certificate does not state" if decay is None else f"at {_text(decay, 3)} 1/s or faster"
     return (
-        f"{_proof(certificate)} Over {over}, within the static limits, {what} {at}, {speed} "
+        f"{_proof(certificate)} Over {over}, within {_limits(certificate.region)}, {what} {at}, {speed} "
         "(power loops; ideal inner loops, no power filters)."
     )
 
@@ -205,6 +206,13 @@ def _region(region: CertificateRegion) -> str:
     return ", ".join(parts) if parts else "a region that the certificate does not state"
 
 
+def _limits(region: CertificateRegion) -> str:
+    """The static limits by name; those of a certificate of before are fewer than a design has."""
+    *first, last = region.limit_names
+    names = f"{', '.join(first)} and {last}" if first else last
+    return f"the static limits of {names}" + ("" if region.limits is not None else " alone")
+
+
 def error_text(error: float, error_Z: float) -> str:
     """How well R and X are known: "to ±20 %, or to ±6 % of |Z| where that is more" (:eq:`error-set`)."""
     own, any_way = (f"to ±{_text(100.0 * value, 3)} %" for value in (error, error_Z))
@@ -311,7 +319,7 @@ def _row(row: StepRow, found: StepStatement) -> tuple[str, ...]:
 def _why_none(row: StepRow, found: StepStatement) -> str:
     if row.rest_current_pu is None:
         return "no operating point"
-    if found.current_pu is not None and row.rest_current_pu >= found.current_pu:
+    if no_room(row.rest_current_pu, found.current_pu):
         return f"current at rest up to {_number(row.rest_current_pu)} pu"
     return "V at rest reaches its limit"
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         Trajectory,
         refusal_record,
     )
-    from vsgdesign.certificate.step_certificates import certified_steps, with_steps
+    from vsgdesign.certificate.step_certificates import certified_steps, step_budget, with_steps
 
 _HOMES = {
     "Certificate": "results",
@@ -33,6 +33,7 @@ _HOMES = {
     "largest_rate": "certifying",
     "refusal_record": "results",
     "region_of": "certifying",
+    "step_budget": "step_certificates",
     "with_steps": "step_certificates",
 }
 
@@ -56,5 +57,6 @@ __all__ = [
     "largest_rate",
     "refusal_record",
     "region_of",
+    "step_budget",
     "with_steps",
 ]

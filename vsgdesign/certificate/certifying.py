@@ -88,6 +88,10 @@ def certify(
     system, motion = prepared(study, spec, region, ready, schedule, decay)
     rng = np.random.default_rng(seed)
     points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
+    if (why := system.emptiness(points)) is not None:
+        raise InfeasibleStudyError(
+            f"the region has no cell within the static limits: {why}. Widen the region, or ask for less power."
+        )
     # A cell that is unstable is a counterexample, also where others have no gains at all.
     with_gains = system.matrices(points, partial=True)
     if len(with_gains[0]) and isinstance(found := _slowest(system, motion, spec.name, *with_gains), Counterexample):
@@ -141,6 +145,7 @@ def certify(
     return Certificate(
         controller=spec.name,
         region=region,
+        limits=system.static,
         decay=claimed,
         sampled=sampled,
         P=found.P,
@@ -280,12 +285,12 @@ def prepared(
         schedule = schedule_of(study, spec, ready)
         if not follows_measured(spec):
             schedule = AtDesignPoint(schedule)
-    return System(study, schedule, region), Motion(region, bool(np.isfinite(region.rate)))
+    return System(study.with_limit_of(spec), schedule, region), Motion(region, bool(np.isfinite(region.rate)))
 
 
 def _fitted(system: System, motion: Motion, name: str, points: Array, A: Array) -> Fit | Counterexample:
     if len(A) == 0:
-        raise InfeasibleStudyError("the region has no cell within the static limits: widen it, or ask for less power.")
+        raise InfeasibleStudyError("no estimate of the region lies within the axes of the table: widen it.")
     slowest = _slowest(system, motion, name, points, A)
     if isinstance(slowest, Counterexample):
         return slowest
@@ -315,6 +320,7 @@ def _slowest(
         return Counterexample(
             controller=name,
             region=motion.region,
+            limits=system.static,
             scr=scr,
             x_over_r=ratio,
             P=P,

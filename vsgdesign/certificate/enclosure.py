@@ -199,6 +199,9 @@ def voltage_conditions(
     reach = (r * r + x * x) * (p * p + q * q) * (1.0 / PHASES**2)
     least, most = (V_g / c.V_max_pu) ** 2, (V_g / c.V_min_pu) ** 2
     conditions: list[tuple[Any, float, float]] = [(reach, -np.inf, POWER_MARGIN**-2), (drop, least, most)]
+    # V²/|Ẑ| is V² over the base, and V² is V_g² over the drop.
+    unit = base * base * drop * V_g**-2
+    conditions += [(one, -np.inf, 0.0) for one in system.beyond_converter(p, q, base, unit)]
     for power, (low, high) in ((p, region.P), (q, region.Q)):
         # P = p V²/|Ẑ|, and V² is V_g² over the drop.
         own, scale = power * V_g**2, base * drop

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.frames import PHASES
+from vsgdesign.artifacts.certificate_record import StaticLimits
 from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES, error_half_widths
-from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
+from vsgdesign.equations.power_flow import converter_side, jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
 from vsgdesign.errors import Fault, InfeasibleStudyError
+from vsgdesign.linear.operating_point.equilibrium import HasFilter, converter_side_of, static_limits, uses_of
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import TableSchedule
+from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -143,40 +146,75 @@ class Cells(NamedTuple):
         return jacobian_from_powers(self.points[:, 2], self.points[:, 3], self.V_rms, self.R, self.X)
 
 
+class Ground(HasFilter, Protocol):
+    """What power loops stand on: a study, or what a gain table keeps of one."""
+
+    @property
+    def grid_source(self) -> GridSource: ...
+
+    @property
+    def scr_basis(self) -> str: ...
+
+
+class _AtRest(NamedTuple):
+    """Grids and operating points of points, arrays (N,), and which share of each static limit they use."""
+
+    R_g: Array
+    L_g: Array
+    R: Array
+    X: Array
+    V_rms: Array
+    uses: dict[str, Array]
+
+    @property
+    def most_used(self) -> Array:
+        """The largest of the shares; NaN without an operating point."""
+        return np.max(list(self.uses.values()), axis=0)
+
+
 @dataclass(frozen=True)
 class System:
     """A study's power loops under a schedule. A point is (1/SCR, atan(X/R) in rad, P, Q, relative error of R_g, of
     L_g), the SCR on the study's basis."""
 
-    study: Study
+    study: Ground
     schedule: MeasuredSchedule
     region: Region | None = None
     """With a region that has ``error_Z``, a table's estimates are those within its axes: the scheduler draws all others
     to them. A point with an estimate beyond the axes is drawn there, and left out where that is not in the error
     set."""
+    limits: StaticLimits | None = None
+    """Static limits within which operating points count; None: those of the study."""
+
+    @cached_property
+    def static(self) -> StaticLimits:
+        """The static limits within which operating points count."""
+        if self.limits is not None or not isinstance(self.study, Study):
+            return self.limits or StaticLimits()
+        return static_limits(self.study)
 
     @property
     def scale(self) -> Array:
         """What δ, ω_r and V are divided by: rad, 4 rad/s, rated voltage."""
         return np.array([1.0, OMEGA_SCALE, self.study.converter.V_rated_rms])
 
+    def beyond_converter(self, P: Any, Q: Any, V_sq: Any, unit: Any) -> list[Any]:
+        """By how much the squares of current and bridge voltage are above their limits, for numbers or symbols.
+
+        P, Q and V² are per unit over any common scale; ``unit`` is the square of V² over this scale, divided by V².
+        """
+        sides = converter_side(P, Q, V_sq, *converter_side_of(self.study, self.study.grid_source.omega_g))
+        limits = self.static.current, self.static.bridge_voltage
+        return [side - unit * limit**2 for side, limit in zip(sides, limits, strict=True) if limit is not None]
+
     def cells(self, points: Array, partial: bool = False) -> Cells:
         """The cells of those of the points (N, 6) that lie within the static limits (:eq:`static-limits`).
 
         Raises InfeasibleStudyError where one of them has no gains; ``partial`` leaves those out instead.
         """
-        study = self.study
-        c, source, f = study.converter, study.grid_source, study.filter
-        weakness, angle, P, Q, _, _ = points.T
-        Z_g = SCR_BASES[study.scr_basis].magnitude(weakness * c.Z_base, np.sin(angle))
-        R_g, L_g = Z_g * np.cos(angle), Z_g * np.sin(angle) / c.omega_n
-        R, X = R_g + f.R_2, source.omega_g * (L_g + f.L_2)
-        with np.errstate(invalid="ignore"):
-            V_rms, _ = operating_point(P, Q, source.V_g_rms, R, X)
-            low, high = c.V_limits_rms
-            inside = (V_rms >= low) & (V_rms <= high)
-            inside &= PHASES * V_rms**2 >= POWER_MARGIN * np.hypot(R, X) * np.hypot(P, Q)
-        points, R_g, L_g, R, X, V_rms = (value[inside] for value in (points, R_g, L_g, R, X, V_rms))
+        at = self._operating_points(points)
+        inside = at.most_used <= 1.0
+        points, R_g, L_g, R, X, V_rms = (value[inside] for value in (points, *at[:5]))
         if self.region is not None and self.region.error_Z and isinstance(self.schedule, TableSchedule):
             points, kept = self._drawn(points, R_g, L_g)
             points, R_g, L_g, R, X, V_rms = (value[kept] for value in (points, R_g, L_g, R, X, V_rms))
@@ -193,6 +231,34 @@ class System:
                 'exist on this grid. Shrink the region, lower P_design, Q_design, or set operating_point = "reference".'
             )
         return Cells(points, R, X, V_rms, gains)
+
+    def _operating_points(self, points: Array) -> _AtRest:
+        study = self.study
+        c, source, f = study.converter, study.grid_source, study.filter
+        weakness, angle, P, Q, _, _ = points.T
+        Z_g = SCR_BASES[study.scr_basis].magnitude(weakness * c.Z_base, np.sin(angle))
+        R_g, L_g = Z_g * np.cos(angle), Z_g * np.sin(angle) / c.omega_n
+        R, X = R_g + f.R_2, source.omega_g * (L_g + f.L_2)
+        with np.errstate(invalid="ignore"):
+            V_rms, _ = operating_point(P, Q, source.V_g_rms, R, X)
+            uses = uses_of(self.static, study, R, X, source.omega_g, P, Q, V_rms)
+        return _AtRest(R_g, L_g, R, X, V_rms, uses)
+
+    def emptiness(self, points: Array) -> str | None:
+        """Why none of the points (N, 6) lies within the static limits: what the nearest of them would need. None where
+        one does."""
+        found = self._operating_points(points)
+        if not np.isfinite(found.most_used).any():
+            return "no grid of the region carries its powers"
+        k = int(np.nanargmin(found.most_used))
+        if found.most_used[k] <= 1.0:
+            return None
+        name, use = max(found.uses.items(), key=lambda item: item[1][k])
+        at = points[k]
+        return (
+            f"at SCR {1.0 / at[0]:.4g}, X/R {np.tan(at[1]):.4g}, P {at[2] / 1e3:.4g} kW, Q {at[3] / 1e3:.4g} kvar, "
+            f"where least is asked, {100.0 * use[k]:.3g} % of the limit of {name} is used"
+        )
 
     def _drawn(self, points: Array, R_g: Array, L_g: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Points with their estimates drawn into the table, and which of them are still in the error set."""

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.certificate_record import CertificateCell, CertificateRecord, StepStatement, certificate_record
+from vsgdesign.artifacts.certificate_record import (
+    CertificateCell,
+    CertificateRecord,
+    StaticLimits,
+    StepStatement,
+    certificate_record,
+)
 from vsgdesign.artifacts.files import plain
 from vsgdesign.certificate.region import STATES, Region
 from vsgdesign.errors import InfeasibleStudyError
@@ -47,6 +53,7 @@ class Certificate:
 
     controller: str
     region: Region
+    limits: StaticLimits
     decay: float
     sampled: float
     """Decay in 1/s that holds at every cell and random point. It exceeds ``decay`` if the proof on boxes needed
@@ -74,6 +81,7 @@ class Certificate:
                 "certified": True,
                 "controller": self.controller,
                 "region": self.region.as_document(),
+                "static_limits": asdict(self.limits),
                 "decay": self.decay,
                 "sampled": self.sampled,
                 "proof": self.proof,
@@ -91,10 +99,14 @@ class Certificate:
         )
 
 
-def refusal_record(reason: str, region: Region, slowest: CertificateCell | None = None) -> CertificateRecord:
+def refusal_record(
+    reason: str, region: Region, slowest: CertificateCell | None = None, limits: StaticLimits | None = None
+) -> CertificateRecord:
     """The reason why there is neither a certificate nor a counterexample over a region, with its slowest cell if
     known."""
     refused: dict[str, Any] = {"certified": False, "reason": reason, "region": region.as_document()}
+    if limits is not None:
+        refused["static_limits"] = asdict(limits)
     if slowest is not None:
         refused["slowest"] = {name: value for name, value in asdict(slowest).items() if value is not None}
     return certificate_record(refused)
@@ -122,6 +134,7 @@ class Counterexample:
 
     controller: str
     region: Region
+    limits: StaticLimits
     scr: float
     x_over_r: float
     P: float
@@ -143,6 +156,7 @@ class Counterexample:
                 "certified": False,
                 "controller": self.controller,
                 "region": self.region.as_document(),
+                "static_limits": asdict(self.limits),
                 **{name: getattr(self, name) for name in names},
                 "eigenvalue": {"real": self.eigenvalue.real, "imag": self.eigenvalue.imag},
                 "trajectory": {"t_s": self.trajectory.t_s, **dict(zip(STATES, self.trajectory.x.T, strict=True))},

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.certificate_record import StepRow, StepStatement
+from vsgdesign.artifacts.certificate_record import StepRow, StepStatement, no_room
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.boxes import encloses
 from vsgdesign.certificate.certifying import prepared, proved_between
@@ -47,8 +47,10 @@ _DECAY_BOXES = 3
 """Boxes for the decay of the function, for each box of a row."""
 
 _DECAY_BUDGET = 400_000
-_BUDGET = 150_000
-"""Boxes for one row."""
+_BUDGET = 15_000
+"""Boxes for one row: some seconds. A table build and ``certify`` take the same, so that both give the same steps."""
+_OF_PROOF = 100
+"""Boxes of a certificate for each of them."""
 
 _MARGIN = 0.8
 """Share of the least size at points that is claimed where nothing is proved between them."""
@@ -102,6 +104,11 @@ def certified_steps(
         progress("steps", 1.0)
     matrix = tuple(tuple(float(value) for value in row) for row in shape.P)
     return replace(statement, decay=decay, P=matrix, proof=proof, rows=tuple(rows))
+
+
+def step_budget(boxes: int) -> int:
+    """Boxes for one row beside a certificate that may take so many."""
+    return boxes // _OF_PROOF
 
 
 def with_steps(study: Study, spec: ControllerSpec, found: Certificate | Counterexample, **options: Any) -> Any:
@@ -196,12 +203,12 @@ def _row(system: System, shape: LevelShape, limits: ActingLimits, budget: int, s
     if len(found.points) == 0:
         return _impossible(part, None, GRIDDED)
     sampled, largest = step_sizes(system, found, shape, limits).min(axis=1), float(typical.max())
-    if not sampled.all():
+    if not sampled.all() or no_room(largest, limits.current_pu):
         return _impossible(part, largest, GRIDDED)
     if budget:
         outcome = prove_steps(system, part, shape, limits, sampled, largest, budget, seed)
         largest = outcome.current_pu
-        if not outcome.sampled.all():
+        if not outcome.sampled.all() or no_room(largest, limits.current_pu):
             return _impossible(part, largest, GRIDDED)
         if outcome.whole:
             return _with_sizes(system, part, largest, GAP_FREE, outcome.sizes)

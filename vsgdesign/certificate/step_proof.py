@@ -31,7 +31,6 @@ from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point_discrim
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.runtime.table import TableSchedule
-from vsgdesign.study.parameters.converter import Converter
 
 Array = NDArray[np.float64]
 
@@ -172,7 +171,6 @@ def _parameters(system: System, boxes: Boxes, cells: Boxes, kinds: Array) -> Arr
 def _programs(system: System, region: Region, shape: LevelShape, limits: ActingLimits, typical_pu: float) -> _Programs:
     c = system.study.converter
     shunt = c.omega_n * system.study.filter.C * c.Z_base
-    V_g = system.study.grid_source.V_g_rms / c.V_rated_rms
     table = isinstance(system.schedule, TableSchedule)
     own = first_extra(system) + (EXTRA if region.error_Z else 0)
     programs, between = [], []
@@ -189,7 +187,7 @@ def _programs(system: System, region: Region, shape: LevelShape, limits: ActingL
         else:
             here = Estimate.about(system, size, (true_r * (1.0 + e_R), true_x * (1.0 + e_L)))
         path = (true_r + here.fixed[0], (true_x + here.fixed[1]) * here.share)
-        V, inverse_V, conditions = _at_rest(c, V_g, P, Q, size, *path)
+        V, inverse_V, conditions = _at_rest(system, P, Q, size, *path)
         if not SCR_BASES[system.study.scr_basis].counts_resistance:
             conditions.append((size * true_x, 1.0 / region.scr[1], 1.0 / region.scr[0]))
         if table:
@@ -216,9 +214,11 @@ def _programs(system: System, region: Region, shape: LevelShape, limits: ActingL
 
 
 def _at_rest(
-    c: Converter, V_g: float, P: Symbol, Q: Symbol, size: Symbol, r: Any, x: Any
+    system: System, P: Symbol, Q: Symbol, size: Symbol, r: Any, x: Any
 ) -> tuple[Symbol, Symbol, list[tuple[Any, float, float]]]:
     """V and 1/V per unit of the operating point of P and Q (pu), and the static limits as quantities with limits."""
+    c = system.study.converter
+    V_g = system.study.grid_source.V_g_rms / c.V_rated_rms
     # Per unit powers of the source's voltage, in units of the impedance.
     own = size * (PHASES / V_g**2)
     b_0, discriminant = operating_point_discriminant(own * P, own * Q, 1.0, r, x)
@@ -232,6 +232,8 @@ def _at_rest(
         (V_sq, (c.V_min_pu / V_g) ** 2, (c.V_max_pu / V_g) ** 2),
         (reach * POWER_MARGIN**2 - V_sq * V_sq * V_g**4, -np.inf, 0.0),
     ]
+    V_sq = V_sq * V_g**2
+    conditions += [(one, -np.inf, 0.0) for one in system.beyond_converter(P, Q, V_sq, V_sq)]
     return V, V.reciprocal(), conditions
 
 

@@ -35,6 +35,7 @@ from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.executors import Each
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
+from vsgdesign.linear.operating_point.equilibrium import static_limits
 from vsgdesign.linear.stability.safe_place import table_safe_place
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.study.parameters.study import ControllerSpec, Study
@@ -51,10 +52,6 @@ _EXPLAINED = 40
 _CERTIFICATES = ((np.inf, 1_500_000), (0.05, 150_000))
 """Relative change of SCR and X/R per second that a certificate is asked for, the second where no common function
 exists; and boxes that it may take: some ten seconds on two cores."""
-
-_STEP_BOXES = 15_000
-"""Boxes for each part of the region in the proof of the certified steps: some seconds. ``certify`` takes more and
-leaves fewer parts at points."""
 
 Proved = Certificate | Counterexample | CertificateRecord | None
 """A certificate, a counterexample, or the record of why there is neither."""
@@ -208,7 +205,7 @@ def proved_over_box(study: Study, controller: ControllerSpec, table: GainTable) 
             return certify(_on_basis(study), controller, region, schedule=table_schedule(table), budget=boxes)
         except (InfeasibleStudyError, StudyError) as fault:  # no such function, or a box that is not asked for
             slowest = fault.slowest if isinstance(fault, NoFunctionError) else None
-            refused = refusal_record(str(fault), region, slowest)
+            refused = refusal_record(str(fault), region, slowest, static_limits(study))
     return refused
 
 
@@ -223,7 +220,7 @@ def stepped_record(
         # A box that steps cannot be asked for leaves the certificate without them.
         with suppress(InfeasibleStudyError, StudyError):
             schedule = table_schedule(table)
-            found = with_steps(_on_basis(study), controller, found, schedule=schedule, budget=_STEP_BOXES, each=each)
+            found = with_steps(_on_basis(study), controller, found, schedule=schedule, each=each)
     return record_of(found)
 
 

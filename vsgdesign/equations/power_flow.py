@@ -72,6 +72,18 @@ def admittance(V_rms: Any, R: Any, X: Any, Z_sq: Any) -> tuple[Any, Any]:
     return scale * X, scale * R
 
 
+def converter_side(P: Any, Q: Any, V_sq: Any, shunt: tuple[Any, Any], series: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Squares of the converter's current and of the bridge's voltage, each times V² (:eq:`converter-side`).
+
+    All in per unit. ``shunt``: conductance and susceptance of the capacitor, ``series``: R and X of the inductor on the
+    side of the bridge. Both are homogeneous of second degree in P, Q and V². Returns (current, voltage).
+    """
+    along, across = P + shunt[0] * V_sq, Q - shunt[1] * V_sq
+    drop_along = V_sq + series[0] * along + series[1] * across
+    drop_across = series[1] * along - series[0] * across
+    return along * along + across * across, drop_along * drop_along + drop_across * drop_across
+
+
 def jacobian_from_admittance(P: Any, Q: Any, V_rms: Any, b: Any, g: Any) -> tuple[Any, Any, Any, Any]:
     """The Jacobian of :eq:`jacobian-from-powers` for b and g of :func:`admittance`. Returns (A, B, C, D)."""
     return b - Q, (P + g) / V_rms, P - g, (b + Q) / V_rms

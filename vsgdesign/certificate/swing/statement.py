@@ -190,7 +190,7 @@ def swing_statement(
     if faults:
         raise StudyError(study.name, faults)
     law = swing_law(study, spec) if law is None else law
-    system = System(study, schedule_of(study, spec, ready))
+    system = System(study.with_limit_of(spec), schedule_of(study, spec, ready))
     if not encloses(system):
         raise InfeasibleStudyError(f"controller {spec.name}: its gains cannot be enclosed on boxes.")
     along = _edges(region.scr, parts[0]), _edges(region.x_over_r, parts[1])

@@ -5,15 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.certificate_record import StaticLimits
 from vsgdesign.equations.frames import PHASES, rated_current_rms, rms_to_peak
 from vsgdesign.equations.power_flow import (
     POWER_MARGIN,
     admittance,
+    converter_side,
     jacobian_from_powers,
     largest_scale,
     operating_point,
@@ -22,6 +24,7 @@ from vsgdesign.equations.power_flow import (
     power_flow,
 )
 from vsgdesign.errors import NoOperatingPointError
+from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -275,27 +278,67 @@ _SAMPLED_SHARE = 0.995
 steps."""
 
 
+def static_limits(study: Study) -> StaticLimits:
+    """The static limits of a study: those of V and of the grid, the current from which on a limiter acts, and the
+    voltage of the bridge."""
+    c, acting_pk = study.converter, acting_current_pk(study)
+    return StaticLimits(
+        V_low=c.V_min_pu,
+        V_high=c.V_max_pu,
+        power_transfer=POWER_MARGIN,
+        current=_SAMPLED_SHARE * acting_pk / c.I_rated_pk if np.isfinite(acting_pk) else None,
+        bridge_voltage=_SAMPLED_SHARE * c.v_max_pk / rms_to_peak(c.V_rated_rms),
+    )
+
+
+class HasFilter(Protocol):
+    """What has a converter with its filter: a study, or what a gain table keeps of one."""
+
+    @property
+    def converter(self) -> Converter: ...
+
+    @property
+    def filter(self) -> Filter: ...
+
+
 def static_limit_uses(study: Study, R: Any, X: Any, omega_g: Any, P: Any, Q: Any, V_rms: Any) -> dict[str, Array]:
+    """:func:`uses_of` of a study's own limits."""
+    return uses_of(static_limits(study), study, R, X, omega_g, P, Q, V_rms)
+
+
+def uses_of(
+    limits: StaticLimits, of: HasFilter, R: Any, X: Any, omega_g: Any, P: Any, Q: Any, V_rms: Any
+) -> dict[str, Array]:
     """The share of each static limit that operating points use, (N,) each; 1 is on the limit (:eq:`static-limits`).
 
     R and X in Ω lead from the control point to the source at omega_g (rad/s). P (W), Q (var) and V (phase rms, V) are
-    those at the control point. A share is NaN where one of them is.
+    those at the control point. A share is NaN where one of them is, and zero where there is no such limit.
     """
-    c = study.converter
-    low, high = c.V_limits_rms
-    apparent = np.hypot(P, Q)
+    c = of.converter
     V_pu = V_rms / c.V_rated_rms
-    carried = c.S_rated * V_pu * V_pu * c.Z_base / np.hypot(R, X)
+    P, Q = P / c.S_rated, Q / c.S_rated
+    carried = V_pu * V_pu * c.Z_base / np.hypot(R, X)
+
+    def used(value: Any, limit: float | None) -> Array:
+        return 0.0 * value if limit is None else value / limit
+
     with np.errstate(invalid="ignore"):
-        current = converter_current_rms(study, omega_g, P, Q, V_rms)
-        bridge = V_rms + (study.filter.R_1 + 1j * omega_g * study.filter.L_1) * current
+        current, bridge = converter_side(P, Q, V_pu * V_pu, *converter_side_of(of, omega_g))
         return {
-            "power transfer": POWER_MARGIN * apparent / carried,
-            "least voltage": low / V_rms,
-            "largest voltage": V_rms / high,
-            "current": rms_to_peak(np.abs(current)) / (_SAMPLED_SHARE * acting_current_pk(study)),
-            "bridge voltage": rms_to_peak(np.abs(bridge)) / (_SAMPLED_SHARE * c.v_max_pk),
+            "power transfer": (limits.power_transfer or 0.0) * np.hypot(P, Q) / carried,
+            "least voltage": (limits.V_low or 0.0) / V_pu,
+            "largest voltage": used(V_pu, limits.V_high),
+            "current": used(np.sqrt(current) / V_pu, limits.current),
+            "bridge voltage": used(np.sqrt(bridge) / V_pu, limits.bridge_voltage),
         }
+
+
+def converter_side_of(of: HasFilter, omega_g: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """Per unit of :func:`vsgdesign.equations.power_flow.converter_side`: conductance and susceptance of the capacitor,
+    R and X of the inductor before it, at a frequency (rad/s)."""
+    f, Z_base = of.filter, of.converter.Z_base
+    shunt = Z_base * 1j * omega_g * f.C / (1.0 + 1j * omega_g * f.C * f.R_c)
+    return (shunt.real, shunt.imag), (f.R_1 / Z_base, omega_g * f.L_1 / Z_base)
 
 
 def acting_current_pk(study: Study) -> float:

@@ -195,7 +195,7 @@ def certify(
     from dataclasses import replace
 
     from vsgdesign.artifacts.ready import Ready, read_tables
-    from vsgdesign.certificate import Certificate, certify, region_of, with_steps
+    from vsgdesign.certificate import Certificate, certify, region_of, step_budget, with_steps
     from vsgdesign.certificate.swing import large_signal
     from vsgdesign.verbs.pipeline.study_tables import study_tables
 
@@ -205,7 +205,7 @@ def certify(
     with progress(quiet=as_json) as tell:
         ready = study_tables(replace(study, controllers=(spec,)), progress=tell).ready
         found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
-        found = with_steps(study, spec, found, ready=ready, budget=boxes, progress=tell)
+        found = with_steps(study, spec, found, ready=ready, budget=step_budget(boxes), progress=tell)
         swing = large_signal(study, spec, region, ready=ready, budget=boxes, progress=tell)
     if as_json:
         more = {} if swing is None else {"large_signal": swing.as_document()}
