@@ -63,7 +63,7 @@ def test_one_converter_a_row(tmp_path: Path) -> None:
         (bytes(range(128, 256)) * 20, "is not text"),
         (b"PK\x03\x04" + b"x" * 99, "spreadsheet"),
         (b"hello\nworld\n", "no line has two columns"),
-        (b"a,b\n" * 300_000, "larger than 1 MB"),
+        (b"a,b\n" * 300_000, r"it has 1\.2 MB, and the limit of its kind is 1 MB"),
         (b"Rating,12,5 kVA\nVoltage,400,V\n", "a comma between columns and in a number"),
         (b"\xff\xfe\x00", "is not text"),
     ],

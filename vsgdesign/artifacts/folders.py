@@ -14,6 +14,7 @@ from vsgdesign.artifacts.files import json_text, plain, write_text
 from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.artifacts.staging import cannot_write, check_writable, parents_made, staged
 from vsgdesign.errors import ArtifactError
+from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
 
 RESULTS = "results.json"
 """The file of a folder that lists all others, where a verb does not say another."""
@@ -130,7 +131,7 @@ def _record(path: Path) -> dict[str, Any] | None:
     try:
         if path.is_symlink():
             return None
-        text = path.read_text(encoding="utf-8")
+        text = read_given(path, RESULT_BYTES).decode("utf-8")
         document = json.loads(text)
         said = document.pop("sha256")
         whole = document | {"sha256": content_hash(document)}

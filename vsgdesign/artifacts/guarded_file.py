@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar
 
 from vsgdesign.artifacts.files import check_file_target, json_text, staged_file
 from vsgdesign.errors import ArtifactError
+from vsgdesign.study.parameters.given_files import TABLE_BYTES, read_given
 
 T = TypeVar("T")
 
@@ -49,6 +50,8 @@ class GuardedFile(Generic[T]):
     build: Callable[[dict[str, Any]], T]
     faults: Callable[[T], Iterable[str]]
     layout: Callable[[str], str] = str
+    most_bytes: int = TABLE_BYTES
+    """A larger file is not read."""
     upgrades: tuple[Callable[[dict[str, Any]], dict[str, Any]], ...] = ()
     """The k-th makes a content of schema k + 2 of one of schema k + 1: what older versions wrote is read."""
 
@@ -77,7 +80,7 @@ class GuardedFile(Generic[T]):
     def is_unchanged(self, path: Path) -> bool:
         """Whether a file is one of this kind, of a schema that is known here, and as it was written."""
         try:
-            data = path.read_bytes()
+            data = read_given(path, self.most_bytes)
             self._document(data)
         except (OSError, ArtifactError):
             return False
@@ -90,7 +93,7 @@ class GuardedFile(Generic[T]):
         newer schema, changed since it was written, or holds what is unusable.
         """
         try:
-            data = Path(path).read_bytes()
+            data = read_given(path, self.most_bytes)
         except OSError as error:
             raise ArtifactError(f'cannot read "{path}": {error.strerror}. Give the file of {self.what}.') from error
         try:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import GuardedFile, rows_on_a_line
+from vsgdesign.study.parameters.given_files import WEIGHTS_BYTES
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -146,5 +147,6 @@ MEASURED_FILE = GuardedFile(
     document=_document,
     build=_from_document,
     faults=_faults,
+    most_bytes=WEIGHTS_BYTES,
     layout=rows_on_a_line,
 )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import GuardedFile, content_hash, is_number
+from vsgdesign.study.parameters.given_files import WEIGHTS_BYTES
 
 Array = NDArray[np.float64]
 
@@ -229,4 +230,5 @@ WEIGHTS_FILE = GuardedFile(
     document=weights_document,
     build=_from_document,
     faults=_faults,
+    most_bytes=WEIGHTS_BYTES,
 )

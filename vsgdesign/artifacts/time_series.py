@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.errors import ArtifactError
+from vsgdesign.study.parameters.given_files import RECORD_BYTES, check_unpacked, open_given
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,9 @@ def read_npz(path: str | Path) -> dict[str, Array]:
     """The series back, in double precision. Raises ArtifactError for a file that is not one."""
     try:
         # Opened here: NumPy leaves a file that turns out to be no archive open.
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+        with open_given(path, RECORD_BYTES) as stream:
+            check_unpacked(stream, RECORD_BYTES)
+            data = np.load(stream, allow_pickle=False)
             return {name: np.asarray(data[name], dtype=float) for name in data.files}
     except (OSError, ValueError, TypeError, NotImplementedError, zipfile.BadZipFile, EOFError) as error:
         raise ArtifactError(f'"{path}" is not a readable time series: {error}') from error

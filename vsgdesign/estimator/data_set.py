@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.files import check_file_target, staged_file
 from vsgdesign.equations.field import FieldAnswer, FieldSettings
 from vsgdesign.errors import ArtifactError, Fault, StudyError
+from vsgdesign.study.parameters.given_files import WINDOWS_BYTES, check_unpacked, open_given
 
 Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
@@ -348,7 +349,9 @@ def read_arrays(path: str | Path) -> tuple[dict[str, Any], dict[str, NDArray[Any
     """Header and arrays of :func:`write_arrays`. Raises ArtifactError, also where a byte of the content changed."""
     try:
         # Opened here: NumPy leaves a file that turns out to be no archive open.
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+        with open_given(path, WINDOWS_BYTES) as stream:
+            check_unpacked(stream, WINDOWS_BYTES)
+            data = np.load(stream, allow_pickle=False)
             arrays = {name: data[name] for name in data.files}
         document = json.loads(arrays.pop("header").tobytes().decode())
         schema, said, header = document["schema"], document["hash"], document["header"]

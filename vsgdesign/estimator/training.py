@@ -30,6 +30,7 @@ from vsgdesign.estimator.tanh_network import (
     with_ones,
 )
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.study.parameters.given_files import WEIGHTS_BYTES, read_given
 
 Array = NDArray[np.float64]
 
@@ -292,7 +293,7 @@ def write_checkpoint(path: str | Path, checkpoint: Checkpoint) -> None:
 def read_checkpoint(path: str | Path) -> Checkpoint:
     """Reads a checkpoint. Raises ArtifactError if the file is not one."""
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document = json.loads(read_given(path, WEIGHTS_BYTES))
         if document["kind"] != "vsgdesign training" or document["schema"] != 1:
             raise ValueError("another kind of file or a newer schema")
         best = document["best"]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vsgdesign.campaigns.compliance.measuring import Trace
 from vsgdesign.campaigns.compliance.rows import FAIL
 from vsgdesign.errors import ArtifactError
+from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
 
 Array = NDArray[np.float64]
 
@@ -114,7 +115,7 @@ def write_evidence(path: str | Path, evidence: Evidence) -> None:
 def read_evidence(path: str | Path) -> Evidence:
     """What :func:`write_evidence` wrote, rounded as in the file. Raises ArtifactError for any other file."""
     try:
-        content = Path(path).read_bytes()
+        content = read_given(path, RESULT_BYTES)
         text = (gzip.decompress(content) if str(path).endswith(".gz") else content).decode()
         header, _, body = text.partition("\n")
         names = [name.partition(" [")[0] for name in header.split(",")]

@@ -25,6 +25,7 @@ from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.demand import settling_time_of
+from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 BLOCK = 2048
@@ -250,7 +251,7 @@ def write_counts(path: Path, job: VerificationJob, summary: Summary) -> None:
 def read_counts(path: Path) -> dict[str, Any]:
     """The content of a counts.json. Raises ArtifactError where it is damaged, or of something else."""
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(read_given(path, RESULT_BYTES))
         said = document.pop("sha256")
         if document["kind"] != KIND or document["schema"] != SCHEMA:
             raise ArtifactError(

@@ -13,10 +13,8 @@ from typing import Any
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.datasheet.fields import find_field, squeezed
 from vsgdesign.study.datasheet.quantities import is_unit
+from vsgdesign.study.parameters.given_files import TOML_BYTES, read_given
 from vsgdesign.study.parameters.toml_file import parse_toml
-
-_LARGEST = 1_000_000
-"""Largest size in bytes; a datasheet has a few hundred."""
 
 _HEADINGS = {
     "key": {
@@ -76,14 +74,11 @@ def read_sheet(path: str | Path) -> Sheet:
     try:
         if path.is_dir():
             raise fault("is a folder, not a datasheet", advice)
-        with path.open("rb") as stream:
-            raw = stream.read(_LARGEST + 1)
+        raw = read_given(path, TOML_BYTES)
     except FileNotFoundError:
         raise fault("there is no such file", advice) from None
     except (OSError, ValueError) as error:
-        raise fault(f"cannot be read ({getattr(error, 'strerror', None) or error})", advice) from None
-    if len(raw) > _LARGEST:
-        raise fault("is larger than 1 MB: no datasheet", advice)
+        raise fault(f"cannot be read: {getattr(error, 'strerror', None) or error}", advice) from None
     if raw[:4] == b"PK\x03\x04":
         raise fault("is a spreadsheet or another archive", 'Save it as "CSV UTF-8" and give that file.')
     text, remark = _decoded(raw)

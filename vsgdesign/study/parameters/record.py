@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import functools
+import io
 import itertools
 import os
-import wave
+import struct
 import zipfile
+import zlib
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vsgdesign.study.parameters.given_files import RECORD_BYTES, check_unpacked, open_given
 
 Array = NDArray[np.float64]
 
@@ -46,10 +50,11 @@ def read_record(path: str, columns: tuple[str, ...] | None, rate: float | None) 
     """A record from a file. ``columns``: names, or numbers from 1 on, of the phases; None: all that are there. ``rate``
     (1/s): where the file does not say it. Raises RecordError with everything that is wrong."""
     try:
-        stat = os.stat(path)
+        with open_given(path, RECORD_BYTES) as file:
+            stat = os.fstat(file.fileno())
+        return _read(path, (stat.st_mtime_ns, stat.st_size), columns, rate)
     except OSError as error:
-        raise RecordError(("file", f"cannot be read ({error.strerror})", "Check the name.")) from None
-    return _read(path, (stat.st_mtime_ns, stat.st_size), columns, rate)
+        raise RecordError(("file", f"cannot be read: {error.strerror}", "Give a file, and check its name.")) from None
 
 
 @functools.lru_cache(maxsize=4)
@@ -58,7 +63,8 @@ def _read(path: str, _: tuple[int, int], columns: tuple[str, ...] | None, rate: 
     readers = {".csv": _read_csv, ".txt": _read_csv, ".wav": _read_wav, ".npz": _read_npz}
     if kind not in readers:
         raise RecordError(("file", f'"{kind}" is no format of a record', "Known: .csv, .txt, .wav, .npz."))
-    table, own_rate = readers[kind](path)
+    with open_given(path, RECORD_BYTES) as file:
+        table, own_rate = readers[kind](file)
     faults: list[tuple[str, str, str]] = []
     times = next((table.pop(name) for name in list(table) if name.lower() in TIMES), None)
     chosen = _chosen(table, columns, faults)
@@ -131,18 +137,18 @@ def _one_rate(own: float | None, given: float | None, faults: list[tuple[str, st
     return given if given is not None else float(own or np.nan)
 
 
-def _read_csv(path: str) -> tuple[dict[str, Array], float | None]:
+def _read_csv(file: IO[bytes]) -> tuple[dict[str, Array], float | None]:
     try:
-        with open(path, encoding="utf-8-sig") as file:
-            head = [line for line in (file.readline() for _ in range(100)) if line.strip() and line[0] != "#"]
-        if not head:
-            raise ValueError("it is empty")
-        first = head[0].strip()
-        delimiter = next((mark for mark in (";", "\t", ",") if mark in first), ",")
-        cells = [cell.strip().strip('"') for cell in first.split(delimiter)]
-        named = any(_number(cell) is None for cell in cells)
-        with open(path, encoding="utf-8-sig") as file:
-            lines = (line for line in file if line.strip() and line[0] != "#")
+        with io.TextIOWrapper(file, encoding="utf-8-sig") as text:
+            head = [line for line in (text.readline() for _ in range(100)) if line.strip() and line[0] != "#"]
+            if not head:
+                raise ValueError("it is empty")
+            first = head[0].strip()
+            delimiter = next((mark for mark in (";", "\t", ",") if mark in first), ",")
+            cells = [cell.strip().strip('"') for cell in first.split(delimiter)]
+            named = any(_number(cell) is None for cell in cells)
+            text.seek(0)
+            lines = (line for line in text if line.strip() and line[0] != "#")
             if named:
                 next(lines, None)
             first_row = next(lines, None)
@@ -172,29 +178,74 @@ def _number(text: str) -> float | None:
         return None
 
 
-def _read_wav(path: str) -> tuple[dict[str, Array], float | None]:
+_PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
+_WIDTHS = {(_PCM, 8), (_PCM, 16), (_PCM, 24), (_PCM, 32), (_FLOAT, 32), (_FLOAT, 64)}
+"""Kinds of samples in a WAV file, with their bits, that are read."""
+
+
+class _Wav(NamedTuple):
+    """What the header says: kind of samples, channels, samples in a second, bits."""
+
+    kind: int
+    channels: int
+    rate: int
+    bits: int
+
+
+def _read_wav(file: IO[bytes]) -> tuple[dict[str, Array], float | None]:
     try:
-        with wave.open(path, "rb") as file:
-            width, channels, rate = file.getsampwidth(), file.getnchannels(), file.getframerate()
-            raw = np.frombuffer(file.readframes(file.getnframes()), dtype=np.uint8)
-    except (wave.Error, EOFError) as error:
-        problem = f"cannot be read as WAV: {error}"
-        raise RecordError(("file", problem, "Integer PCM of 8 to 32 bits; convert others.")) from None
-    frames = raw[: len(raw) // (width * channels) * width * channels].reshape(-1, channels, width)
-    if width == 1:
+        form, data = _wav_chunks(file)
+    except (ValueError, struct.error) as error:
+        advice = "Integers of 8 to 32 bits and floats of 32 or 64 are read; convert others."
+        raise RecordError(("file", f"cannot be read as WAV: {error}", advice)) from None
+    width = form.bits // 8
+    raw = np.frombuffer(data, dtype=np.uint8)
+    frames = raw[: len(raw) // (width * form.channels) * width * form.channels].reshape(-1, form.channels, width)
+    if form.kind == _FLOAT:
+        values = frames.copy().view(f"<f{width}")[:, :, 0].astype(np.float64)
+    elif width == 1:
         values = (frames[:, :, 0].astype(np.float64) - 128.0) / 128.0
     else:
         padded = np.zeros((*frames.shape[:2], 4), dtype=np.uint8)
         padded[:, :, 4 - width :] = frames
         values = padded.view("<i4")[:, :, 0] / 2.0**31
-    return {str(k + 1): values[:, k] for k in range(channels)}, float(rate)
+    return {str(k + 1): values[:, k] for k in range(form.channels)}, float(form.rate)
 
 
-def _read_npz(path: str) -> tuple[dict[str, Array], float | None]:
+def _wav_chunks(file: IO[bytes]) -> tuple[_Wav, bytes]:
+    """The header of a WAV file and its samples. Raises ValueError."""
+    head = file.read(12)
+    if len(head) < 12:
+        raise ValueError(f"its header is cut after {len(head)} bytes")
+    if (head[:4], head[8:]) != (b"RIFF", b"WAVE"):
+        raise ValueError("it does not begin with RIFF and WAVE")
+    form = None
+    while True:
+        name = file.read(8)
+        if len(name) < 8:
+            raise ValueError(f"its header is cut: it ends before the {'format' if form is None else 'samples'}")
+        size = int.from_bytes(name[4:], "little")
+        if name[:4] == b"data":
+            break
+        chunk = file.read(size + size % 2)
+        if len(chunk) < size:
+            raise ValueError(f"its header is cut: {len(chunk)} of the {size} bytes of a part are there")
+        if name[:4] == b"fmt ":
+            kind, channels, rate, _, _, bits = struct.unpack_from("<HHIIHH", chunk)
+            form = _Wav(*struct.unpack_from("<H", chunk, 24) if kind == _EXTENSIBLE else (kind,), channels, rate, bits)
+    if form is None:
+        raise ValueError("its header says no format")
+    if (form.kind, form.bits) not in _WIDTHS or not form.channels or not form.rate:
+        raise ValueError(f"{form.channels} channels, {form.rate} Hz, samples of kind {form.kind} with {form.bits} bits")
+    return form, file.read(size)
+
+
+def _read_npz(file: IO[bytes]) -> tuple[dict[str, Array], float | None]:
     table: dict[str, Array] = {}
     rate = None
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        check_unpacked(file, RECORD_BYTES)
+        with np.load(file, allow_pickle=False) as archive:
             for name in archive.files:
                 values = np.asarray(archive[name], dtype=np.float64)
                 if values.ndim == 0:
@@ -203,6 +254,6 @@ def _read_npz(path: str) -> tuple[dict[str, Array], float | None]:
                     table[name] = values
                 elif values.ndim == 2:
                     table |= {f"{name}_{k + 1}": values[:, k] for k in range(values.shape[1])}
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
+    except (ValueError, TypeError, KeyError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
         raise RecordError(("file", f"cannot be read as npz: {error}", "Write it with numpy.savez.")) from None
     return table, rate

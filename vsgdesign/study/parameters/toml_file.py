@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.study.parameters.given_files import TOML_BYTES, read_given
 
 MOST_LEVELS = 50
 """Levels of tables within tables that are read."""
@@ -32,13 +33,13 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
             )
         if not path.is_file():
             raise fault(f"is a folder, not a {noun}" if path.is_dir() else "there is no such file", advice)
-        text = path.read_text(encoding="utf-8-sig")  # as spreadsheets and some editors write it
+        text = read_given(path, TOML_BYTES).decode("utf-8-sig")  # as spreadsheets and some editors write it
     except UnicodeDecodeError as error:
-        if path.read_bytes()[:2] in (b"\xff\xfe", b"\xfe\xff"):  # as Windows writes "Unicode"
+        if error.object[:2] in (b"\xff\xfe", b"\xfe\xff"):  # as Windows writes "Unicode"
             raise fault("is not UTF-8 text but UTF-16", "Save it with the encoding UTF-8.") from None
         raise fault(f"is not UTF-8 text (byte {error.start})", "Give a TOML text file.") from None
     except OSError as error:
-        raise fault(f"cannot be read ({error.strerror})", advice) from None
+        raise fault(f"cannot be read: {error.strerror}", advice) from None
     try:
         return parse_toml(text, str(path))
     except StudyError:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.errors import ArtifactError, did_you_mean
+from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,7 +94,7 @@ def _save(figure: Figure, path: Path) -> None:
     if path.is_dir():
         raise ArtifactError(f"{path}: this is a folder. Give the name of a file.")
     try:
-        there = path.read_bytes() if path.exists() else b""
+        there = read_given(path, RESULT_BYTES) if path.exists() else b""
         if there and _MARK.encode() not in there:
             raise ArtifactError(f"{path}: this file exists and was not drawn by vsgdesign. It was left unchanged.")
         plain_ticks(figure)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.folders import RESULTS
 from vsgdesign.errors import ArtifactError
+from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.parameters.units import same_quantity
 
 SAME = 1e-9
@@ -169,7 +170,7 @@ def _is_number(value: Any) -> bool:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(read_given(path, RESULT_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is no JSON"
         raise ArtifactError(

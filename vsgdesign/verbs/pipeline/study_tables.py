@@ -26,6 +26,7 @@ from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.journal import work_folder
 from vsgdesign.execution.progress import Progress
 from vsgdesign.runtime.guards import lacks_safe_place
+from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 CELLS = "cells"
@@ -284,7 +285,7 @@ def made_from(study: Study, spec: ControllerSpec) -> str:
 def _recorded(record: Path, name: str) -> dict[str, Any]:
     """What the record of a folder says of the table of a controller; empty where there is none."""
     try:
-        table = json.loads(record.read_text(encoding="utf-8"))["controllers"][name]["table"]
+        table = json.loads(read_given(record, RESULT_BYTES))["controllers"][name]["table"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return {}
     return table if isinstance(table, dict) else {}
