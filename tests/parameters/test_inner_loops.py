@@ -112,7 +112,7 @@ def test_a_design_of_given_gains_is_a_fault(lines: str, field: str) -> None:
 
 
 def test_a_reader_that_designs_none_says_who_does() -> None:
-    with pytest.raises(StudyError, match=r"vsgdesign\.pipeline\.open_study"):
+    with pytest.raises(StudyError, match=r"vsgdesign\.verbs\.pipeline\.open_study"):
         study_from_text(CASE + "[inner_loops]\ndesign = true\n")
 
 
