@@ -183,7 +183,7 @@ def test_what_is_wrong_with_a_file(tmp_path: Path) -> None:
     about(good, "of the rated voltage. Give V for one unit of the file", scale="1 mV")
     about(good, "replay.sampling_rate: missing", rate=None)
     about(good, "the file says 12800 Hz", sampling_rate="10 kHz")
-    about(good, "its fundamental is at 25 Hz, and the converter's f_n is 50 Hz", rate=None, sampling_rate="6.4 kHz")
+    about(good, "its fundamental is at 25.06 Hz, and the converter's f_n is 50 Hz", rate=None, sampling_rate="6.4 kHz")
     about(good[:, ::64], "is fewer than six samples in a cycle", rate=200.0)
     about(good[:2], "the file has 2 columns, not one or three phases")
     about(good, 'there is no column "u". The file has v_1, v_2, v_3', columns=["v_1", "v_2", "u"])
@@ -192,7 +192,7 @@ def test_what_is_wrong_with_a_file(tmp_path: Path) -> None:
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
-    assert "cannot be read (No such file or directory)" in said(file=str(tmp_path / "none.csv"))
+    assert "cannot be read: No such file or directory" in said(file=str(tmp_path / "none.csv"))
     cases = {
         "a.csv": ("time,v\n0,1\n1e-3,one\n", "cannot be read as numbers in columns"),
         "b.csv": ("time,v\n0,1\n1e-3,2\n2e-3,3\n9e-3,4\n1e-2,5\n", "1 gap in its times, the first after 0.002 s"),

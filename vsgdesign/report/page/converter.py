@@ -113,7 +113,9 @@ def background_in_words(study: Study) -> list[str]:
     if study.replay is not None:
         one = study.replay
         return [
-            f"recorded: {Path(one.file).name}, times {plain_quantity(one.scale, 'V')}, from {plain(one.begin)} s on"
+            f"recorded: {Path(one.file).name}, times {plain_quantity(one.scale, 'V')}, from {plain(one.begin)} s on",
+            f"of the record: fundamental {plain(one.omega_g / (2.0 * math.pi), 5)} Hz, negative sequence "
+            f"{_percent(one.seen.negative)}, offset {_percent(one.seen.offset)}, clipped {_percent(one.seen.clipped)}",
         ]
     spec = study.background
     if spec is None:

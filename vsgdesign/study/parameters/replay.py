@@ -15,6 +15,7 @@ from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.fields import names, number, picked, text, values
 from vsgdesign.study.parameters.reader import TableReader
 from vsgdesign.study.parameters.record import Record, RecordError, read_record
+from vsgdesign.study.parameters.replay_checks import NOTHING_SEEN, PER_CYCLE, Seen, look_at
 
 NEIGHBOURS = 16
 """Samples on either side of an instant that its value is interpolated from."""
@@ -51,6 +52,8 @@ class ReplaySpec:
     """Time of the record at t = 0, s."""
     usable: float = 0.0
     """Up to which time of the simulation there is a voltage, s."""
+    seen: Seen = NOTHING_SEEN
+    """What was looked at when the file was read."""
 
     def vector(self, t_s: NDArray[np.float64]) -> NDArray[np.complex128]:
         """The space vector of the recorded voltage, V peak, at times of the simulation (s), increasing."""
@@ -66,6 +69,9 @@ class ReplaySpec:
             "V_g_rms": self.V_g_rms,
             "f_g": self.omega_g / (2.0 * math.pi),
             "phase": self.phase,
+            "negative_sequence": self.seen.negative,
+            "offset": self.seen.offset,
+            "clipped": self.seen.clipped,
         }
 
 
@@ -186,11 +192,14 @@ def _checked(
         table.fault("file", spec.file, problem, advice)
         return None
     spec = replace(spec, origin=begin, usable=length - begin - (NEIGHBOURS + 1) / record.rate)
-    V_g_rms, omega, phase = _fundamental(spec, record, converter.omega_n)
-    if not 0.8 < omega / converter.omega_n < 1.2:
-        problem = f"its fundamental is at {omega / (2.0 * math.pi):.4g} Hz, and the converter's f_n is {f_n:g} Hz"
-        table.fault("file", spec.file, problem, "Check sampling_rate; or take another record.")
+    t_s = np.arange(_CYCLES * PER_CYCLE) / (f_n * PER_CYCLE)
+    beginning = [interpolated(column, record.rate * (spec.origin + t_s)) for column in record.values.T]
+    seen, wrong = look_at(np.stack(beginning, axis=1), record.values, f_n)
+    for problem, advice in wrong:
+        table.fault("file", spec.file, problem, advice)
+    if wrong:
         return None
+    V_g_rms, omega, phase = _fundamental(spec, record, t_s, 2.0 * math.pi * seen.hz)
     V_rated = converter.V_rated_rms
     if scale is None:
         spec, V_g_rms = replace(spec, scale=V_rated / V_g_rms), V_rated
@@ -198,24 +207,19 @@ def _checked(
         problem = f"the fundamental is {V_g_rms:.4g} V rms, {V_g_rms / V_rated:.3g} of the rated voltage"
         table.fault("scale", table.table["scale"], problem, _SCALE)
         return None
-    return replace(spec, V_g_rms=V_g_rms, omega_g=omega, phase=phase)
+    return replace(spec, V_g_rms=V_g_rms, omega_g=omega, phase=phase, seen=seen)
 
 
-def _fundamental(spec: ReplaySpec, record: Record, omega_n: float) -> tuple[float, float, float]:
-    """V_g rms, ω and phase at the beginning: of the windowed mean over the first cycles, with the ω at which its phase
-    does not move between both halves. ω alone where the largest line is far from the nominal frequency."""
-    cycle, per_cycle = 2.0 * math.pi / omega_n, 40
-    t_s = np.arange(_CYCLES * per_cycle) * cycle / per_cycle
+def _fundamental(
+    spec: ReplaySpec, record: Record, t_s: NDArray[np.float64], omega: float
+) -> tuple[float, float, float]:
+    """V_g rms, ω and phase at the beginning: of the windowed mean over the first cycles (times t_s), with the ω near
+    the given one at which its phase does not move between both halves."""
     window, half = np.hanning(len(t_s) + 1)[:-1], len(t_s) // 2
-    one = interpolated(record.values[:, 0], record.rate * (spec.origin + t_s))
-    spectrum = np.abs(np.fft.rfft((one - one.mean()) * window, 16 * len(t_s)))
-    omega = omega_n * int(np.argmax(spectrum)) / (16.0 * _CYCLES)
-    if not 0.75 < omega / omega_n < 1.25:
-        return math.nan, omega, math.nan
     for _ in range(6):
         down = _vectors(record, omega, spec.origin + t_s) * np.exp(-1j * omega * t_s)
         early, late = ((down[part] * window[::2]).sum() for part in (slice(0, half), slice(half, None)))
-        omega += float(np.angle(late * np.conj(early))) / (0.5 * _CYCLES * cycle)
+        omega += float(np.angle(late * np.conj(early))) / (t_s[half] - t_s[0])
     down = _vectors(record, omega, spec.origin + t_s) * np.exp(-1j * omega * t_s)
     phasor = spec.scale * complex((down * window).sum() / window.sum())
     return peak_to_rms(abs(phasor)), omega, math.atan2(phasor.imag, phasor.real)
