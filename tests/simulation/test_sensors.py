@@ -7,6 +7,7 @@ import pytest
 
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from vsgdesign.simulation import FixedGains, GainChange, Recorder, Simulation, simulate
+from vsgdesign.simulation.added_source import NOISE_BLOCK, SensorsOfRun
 from vsgdesign.simulation.scenario import derive_series
 from vsgdesign.study.parameters import Study
 
@@ -93,3 +94,15 @@ def test_a_run_with_sensors_starts_as_if_it_had_always_run() -> None:
     P = run.column("P")
     assert abs(P[1] - P[0]) < 0.5  # W of 2 kW
     assert 2000.0 - P[0] > 5.0  # what the delay makes of 0.5 kvar; it would be missing in a first sample without it
+
+
+def test_noise_is_the_same_however_a_run_is_cut() -> None:
+    """Also across the border of two streams, and where a run goes back."""
+    study = lc_study("0.1 s", "[sensors]\nnoise = 0.01\nseed = 8\n")
+    assert study.sensors is not None
+    sensors = [SensorsOfRun(study, study.sensors, np.zeros(6), study.converter.omega_n) for _ in range(2)]
+    whole = sensors[0].noise(0, 2 * NOISE_BLOCK)
+    begins = [0, 1, 400, NOISE_BLOCK - 3, NOISE_BLOCK + 5, 100, 2 * NOISE_BLOCK - 7]
+    for begin, count in zip(begins, [1, 399, NOISE_BLOCK - 403, 8, 1000, 60, 7], strict=True):
+        np.testing.assert_array_equal(sensors[1].noise(begin, count), whole[begin : begin + count])
+    assert np.std(whole / sensors[0].rms, axis=0) == pytest.approx(1.0, rel=0.05)

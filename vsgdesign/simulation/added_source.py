@@ -33,7 +33,7 @@ _RAMP_DRIFT = 1e-4
 model leaves out third-order terms of a period; against DOP853 that is 7e-11 of rated in the steepest test."""
 
 NOISE_BLOCK = 4096
-"""Samples for which the noise of the sensors is drawn at once."""
+"""Samples whose noise is drawn from one stream."""
 
 PROGRESS_STRETCH = 1.0
 """Longest stretch between two calls of ``progress``, s of simulated time."""
@@ -140,9 +140,9 @@ class SensorsOfRun:
 
     def __init__(self, study: Study, spec: SensorSpec, x: Array, omega: float) -> None:
         c = study.converter
-        self._seed = spec.seed
         rated = np.repeat([rms_to_peak(c.V_rated_rms), c.I_rated_pk, c.I_rated_pk], 3)
-        self._noise = spec.noise * rated
+        self.rms = spec.noise * rated
+        """Of the noise of each channel, (9,)."""
         limit = (spec.range_pu if spec.range_pu > 0.0 else math.inf) * rated
         steps = 2.0 * limit / 2.0**spec.bits if spec.bits else np.zeros(len(CHANNELS))
         gains, offsets = 1.0 + np.array(spec.gain_errors), np.array(spec.offset_errors) * rated
@@ -154,20 +154,29 @@ class SensorsOfRun:
         """What was true one sample before the first."""
         channels = [SensorChannel(*values) for values in np.stack([gains, offsets, steps, limit], axis=1).tolist()]
         self.constants = Sensors(*channels, late_v=max(-lag, 0.0), late_i=max(lag, 0.0))
-        self._block, self._drawn = -1, np.empty((0, len(CHANNELS)))
+        self._seed, self._stream, self._next = spec.seed, stream(spec.seed, "noise", 0), 0
 
     def noise(self, first: int, count: int) -> Array:
         """What is added to each reading of samples first … first + count − 1: (count, 9), channels in the order of
         ``CHANNELS``."""
-        parts, done = [], 0
-        while done < count:
+        found = np.zeros((count, len(CHANNELS)))
+        if self.rms.any():
+            self.draw(first, found)
+            found *= self.rms
+        return found
+
+    def draw(self, first: int, normal: Array) -> None:
+        """Puts the normal numbers of rms 1 of the samples from ``first`` on into ``normal`` (count, 9), contiguous.
+
+        Each block of samples has a stream of its own. To go on where the last call ended costs nothing but the draw.
+        """
+        done = 0
+        while done < len(normal):
             block, at = divmod(first + done, NOISE_BLOCK)
-            if block != self._block:
-                shape = (NOISE_BLOCK, len(CHANNELS))
-                normal = (
-                    stream(self._seed, "noise", block).standard_normal(shape) if self._noise.any() else np.zeros(shape)
-                )
-                self._block, self._drawn = block, normal * self._noise
-            parts.append(self._drawn[at : at + count - done])
-            done += len(parts[-1])
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+            if at == 0 or first + done != self._next:
+                self._stream = stream(self._seed, "noise", block)
+                self._stream.standard_normal((at, len(CHANNELS)))
+            part = normal[done : done + NOISE_BLOCK - at]
+            self._stream.standard_normal(out=part)
+            done += len(part)
+            self._next = first + done
