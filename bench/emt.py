@@ -12,13 +12,13 @@ import numpy as np
 
 from bench.timing import REPEATS, Row, figure, real_time_factor, repeat, scaled
 from vsgdesign.codegen.llvm import LoopSpec, compiled_loop, flat_block
+from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.linear.operating_point.sampled import cold_start
 from vsgdesign.simulation import GainChange, build_timeline, gain_changes, simulate
-from vsgdesign.simulation.bodies import numbers_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import Study, load_study, study_from_text

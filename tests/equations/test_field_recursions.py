@@ -13,6 +13,7 @@ from tests.codegen.machine import Machine
 from tests.compilers import require_compiler
 from tests.equations.test_three_ways import flat
 from vsgdesign.codegen import c_functions
+from vsgdesign.codegen.records import record_like
 from vsgdesign.equations.field import (
     FieldTrack,
     LockIn,
@@ -24,7 +25,6 @@ from vsgdesign.equations.field import (
     probe_value,
 )
 from vsgdesign.identification.field import field_settings
-from vsgdesign.simulation.bodies import record_like
 
 OMEGA = 2.0 * math.pi * 50.0
 V_BASE, Z_BASE, T_S = 155.6, 7.26, 100e-6

@@ -18,6 +18,7 @@ from tests.oracles.emt_reference import run_reference
 from tests.simulation.studies import lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import COMPONENTS, RAMPS, TOLERANCE, errors_pu, library_start
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.codegen.records import numbers_of, record_like, zero_record
 from vsgdesign.equations.field import FieldAnswer, FieldSettings, FieldTrack, LockIn, first_lock_in, first_track
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, StudyError
@@ -25,7 +26,6 @@ from vsgdesign.identification.field import FieldEstimator, FieldState, estimate_
 from vsgdesign.identification.interface import Estimate, Samples
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation import GainChange, HeldBack, Probe, Recorder, Simulation, simulate
-from vsgdesign.simulation.bodies import numbers_of, record_like, zero_record
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle, settings_of_study
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import Grid, Study

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -133,3 +133,27 @@ def leaves(record: Record, path: str = "") -> list[tuple[str, Expression]]:
         else:
             found.append((f"{path}{name}", value))
     return found
+
+
+def numbers_of(record: Any) -> list[float]:
+    """Every number of a record in order, those of records inside it in their place."""
+    return [x for value in record for x in (numbers_of(value) if isinstance(value, tuple) else (float(value),))]
+
+
+def record_like(like: Any, numbers: Iterator[float]) -> Any:
+    """The record of the kind of ``like`` with these numbers: the opposite of :func:`numbers_of`."""
+    parts = [record_like(value, numbers) if isinstance(value, tuple) else next(numbers) for value in like]
+    return type(like)(*parts) if hasattr(like, "_fields") else tuple(parts)
+
+
+def zero_record(kind: Any) -> Any:
+    """A record of a NamedTuple class with zeros for its numbers. Fields that are records are found by their
+    annotation."""
+    hints = typing.get_type_hints(kind)
+    return kind(*(_zero(hints[name]) for name in kind._fields))
+
+
+def _zero(annotation: Any) -> Any:
+    if typing.get_origin(annotation) is tuple:
+        return tuple(_zero(one) for one in typing.get_args(annotation))
+    return zero_record(annotation) if hasattr(annotation, "_fields") else 0.0

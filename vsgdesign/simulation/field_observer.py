@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.codegen.flat import flat_block
 from vsgdesign.codegen.llvm import Loop, LoopSpec, StandingLoop, compiled_loop
+from vsgdesign.codegen.records import numbers_of, record_like, zero_record
 from vsgdesign.equations.field import (
     FieldAnswer,
     FieldFeatures,
@@ -25,7 +26,6 @@ from vsgdesign.equations.field import (
     first_lock_in,
     first_track,
 )
-from vsgdesign.simulation.bodies import numbers_of, record_like, zero_record
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.equations.limiters import GridEstimate
@@ -19,7 +20,6 @@ from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.added_source import AddedSource, sensors_of
 from vsgdesign.simulation.batch import Batch
-from vsgdesign.simulation.bodies import numbers_of
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
 from vsgdesign.simulation.connecting import Connecting
 from vsgdesign.simulation.field_feed import FieldScheduler

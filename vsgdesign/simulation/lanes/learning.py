@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.codegen.llvm import Program, best_lanes, compiled_loop, empty_rows
+from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.field import FieldAnswer, first_lock_in, first_track
 from vsgdesign.equations.integration import TURN
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
@@ -21,7 +22,6 @@ from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured
 from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
-from vsgdesign.simulation.bodies import numbers_of
 from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, network_of, settings_of_study
 from vsgdesign.simulation.field_observer import conclusion_spec
 from vsgdesign.simulation.lanes.cases import LaneCases

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.codegen.flat import flat_block
 from vsgdesign.codegen.llvm import Loop, LoopSpec, best_lanes, compiled_loop, empty_rows
+from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, FieldSettings
 from vsgdesign.equations.field.fusion import (
     FIRST_GATE,
@@ -22,7 +23,7 @@ from vsgdesign.equations.field.fusion import (
     step_refuted,
 )
 from vsgdesign.identification.field_network import FieldNetwork
-from vsgdesign.simulation.bodies import names_of, numbers_of
+from vsgdesign.simulation.bodies import names_of
 
 Array = NDArray[np.float64]
 
