@@ -194,14 +194,26 @@ class Batch:
                 break
         return at - begin
 
-    def advance_with(self, program: Program, begin: int, end: int, fed: Array | None = None) -> None:
-        """Moves the runs of the first groups, as many as the program has, with another program than their own."""
-        groups = len(program.done)
+    def advance_with(
+        self,
+        program: Program,
+        begin: int,
+        end: int,
+        *,
+        first: int = 0,
+        fed: Array | None = None,
+        log: Array | None = None,
+    ) -> None:
+        """Moves the runs of some groups, from ``first`` on as many as the program has, with another program than their
+        own. ``log`` (groups, end − begin, n, L) gets what they log."""
+        groups = slice(first, first + len(program.done))
         made = loop_of(self.kind._replace(added=self._adds(fed)), self.spec.logged, self.build)
         given: dict[str, Any] = {}
         if self.rings is not None and self.ring_length is not None:
-            given = {"rings": self.rings[:groups], "ring_length": self.ring_length[:groups]}
-        made.loop(begin, end, self.rows[:groups], self.uniform, program=program, fed=fed, **given)
+            given = {"rings": self.rings[groups], "ring_length": self.ring_length[groups]}
+        if log is not None:
+            given |= {"log": log, "every": 1, "log_begin": begin}
+        made.loop(begin, end, self.rows[groups], self.uniform, program=program, fed=fed, **given)
 
     def _adds(self, fed: Array | None) -> bool:
         """Whether what is fed has something that is added to the source."""

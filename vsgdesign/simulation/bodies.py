@@ -52,8 +52,13 @@ class Kind(NamedTuple):
     """Whether the source has more than its fundamental."""
     ramped: bool = False
     """Whether the loop itself moves the source on a ramp."""
+    waves: int = 0
+    """So many components of the source turn in the loop itself (:class:`vsgdesign.simulation.segments.Waves`)."""
     watch: str = ""
     """What is watched: STEP, MEAN_STEP, DISTURBANCE or nothing."""
+    own_rest: bool = False
+    """Whether it is judged by the rest to which it comes, which is known at its end alone: the means of its powers are
+    logged until then."""
     second_inductor: bool = True
     """Of the filter; it decides where the watched power of a step is."""
     cut: tuple[str, ...] = ()
@@ -111,6 +116,8 @@ def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], .
     own = kind.names(ControllerState, "state")
     found += [(name, after.get(name, name.replace("state.", "following.", 1))) for name in own]
     found += [("limited", "limited_samples"), *((f"source.{part}", f"turned.{part}") for part in ("cosine", "sine"))]
+    for wave in wave_names(kind):
+        found += [(f"{wave}.phasor.{part}", f"{wave}.turned.{part}") for part in ("cosine", "sine")]
     if kind.bridge.delayed:
         found += [(f"pending.{axis}", f"said.v_b_{axis}") for axis in ("alpha", "beta")]
     if kind.sensors:
@@ -148,7 +155,34 @@ def control(kind: Kind) -> Block:
     else:
         parts += [Part(own), Part(headed(flat_block(sample.kept_angle)), {"theta": "following.theta"})]
     parts.append(Part(headed(flat_block(sample.source_voltage_with if kind.added else sample.source_voltage))))
+    for wave in wave_names(kind):
+        own = {f"source.{part}": f"{wave}.phasor.{part}" for part in ("cosine", "sine")}
+        heads = {"v_g_alpha": f"{wave}.alpha", "v_g_beta": f"{wave}.beta"}
+        parts.append(Part(headed(flat_block(sample.source_voltage), **heads), own | {"V_g": f"{wave}.V"}))
+        parts += [Part(_sum(f"v_g_{axis}", f"{wave}.{axis}", "+", f"v_g_{axis}")) for axis in ("alpha", "beta")]
     return joined(*parts)
+
+
+def wave_names(kind: Kind) -> list[str]:
+    """Those of the source's components that turn in the loop."""
+    return [f"wave_{number}" for number in range(kind.waves)]
+
+
+WAVE_ROW = PlantRow._fields[PlantRow._fields.index("re1") :]
+"""What a component of the source adds over an interval, and its turn."""
+
+
+def _waves(kind: Kind) -> list[Part]:
+    """What the source's components add to the states over an interval, and where they are at its end."""
+    added, turned = flat_block(circuit_sample.moved_by_source), flat_block(circuit_sample.turned_source)
+    parts = []
+    for wave in wave_names(kind):
+        own = {f"row.{name}": f"{wave}.row.{name}" for name in WAVE_ROW}
+        own |= {f"source.{part}": f"{wave}.phasor.{part}" for part in ("cosine", "sine")}
+        before = {f"x.{state}": f"moved.{state}" for state in kind.states}
+        parts.append(Part(headed(added, plant_state="moved"), own | before))
+        parts.append(Part(headed(turned, turned=f"{wave}.turned"), own))
+    return parts
 
 
 @functools.cache
@@ -174,7 +208,7 @@ def plant(kind: Kind, slope: str = "") -> Block:
     else:
         fixed["rising"] = slope == RISING
         parts.append(Part(headed(flat_block(circuit_sample.switched_plant, fixed=fixed)), applied | row))
-    return joined(*parts, *_added(kind))
+    return joined(*parts, *_waves(kind), *_added(kind))
 
 
 def products(kind: Kind) -> tuple[Product, ...]:
@@ -190,6 +224,7 @@ def products(kind: Kind) -> tuple[Product, ...]:
 def piece_names(kind: Kind, number: int) -> dict[str, str]:
     """What a later piece of an interval has for itself: the names of a whole interval, and those of the piece."""
     own = [*row_names(kind), *names_of(CarrierPart, "part"), *(f"more.{name}" for name in kind.states if kind.added)]
+    own += [f"{wave}.row.{name}" for wave in wave_names(kind) for name in WAVE_ROW]
     return {name: f"piece_{number}.{name}" for name in own}
 
 
@@ -243,7 +278,10 @@ def watch(kind: Kind) -> Block | None:
         return None
     if kind.watch != DISTURBANCE:
         own = flat_block(watched_sample.watched_step if kind.watch == STEP else watched_sample.watched_mean_step)
-        if not kind.second_inductor:  # the PCC is the capacitor node
+        if not kind.second_inductor and kind.sensors:  # the PCC is the capacitor node
+            at_node = Part(headed(flat_block(watched_sample.power_at_node), P="P_pcc", Q="Q_pcc"))
+            return joined(at_node, Part(headed(own)))
+        if not kind.second_inductor:
             return joined(Part(headed(own), {"P_pcc": "said.P", "Q_pcc": "said.Q"}))
         at_pcc = flat_block(watched_sample.power_at_pcc)
         return joined(Part(headed(at_pcc, P="P_pcc", Q="Q_pcc"), {"circuit.R_c": "R_c"}), Part(headed(own)))

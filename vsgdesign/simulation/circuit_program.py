@@ -22,7 +22,7 @@ from vsgdesign.simulation.axes import FALLING, PEAK, RISING
 from vsgdesign.simulation.bodies import LARGEST_DEGREE, Kind
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.loop import carrier_part
-from vsgdesign.simulation.segments import Segments, last_before
+from vsgdesign.simulation.segments import Segments, Waves, last_before
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -36,6 +36,15 @@ RAMP_DRIFT = 1e-4
 out is of third order, 2e-13 of the source."""
 
 
+class _Part(NamedTuple):
+    """A part of the source over an interval: its fundamental, or a component."""
+
+    added: NDArray[Any]
+    """What it adds for its phasor at the beginning as a unit: complex (n, S), or real (n, S, 2)."""
+    turn: Array
+    """By how much it turns, rad (n,)."""
+
+
 class _Interval(NamedTuple):
     """One interval of n runs whose circuits have S states: for one axis where both are alike, else for both."""
 
@@ -43,14 +52,17 @@ class _Interval(NamedTuple):
     """(n, S, S)."""
     bridge: Array
     """(n, S), or (n, S, 2) for both axes."""
-    source: NDArray[Any]
-    """What the source adds for its phasor at the beginning as a unit: complex (n, S), or real (n, S, 2)."""
-    turn: Array
-    """By how much the source turns, rad (n,)."""
+    source: tuple[_Part, ...]
+    """The fundamental, then the components that turn in the loop."""
     edge: Array
     """(n, m): the numbers of the edge polynomials; none of an averaged bridge."""
     V_g: Array
     """Amplitude of the source that is in it, V peak (n,)."""
+
+    def turned(self, angles: Array) -> _Interval:
+        """With the source turned by more: (parts, n), rad."""
+        more = zip(self.source, angles, strict=True)
+        return self._replace(source=tuple(part._replace(turn=part.turn + angle) for part, angle in more))
 
 
 class CutSample(NamedTuple):
@@ -81,11 +93,14 @@ class CircuitProgram:
         writer: ProgramWriter,
         segments: Segments,
         circuits: Circuits | None = None,
+        waves: Waves | None = None,
     ) -> None:
-        """``spans``: where the numbers of the runs stand."""
+        """``spans``: where the numbers of the runs stand. ``waves``: what the sources have besides their fundamental,
+        without ramps and with equal axes."""
         self.cut: list[CutSample] = []
         self._study, self._spans, self._writer, self._slopes = study, spans, writer, kind.bridge.slopes
         self._circuits, self._segments, self._T_s = circuits, segments, study.converter.T_s
+        self._waves = waves
         self._switched, self._ramped, self._axes = bool(kind.bridge.slopes), kind.ramped, kind.axes
         if self._axes is not None:
             rows = range(self._axes.states)
@@ -138,29 +153,33 @@ class CircuitProgram:
         before = last_before(every, starts[0].t_s).at(at * T_s)
         pieces = [before, *starts]
         instants = [at * T_s, *(one.t_s for one in starts), (at + 1) * T_s]
-        found, turned = [], np.zeros(len(lanes))
+        found = []
         for piece, start, end in zip(pieces, instants[:-1], instants[1:], strict=True):
-            one = self._interval(piece, np.asarray(end - start, dtype=np.float64))
-            # The source's phasor at the beginning of the piece, over the one at the sample.
-            turned = piece.phase - before.phase
-            found.append(one._replace(source=_turned(one.source, turned)))
-        turn = turned + found[-1].turn
+            one = self._interval(lanes, piece, np.asarray(end - start, dtype=np.float64))
+            # The source's phasors at the beginning of the piece, over those at the sample.
+            angles = self._orders(lanes) * (piece.phase - before.phase)
+            behind = (part._replace(added=_turned(part.added, a)) for part, a in zip(one.source, angles, strict=True))
+            found.append(one._replace(source=tuple(behind)).turned(angles))
         if self._switched:
-            self._note_cut(lanes, at, [found[0]._replace(turn=turn), *found[1:]], instants)
+            ends = zip(found[0].source, found[-1].source, strict=True)
+            whole = tuple(_Part(one.added, last.turn) for one, last in ends)
+            self._note_cut(lanes, at, [found[0]._replace(source=whole), *found[1:]], instants)
             return
         joint = found[0]
         for other in found[1:]:
             joint = _Interval(
                 transition=other.transition @ joint.transition,
                 bridge=_product(other.transition, joint.bridge) + other.bridge,
-                source=_product(other.transition, joint.source) + other.source,
-                turn=turn,
+                source=tuple(
+                    _Part(_product(other.transition, before.added) + part.added, part.turn)
+                    for before, part in zip(joint.source, other.source, strict=True)
+                ),
                 edge=other.edge,
                 V_g=joint.V_g,
             )
         self._put(lanes, at, joint)
         if self._ramped:  # the responses have the whole source in them
-            self._write(lanes, at, "ramp_of", _held_ramp(joint.source))
+            self._write(lanes, at, "ramp_of", _held_ramp(joint.source[0].added))
             self._write(lanes, at, "ramp", np.column_stack([np.ones(len(lanes)), np.zeros(len(lanes))]))
 
     def _note_cut(self, lanes: NDArray[np.intp], at: Index, pieces: list[_Interval], instants: list[Array]) -> None:
@@ -175,12 +194,13 @@ class CircuitProgram:
             values: dict[str, Array] = {}
             for number, (piece, part) in enumerate(zip(pieces, parts, strict=True)):
                 head = f"piece_{number}." if number else ""
-                values |= {f"{head}row": self._row(piece)[k], f"{head}part": part[k], f"{head}edge": piece.edge[k]}
+                values |= {f"{head}{name}": rows[k] for name, rows in self._rows(piece).items()}
+                values |= {f"{head}part": part[k], f"{head}edge": piece.edge[k]}
                 low, high = part[k, 0], part[k, 1]
                 slopes.append(slope if slope != PEAK or low < 0.5 < high else FALLING if low >= 0.5 else RISING)
-            values["of.turn"] = pieces[0].turn[k : k + 1]
+            values["of.turn"] = pieces[0].source[0].turn[k : k + 1]
             if self._ramped:
-                values["ramp_of"] = _held_ramp(pieces[0].source[k : k + 1])[0]
+                values["ramp_of"] = _held_ramp(pieces[0].source[0].added[k : k + 1])[0]
                 values["ramp"] = np.array([1.0, 0.0])
             self.cut.append(CutSample(lane, int(at[k]), tuple(slopes), values))
 
@@ -191,8 +211,8 @@ class CircuitProgram:
         some = np.flatnonzero(jump != 0.0)
         if some.size:
             early = before.take(some).at((at[some] - 1) * self._T_s)
-            interval = self._interval(early, self._T_s)
-            self._put(lanes[some], at[some] - 1, interval._replace(turn=interval.turn + jump[some]))
+            interval = self._interval(lanes[some], early, self._T_s)
+            self._put(lanes[some], at[some] - 1, interval.turned(self._orders(lanes[some]) * jump[some]))
 
     def _whole(self, lanes: NDArray[np.intp], at: Index, source: Segments, until_s: Array | float) -> None:
         """Whole intervals from a sample on, and on a ramp of the frequency again and again until ``until_s``."""
@@ -213,9 +233,10 @@ class CircuitProgram:
 
     def _put_whole(self, lanes: NDArray[np.intp], at: Index, source: Segments) -> None:
         """The same interval from a sample on. On a ramp its slopes come with its responses."""
-        interval = self._interval(source, self._T_s)
+        interval = self._interval(lanes, source, self._T_s)
         if self._ramped:
-            self._put(lanes, at, interval._replace(turn=source.omega * self._T_s))
+            whole = interval.source[0]._replace(turn=source.omega * self._T_s)
+            self._put(lanes, at, interval._replace(source=(whole,)))
             self._put_ramp(lanes, at, source)
         else:
             self._put(lanes, at, interval)
@@ -229,10 +250,11 @@ class CircuitProgram:
         self._write(lanes, at, "ramp", np.column_stack([rms_to_peak(source.V_g_rms), np.zeros(len(lanes))]))
 
     def _put(self, lanes: NDArray[np.intp], at: Index, interval: _Interval) -> None:
-        self._write(lanes, at, "row", self._row(interval))
+        for name, rows in self._rows(interval).items():
+            self._write(lanes, at, name, rows)
         self._write(lanes, at, "V_g", interval.V_g)
         self._write(lanes, at, "edge", interval.edge)
-        self._write(lanes, at, "of.turn", interval.turn)
+        self._write(lanes, at, "of.turn", interval.source[0].turn)
 
     def _write(self, lanes: NDArray[np.intp], at: Index, name: str, values: Array) -> None:
         """Before a sample, a record or a number takes values; nothing happens where the runs have none of this name."""
@@ -244,8 +266,13 @@ class CircuitProgram:
             return plant_steps(self._study, source.R_g, source.L_g, h, source.omega, edges=self._switched)
         return self._circuits.steps(source.place, np.broadcast_to(h, source.omega.shape), source.omega)
 
-    def _interval(self, source: Segments, h: Array | float) -> _Interval:
-        """An interval of length h (s) that begins with the segment given."""
+    def _orders(self, lanes: NDArray[np.intp]) -> Array:
+        """How often each part of the source turns with its fundamental, (parts, n)."""
+        orders = np.ones((1, len(lanes)))
+        return orders if self._waves is None else np.concatenate([orders, self._waves.order[lanes].T])
+
+    def _interval(self, lanes: NDArray[np.intp], source: Segments, h: Array | float) -> _Interval:
+        """An interval of length h (s) that begins with the segments given, which are those of the lanes."""
         if self._circuits is not None:  # a source on a ramp is added from outside
             steady = (source.V_slope == 0.0) & (source.omega_slope == 0.0)
             source = source._replace(
@@ -264,19 +291,30 @@ class CircuitProgram:
         else:
             added = steps.source[:, 0] * V[:, None, None]
         edge = self._edges(steps) if self._switched else np.empty((len(added), 0))
-        return _Interval(steps.transition, steps.bridge, added, turn, edge, V)
+        parts = [_Part(added, turn)]
+        if self._waves is not None:
+            for order, size in zip(self._waves.order[lanes].T, self._waves.size[lanes].T, strict=True):
+                of_wave = plant_steps(self._study, source.R_g, source.L_g, h, order * source.omega).source[:, 0]
+                parts.append(_Part(size[:, None] * of_wave, order * source.omega * h))
+        return _Interval(steps.transition, steps.bridge, tuple(parts), edge, V)
 
-    def _row(self, interval: _Interval) -> Array:
-        """Values of :class:`vsgdesign.simulation.circuit_sample.PlantRow`, (n, 20), or those of two axes."""
-        count, turn = len(interval.turn), np.array([(math.cos(a), math.sin(a)) for a in interval.turn.tolist()])
+    def _rows(self, interval: _Interval) -> dict[str, Array]:
+        """Values of :class:`vsgdesign.simulation.circuit_sample.PlantRow`, (n, 20), or those of two axes, and the end
+        of such a row for each component of the source."""
+        count, sources = len(interval.V_g), [self._source_row(part) for part in interval.source]
         if self._axes is None:
-            source = [np.real(interval.source), np.imag(interval.source)]
-            return np.column_stack([interval.transition.reshape(count, -1), interval.bridge, *source, turn])
-        if self._by_columns:
+            acting = [interval.transition.reshape(count, -1), interval.bridge]
+        elif self._by_columns:
             acting = [interval.transition.swapaxes(1, 2).reshape(count, -1), interval.bridge[:, self._by_axis]]
         else:
             acting = [interval.transition[:, self._by_state], interval.bridge[:, self._by_axis]]
-        return np.column_stack([*acting, interval.source.reshape(count, -1), turn])
+        waves = {f"wave_{k}.row": row for k, row in enumerate(sources[1:])}
+        return {"row": np.column_stack([*acting, sources[0]]), **waves}
+
+    def _source_row(self, part: _Part) -> Array:
+        added, turn = part.added, np.array([(math.cos(a), math.sin(a)) for a in part.turn.tolist()])
+        both = [np.real(added), np.imag(added)] if self._axes is None else [added.reshape(len(added), -1)]
+        return np.column_stack([*both, turn])
 
     def _edges(self, steps: PlantSteps) -> Array:
         """Values of :class:`vsgdesign.simulation.circuit_sample.EdgeRow`, (n, 45): each state's coefficients, from the

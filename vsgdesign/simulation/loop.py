@@ -24,6 +24,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.simulation.axes import FALLING, PEAK, RISING, Axes
 from vsgdesign.simulation.bodies import (
     DISTURBANCE,
+    WAVE_ROW,
     Bridge,
     Kind,
     bodies,
@@ -32,6 +33,7 @@ from vsgdesign.simulation.bodies import (
     piece_names,
     products,
     row_names,
+    wave_names,
 )
 from vsgdesign.simulation.circuit_sample import CarrierPart, carrier
 from vsgdesign.simulation.ramp_sample import RampRow
@@ -154,12 +156,11 @@ def spec_of(kind: Kind, logged: tuple[str, ...] = (), build: Build = ALONE) -> L
 
 
 def watched_names(kind: Kind) -> tuple[str, ...]:
-    """The numbers of what is watched. A switched bridge is judged by the rest that it comes to, which is known at the
-    end alone: its means are logged until then."""
+    """The numbers of what is watched."""
     if kind.watched is None:
         return ()
     unwatched: tuple[str, ...] = ("watch.late",)
-    if kind.bridge.slopes:
+    if kind.own_rest:
         unwatched = ("watch.entry.",) if kind.watch == DISTURBANCE else ("watch.most", "watch.entry.")
     return tuple(name for name in names_of(kind.watched[0], "watch") if not name.startswith(unwatched))
 
@@ -186,6 +187,7 @@ def log_names(kind: Kind, states_logged: bool = False) -> tuple[str, ...]:
 def _constant_names(kind: Kind) -> list[str]:
     """Inputs that every run has for itself and no sample moves."""
     found = [*row_names(kind), "V_g"]
+    found += [name for wave in wave_names(kind) for name in (*(f"{wave}.row.{one}" for one in WAVE_ROW), f"{wave}.V")]
     found += names_of(RampRow, "ramp_of") if kind.ramped else []
     found += [*names_of(References, "refs"), *names_of(PowerLoopGains, "power_gains"), *names_of(GridEstimate, "grid")]
     found += names_of(Sensors, "sensors") if kind.sensors else []

@@ -17,6 +17,25 @@ START_PHASE = -0.5 * math.pi
 """Angle of the source's space vector at t = 0, rad: that of every run (:func:`vsgdesign.simulation.timeline`)."""
 
 
+class Waves(NamedTuple):
+    """What the sources of many runs have besides their fundamental and turns with it: arrays (N, W)."""
+
+    order: Array
+    """How often it turns while the fundamental turns once; negative: backwards."""
+    size: Array
+    """V peak."""
+    phase: Array
+    """Where it is when the fundamental is at zero, rad."""
+
+    def at(self, phase: Array) -> Array:
+        """Where they are, rad (N, W), when the fundamental is at these angles (N,)."""
+        return self.order * phase[:, None] + self.phase
+
+    def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> Waves:
+        """Those of some runs."""
+        return Waves(*(values[chosen] for values in self))
+
+
 class Segments(NamedTuple):
     """What holds from an instant on: arrays (N, M) in ascending order of time, or (N,) of one instant each. Entries
     that are not used are at t = inf."""

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign.equations.controller_data import Measurement
 from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.simulation.circuit_sample import PlantState
@@ -150,6 +151,12 @@ def power_at_pcc(x: PlantState, v_g_alpha: Any, v_g_beta: Any, circuit: FilterGr
     v_alpha = pcc_voltage(x.i_s_alpha, x.v_c_alpha, x.i_g_alpha, v_g_alpha, circuit)
     v_beta = pcc_voltage(x.i_s_beta, x.v_c_beta, x.i_g_beta, v_g_beta, circuit)
     P, Q = instantaneous_power(v_alpha, v_beta, x.i_g_alpha, x.i_g_beta)
+    return P, Q
+
+
+def power_at_node(true: Measurement) -> Any:
+    """Powers at the capacitor node, W and var. Returns (P, Q)."""
+    P, Q = instantaneous_power(true.v_alpha, true.v_beta, true.i_g_alpha, true.i_g_beta)
     return P, Q
 
 

@@ -14,11 +14,27 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.alone import run_alone
+from vsgdesign.simulation.lanes.around import Around
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, REACTIVE, STEP, LaneCases, no_events
 from vsgdesign.simulation.lanes.learning import Learning
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+AROUND = """
+[background]
+level = "measured"
+frequency_wander = "0 Hz"
+frequency_deviation = "0 Hz"
+voltage_wander = 0
+voltage_deviation = 0
+phase_noise = "0 rad"
+voltage_noise = 0
+voltage_steps_per_minute = 0
+[sensors]
+level = "typical"
+"""
+"""The background that is measured, without what wanders, and usual sensors."""
 
 FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"\nsettling_time = 0.3', 1)
 TABLE = Ready(tables={"scheduled": table(time_scale=0.3, specification={"settling_time": 0.3})})
@@ -26,8 +42,8 @@ LAST_BITS = 1e-10
 """A batch compiles the scheduler; the logarithm and the like of machine code differ from NumPy's in the last bit."""
 
 
-def field_study(schedule: str, estimate: str = "field") -> tuple[Study, ControllerSpec]:
-    study = study_from_text(FIELD)
+def field_study(schedule: str, estimate: str = "field", text: str = FIELD) -> tuple[Study, ControllerSpec]:
+    study = study_from_text(text)
     spec = replace(study.controllers[0], schedule=schedule, estimate=estimate)
     return replace(study, controllers=(spec,)), spec
 
@@ -77,6 +93,23 @@ def test_lanes_are_single_runs(schedule: str, estimate: str, ready: Ready) -> No
     assert lanes.limited_s[3] > 0.01
     assert np.isfinite(lanes.overshoot[:2]).all()
     assert np.isfinite(lanes.swing_rad[2:]).all()
+
+
+def test_each_lane_has_a_background_and_sensors_of_its_own() -> None:
+    """Steps in distorted grids, measured by sensors with errors, noise and bits, each with a draw of its own."""
+    study, spec = field_study("closed_form", text=FIELD + AROUND)
+    drawn = cases().take(np.array([0, 1]))
+    around = Around.drawn(study, [5, 6])
+    V_g_rms, omega_g = around.sources(drawn.V_g_rms, drawn.omega_g)
+    drawn = replace(drawn, V_g_rms=V_g_rms, omega_g=omega_g, around=around.neutral)
+    alone, lanes = run_alone(study, spec, NOTHING, drawn), run_lanes(study, spec, NOTHING, drawn)
+    np.testing.assert_array_equal(lanes.status, alone.status)
+    for name in ("overshoot", "settling_s", "first_peak_pu", "peak_pu", "limited_s"):
+        one, other = getattr(alone, name), getattr(lanes, name)
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-9, err_msg=name)
+    assert abs(np.diff(lanes.peak_pu)[0]) > 1e-3
+    one_for_all = run_lanes(study, spec, NOTHING, cases().take(np.array([0, 1])))
+    assert (one_for_all.peak_pu != lanes.peak_pu).all()
 
 
 def random_answers(rng: np.random.Generator, count: int) -> FieldAnswer:

@@ -117,7 +117,7 @@ def many_steady_states(
     study: Study,
     lanes: Lanes,
     gains: PowerLoopGains,
-    phase: float = 0.0,
+    phase: Array | float = 0.0,
     *,
     free_of_limits: bool = False,
     circuit: TwoAxisCircuit | None = None,
@@ -216,7 +216,7 @@ def states_at(
     gains: PowerLoopGains,
     V: Array,
     delta: Array,
-    phase: float,
+    phase: Array | float,
     free_of_limits: bool,
     fault: NDArray[np.int64] | None = None,
 ) -> ManyStates:
@@ -232,7 +232,7 @@ def _states_of(
     gains: PowerLoopGains,
     V: Array,
     delta: Array,
-    phase: float,
+    phase: Array | float,
     free_of_limits: bool,
     fault: NDArray[np.int64] | None,
 ) -> ManyStates:

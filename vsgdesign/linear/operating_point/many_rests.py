@@ -50,7 +50,7 @@ def many_rests_with_measured_gains(
     study: Study,
     lanes: Lanes,
     gains_of: GainsOfMany,
-    phase: float = 0.0,
+    phase: Array | float = 0.0,
     *,
     free_of_limits: bool = False,
     circuit: TwoAxisCircuit | None = None,

@@ -29,7 +29,6 @@ from vsgdesign.simulation.scenario import derive_series, samples_per_mean
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import own_rest_of, record_of
 from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -62,17 +61,19 @@ def run_alone(
             results.status[k] = NO_REST
             continue
         of_case = replace(demand, cycle_s=int(cycle[k]) * own.converter.T_s)
-        _judge(one, run, cases, k, rests, of_case, results, switched=bridge == "pwm")
+        _judge(one, run, cases, k, rests, of_case, results, own_rest=bridge == "pwm" or one.has_components)
     return results
 
 
 def study_of_case(study: Study, cases: LaneCases, k: int, samples: int) -> Study:
-    """The study of one case: its start, its events, and a log of each of so many samples."""
-    T_s = study.converter.T_s
+    """The study of one case: its start, what is around it, its events, and a log of each of so many samples."""
+    T_s, around = study.converter.T_s, cases.around
     return replace(
         study,
         grid=Grid(float(cases.R_g[k]), float(cases.L_g[k])),
-        grid_source=GridSource(float(cases.V_g_rms[k]), float(cases.omega_g[k])),
+        grid_source=replace(study.grid_source, V_g_rms=float(cases.V_g_rms[k]), omega_g=float(cases.omega_g[k])),
+        background=None if around.backgrounds is None else around.backgrounds[k],
+        sensors=None if around.sensors is None else around.sensors[k],
         events=cases.events.events(k),
         simulation=replace(
             study.simulation,
@@ -94,7 +95,7 @@ def _judge(
     demand: SurvivalDemand,
     results: LaneResults,
     *,
-    switched: bool,
+    own_rest: bool,
 ) -> None:
     record = record_of(study, run)
     instants = [float(t_s) for t_s in cases.events.t_s[k] if math.isfinite(t_s)]
@@ -107,11 +108,11 @@ def _judge(
         if record.diverged:
             _diverged(results, k, True)
         else:
-            cycle_at_end = round(demand.cycle_s / T_s) if switched else None
+            cycle_at_end = round(demand.cycle_s / T_s) if own_rest else None
             _judge_step(study, run, cases, k, rests, results, cycle_at_end)
         return
     rest = ExpectedRest(P=rests.P_end[k], Q=rests.Q_end[k], delta=rests.delta_end[k], i_s_pu=0.0)
-    if switched:
+    if own_rest:
         rest = own_rest_of(rest, record, demand)
     verdict = judge_survival(record, instants, float(cases.cleared_s[k]), rest, demand)
     results.status[k] = JUDGED if verdict.survived else STATUSES.index(verdict.status)
@@ -128,7 +129,7 @@ def _judge_step(
     results: LaneResults,
     cycle_at_end: int | None,
 ) -> None:
-    """``cycle_at_end``: samples of a cycle of the grid, with a switched bridge; None with an averaged one."""
+    """``cycle_at_end``: samples of a cycle of the grid, where it is judged by its own rest; else None."""
     active = cases.signal[k] == ACTIVE
     series = derive_series(study, run)["P_pcc" if active else "Q_pcc"]
     t_s = float(cases.events.t_s[k, 0])

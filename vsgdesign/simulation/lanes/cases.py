@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import References
 from vsgdesign.linear.operating_point.many import Lanes
-from vsgdesign.simulation.segments import START_PHASE, Segments
+from vsgdesign.simulation.lanes.around import NOTHING, Around
+from vsgdesign.simulation.segments import Segments
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
@@ -94,7 +96,7 @@ class LaneEvents:
 
 @dataclass(frozen=True, kw_only=True)
 class LaneCases:
-    """N runs that begin at rest. Arrays (N,), SI; the source begins at the phase of every run, −90°."""
+    """N runs that begin at rest. Arrays (N,), SI; the source begins at −90° and the phase of its background."""
 
     R_g: Array
     L_g: Array
@@ -117,6 +119,8 @@ class LaneCases:
     """STEP or DISTURBANCE."""
     signal: Kinds
     """ACTIVE or REACTIVE, of a step."""
+    around: Around = NOTHING
+    """Backgrounds and sensors."""
 
     def __len__(self) -> int:
         return len(self.R_g)
@@ -140,9 +144,19 @@ class LaneCases:
     def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> LaneCases:
         """Some of the cases, by index or by mask."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
-        events = parts.pop("events")
-        some = {f.name: getattr(events, f.name)[chosen] for f in fields(events)}
-        return LaneCases(events=LaneEvents(**some), **{name: values[chosen] for name, values in parts.items()})
+        events, around = parts.pop("events"), parts.pop("around").take(chosen)
+        some = LaneEvents(**{f.name: getattr(events, f.name)[chosen] for f in fields(events)})
+        return LaneCases(events=some, around=around, **{name: values[chosen] for name, values in parts.items()})
+
+    def in_study(self, study: Study) -> LaneCases:
+        """The cases in the background and with the sensors of a study, where they have none of their own."""
+        if self.around != NOTHING or (study.background is None and study.sensors is None):
+            return self
+        around = Around.of(study, len(self))
+        V_g_rms, omega_g = around.sources(self.V_g_rms, self.omega_g)
+        per_event = around.sources(self.events.V_g_rms.T, self.events.omega_g.T)
+        events = replace(self.events, V_g_rms=per_event[0].T, omega_g=per_event[1].T)
+        return replace(self, V_g_rms=V_g_rms, omega_g=omega_g, events=events, around=around.neutral)
 
     def later(self, by_s: float) -> LaneCases:
         """The same cases with everything that happens later by a time."""
@@ -180,7 +194,7 @@ def segments_of(cases: LaneCases) -> Segments:
         V_slope=np.zeros(count),
         omega=cases.omega_g.astype(float),
         omega_slope=np.zeros(count),
-        phase=np.full(count, START_PHASE),
+        phase=np.full(count, cases.around.phase),
         place=np.zeros(count, dtype=np.int64),
     )
     found = [present]

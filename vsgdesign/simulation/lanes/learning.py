@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.codegen.llvm import Program, best_lanes, compiled_loop, empty_rows
+from vsgdesign.codegen.llvm import Program, aligned_zeros, best_lanes, compiled_loop, empty_rows
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.field import FieldAnswer, first_lock_in, first_track
 from vsgdesign.equations.integration import TURN
@@ -31,12 +31,14 @@ from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults
 from vsgdesign.simulation.lanes.speaking import ManyNetworks
 from vsgdesign.simulation.scenario import mean_cycles
-from vsgdesign.simulation.segments import START_PHASE
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
 
+
+_GROUPS = 4
+"""Groups that are moved at once where they are given noise or log something."""
 
 _TIE = 1e-6
 """Share of a sample by which the end of a cycle lies beside it at least, where rounding cannot decide."""
@@ -129,11 +131,12 @@ def before_learning(
     """Where the cases rest at the start, with the gains of a controller that knows nothing. Cases without such a rest
     are marked."""
     learning = Learning(study, spec, ready, len(cases))
-    start, gains = many_rests_with_measured_gains(study, cases.at_start, learning.first, phase=START_PHASE)
+    phase = cases.around.phase
+    start, gains = many_rests_with_measured_gains(study, cases.at_start, learning.first, phase=phase)
     learning.start_with(gains)
     without = (results.status == JUDGED) & (start.fault > 0)
     results.status[without], results.fault[without] = NO_REST, start.fault[without]
-    return replace(rests, start=start, delta_start=start.controller.theta - START_PHASE), learning
+    return replace(rests, start=start, delta_start=start.controller.theta - phase), learning
 
 
 def samples_of_mean(study: Study) -> int:
@@ -164,6 +167,7 @@ class Listeners:
         """The sample at which each lane is."""
         self._begun = 0
         """Samples of the loop so far."""
+        self._logged = np.zeros((0, 0, 0, 0))
         program = part.program
         count = np.diff(program.first)
         self._lane = np.repeat(np.arange(groups), count) * width + program.lane
@@ -186,10 +190,10 @@ class Listeners:
         lanes = slice(0, groups * width)
         rows, lock = part.rows[:groups], self._rows[:groups, : self._lock.stop - self._lock.start]
         counts = self._samples_to_the_end(rows)
-        longest, begun = int(counts.max()), self._begun
+        longest = int(counts.max())
         with interrupts_deferred():
-            part.advance_with(self._program(groups, counts), begun, begun + longest)
-        self._begun = begun + longest
+            self._move(groups, counts)
+        self._begun += longest
         self._samples[lanes] += counts
         self._follow_rings(groups, longest - counts)
         lock[:] = rows[:, self._lock]
@@ -199,6 +203,48 @@ class Listeners:
         if self._networks is not None:
             said = self._networks.behind(said)
         self._answer(FieldAnswer(*(said[:, k].reshape(-1) for k in range(len(FieldAnswer._fields)))))
+
+    def _move(self, groups: int, counts: Samples) -> None:
+        """Moves the lanes of the first groups through their next samples. What they are given and what they log is kept
+        for a few groups at once, so that it stays in the cache."""
+        part, program, begun = self._part, self._program(groups, counts), self._begun
+        longest, each = int(counts.max()), groups
+        if part.sensors is not None or part.means is not None:
+            each = _GROUPS
+        for first in range(0, groups, each):
+            count = min(each, groups - first)
+            own = replace(program, first=program.first[first : first + count + 1], done=program.done[first:][:count])
+            fed = None if part.sensors is None else part.sensors.noise(self._samples, counts, first, count)
+            log = self._means_of(first, count, counts)
+            part.advance_with(own, begun, begun + longest, first=first, fed=fed, log=log)
+            if log is not None:
+                self._keep(log, first, counts)
+
+    def _means_of(self, first: int, groups: int, counts: Samples) -> Array | None:
+        """Room for what is logged of some groups; None: nothing is."""
+        means, width = self._part.means, self._part.rows.shape[2]
+        lanes = slice(first * width, (first + groups) * width)
+        if means is None or int((self._samples[lanes] + counts[lanes]).max()) <= means.begin:
+            return None
+        most = int(counts.max())
+        if self._logged.shape[1] < most:
+            self._logged = aligned_zeros((_GROUPS, most, len(means.names), width))
+        return self._logged[:groups, :most]
+
+    def _keep(self, log: Array, first: int, counts: Samples) -> None:
+        """Puts what some groups have logged where each lane keeps its own samples."""
+        part, width = self._part, self._part.rows.shape[2]
+        means = part.means
+        if means is None:
+            return
+        for lane in range(first * width, min(first * width + log.shape[0] * width, len(part))):
+            group, at = divmod(lane, width)
+            begin = int(self._samples[lane]) - means.begin
+            late = max(-begin, 0)
+            kept = log[group - first, late : counts[lane], :, at]
+            slot = begin + late
+            room = means.rows[group, slot : slot + len(kept), :, at]
+            room[:] = kept[: len(room)]
 
     def _samples_to_the_end(self, rows: Array) -> Samples:
         """In how many samples the cycle of each lane ends."""

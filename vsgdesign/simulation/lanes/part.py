@@ -20,9 +20,10 @@ from vsgdesign.simulation.bodies import DISTURBANCE, MEAN_STEP, Kind
 from vsgdesign.simulation.bodies import STEP as STEP_WATCHED
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, ProgramWriter
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of
+from vsgdesign.simulation.lanes.phasors import put_phasors, take_up_phasors
 from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
+from vsgdesign.simulation.lanes.sensors import FED_SAMPLES, LaneSensors
 from vsgdesign.simulation.loop import Build, kind_of, side_by_side, watched_names
-from vsgdesign.simulation.segments import START_PHASE
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -49,8 +50,8 @@ class Part(Batch):
     ) -> None:
         """``cases`` (n) run for ``ends`` samples (n,), and ``index`` (n,) says which of the batch they are; ``cycle``:
         samples over which means are taken."""
-        switched = bool(kind.bridge.slopes)
-        logged = (("watched.sum_P", "watched.sum_Q") if kind.watch == DISTURBANCE else ("watched.mean",)) * switched
+        means = ("watched.sum_P", "watched.sum_Q") if kind.watch == DISTURBANCE else ("watched.mean",)
+        logged = means if kind.own_rest else ()
         kept = {"watch": len(watched_names(kind)), "limited": 1, "late": 1, "initial": 1, "limited_at_end": 1}
         kept |= dict.fromkeys(("first", "least", "most"), cases.events.count)
         super().__init__(kind, study, len(cases), build, logged=logged, kept=kept, shared=shared)
@@ -60,7 +61,13 @@ class Part(Batch):
         if logged:
             groups, _, width = self.rows.shape
             begin = int(first_judged(cases, study.converter.T_s).min())
-            self.log(Log(aligned_zeros((groups, self.end - begin, len(logged), width)), logged, begin=begin))
+            slots = self.end - begin
+            if kind.waits:  # each lane logs samples of its own, one after the other
+                rows = np.zeros((groups, width, len(logged), slots)).transpose(0, 3, 2, 1)
+            else:
+                rows = aligned_zeros((groups, slots, len(logged), width))
+            self.log(Log(rows, logged, begin=begin))
+        self.sensors: LaneSensors | None = None
 
     @property
     def end(self) -> int:
@@ -69,14 +76,19 @@ class Part(Batch):
 
     @property
     def means(self) -> Log | None:
-        """Of a switched bridge, the means that are judged, or their sums."""
+        """Where a rest of its own is judged, the means of the powers, or their sums."""
         return self.logs[0] if self.logs else None
 
     def run(self, begin: int, end: int) -> None:
         """Runs the samples from ``begin`` up to before ``end`` of every group that is not over."""
-        active = -(-int((self.ends + 1 > begin).sum()) // self.spec.width)
-        if active:
-            self.advance(begin, min(end, self.end), groups=active)
+        active, end = -(-int((self.ends + 1 > begin).sum()) // self.spec.width), min(end, self.end)
+        if active and self.sensors is None:
+            self.advance(begin, end, groups=active)
+        elif active and self.sensors is not None:
+            for at in range(begin, end, FED_SAMPLES):
+                until = min(at + FED_SAMPLES, end)
+                whole = np.full(len(self), at), np.full(len(self), until - at)
+                self.advance(at, until, self.sensors.noise(*whole, 0, active), active)
 
     def watched(self, name: str) -> Array:
         """What was watched up to the end of every run, (n,)."""
@@ -123,9 +135,12 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     """
     order = np.argsort(-ends, kind="stable")
     cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
-    watch = (MEAN_STEP if listening or bridge == "pwm" else STEP_WATCHED) if step else DISTURBANCE
-    kind = kind_of(study, switched=bridge == "pwm")
-    kind = kind._replace(ramped=ramped, watch=watch, field=listening, waits=listening)
+    waves, sensors = cases.around.waves(study, len(cases)), cases.around.act
+    own_rest = bridge == "pwm" or waves is not None
+    watch = (MEAN_STEP if listening or own_rest else STEP_WATCHED) if step else DISTURBANCE
+    kind = kind_of(study, switched=bridge == "pwm")._replace(ramped=ramped, watch=watch, own_rest=own_rest)
+    kind = kind._replace(sensors=sensors, field=listening, waits=listening)
+    kind = kind if waves is None else kind._replace(waves=waves.order.shape[1])
     c = study.converter
     limit = c.I_rated_pk * (demand.i_max_pu if demand.i_max_pu is not None else 1e6)
     cycle = max(round(demand.cycle_s / c.T_s), 1)
@@ -140,8 +155,13 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     segments, writer = segments_of(cases), ProgramWriter()
     part.cycle_at_end[:] = cycles_at_end(study, segments)
     _rest(part, cases, rests)
-    circuit = CircuitProgram(study, kind, part.spans, writer, segments)
+    put_phasors(part, np.full(len(part), cases.around.phase), waves)
+    if sensors:
+        part.sensors = LaneSensors(part, cases.around.sensors or (), np.array(rests.start.plant), cases.omega_g)
+    circuit = CircuitProgram(study, kind, part.spans, writer, segments, waves=waves)
     circuit.write()
+    if waves is not None or sensors:
+        take_up_phasors(part, writer, cases, segments, waves, part.end)
     _references(part, writer, cases)
     (_watch_step if step else _watch_disturbance)(part, writer, cases, rests)
     lanes, watched = np.arange(len(cases)), part.span("watch")
@@ -180,8 +200,6 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
     if part.kind.bridge.delayed:
         for row, values in enumerate(start.pending):
             part.put(part.span("pending").start + row, values)
-    part.put("source.cosine", np.full(len(part), math.cos(START_PHASE)))
-    part.put("source.sine", np.full(len(part), math.sin(START_PHASE)))
     if "watch.entry.last_out" in place:
         part.put("watch.entry.last_out", np.full(len(part), -1.0))
     nominal = part.study.converter.references()

@@ -25,7 +25,7 @@ from vsgdesign.metrics.survival import REST_SHARE, WATCHED, SurvivalDemand
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.telling import GainsAtRest
-from vsgdesign.simulation.segments import START_PHASE, Segments
+from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import settling_times_asked
 from vsgdesign.study.parameters.study import Study
 
@@ -78,12 +78,13 @@ def rests_of(
     """Where every case rests before and after, with the gains at the start; cases without one are marked."""
     last = last_of(segments)
     at_end = Lanes(last.R_g, last.L_g, last.V_g_rms, last.omega, *cases.references_at_end(study.converter.references()))
-    start, gains = many_rests_with_measured_gains(study, cases.at_start, told.first, phase=START_PHASE)
+    phase = cases.around.phase
+    start, gains = many_rests_with_measured_gains(study, cases.at_start, told.first, phase=phase)
     end, _ = many_rests_with_measured_gains(study, at_end, told.known_at_end(), phase=0.0)
     step = cases.kind == STEP
     at_pcc = [
         _powers_at_pcc(study, state, grid.R_g, grid.L_g, grid.V_g_rms, phase)
-        for state, grid, phase in ((start, segments.column(0), START_PHASE), (end, last, 0.0))
+        for state, grid, phase in ((start, segments.column(0), phase), (end, last, 0.0))
     ]
     rests = Rests(
         start=start,
@@ -91,7 +92,7 @@ def rests_of(
         Q_start=np.where(step, at_pcc[0][1], start.Q),
         P_end=np.where(step, at_pcc[1][0], end.P),
         Q_end=np.where(step, at_pcc[1][1], end.Q),
-        delta_start=start.controller.theta - START_PHASE,
+        delta_start=start.controller.theta - phase,
         delta_end=end.controller.theta,
     )
     fault = np.where(start.fault > 0, start.fault, end.fault)
@@ -114,14 +115,14 @@ def last_of(segments: Segments) -> Segments:
 
 
 def _powers_at_pcc(
-    study: Study, state: ManyStates, R_g: Array, L_g: Array, V_g_rms: Array, phase: float
+    study: Study, state: ManyStates, R_g: Array, L_g: Array, V_g_rms: Array, phase: Array | float
 ) -> tuple[Array, Array]:
     """P (W) and Q (var) at the PCC in a steady state."""
     x = state.plant
     v_g = rms_to_peak(V_g_rms)
     circuit = study.circuit()._replace(R_g=R_g, L_g=L_g)
-    alpha = pcc_voltage(x[0], x[2], x[4], v_g * math.cos(phase), circuit)
-    beta = pcc_voltage(x[1], x[3], x[5], v_g * math.sin(phase), circuit)
+    alpha = pcc_voltage(x[0], x[2], x[4], v_g * np.cos(phase), circuit)
+    beta = pcc_voltage(x[1], x[3], x[5], v_g * np.sin(phase), circuit)
     return instantaneous_power(alpha, beta, x[4], x[5])
 
 
@@ -139,6 +140,6 @@ def ends_of(
     cycle_s, cycle = 2.0 * math.pi / last_of(segments).omega, cycles_at_end(study, segments)
     times = settling_times_asked(cases.silent_s, T)
     needed = times * T + demand.grace_s + WATCHED * T + 2.0 * cycle_s
-    window = SWITCHED_WINDOW if bridge == "pwm" else STEP_WINDOW
+    window = SWITCHED_WINDOW if bridge == "pwm" or cases.around.distort(study) else STEP_WINDOW
     end_s = np.where(cases.kind == STEP, cases.events.t_s[:, 0] + window * T, cases.cleared_s + needed)
     return np.ceil(end_s / T_s - 1e-6).astype(np.int64), cycle

@@ -58,16 +58,17 @@ def run_lanes(
     """Runs every case with a controller of the study, and judges it.
 
     Events of a case are at least 5 ms apart. ``strict``: every operation rounds by itself, so that the results are the
-    same bits on every machine. A controller that estimates its grid in every sample runs its cases one by one
-    (:func:`vsgdesign.simulation.lanes.alone.run_alone`). Raises InfeasibleStudyError where the study cannot be run in a
-    batch: a load, a fault or an open breaker at the start; a background, sensors, a recorded source or components of
-    the source; a switched bridge whose intervals do not lie on one slope of the carrier.
+    same bits on every machine. A controller that estimates its grid in every sample runs its cases one by one with a
+    switched bridge (:func:`vsgdesign.simulation.lanes.alone.run_alone`). Cases without a background and sensors of
+    their own have those of the study. Raises InfeasibleStudyError where the study cannot be run in a batch: a load, a
+    fault or an open breaker at the start; a source that is recorded or wanders; a disturbance beside a background or
+    sensors; a switched bridge whose intervals do not lie on one slope of the carrier.
     """
-    own = study.with_limit_of(spec)
-    _refuse(own, bridge)
+    own, cases = study.with_limit_of(spec), cases.in_study(study)
+    _refuse(own, cases, bridge)
     if alone_because(spec, bridge):
         return run_alone(study, spec, ready, cases, bridge=bridge)
-    if bridge != "pwm" or len(cases) == 0:
+    if (bridge != "pwm" and not cases.around.distort(study)) or len(cases) == 0:
         return _run_together(own, spec, ready, cases, bridge, strict)
     results = LaneResults.of_none(len(cases))
     demand = demand_of(own.converter, settling_time_of(spec, ready))
@@ -100,7 +101,7 @@ def _run_together(
     else:
         told = telling(own, spec, ready, cases)
         rests, gains = rests_of(own, cases, segments, told, demand, results)
-        run = parts(rests, strict=strict)
+        run = parts(rests, strict=strict or cases.around.act)
         if run:
             drive(run, told, gains)
     for part in run:
@@ -108,12 +109,17 @@ def _run_together(
     return results
 
 
-def _refuse(study: Study, bridge: str) -> None:
+def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
     only_a_grid(study.network, "a batch of runs")
-    if study.has_components or study.sensors is not None or study.background is not None:
+    if study.replay is not None or cases.around.wanders:
         raise InfeasibleStudyError(
-            "a batch of runs has a sinusoidal source and ideal sensors: leave [background], [sensors], [replay] and "
-            "components of the source out, or simulate the cases one by one."
+            "a batch of runs has sources whose fundamental is what the cases say: leave [replay] and what wanders in "
+            "[background] out, or simulate the cases one by one."
+        )
+    if (cases.around.act or cases.around.distort(study)) and not (cases.kind == STEP).all():
+        raise InfeasibleStudyError(
+            "a batch of runs beside a background or sensors has steps alone: give no other disturbance, or simulate "
+            "the cases one by one."
         )
     if bridge == "pwm" and study.converter.samples_per_carrier % 2:
         raise InfeasibleStudyError(
@@ -142,7 +148,8 @@ def parts_of(
     :func:`samples_of_mean` where a probe does.
     """
     T_s = study.converter.T_s
-    nominal = max(round(2.0 * math.pi / study.converter.omega_n / T_s), 1) if bridge == "pwm" else 0
+    ripples = bridge == "pwm" or cases.around.distort(study)
+    nominal = max(round(2.0 * math.pi / study.converter.omega_n / T_s), 1) if ripples else 0
     ends, cycle = ends_of(study, cases, segments, demand, bridge)
     parts = []
     ramped = cases.ramped
