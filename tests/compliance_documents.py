@@ -18,10 +18,12 @@ from vsgdesign.campaigns.compliance.rows import (
     INFORMATIONAL,
     NOT_APPLICABLE,
     PASS,
-    VERDICTS,
     Check,
     Row,
+    limits_of,
+    summary_of,
 )
+from vsgdesign.campaigns.compliance.suite import OURS, SOURCE
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 LIMIT_PU = 1.2
@@ -70,7 +72,8 @@ def document(controllers: int = 3, sizes: int = 1, maps: bool = True, seed: int 
         "controllers": [{"name": name, "colour": colour} for name, colour in zip(names, COLOURS, strict=False)],
         "converter": converter(names),
         "rows": rows,
-        "summary": [_summary(rows, suite[0], name) for suite in suites for name in names],
+        "summary": summary_of(rows),
+        "limits": limits_of(rows),
         "maps": [_map(name, k, rng) for k, name in enumerate(names)] if maps else [],
         "provenance": {"vsgdesign": "1.2.3", "python": "3.11.2", "numpy": "2.1"},
     }
@@ -122,6 +125,7 @@ def _row(test: tuple[str, str, str, str, dict[str, str]], name: str, k: int, of:
     usual: dict[str, Any] = {
         "suite": suite, "test": key, "group": group, "title": title, "controller": name, "network": network,
         "source": source, "csv": csv_path(suite, key, name), "study": f"cases/{suite}-{hash_of(key) % 1000}.toml",
+        "settling_time_s": 1.0, "deadline_s": 2.2,
         "explore": '#{"scr": 2.0, "x_over_r": 5.0, "event": {"kind": "phase", "size": 60}}',
     }  # fmt: skip
     not_run: dict[str, Any] = usual | {"csv": None, "explore": None, "study": None}
@@ -135,17 +139,17 @@ def _row(test: tuple[str, str, str, str, dict[str, str]], name: str, k: int, of:
         return Row(**not_run, verdict=NOT_APPLICABLE, why=why)
     settled, peak = float(rng.uniform(0.2, 1.5)), float(rng.uniform(0.7, LIMIT_PU))
     broken = rng.random() < 0.2 * (of - 1 - k) / max(of - 1, 1) + 0.004
-    verdict = FAIL if broken else PASS
+    verdict, whose = FAIL if broken else PASS, OURS if source is OWN else SOURCE
     checks = [
         Check(measure="settling", label="Settling time", value=None if broken else settled, unit="s", at_most=2.0,
-              verdict=verdict, why="it never settles" if broken else ""),
+              verdict=verdict, why="it never settles" if broken else "", limit_of=whose),
         Check(measure="peak_current", label="Peak current", value=peak, unit="pu", verdict=INFORMATIONAL),
     ]  # fmt: skip
     if suite == "dycov":
         excess = float(rng.uniform(0.01, 0.2)) if broken else 0.0
         checks.append(
             Check(measure="excess", label="Power outside its envelope", value=excess, unit="pu", verdict=verdict,
-                  envelope="phase_jump")
+                  envelope="phase_jump", limit_of=whose)
         )  # fmt: skip
     if group.startswith("ramp"):
         checks = [Check(measure="H", label="Inertia constant H", value=2.5 * peak, unit="s", verdict=INFORMATIONAL)]
@@ -157,11 +161,6 @@ def _row(test: tuple[str, str, str, str, dict[str, str]], name: str, k: int, of:
 def hash_of(text: str) -> int:
     """A number of a text that is the same in every run."""
     return zlib.crc32(text.encode())
-
-
-def _summary(rows: list[dict[str, Any]], suite: str, name: str) -> dict[str, Any]:
-    found = [row["verdict"] for row in rows if row["suite"] == suite and row["controller"] == name]
-    return {"suite": suite, "controller": name} | {one.replace(" ", "_"): found.count(one) for one in VERDICTS}
 
 
 def _map(name: str, k: int, rng: np.random.Generator) -> dict[str, Any]:

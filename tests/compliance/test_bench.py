@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,17 @@ import pytest
 from tests.compliance.bench_studies import TEXT, subject, suite_test
 from vsgdesign.campaigns.compliance.case import Subject, case_of, case_text
 from vsgdesign.campaigns.compliance.evidence import Evidence, thinned
-from vsgdesign.campaigns.compliance.matrix import judged_test, network_in_words, summary_of
-from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
+from vsgdesign.campaigns.compliance.matrix import judged_test, network_in_words
+from vsgdesign.campaigns.compliance.reading import SUITES, suite_from_text, suite_named
+from vsgdesign.campaigns.compliance.rows import (
+    FAIL,
+    IMPOSSIBLE,
+    INFORMATIONAL,
+    NOT_APPLICABLE,
+    PASS,
+    limits_of,
+    summary_of,
+)
 from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.campaigns.compliance.suite import Criterion, Suite, SuiteTest
 from vsgdesign.equations.frames import SPACE_VECTOR_POWER
@@ -23,6 +33,7 @@ from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.loading import study_from_text
 from vsgdesign.study.parameters.network import Fault, Load, SynchroCheck
 from vsgdesign.study.parameters.source import Sag
+from vsgdesign.study.parameters.toml_file import parse_toml
 from vsgdesign.verbs.pipeline.explorer_links import explorer_link
 
 JUMP = Event.of_pu(0.0, phase_deg=30.0)
@@ -230,13 +241,69 @@ def test_the_network_is_said_in_words() -> None:
     assert network_in_words(test) == "SCR 5, X/R 5, P 0.5 pu, Q -0.1 pu, +0.2 Hz, load 0.5 pu, 0.1 pu reactive"
 
 
-def test_the_summary_counts_each_verdict() -> None:
+def row(
+    controller: str, verdict: str, status: str, *checks: tuple[str, str, str], csv: str | None = "x"
+) -> dict[str, Any]:
+    """A row of results.json with (measure, verdict, whose limit) of its checks."""
+    names = "label", "at_least", "at_most", "envelope", "unit", "ours"
+    found = [{"measure": one, "verdict": v, "limit_of": of, **dict.fromkeys(names)} for one, v, of in checks]
+    said = {"suite": "a", "controller": controller, "verdict": verdict, "status": status, "checks": found, "csv": csv}
+    return said | {"settling_time_s": 1.0, "deadline_s": 2.2}
+
+
+def test_the_summary_counts_each_verdict_and_whose_limits_are_kept() -> None:
+    lived, quick = ("survived", PASS, "ours"), ("response_i_ms", PASS, "source")
     rows = [
-        {"suite": "a", "controller": "x", "verdict": "pass", "status": "survived"},
-        {"suite": "a", "controller": "x", "verdict": "not applicable", "status": ""},
-        {"suite": "a", "controller": "x", "verdict": "fail", "status": "latched"},
-        {"suite": "a", "controller": "y", "verdict": "fail", "status": "no rest"},
+        row("x", PASS, "survived", lived),
+        row("x", PASS, "survived", lived, quick),
+        row("x", PASS, "survived", ("survived", PASS, "user")),
+        row("x", NOT_APPLICABLE, "", csv=None),
+        row("x", FAIL, "latched", ("survived", FAIL, "ours"), quick),
+        row("y", FAIL, "no rest", ("survived", FAIL, "ours"), csv=None),
     ]
     x, y = summary_of(rows)
-    assert (x["pass"], x["fail"], x["not_applicable"], x["survived"], x["judged"]) == (1, 1, 1, 1, 2)
-    assert (y["controller"], y["fail"], y["judged"]) == ("y", 1, 0)
+    assert (x["pass"], x["pass_source"], x["pass_ours"], x["pass_user"]) == (3, 1, 1, 1)
+    assert (x["fail"], x["not_applicable"], x["not_begun"], x["survived"], x["judged"]) == (1, 1, 0, 3, 4)
+    assert (y["controller"], y["fail"], y["not_begun"], y["judged"], y["deadline_s"]) == ("y", 1, 1, 0, 2.2)
+    told = {(one["measure"], one["limit_of"]): one for one in limits_of(rows)}
+    assert {key: (one["judged"], one["failed"], one["lost"], one["lost_kept"]) for key, one in told.items()} == {
+        ("survived", "ours"): (3, 1, 1, 0),
+        ("survived", "user"): (1, 0, 0, 0),
+        ("response_i_ms", "source"): (2, 0, 1, 1),
+    }
+
+
+def test_all_limits_of_the_fnn_suite_are_ours() -> None:
+    """Its 28 tests pass against limits of this project alone."""
+    suite = suite_named("fnn")
+    assert {one.limit_of(test.source) for test in suite.tests for one in test.criteria} == {"", "ours"}
+    judged = judged_test(subject(), suite, suite.tests[0]).row
+    assert [check.limit_of for check in judged.checks] == ["ours", "", ""]
+    mine = suite_from_text(
+        'criteria = [{ measure = "survived", at_least = 1 }]\n[[tests]]\nname = "a"\nscr = 3\n' + EVENT
+    )
+    assert mine.tests[0].criteria[0].limit_of(mine.tests[0].source) == "user"
+
+
+EVENT = 'x_over_r = 5\nevents = [{ phase_jump = "10 deg" }]'
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_a_packaged_suite_bounds_the_settling_time(name: str) -> None:
+    """A controller that is designed for 60 s had 120.2 s to come to rest, and survived whatever it did in them."""
+    assert {test.T_at_most for test in suite_named(name).tests} == {1.4}
+
+
+def test_a_slow_controller_has_the_deadline_of_the_suite() -> None:
+    slow = study_from_text(TEXT.replace("CASE", "hoang2025_5kva").replace('"0.3 s"', '"60 s"'))
+    one = Subject(study=slow, spec=slow.controllers[0])
+    test = suite_test(JUMP, criteria=(SURVIVED,), T_at_most=1.4)
+    judged = judged_test(one, suite_named("fnn"), test).row
+    assert (judged.settling_time_s, judged.deadline_s) == (1.4, pytest.approx(3.0))
+    assert (judged.verdict, judged.status) == (FAIL, "not at rest")
+    asked = judged_test(subject(), suite_named("fnn"), test).row
+    assert (asked.settling_time_s, asked.deadline_s) == (0.3, pytest.approx(0.8))
+    # The study file of the row judges it alike.
+    document = parse_toml(case_text(one, test, name="slow", folder="."), "case")
+    assert document["simulation"]["survival_settling_time"] == 1.4
+    assert case_of(one, test).simulation.survival_settling_time == 1.4

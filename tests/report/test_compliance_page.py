@@ -16,11 +16,12 @@ import pytest
 from tests.compliance_documents import document, evidence, traces_of
 from vsgdesign.campaigns.compliance.evidence import figures_of
 from vsgdesign.campaigns.compliance.rows import FAIL, INFORMATIONAL, PASS, VERDICTS
-from vsgdesign.report.compliance.answer import counts_answer, headline, strip
+from vsgdesign.report.compliance.answer import below_headline, counts_answer, headline, limits_table, strip
 from vsgdesign.report.compliance.arranged import LOOKS, Arranged, arrange, asked_words, value_words
 from vsgdesign.report.compliance.figures import shown_signal
 from vsgdesign.report.compliance.matrix import explore_command
-from vsgdesign.report.compliance.page import write_page
+from vsgdesign.report.compliance.page import terminal_blocks, write_page
+from vsgdesign.report.page.blocks import Table
 
 VOID = {"col", "meta", "input", "br", "link", "img", "path", "rect"}
 
@@ -130,6 +131,51 @@ def test_counts_are_those_of_the_summary() -> None:
     assert [cell.words.split()[0] for cell in whole[:2]] == [str(count) for count in failing[:2]]
 
 
+def test_whose_limits_are_kept_is_said_everywhere(page: str) -> None:
+    """ "28 pass" held against limits of this project alone, and nothing said so."""
+    words = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
+    for suite in arranged().suites:
+        for name, counts in zip(arranged().controllers, suite.counts, strict=True):
+            passing = [row for row in made()["rows"] if (row["suite"], row["controller"]) == (suite.name, name)]
+            passing = [row for row in passing if row["verdict"] == PASS]
+            own = len(passing) if suite.name == "own" else 0
+            limits = f"{len(passing) - own} against a limit of the source, {own} against a limit of ours"
+            assert counts.limits == limits
+            assert f"{name}: {len(passing)} pass: {limits}" in words
+    ours = sum(row["verdict"] == PASS and row["suite"] == "own" for row in made()["rows"])
+    assert words.count("pass (limit of ours)") == ours > 0
+    first = next(counts for counts in arranged().counts)
+    assert f"CVSG: {first.limits}" in words[: words.index("Clause matrix")]
+    head = terminal_blocks(made() | {"timing_s": {}, "notes": []})[0]
+    assert isinstance(head, Table)
+    said = next(one for one in made()["summary"] if one["suite"] == "own")
+    assert dict(zip(head.head, head.rows[made()["summary"].index(said)], strict=True))["of ours"] == str(said["pass"])
+
+
+def test_tests_without_a_run_are_counted_apart() -> None:
+    rows = [dict(row) for row in made()["rows"]]
+    failing = [row for row in rows if row["verdict"] == FAIL and row["controller"] == "CVSG"]
+    failing[0] |= {"csv": None, "status": "no rest"}
+    found = arrange(made() | {"rows": rows})
+    said = below_headline(found)[1]
+    never, lacks = (found.counts[0].of[verdict] for verdict in ("impossible", "not applicable"))
+    assert said.startswith(
+        f"Tests without a run: CVSG: 1 could not begin, {lacks} not applicable, {never} impossible; "
+    )
+    assert said.endswith("What could not begin fails, because the converter has no rest before the test.")
+    assert "1 could not begin" in counts_answer(found).rows[0].cells[0].detail
+
+
+def test_a_limit_that_no_lost_run_fails_does_not_separate() -> None:
+    limit = {"suite": "own", "measure": "response_i_ms", "label": "response", "at_least": None, "at_most": 10.0}
+    limit |= {"envelope": None, "unit": "ms", "ours": False, "limit_of": "source", "judged": 36, "lost": 12}
+    cases = {(0, 12): "It does not separate", (9, 3): "It separates."}
+    for (failed, kept), words in cases.items():
+        table = limits_table(made() | {"limits": [limit | {"failed": failed, "lost_kept": kept}]})
+        assert str(table.rows[0][-1]).startswith(words)
+        assert table.rows[0][2:6] == ("≤ 10 ms", "the source", f"{failed} of 36", f"{kept} of 12")
+
+
 def test_informational_is_never_counted_as_pass() -> None:
     rows = [row | {"verdict": "informational"} for row in made()["rows"]]
     found = arrange(made() | {"rows": rows})
@@ -139,9 +185,16 @@ def test_informational_is_never_counted_as_pass() -> None:
 
 def test_the_headline_of_one_controller() -> None:
     one = document(controllers=1)
-    rows = [row | {"verdict": "pass"} if row["verdict"] == FAIL else row for row in one["rows"]]
-    judged = sum(row["verdict"] == "pass" for row in rows)
-    assert headline(arrange(one | {"rows": rows})) == f"CVSG passes all {judged} tests that were judged."
+    rows = []
+    for row in one["rows"]:
+        checks = [check | {"verdict": PASS} if check["verdict"] == FAIL else check for check in row["checks"]]
+        rows.append(row | {"verdict": PASS, "checks": checks} if row["verdict"] == FAIL else row)
+    judged = sum(row["verdict"] == PASS for row in rows)
+    own = sum(row["verdict"] == PASS and row["suite"] == "own" for row in rows)
+    assert headline(arrange(one | {"rows": rows})) == (
+        f"CVSG passes all {judged} tests that were judged: {judged - own} against a limit of the source, "
+        f"{own} against a limit of ours."
+    )
 
 
 def test_a_strip_has_a_full_stroke_for_every_failing_test() -> None:
@@ -165,6 +218,8 @@ def test_what_is_asked_and_found_in_words() -> None:
     assert value_words(inside | {"value": 0.25, "verdict": FAIL}) == "0.250 pu outside"
     lived = check | {"measure": "survived", "unit": "", "at_least": 1.0, "at_most": None, "value": 0.0}
     assert (asked_words(lived), value_words(lived)) == ("yes", "no")
+    judged = {"settling_time_s": 0.5, "deadline_s": 1.2}
+    assert value_words(lived | {"value": 1.0}, judged) == "yes (T 0.500 s, deadline 1.20 s)"
     assert value_words(check) == "−0.500 pu"
     assert value_words(check | {"value": None, "why": "it diverged"}) == "not known: it diverged"
     assert value_words(check | {"unit": "1", "value": 0.0}) == "0"
@@ -207,8 +262,8 @@ def test_a_drawn_current_is_the_largest_of_five_milliseconds() -> None:
 
 def test_a_reason_that_is_printed_below_is_not_said_twice() -> None:
     check = {"value": None, "why": "it slipped", "unit": "s", "measure": "recovery_s"}
-    assert value_words(check, "slipped: it slipped at 0.4 s") == "not known"
-    assert value_words(check, "another reason") == "not known: it slipped"
+    assert value_words(check, {"why": "slipped: it slipped at 0.4 s"}) == "not known"
+    assert value_words(check, {"why": "another reason"}) == "not known: it slipped"
 
 
 def test_only_so_many_failing_tests_have_a_figure_and_the_page_says_so(

@@ -13,6 +13,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.campaigns.compliance.suite import OURS, Source, SuiteTest
 from vsgdesign.campaigns.verification.case_study import base_document, controller_document
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.simulation.clearing import MOST_CYCLES, cleared_events, clearings, with_instants
 from vsgdesign.simulation.lanes.telling import learns, told_controller
 from vsgdesign.simulation.reclosing import closings_of
@@ -147,6 +148,8 @@ def _document(
     }
     names = "duration", "bridge", "start", "log_interval", "reference_limit_pu", "P_ref", "Q_ref", "survival"
     document["simulation"] = {name: getattr(simulation, name) for name in names}
+    if simulation.survival_settling_time is not None:
+        document["simulation"]["survival_settling_time"] = simulation.survival_settling_time
     document["controllers"] = [controller_document(study, spec, document, spec.knowledge, table)]
     if test.load is not None:
         document["network"] = {"load": load_document(test.load, per_unit=True)}
@@ -166,6 +169,7 @@ def _simulation(subject: Subject, test: SuiteTest, like: SimulationSpec) -> Simu
         P_ref=test.P_pu * c.S_rated,
         Q_ref=test.Q_pu * c.S_rated,
         survival=True,
+        survival_settling_time=test.T_at_most,
     )
 
 
@@ -196,11 +200,16 @@ def _events(study: Study, documents: list[dict[str, Any]]) -> tuple[Event, ...]:
     return events
 
 
+def demand_in(subject: Subject, test: SuiteTest) -> SurvivalDemand:
+    """What the judge of survival asks of a controller in a test: with its own T, or with the longest of the test."""
+    T = subject.settling_time if test.T_at_most is None else min(subject.settling_time, test.T_at_most)
+    silent_s = silent_s_of(subject.told(test.silent_s))
+    return demand_of(subject.study.converter, T, silent_s=silent_s, limit_pu=subject.limit_pu)
+
+
 def after_s(subject: Subject, test: SuiteTest) -> float:
     """How long a test is watched after its last event, s: as long as it asks for, and as the judge needs."""
-    c, T = subject.study.converter, subject.settling_time
-    cycle_s = 2.0 * math.pi / c.omega_n
-    demand = demand_of(c, T, silent_s=silent_s_of(subject.told(test.silent_s)), limit_pu=subject.limit_pu)
+    demand, cycle_s = demand_in(subject, test), 2.0 * math.pi / subject.study.converter.omega_n
     # The last phase of a fault may be interrupted so long after the instant at which the test clears it.
     late_s = MOST_CYCLES * cycle_s if any(event.switched.fault == CLEARED for event in test.events) else 0.0
     return late_s + max(demand.needed_s + 2.0 * cycle_s, test.duration_s or 0.0)

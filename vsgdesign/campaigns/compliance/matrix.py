@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from vsgdesign.campaigns.compliance.applies import impossible, not_applicable
-from vsgdesign.campaigns.compliance.case import Subject
+from vsgdesign.campaigns.compliance.case import Subject, demand_in
 from vsgdesign.campaigns.compliance.envelopes import ENVELOPES
 from vsgdesign.campaigns.compliance.evidence import Evidence, Limits, limits_at
 from vsgdesign.campaigns.compliance.measures import MEASURES, MeasureInput, Ratings
@@ -17,15 +17,13 @@ from vsgdesign.campaigns.compliance.rows import (
     INFORMATIONAL,
     NOT_APPLICABLE,
     PASS,
-    VERDICTS,
     Check,
     Row,
 )
 from vsgdesign.campaigns.compliance.run import TestRun, nfp_of, run_test
-from vsgdesign.campaigns.compliance.suite import Criterion, Suite, SuiteTest
+from vsgdesign.campaigns.compliance.suite import Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import CircuitError, StudyError
 from vsgdesign.metrics.survival import SURVIVED
-from vsgdesign.metrics.survival import VERDICTS as JUDGED
 
 
 class Judged(NamedTuple):
@@ -57,7 +55,7 @@ def judge(subject: Subject, suite: Suite, run: TestRun) -> Judged:
     """The row of a run: every criterion measured and compared with what it asks."""
     test, survival = run.test, run.survival
     if run.trace is None:
-        checks = tuple(_unmeasured(one, survival.reason or survival.status) for one in test.criteria)
+        checks = tuple(_unmeasured(one, test.source, survival.reason or survival.status) for one in test.criteria)
         verdict = _of_checks(checks)
         return Judged(_row(subject, suite, test, verdict, survival.reason or "", checks, survival.status), None)
     given = MeasureInput(
@@ -83,7 +81,9 @@ def _why(run: TestRun, checks: Sequence[Check]) -> str:
     status, reason = run.survival.status, run.survival.reason
     lost = [] if status == SURVIVED else [_with_status(status, reason)]
     failed = [
-        _failure(check) for check in checks if check.verdict == FAIL and not (lost and check.measure == "survived")
+        _failure(check)
+        for check in checks
+        if check.verdict == FAIL and not (lost and (check.measure == "survived" or check.why == reason))
     ]
     held = [reason] if status == SURVIVED and reason is not None else []
     return "; ".join([*lost, *failed, *held])
@@ -123,6 +123,7 @@ def _checked(criterion: Criterion, given: MeasureInput) -> tuple[Check, Limits |
             at_most=0.0,
             envelope=criterion.envelope,
             ours=criterion.ours,
+            limit_of=criterion.limit_of(given.test.source),
             verdict=_verdict(criterion, excess),
             why=bounds.why,
         )
@@ -141,6 +142,7 @@ def _checked(criterion: Criterion, given: MeasureInput) -> tuple[Check, Limits |
         at_least=criterion.at_least,
         at_most=criterion.at_most,
         ours=criterion.ours,
+        limit_of=criterion.limit_of(given.test.source),
         verdict=_verdict(criterion, found.value),
         why=found.why,
     )
@@ -164,7 +166,7 @@ def _verdict(criterion: Criterion, value: float | None) -> str:
     return PASS if kept and (criterion.at_most is None or value <= criterion.at_most) else FAIL
 
 
-def _unmeasured(criterion: Criterion, why: str) -> Check:
+def _unmeasured(criterion: Criterion, source: Source, why: str) -> Check:
     known = ENVELOPES[criterion.envelope] if criterion.envelope is not None else MEASURES[criterion.measure]
     return Check(
         measure=criterion.measure,
@@ -175,6 +177,7 @@ def _unmeasured(criterion: Criterion, why: str) -> Check:
         at_most=criterion.at_most,
         envelope=criterion.envelope,
         ours=criterion.ours,
+        limit_of=criterion.limit_of(source),
         verdict=INFORMATIONAL if criterion.informational else FAIL,
         why=why,
     )
@@ -194,6 +197,7 @@ def _row(
     checks: tuple[Check, ...] = (),
     status: str = "",
 ) -> Row:
+    demand = demand_in(subject, test)
     return Row(
         suite=suite.name,
         test=test.id,
@@ -205,6 +209,8 @@ def _row(
         why=why,
         checks=checks,
         status=status,
+        settling_time_s=demand.settling_time,
+        deadline_s=demand.deadline_s,
         source=vars(test.source).copy(),
     )
 
@@ -222,20 +228,3 @@ def network_in_words(test: SuiteTest) -> str:
         S = test.load.in_si(1.0, 1.0).admittance(1.0).conjugate()
         parts.append(f"load {S.real:.3g} pu" + (f", {S.imag:.3g} pu reactive" if abs(S.imag) > 1e-6 else ""))
     return ", ".join(parts)
-
-
-def summary_of(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """How many rows (as in results.json) have which verdict, for each suite and controller in the order of the rows.
-
-    ``judged``: runs with a verdict on survival; ``survived``: those that survived.
-    """
-    found: dict[tuple[str, str], dict[str, Any]] = {}
-    for row in rows:
-        key = row["suite"], row["controller"]
-        if key not in found:
-            counts = dict.fromkeys((verdict.replace(" ", "_") for verdict in VERDICTS), 0)
-            found[key] = {"suite": key[0], "controller": key[1], **counts, "survived": 0, "judged": 0}
-        found[key][row["verdict"].replace(" ", "_")] += 1
-        found[key]["judged"] += row["status"] in JUDGED
-        found[key]["survived"] += row["status"] == SURVIVED
-    return list(found.values())

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from vsgdesign.campaigns.compliance.applies import NEEDS
 from vsgdesign.campaigns.compliance.envelopes import ENVELOPES
@@ -65,13 +65,13 @@ def suite_from_document(document: dict[str, Any], source: str, name: str) -> Sui
     about = table.text("about", default="")
     own = _read_source(table.child("source"), Source(document=title, edition="", confidence=USER))
     sources = _read_sources(table, own)
-    criteria = read_criteria(table.children("criteria"))
+    criteria, T_at_most = read_criteria(table.children("criteria")), _longest_T(table, None)
     tests: list[tuple[TableReader, SuiteTest]] = []
     rooms = table.children("tests")
     if not document.get("tests"):
         table.fault("tests", None, "there is no test", "Write each as [[tests]] with name, scr, x_over_r and events.")
     for room in rooms:
-        found = _read_sweep(room, sources, own, criteria, MOST_TESTS - len(tests))
+        found = _read_sweep(room, _Common(sources, own, criteria, T_at_most), MOST_TESTS - len(tests))
         tests += [(room, test) for test in found]
     table.finish()
     _check_ids(tests, faults)
@@ -103,9 +103,20 @@ def _read_sources(table: TableReader, own: Source) -> dict[str, Source]:
     return found
 
 
-def _read_sweep(
-    table: TableReader, sources: dict[str, Source], own: Source, criteria: tuple[Criterion, ...], room_left: int
-) -> list[SuiteTest]:
+class _Common(NamedTuple):
+    """What holds in all tests that say nothing of it, and the further sources."""
+
+    sources: dict[str, Source]
+    own: Source
+    criteria: tuple[Criterion, ...]
+    T_at_most: float | None
+
+
+def _longest_T(table: TableReader, default: float | None) -> float | None:
+    return table.quantity("T_at_most", "s", 1e-3, LONGEST_S, default=default)
+
+
+def _read_sweep(table: TableReader, common: _Common, room_left: int) -> list[SuiteTest]:
     """The tests of one [[tests]] table: one for each combination of the values in its lists."""
     axes = axes_of(table)
     too_large = size_of(axes) > room_left
@@ -122,13 +133,11 @@ def _read_sweep(
     found = []
     for document, words in combinations(table.table, axes):
         one = TableReader(document, table.path, table.faults)
-        found.append(_read_test(one, words, sources, own, criteria))
+        found.append(_read_test(one, words, common))
     return [] if too_large else found
 
 
-def _read_test(
-    table: TableReader, words: str, sources: dict[str, Source], own: Source, criteria: tuple[Criterion, ...]
-) -> SuiteTest:
+def _read_test(table: TableReader, words: str, common: _Common) -> SuiteTest:
     name = table.text("name")
     scr = table.quantity("scr", "1", *SCR_LIMITS)
     x_over_r = table.quantity("x_over_r", "1", *X_OVER_R_LIMITS)
@@ -141,7 +150,7 @@ def _read_test(
         id=f"{name}, {words}" if words else name,
         group=table.text("group", default=name),
         title=table.text("title", default=name),
-        source=_source_of(table, sources, own),
+        source=_source_of(table, common.sources, common.own),
         scr=scr,
         x_over_r=x_over_r,
         P_pu=table.quantity("P_pu", "1", -MOST_POWER_PU, MOST_POWER_PU, default=SuiteTest.P_pu),
@@ -152,7 +161,8 @@ def _read_test(
         events=read_events(table.children("events"), Place(scr, x_over_r, BASIS), V_g_pu, df_hz, load),
         duration_s=table.quantity("duration", "s", 1e-3, LONGEST_S, default=None),
         silent_s=table.quantity("silent", "s", 0.0, LONGEST_S, default=SuiteTest.silent_s),
-        criteria=read_criteria(given) if table.has("criteria") else criteria,
+        T_at_most=_longest_T(table, common.T_at_most),
+        criteria=read_criteria(given) if table.has("criteria") else common.criteria,
         needs=_needs(table),
     )
     if not table.table.get("events"):

@@ -13,6 +13,9 @@ CONFIDENCES = (READ, SECONDARY, OURS, USER)
 """How far a number is known: read in its source, told by another document, chosen by this project, or by the user who
 wrote the suite."""
 
+SOURCE = "source"
+"""Whose a limit is: that of the test's source, of this project (OURS), or of the author of a suite (USER)."""
+
 ENVELOPE = "envelope"
 """``Criterion.measure`` of a criterion that is an envelope: the value is the largest excess over it, pu."""
 
@@ -46,6 +49,14 @@ class Criterion:
     judged: bool = True
     """False: the value is shown beside its limits or its envelope, and there is no verdict on it."""
 
+    def limit_of(self, source: Source) -> str:
+        """Whose its limits are in a test of this source: SOURCE, OURS or USER; empty where nothing is asked."""
+        if self.informational:
+            return ""
+        if self.ours or source.confidence == OURS:
+            return OURS
+        return USER if source.confidence == USER else SOURCE
+
     @property
     def informational(self) -> bool:
         """Whether nothing is asked."""
@@ -77,6 +88,8 @@ class SuiteTest:
     """After the last event; None: as long as the controller's settling time asks for."""
     silent_s: float = 0.2
     """After every change of the grid the schedule gets no estimate for this long, s."""
+    T_at_most: float | None = None
+    """Longest settling time T with which a controller is judged, s; None: its own, whatever it is."""
     criteria: tuple[Criterion, ...] = ()
     needs: tuple[str, ...] = ()
     """Why the test may not apply: ``storage`` and others that ``compliance.applies`` knows."""

@@ -25,7 +25,7 @@ _WIDTH = 120
 
 def suite_markdown(suite: Suite, document: Mapping[str, Any]) -> str:
     """A section of a Markdown page about a suite and the document that it was read from."""
-    about = f"`--suite {suite.name}`, {len(suite.tests)} tests. {_plain(suite.about)}"
+    about = f"`--suite {suite.name}`, {len(suite.tests)} tests. {_plain(suite.about)}{_longest_T(suite)}"
     lines = [f"## {suite.title}", "", textwrap.fill(about, _WIDTH), ""]
     lines += [textwrap.fill(f"Source: {source_words(suite.source)}", _WIDTH), ""]
     lines += [
@@ -46,6 +46,14 @@ def suite_markdown(suite: Suite, document: Mapping[str, Any]) -> str:
             remarks.append((_plain(table["ours"]), k, table["name"]))
     lines += ["", *_remark_lines(remarks)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _longest_T(suite: Suite) -> str:
+    longest = {test.T_at_most for test in suite.tests} - {None}
+    if not longest:
+        return ""
+    T = " or ".join(f"{T:g}" for T in sorted(filter(None, longest)))
+    return f" Survival is judged with a settling time T of at most {T} s."
 
 
 def source_words(source: Source) -> str:

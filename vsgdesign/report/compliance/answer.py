@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import shorten
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
-from vsgdesign.report.compliance.arranged import LOOKS, Arranged, Counts, Tested
+from vsgdesign.report.compliance.arranged import LOOKS, WHOSE, Arranged, Counts, Tested, asked_words, deadline_words
 from vsgdesign.report.drawing.sketch import Area, Sketch, svg
-from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row
+from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row, Table
 
 MOST_FAILING = 12
 """Failing tests that are named on top; the matrix has all of them."""
@@ -49,9 +50,10 @@ def headline(arranged: Arranged) -> str:
         return "No test was judged: nothing was asked for, or nothing was possible."
     name, counts = judged[0]
     if len(judged) == 1:
+        limits = f": {counts.limits}" if counts.limits else ""
         if not counts.of[FAIL]:
-            return f"{name} passes all {counts.judged} tests that were judged."
-        return f"{name} passes {_of(counts)} tests that were judged, and fails {counts.of[FAIL]}."
+            return f"{name} passes all {counts.judged} tests that were judged{limits}."
+        return f"{name} passes {_of(counts)} tests that were judged{limits}. It fails {counts.of[FAIL]}."
     said = [f"{name} passes {_of(counts)} judged tests", *(f"{other} {_of(one)}" for other, one in judged[1:])]
     return ", ".join(said[:-1]) + f" and {said[-1]}."
 
@@ -60,24 +62,42 @@ def _of(counts: Counts) -> str:
     return f"{counts.of[PASS]} of {counts.judged}"
 
 
+def below_headline(arranged: Arranged) -> list[str]:
+    """Sentences on whose limits are kept, and on tests without a run, each of every controller."""
+    named = list(zip(arranged.controllers, arranged.counts, strict=True))
+    said = []
+    if sum(counts.judged > 0 for _, counts in named) > 1:
+        passing = [f"{name}: {counts.limits}" for name, counts in named if counts.limits]
+        said += [f"Of the tests that pass, {'; '.join(passing)}."] if passing else []
+    missing = [f"{name}: {counts.not_run}" for name, counts in named if counts.not_run]
+    if missing:
+        begin = any(counts.not_begun for _, counts in named)
+        why = " What could not begin fails, because the converter has no rest before the test." if begin else ""
+        said.append(f"Tests without a run: {'; '.join(missing)}.{why}")
+    return said
+
+
 def counts_answer(arranged: Arranged) -> Answer:
     """Counts of the verdicts: one row for each suite, one column for each controller."""
     rows = [(suite.title, suite.counts) for suite in arranged.suites]
     if len(rows) > 1:
         rows.insert(0, ("All suites", arranged.counts))
+    judged = {(row["controller"], deadline_words(row)): None for test in arranged.tests() for row in test.known}
+    said = "; ".join(f"{name} with {words}" for name, words in judged)
     notes = ["; ".join(f"{LOOKS[verdict].sign} {verdict}: {LOOKS[verdict].says}" for verdict in _ORDER) + "."]
     return Answer(
         "Verdicts",
         arranged.controllers,
         tuple(Row(title, tuple(_cell(title, one) for one in counts)) for title, counts in rows),
         subject="Suite",
-        notes=tuple(notes),
+        notes=(*notes, f"Survival is judged for {said}."),
     )
 
 
 def _cell(title: str, counts: Counts) -> Cell:
-    passing = (PASS,) if counts.of[FAIL] else ()
-    others = counts.words((*passing, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE))
+    passing = f"{counts.of[PASS]} pass" if counts.of[FAIL] and counts.of[PASS] else ""
+    parts = (": ".join(one for one in (passing, counts.limits) if one), counts.words((INFORMATIONAL,)), counts.not_run)
+    others = "; ".join(part for part in parts if part)
     if not counts.total:
         return Cell(OPEN, "not run")
     picture = counts_bar(counts, title)
@@ -171,3 +191,30 @@ def _runs(verdicts: Sequence[str | None]) -> list[tuple[str | None, int, int]]:
 def strips(arranged: Arranged) -> list[tuple[str, Markup]]:
     """The strip of each controller, with its name."""
     return [(name, svg(strip(arranged, k), "strip", stretched=True)) for k, name in enumerate(arranged.controllers)]
+
+
+def limits_table(document: Mapping[str, Any]) -> Table:
+    """Every limit that was asked, whose it is, how many runs fail it, and whether it tells lost runs from others."""
+    titles = {suite["name"]: suite["title"] for suite in document["suites"]}
+    rows = tuple(
+        (
+            titles.get(one["suite"], one["suite"]),
+            one["label"],
+            asked_words(one | {"verdict": PASS, "ours": False}),
+            WHOSE[one["limit_of"]],
+            f"{one['failed']} of {one['judged']}",
+            f"{one['lost_kept']} of {one['lost']}",
+            _separates(one),
+        )
+        for one in document["limits"]
+    )
+    head = ("Suite", "Measure", "Asked", "Limit of", "Runs that fail it", "Lost runs that keep it", "What it tells")
+    return Table("", head, rows, texts=4)
+
+
+def _separates(limit: Mapping[str, Any]) -> str:
+    if limit["failed"]:
+        return "It separates."
+    if limit["lost"]:
+        return "It does not separate: runs that do not survive keep it, too."
+    return "No run fails it, and none is lost."

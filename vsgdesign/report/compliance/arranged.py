@@ -8,7 +8,18 @@ from typing import Any
 
 from vsgdesign.campaigns.compliance.evidence import slug
 from vsgdesign.campaigns.compliance.measures import MEASURES
-from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS, VERDICTS
+from vsgdesign.campaigns.compliance.rows import (
+    FAIL,
+    IMPOSSIBLE,
+    INFORMATIONAL,
+    LIMITS,
+    NOT_APPLICABLE,
+    PASS,
+    VERDICTS,
+    not_begun,
+    passes_against,
+)
+from vsgdesign.campaigns.compliance.suite import OURS, SOURCE, USER
 from vsgdesign.report.drawing.quantities import number, plain
 
 Document = Mapping[str, Any]
@@ -212,7 +223,7 @@ def _lines(rows: Sequence[RowDict | None]) -> Iterator[Line]:
     for k, row in enumerate(rows):
         for check in row["checks"] if row is not None else ():
             key = check["label"], asked_words(check)
-            keys.setdefault(key, {})[k] = Value(check["verdict"], value_words(check, row["why"] if row else ""))
+            keys.setdefault(key, {})[k] = Value(check["verdict"], value_words(check, row or {}))
             if check.get("envelope"):
                 enveloped.add(key)
     for key, values in keys.items():
@@ -239,20 +250,27 @@ def asked_words(check: RowDict) -> str:
     return f"{said}, a limit of ours" if check.get("ours") else said
 
 
-def value_words(check: RowDict, said: str = "") -> str:
-    """The value with its unit, or why it is not known. ``said``: what is printed below anyway."""
-    value = check["value"]
+def value_words(check: RowDict, row: RowDict | None = None) -> str:
+    """The value with its unit, or why it is not known. ``row``: that of the check; what it says anyway is left out, and
+    beside "survived" it gives the settling time and the deadline of the judge."""
+    value, row = check["value"], row or {}
     if value is None:
         why = check.get("why")
-        return f"not known: {why}" if why and why not in said else "not known"
+        return f"not known: {why}" if why and why not in row.get("why", "") else "not known"
     if check["measure"] in YES_OR_NO:
-        return "yes" if value else "no"
+        asked = f" ({deadline_words(row)})" if row.get("deadline_s") is not None else ""
+        return ("yes" if value else "no") + asked
     spread = check.get("plus_minus") or 0.0
     about = f" ± {number(spread, 1)}" if spread >= _SPREAD_SHOWN * abs(value) > 0.0 else ""
     words = number(value) + about + _with_space(check["unit"])
     if check.get("envelope"):
         return f"{words} outside" if value > 0.0 else "inside"
     return words
+
+
+def deadline_words(row: RowDict) -> str:
+    """With which settling time T the judge of survival has judged a row, and by when it had to be at rest."""
+    return f"T {number(row['settling_time_s'])} s, deadline {number(row['deadline_s'])} s"
 
 
 def _with_space(unit: str) -> str:
@@ -298,9 +316,13 @@ LOOKS: Mapping[str, Look] = {
 
 @dataclass(frozen=True)
 class Counts:
-    """How many rows have each verdict."""
+    """How many rows have each verdict, whose limits those that pass keep, and how many tests could not begin."""
 
     of: Mapping[str, int]
+    against: Mapping[str, int]
+    """Of the rows that pass, by the names of :data:`vsgdesign.campaigns.compliance.rows.LIMITS`."""
+    not_begun: int
+    """Rows that fail or are informational without a run."""
 
     @property
     def judged(self) -> int:
@@ -312,14 +334,37 @@ class Counts:
         """All rows."""
         return sum(self.of.values())
 
+    @property
+    def limits(self) -> str:
+        """Whose limits the rows that pass keep: ``0 against a limit of the source, 28 against a limit of ours``."""
+        said = [SOURCE, OURS] if self.against[SOURCE] or self.against[OURS] else []
+        said += [USER] if self.against[USER] else []
+        return ", ".join(f"{self.against[whose]} against a limit of {WHOSE[whose]}" for whose in said)
+
+    @property
+    def not_run(self) -> str:
+        """Why tests have no run: ``19 could not begin, 1 not applicable``; empty where all have."""
+        begin = [f"{self.not_begun} could not begin"] if self.not_begun else []
+        others = self.words((NOT_APPLICABLE, IMPOSSIBLE))
+        return ", ".join([*begin, *([others] if others else [])])
+
     def words(self, verdicts: Iterable[str] = VERDICTS) -> str:
         """Counts that are not zero, in words: ``12 informational, 1 impossible``."""
         return ", ".join(f"{self.of[verdict]} {verdict}" for verdict in verdicts if self.of[verdict])
 
 
+WHOSE: Mapping[str, str] = {SOURCE: "the source", OURS: "ours", USER: "the suite's author"}
+"""Whose a limit is, in words."""
+
+
 def counted(rows: Iterable[Mapping[str, Any]]) -> Counts:
     """Counts of rows of a document."""
     found: dict[str, int] = dict.fromkeys(VERDICTS, 0)
+    against: dict[str, int] = dict.fromkeys(LIMITS, 0)
+    begun = 0
     for row in rows:
         found[row["verdict"]] += 1
-    return Counts(found)
+        begun += not_begun(row)
+        if row["verdict"] == PASS:
+            against[passes_against(row)] += 1
+    return Counts(found, against, begun)

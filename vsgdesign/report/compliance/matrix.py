@@ -11,9 +11,17 @@ from typing import Any
 from markupsafe import Markup
 
 from vsgdesign.campaigns.compliance.evidence import figure_path
-from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, VERDICTS
+from vsgdesign.campaigns.compliance.rows import (
+    FAIL,
+    IMPOSSIBLE,
+    INFORMATIONAL,
+    PASS,
+    VERDICTS,
+    not_begun,
+    passes_against,
+)
 from vsgdesign.report.compliance.answer import ABOUT_STRIPS, counts_bar, strip
-from vsgdesign.report.compliance.arranged import LOOKS, Arranged, Group, Line, Reason, SuiteRows, Tested
+from vsgdesign.report.compliance.arranged import LOOKS, WHOSE, Arranged, Group, Line, Reason, SuiteRows, Tested
 from vsgdesign.report.compliance.figures import Drawn, TestFigure, dashes_of
 from vsgdesign.report.drawing.flow import DIM, Cells, Flow, Said
 from vsgdesign.report.drawing.paper import MARGIN, text_width
@@ -91,9 +99,17 @@ def _suite(matrix: Matrix, number: int, suite: SuiteRows) -> Markup:
         named = ", ".join(part for part in (source["document"], source["edition"]) if part)
         text = f"{named}; confidence: {source['confidence']}. {source.get('note') or ''}".strip()
         said = Markup('<p class="source">{}</p>\n').format(typeset(text))
+    passing = _passing(matrix.arranged, suite)
+    about += Markup('<p class="source">{}</p>\n').format(passing) if passing else _NOTHING
     groups = Markup("\n").join(_group(matrix, group) for group in suite.groups)
     head = Markup('<section class="suite">\n<h3 id="suite-{}">{}</h3>\n').format(number, suite.title)
     return head + said + about + groups + Markup("\n</section>")
+
+
+def _passing(arranged: Arranged, suite: SuiteRows) -> str:
+    """Whose limits are kept by what passes in a suite, of each controller."""
+    named = zip(arranged.controllers, suite.counts, strict=True)
+    return "; ".join(f"{name}: {counts.of[PASS]} pass: {counts.limits}" for name, counts in named if counts.limits)
 
 
 def _group(matrix: Matrix, group: Group) -> Markup:
@@ -157,7 +173,13 @@ def _ran(row: Mapping[str, Any] | None) -> Markup | str:
     if row is None:
         return "not run"
     link = Markup(' <a href="{}">CSV</a>').format(row["csv"]) if row["csv"] else _NOTHING
-    return _verdict(row["verdict"]) + link
+    return _verdict(row["verdict"]) + Markup("<small>{}</small>").format(besides(row)) + link
+
+
+def besides(row: Mapping[str, Any]) -> str:
+    """What is said beside a verdict: whose limits a passing row keeps, and that a test could not begin."""
+    whose = passes_against(row)
+    return f" (limit of {WHOSE[whose]})" if whose else " (could not begin)" * not_begun(row)
 
 
 def _line(line: Line) -> Markup:
@@ -236,6 +258,8 @@ def _suite_on_paper(flow: Flow, arranged: Arranged, suite: SuiteRows) -> None:
         flow.paragraph(f"{named}; confidence: {source['confidence']}. {source.get('note', '')}", 6.6, DIM)
     if suite.about:
         flow.paragraph(suite.about)
+    if passing := _passing(arranged, suite):
+        flow.paragraph(passing, 6.6, DIM)
     count = len(arranged.controllers)
     widths = (26, 20, *[max(45.0 / count, 11.0)] * count, 12)
     head = ("Test and network", "Asked", *arranged.controllers, "Source")
@@ -268,7 +292,10 @@ def _test_rows(arranged: Arranged, test: Tested) -> list[Cells]:
         look = LOOKS[row["verdict"]]
         values = [value.words for line in shown if (value := line.values[k]) is not None]
         cells.append(
-            [Said(f"{look.sign} {row['verdict']}", look.colour, row["verdict"] == FAIL), Said("; ".join(values))]
+            [
+                Said(f"{look.sign} {row['verdict']}{besides(row)}", look.colour, row["verdict"] == FAIL),
+                Said("; ".join(values)),
+            ]
         )
     known = ", ".join(part for part in (source["edition"], source["confidence"]) if part)
     cells.append([Said(f"[{test.reference}] {known}", DIM)])

@@ -13,12 +13,14 @@ from vsgdesign.campaigns.compliance.rows import FAIL
 from vsgdesign.report.compliance.answer import (
     ABOUT_STRIPS,
     MOST_FAILING,
+    below_headline,
     counts_answer,
     failing_tests,
     headline,
+    limits_table,
     strips,
 )
-from vsgdesign.report.compliance.arranged import Arranged, arrange
+from vsgdesign.report.compliance.arranged import Arranged, arrange, deadline_words
 from vsgdesign.report.compliance.figures import Drawn, Traces, draw
 from vsgdesign.report.compliance.heat import LEGEND, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
@@ -83,6 +85,7 @@ def compliance_page(document: Mapping[str, Any], arranged: Arranged, drawn: Draw
         Box(
             [
                 words(headline(arranged), style=HEADLINE),
+                *(words(said) for said in below_headline(arranged)),
                 counts_answer(arranged),
                 Live(_strips(arranged), [OnPaper(lambda flow: draw_strips(flow, arranged))]),
                 *_failing(arranged),
@@ -93,6 +96,9 @@ def compliance_page(document: Mapping[str, Any], arranged: Arranged, drawn: Draw
         Heading("Clause matrix", numbered=True, anchor="matrix"),
         words(_ABOUT_MATRIX),
         Live(matrix_html(matrix), [OnPaper(lambda flow: draw_matrix(flow, matrix))]),
+        Heading("Limits that were asked", numbered=True, anchor="limits"),
+        words(_ABOUT_LIMITS),
+        limits_table(document),
         *_maps(document, drawn),
         Heading("The model that was tested", numbered=True, anchor="identity"),
         Side(identity_tables(document)),
@@ -122,6 +128,14 @@ _ABOUT_MATRIX = (
     "A row is a test on one grid from one operating point. Values are in per unit of the converter's ratings, and the "
     "SCR is taken on the impedance. “informational” is not “pass”: nothing was asked for. “impossible” gives the "
     "arithmetic that shows that no converter with this current limit can do it."
+)
+
+
+_ABOUT_LIMITS = (
+    "A limit separates if it tells runs that are lost from others. One that no run fails, not even one that slips, "
+    "latches up or comes late to rest, is kept by any converter of this kind, and to pass it says little. “ours” is "
+    "this project, and “the suite's author” wrote a suite of their own. Survival is judged with the settling time T "
+    "of the controller, or with the longest one of the suite where that is shorter. T and the deadline stand beside it."
 )
 
 
@@ -196,19 +210,34 @@ def left_out(arranged: Arranged, drawn: Drawn) -> list[str]:
 SHOWN = 10
 """Failing rows of a suite that a terminal names. The page has all of them."""
 
-_COUNTS = ("pass", "fail", "informational", "not applicable", "impossible")
+_COUNTS = {
+    "pass": "pass",
+    "limit of source": "pass_source",
+    "of ours": "pass_ours",
+    "of author": "pass_user",
+    "fail": "fail",
+    "not begun": "not_begun",
+    "informational": "informational",
+    "not applicable": "not_applicable",
+    "impossible": "impossible",
+}
+"""Columns of a terminal, and the names of the counts in the summary."""
 
 
 def terminal_blocks(document: Mapping[str, Any]) -> list[Block]:
     """The answer for each suite and controller, the failing rows with their reasons, and what could not be tested."""
+    summary = document["summary"]
+    written = any(one["pass_user"] for one in summary)
+    shown = {head: name for head, name in _COUNTS.items() if name != "pass_user" or written}
     rows = tuple(
         (
             one["suite"],
             one["controller"],
-            *(str(one[name.replace(" ", "_")]) for name in _COUNTS),
+            *(str(one[name]) for name in shown.values()),
             f"{one['survived']} of {one['judged']}",
+            deadline_words(one),
         )
-        for one in document["summary"]
+        for one in summary
     )
     title = f"Grid-code tests of {document['study']['name']}"
     lines: list[str] = []
@@ -220,5 +249,5 @@ def terminal_blocks(document: Mapping[str, Any]) -> list[Block]:
             lines.append(f"… and {len(failing) - SHOWN} more of {one['name']} on the page")
     timing = ", ".join(f"{name} {value:.3g} s" for name, value in document["timing_s"].items())
     lines += [*document["notes"], f"{len(document['rows']):,} rows: {timing}"]
-    head = ("suite", "controller", *_COUNTS, "survived")
+    head = ("suite", "controller", *shown, "survived", "judged with")
     return [Table(title, head, rows, texts=2, on=Where.TERMINAL), words(*lines, on=Where.TERMINAL)]

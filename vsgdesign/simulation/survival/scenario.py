@@ -60,9 +60,10 @@ def judge_scenario(
     cleared_s = max(event.t_s + event.over for event in study.events)
     subject = Subject(study=study, spec=spec, ready=ready, limit_pu=math.inf if limit_pu is None else limit_pu)
     alone = not timeline.network_at(end_s).connected
+    longest = study.simulation.survival_settling_time
     demand = demand_of(
         c,
-        subject.settling_time,
+        subject.settling_time if longest is None else min(subject.settling_time, longest),
         silent_s=silent_s_of(spec),
         cycle_s=None if alone else 2.0 * math.pi / timeline.source_at(end_s).omega,
     )

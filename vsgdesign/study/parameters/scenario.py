@@ -50,6 +50,8 @@ class SimulationSpec:
     survival: bool = flag(default=False)
     """Also judges the events as one disturbance, as a [grid-code test](survival.md#what-survived-means) does; not with
     `[background]`, `[sensors]`, `[replay]` or components of the source."""
+    survival_settling_time: float | None = number("s", 1e-3, 1000.0, default=None)
+    """Longest settling time T with which `survival` judges a controller; without it, the controller's own T holds."""
 
 
 class Component:

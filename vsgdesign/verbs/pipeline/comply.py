@@ -190,8 +190,7 @@ def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked) -> dict[str, A
     """results.json without what differs from one run to the next."""
     from vsgdesign.campaigns.compliance.evidence import figures_of
     from vsgdesign.campaigns.compliance.job import in_order
-    from vsgdesign.campaigns.compliance.matrix import summary_of
-    from vsgdesign.campaigns.compliance.rows import identity_of
+    from vsgdesign.campaigns.compliance.rows import identity_of, limits_of, summary_of
     from vsgdesign.report.drawing.style import COLOURS
     from vsgdesign.verbs.pipeline.explorer_links import explorer_link
 
@@ -219,6 +218,7 @@ def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked) -> dict[str, A
         ],
         "rows": shown,
         "summary": summary_of(rows),
+        "limits": limits_of(rows),
         "maps": in_order(whole, "map"),
         "notes": [*_replaced_estimators(study), *in_order(whole, "note")],
     }
