@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tests.cli.small_studies import as_json, call, study_file
+from tests.cli.small_studies import as_json, call, failure, study_file
 from tests.cli.test_named_files import with_table
+from tests.gain_tables import table as gain_table
 from vsgdesign import __version__
+from vsgdesign.artifacts import write_table_file
 from vsgdesign.design import design_closed_form
 from vsgdesign.report.page.terminal import print_terminal
 from vsgdesign.report.terminals import design_blocks
@@ -215,3 +217,23 @@ def test_validate_is_light_but_for_numpy(tmp_path: Path) -> None:
     study = str(study_file(tmp_path))
     code = f"from vsgdesign.verbs.cli.program import main; main(['validate', {study!r}], standalone_mode=False)"
     assert modules_after(code) & HEAVY == {"numpy"}
+
+
+def test_the_package_is_the_program() -> None:
+    command = [sys.executable, "-m", "vsgdesign", "--version"]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.startswith("vsgdesign, version")
+
+
+@pytest.mark.parametrize("verb", ["run", "simulate", "compare", "table build"])
+def test_a_verb_that_designs_tables_takes_workers(verb: str, tmp_path: Path) -> None:
+    assert "--workers" in call(*verb.split(), "--help").output
+    assert "0 is not in the range" in call(*verb.split(), study_file(tmp_path), "--workers", "0").stderr
+
+
+@pytest.mark.parametrize("option", ["--v-limit", "--i-limit"])
+def test_limits_of_sensors_that_nothing_has_are_refused(option: str, tmp_path: Path) -> None:
+    """They were taken without a word, a negative one too."""
+    write_table_file(gain_table(), tmp_path / "t.json")
+    said = failure(2, "export", "c", tmp_path / "t.json", "--out", tmp_path / "c", option, "-5")
+    assert f"{option[2:].replace('-', '_')} = -5: the samples of a network are held against it" in said
+    assert not (tmp_path / "c").exists()

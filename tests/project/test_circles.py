@@ -48,13 +48,16 @@ def import_graph(root: Path, package: str) -> tuple[dict[str, set[str]], set[str
 
 
 def between_packages(graph: Graph, packages: set[str]) -> dict[str, set[str]]:
-    """The same imports, seen from package to package (one inside another is another package)."""
+    """The same imports, seen from package to package (one inside another is another package). What ``python -m`` runs
+    is part of none: nobody imports it."""
 
     def home(module: str) -> str:
         return module if module in packages else module.rpartition(".")[0]
 
     result: dict[str, set[str]] = {package: set() for package in packages}
     for module, targets in graph.items():
+        if module.endswith(".__main__"):
+            continue
         result[home(module)] |= {home(target) for target in targets} - {home(module)}
     return result
 

@@ -94,6 +94,8 @@ def export_c_files(
     damaged, newer or of another case, a folder with other files.
     """
     found = read_table_of(table, study)
+    if weights is None:
+        _check_no_sensors(v_limit, i_limit)
     if limiter is None:
         limiter = CIRCULAR.name if study is None else study.current_limiter
     converter = _converter_of(study, estimator, limiter)
@@ -130,6 +132,16 @@ def export_c_files(
         changes = searching_settings(FINDS_WITHIN) | changes
     inputs = [path for path in (table, weights) if path is not None]
     return export_c(scheduler_of(found, network, **changes), origin, out, inputs=inputs, converter=converter)
+
+
+def _check_no_sensors(v_limit: float | None, i_limit: float | None) -> None:
+    """Limits of sensors belong to a network. Raises ArtifactError."""
+    given = [f"{name} = {value:g}" for name, value in (("v_limit", v_limit), ("i_limit", i_limit)) if value is not None]
+    if given:
+        raise ArtifactError(
+            f"{' and '.join(given)}: the samples of a network are held against it, and no network is exported. Give "
+            "its weights, or leave it out."
+        )
 
 
 def _converter_of(study: Study | None, estimator: str | None, limiter: str) -> ConverterConstants | None:

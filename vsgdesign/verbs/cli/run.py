@@ -15,6 +15,7 @@ from vsgdesign.verbs.cli.common import (
     EXIT_WRONG_INPUT,
     JSON,
     STUDY,
+    WORKERS,
     keeping,
     load,
     print_json,
@@ -38,9 +39,18 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Averaged bridge; nothing is designed, trained or verified.  --out is out/NAME-quick by default.",
 )
+@WORKERS
 @JSON
 @verb
-def run(study_file: str, out: str | None, bridge: str | None, sheet: str | None, quick: bool, as_json: bool) -> None:
+def run(
+    study_file: str,
+    out: str | None,
+    bridge: str | None,
+    sheet: str | None,
+    quick: bool,
+    workers: int | None,
+    as_json: bool,
+) -> None:
     """Design, simulate and report everything, and write C.
 
     The folder contains time series, figures, results.json, report.html, gain tables and their C. With --quick, gain
@@ -50,21 +60,22 @@ def run(study_file: str, out: str | None, bridge: str | None, sheet: str | None,
         raise click.UsageError("--quick has an averaged bridge: leave --bridge pwm out, or --quick")
     if sheet is not None and not sheet.lower().endswith(".pdf"):
         raise click.UsageError(f'--sheet writes a PDF: give a name that ends in .pdf, not "{sheet}"')
-    _run(study_file, out, bridge, as_json, "-quick" if quick else "", sheet=sheet)
+    _run(study_file, out, bridge, as_json, "-quick" if quick else "", sheet=sheet, workers=workers)
 
 
 @click.command()
 @STUDY
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-simulation]")
 @BRIDGE
+@WORKERS
 @JSON
 @verb
-def simulate(study_file: str, out: str | None, bridge: str | None, as_json: bool) -> None:
+def simulate(study_file: str, out: str | None, bridge: str | None, workers: int | None, as_json: bool) -> None:
     """Simulate every controller, and write the time series.
 
     The folder contains time series and results.json.
     """
-    _run(study_file, out, bridge, as_json, "-simulation")
+    _run(study_file, out, bridge, as_json, "-simulation", workers=workers)
 
 
 def _warn(text: str) -> None:
@@ -76,7 +87,14 @@ def _say(text: str) -> None:
 
 
 def _run(
-    study_file: str, out: str | None, bridge: str | None, as_json: bool, what: str, sheet: str | None = None
+    study_file: str,
+    out: str | None,
+    bridge: str | None,
+    as_json: bool,
+    what: str,
+    *,
+    workers: int | None,
+    sheet: str | None = None,
 ) -> None:
     from vsgdesign.artifacts.files import check_new
     from vsgdesign.verbs.pipeline import run_study
@@ -110,6 +128,7 @@ def _run(
                 folder,
                 bridge=bridge,
                 report=report,
+                workers=workers,
                 progress=tell,
                 warn=_warn,
                 say=_say,
@@ -145,13 +164,7 @@ def _refuse_divergence(results: dict[str, Any]) -> None:
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the search for fixed gains."
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(1),
-    default=None,
-    metavar="N",
-    help="Number of processes for tables.  [default: one per core]",
-)
+@WORKERS
 @JSON
 @verb
 def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int | None, as_json: bool) -> None:
