@@ -6,6 +6,7 @@ import ast
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,11 @@ import pytest
 import vsgdesign as vd
 from tests.cli.small_studies import as_json
 from tests.gain_tables import table as gain_table
+from vsgdesign.artifacts import write_table_file
+from vsgdesign.artifacts.design_inputs import design_inputs
+from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.errors import ArtifactError, StudyError
+from vsgdesign.verbs.pipeline import study_tables
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDY = """
@@ -186,6 +191,31 @@ def test_a_table_from_specification_to_scheduler(study: vd.Study, tmp_path: Path
     scheduler = vd.load_scheduler(file)
     Z = asked.converter.Z_base / 3.5
     assert scheduler.update_estimate(Z * 0.4, Z * 0.9 / asked.converter.omega_n, 4e3, 0.0, 110.0, 0).gains.K_ip > 0.0
+
+
+@pytest.mark.parametrize("take", [vd.simulate, vd.margins, vd.certify])
+def test_tables_are_found_where_the_verbs_find_them(take: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each call designed the table again, and took none of the tables that the verbs take."""
+    asked = vd.load(
+        "case:hoang2025_5kva",
+        P_ref="2 kW",
+        duration="0.1 s",
+        controllers=[vd.controller("AVSG", schedule="table")],
+        specification=SPECIFICATION,
+        stability={"scr": [3, 4], "x_over_r": [2, 3]},
+    )
+    spec = asked.controllers[0]
+    kept = replace(
+        gain_table(name="AVSG", base=base_of(asked, "impedance")),
+        study=asked.name,
+        design_inputs=design_inputs(asked, spec.target),
+        safe_place=(3.0, 3.0),
+    )
+    (tmp_path / "out" / asked.name).mkdir(parents=True)
+    write_table_file(kept, tmp_path / "out" / asked.name / "AVSG.table.json")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(study_tables, "_designed", lambda *_: pytest.fail("it was designed again"))
+    assert take(asked).to_dict()
 
 
 def test_a_table_that_is_opened_shows_itself(tmp_path: Path) -> None:

@@ -48,9 +48,10 @@ def margins(study: Study, *, evidence: bool = False, progress: Callable[[str, fl
     """Computes modes and margins over the study's stability axes.
 
     With ``evidence`` it also simulates small steps in EMT, which takes longer. Gain tables that the study asks for are
-    read or designed first. Raises the errors of
+    read, taken from below ``out`` where an earlier command has left them, or designed first. Raises the errors of
     :func:`vsgdesign.verbs.pipeline.margins.assess_study`.
     """
     from vsgdesign.verbs.pipeline.margins import assess_study
+    from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
-    return Margins(assess_study(study, evidence=evidence, progress=progress))
+    return Margins(assess_study(with_left_tables(study), evidence=evidence, progress=progress))

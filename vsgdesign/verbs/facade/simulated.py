@@ -89,16 +89,17 @@ def simulate(
 
     ``bridge`` is ``averaged`` or ``pwm`` and replaces that of the study. ``ready`` holds gain tables and the network
     from an earlier call of :func:`vsgdesign.verbs.pipeline.making.make_ready`. Without it, those that the study asks
-    for are read, or designed and trained first (on ``workers`` processes). ``warn`` is called with one sentence for
-    each controller that is unstable by the linear model. Raises StudyError, InfeasibleStudyError, ArtifactError and
-    SimulationDivergedError.
+    for are read, taken from below ``out`` where an earlier command has left them, or designed and trained first (on
+    ``workers`` processes). ``warn`` is called with one sentence for each controller that is unstable by the linear
+    model. Raises StudyError, InfeasibleStudyError, ArtifactError and SimulationDivergedError.
     """
     from vsgdesign.execution.progress import silent
     from vsgdesign.simulation.scenario import run_scenario
     from vsgdesign.verbs.pipeline.making import make_ready
+    from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
     tell = progress or silent
-    there = ready or make_ready(study, bridge=bridge, workers=workers, progress=progress)
+    there = ready or make_ready(with_left_tables(study), bridge=bridge, workers=workers, progress=progress)
     return Run(
         run_scenario(
             study,

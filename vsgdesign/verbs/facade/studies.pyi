@@ -710,8 +710,8 @@ def controller(
     """A controller, ``scheduled`` or ``fixed``, with the fields of a study file's [[controllers]].
 
     Parameters:
-        name: Becomes a file name (letters, digits, `-` `_` `.`; at most 100 bytes; unique, also without
-        regard to case; required).
+        name: Becomes a file name (letters, digits, `-` `_` `.`, a name of a file; at most 100 bytes; unique,
+        also without regard to case; required).
         kind: Gains that never change, or gains that follow the grid impedance (required).
         structure: Control law (default of `[power_loops]`).
         settling_time: T_set in ω_n = 4/(ξ T_set). At ξ = 1 the loop takes 1.46 times as long

@@ -141,18 +141,19 @@ def certify(
     """Searches for one Lyapunov function over a region of grids, powers and estimate errors.
 
     The result is a certificate, or a cell that makes one impossible. ``table`` holds the gains of a controller that
-    takes them from a table; without it the table is read or designed first. ``decay`` is the decay rate in 1/s to be
-    proved; None asks for the largest. ``region`` may hold the pairs ``scr``, ``x_over_r``, ``P_pu`` and ``Q_pu``, and
-    ``error``, ``error_Z`` and ``rate`` (1/s), as in :func:`vsgdesign.certificate.region_of`. Whatever it leaves out is
-    taken from the box of the table. A certificate also says after which steps no limit acts. Raises the errors of
-    :func:`vsgdesign.certificate.certify`.
+    takes them from a table; without it the table is read, taken from below ``out`` or designed first. ``decay`` is the
+    decay rate in 1/s to be proved; None asks for the largest. ``region`` may hold the pairs ``scr``, ``x_over_r``,
+    ``P_pu`` and ``Q_pu``, and ``error``, ``error_Z`` and ``rate`` (1/s), as in :func:`vsgdesign.certificate.region_of`.
+    Whatever it leaves out is taken from the box of the table. A certificate also says after which steps no limit acts.
+    Raises the errors of :func:`vsgdesign.certificate.certify`.
     """
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import certify as prove
     from vsgdesign.certificate import region_of, with_steps
-    from vsgdesign.verbs.pipeline.study_tables import study_tables
+    from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
     given = table.table if isinstance(table, DesignedTable) else table
+    study = study if given is not None else with_left_tables(study)
     tables = read_tables(study)
     if given is not None:
         tables |= {spec.name: given for spec in study.controllers if spec.schedule == "table"}
