@@ -19,7 +19,7 @@ import pytest
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.report.explore.answer import Answer
 from vsgdesign.report.explore.security import BODY_LIMIT
-from vsgdesign.report.explore.server import PAGE, ExplorerServer, Opening, page_files
+from vsgdesign.report.explore.server import ALWAYS, PAGE, ExplorerServer, Opening, page_files
 from vsgdesign.report.explore.state import StateError
 
 _FAULTS = [{"field": "scr", "value": 0, "limit": "0.1 to 1000", "unit": "", "text": "scr = 0: outside"}]
@@ -261,8 +261,28 @@ def test_another_method_is_refused(served: ExplorerServer, method: str, name: st
 
 def test_unknown_methods_and_names_are_refused(served: ExplorerServer) -> None:
     assert _ask(served, "POST", "other", _wish())[0] == 404
-    assert _ask(served, "DELETE", "study")[0] == 501
     assert _ask(served, "OPTIONS", "linear")[0] == 501  # no other page learns that it may ask
+
+
+@pytest.mark.parametrize("method", ["DELETE", "BREW", "HEAD"])
+def test_what_the_library_refuses_has_the_form_of_every_refusal(served: ExplorerServer, method: str) -> None:
+    """It was Python's own page, without the headers of the policy."""
+    status, body, headers = _ask(served, method, "study")
+    assert status == 501
+    assert ALWAYS.items() <= dict(headers.items()).items()
+    assert headers["Content-Type"] == "application/json"
+    assert body == b"" if method == "HEAD" else "error" in json.loads(body)
+    assert _ask(served, "GET", "study")[0] == 200
+
+
+@pytest.mark.parametrize("line", [b"GET /x HTTP/7.0", b"GET " + b"x" * 70_000 + b" HTTP/1.1", b"a b c d HTTP/1.1"])
+def test_a_request_that_is_none_is_refused_in_the_same_form(served: ExplorerServer, line: bytes) -> None:
+    with socket.create_connection(("127.0.0.1", served.server_port), timeout=60.0) as one:
+        one.sendall(line + b"\r\n\r\n")
+        one.shutdown(socket.SHUT_WR)
+        answer = b"".join(iter(lambda: one.recv(65536), b""))
+    assert "error" in json.loads(answer.partition(b"\r\n\r\n")[2] or answer)
+    assert b"<html" not in answer.lower()
 
 
 def test_an_answer_is_a_header_and_floats(served: ExplorerServer) -> None:

@@ -299,8 +299,14 @@ class _Handler(BaseHTTPRequestHandler):
         if self.close_connection:
             self.send_header("Connection", "close")
         self.end_headers()
-        self.wfile.write(body)
+        if self.command != "HEAD":
+            self.wfile.write(body)
         self.wfile.flush()
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """What the library refuses by itself, such as an unknown method, in the form of every other refusal."""
+        self.close_connection = True
+        self._send_json(code, {"error": explain or message or self.responses.get(code, ("It is not answered.",))[0]})
 
     def version_string(self) -> str:
         return "vsgdesign"
