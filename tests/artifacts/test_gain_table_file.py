@@ -174,6 +174,27 @@ def setter(*keys: Any, to: Any) -> Callable[[dict[str, Any]], None]:
     return change
 
 
+CAUSE = {
+    "scr": 2.0,
+    "x_over_r": 1.0,
+    "cause": "delay",
+    "missed": {"disk_margin": 0.9},
+    "keeps": None,
+    "limit": "",
+    "limit_use": None,
+}
+"""A sound entry of causes."""
+
+BETWEEN = {"points": 10, "seed": 0, "outside": 0, "promised": 10, "broken": []}
+"""A sound look between the nodes."""
+
+
+def test_sound_causes_are_read(tmp_path: Path) -> None:
+    document = json.loads(WHOLE) | {"causes": [CAUSE], "between": BETWEEN}
+    (tmp_path / "t.json").write_text(TABLE_FILE.render(document), encoding="utf-8")
+    assert read_table_file(tmp_path / "t.json").causes == [CAUSE]
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -205,6 +226,19 @@ def setter(*keys: Any, to: Any) -> Callable[[dict[str, Any]], None]:
         (setter("validity", "P", to=[1.0, -1.0]), "validity.P: must be two numbers"),
         (setter("validity", "P", to=[1.0]), "validity.P"),
         (setter("certificate", to=[1.0]), "certificate"),
+        (setter("causes", to={}), "causes: must be a list of tables"),
+        (setter("causes", to=[1.0]), "causes[0]: must be a table"),
+        *(
+            (
+                setter("causes", to=[{key: value for key, value in CAUSE.items() if key != name}]),
+                f"causes[0].{name}: miss",
+            )
+            for name in CAUSE
+        ),
+        *((setter("causes", to=[CAUSE | {name: True}]), f"causes[0].{name}: must be") for name in CAUSE),
+        (setter("between", to=BETWEEN | {"points": 1.0}), "between: must have points"),
+        (setter("between", to=BETWEEN | {"broken": [{"scr": 2.0}]}), "between.broken[0].x_over_r: missing"),
+        (setter("between", to=BETWEEN | {"broken": None}), "between.broken: must be a list"),
         (setter("name", to=3.0), "name: must be text"),
         (setter("note", to="x"), "unknown: note"),
         (lambda document: document.pop("price"), "price is missing"),

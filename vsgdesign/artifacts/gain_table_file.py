@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from operator import attrgetter
 from pathlib import Path
@@ -124,14 +124,15 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
             yield name, "must be a table of names and values"
     if not isinstance(table.between, dict | None):
         yield "between", "must be a table of names and values, or null"
-    if isinstance(table.between, dict) and not _is_look(table.between):
-        yield "between", "must have points, outside and promised as whole numbers, and the list broken"
+    if isinstance(table.between, dict):
+        if not all(type(table.between.get(name)) is int for name in ("points", "outside", "promised")):
+            yield "between", "must have points, outside and promised as whole numbers"
+        yield from _list_faults("between.broken", table.between.get("broken"), _BROKEN)
     if table.safe_place is not None:
         yield from _faults_of_safe_place(table)
     if table.verification is not None:
         yield from (("verification", fault) for fault in verification_faults(table.verification))
-    if not isinstance(table.causes, list) or not all(isinstance(cause, dict) for cause in table.causes):
-        yield "causes", "must be a list of tables of names and values"
+    yield from _list_faults("causes", table.causes, _CAUSE)
 
 
 def _faults_of_safe_place(table: GainTable) -> Iterator[tuple[str, str]]:
@@ -144,9 +145,37 @@ def _faults_of_safe_place(table: GainTable) -> Iterator[tuple[str, str]]:
             yield "safe_place", f"{name} {value:g} is outside of the validity, {limits[0]:g} to {limits[1]:g}"
 
 
-def _is_look(between: dict[str, Any]) -> bool:
-    counts = (between.get(name) for name in ("points", "outside", "promised"))
-    return all(type(count) is int for count in counts) and isinstance(between.get("broken"), list)
+_Kind = tuple[str, Callable[[object], bool]]
+_NUMBER: _Kind = "a number", is_number
+_TEXT: _Kind = "text", lambda value: isinstance(value, str)
+_NAMED: _Kind = "a table of names and values", lambda value: isinstance(value, dict)
+_BROKEN = {"scr": _NUMBER, "x_over_r": _NUMBER, "reached": _NAMED}
+_CAUSE = {
+    "scr": _NUMBER,
+    "x_over_r": _NUMBER,
+    "cause": _TEXT,
+    "missed": _NAMED,
+    "keeps": ("a table of names and values, or null", lambda value: value is None or isinstance(value, dict)),
+    "limit": _TEXT,
+    "limit_use": ("a number, or null", lambda value: value is None or is_number(value)),
+}
+"""What each entry of a list must have, in words and as a test."""
+
+
+def _list_faults(name: str, entries: object, wanted: dict[str, _Kind]) -> Iterator[tuple[str, str]]:
+    """What is wrong with a list of tables."""
+    if not isinstance(entries, list):
+        yield name, "must be a list of tables of names and values"
+        return
+    for k, entry in enumerate(entries):
+        if not isinstance(entry, dict):
+            yield f"{name}[{k}]", "must be a table of names and values"
+            continue
+        for key, (what, is_one) in wanted.items():
+            if key not in entry:
+                yield f"{name}[{k}].{key}", f"missing; must be {what}"
+            elif not is_one(entry[key]):
+                yield f"{name}[{k}].{key}", f"must be {what}"
 
 
 def _from_schema_1(document: dict[str, Any]) -> dict[str, Any]:
