@@ -146,6 +146,11 @@ def test_kinds_of_pwm(pwm: str, expected: str) -> None:
         (20000, 2),
         ("asymmetric", 2),
         ("single update", 1),
+        ("2 per period", 2),
+        ("once per period", 1),
+        ("4 samples / switching period", 4),
+        ("2 times per carrier", 2),
+        ("2 samples", 2),
     ],
 )
 def test_sampling(sampling: object, expected: int) -> None:

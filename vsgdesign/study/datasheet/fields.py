@@ -216,6 +216,13 @@ _TIMES = {
                      "twicepercarrierperiod", "asymmetricregular", "2percarrier", "2x", "peakandvalley", "doppelt"), 2),
 }  # fmt: skip
 
+_PER_PERIOD = re.compile(
+    r"\s*(?:(?:samples?|times|updates?|x)\b)?\s*(?:/|\bper\b|\bpro\b)\s*(?:(?:the|one|each|carrier|switching|pwm)\s*)*"
+    r"(?:carrier|period|cycle|periode)?\s*$|\s*\b(?:samples|times|updates)\s*$",
+    re.IGNORECASE,
+)
+"""What a number of samples in a carrier period is followed by."""
+
 _NO_DELAY = ("none", "no", "zero", "nodelay", "immediate", "keine", "without")
 _ONE_DELAY = (
     "one",
@@ -250,12 +257,11 @@ def chosen(text: str, known: dict[str, str]) -> tuple[str | None, str]:
 
 def read_sampling(text: str, unit: str, f_sw: float, decimal_comma: bool) -> int:
     """Samples per carrier period from a word, a number, a frequency or a period. Raises AmountError."""
+    text, unit = _PER_PERIOD.sub("", text), "" if _PER_PERIOD.fullmatch(unit) else unit
     key = _squeezed(text)
     if key in _TIMES:
         return _TIMES[key]
-    amount = read_amount(
-        re.sub(r"\bper carrier.*$", "", text), ("1", "Hz", "s"), unit=unit, decimal_comma=decimal_comma
-    )
+    amount = read_amount(text, ("1", "Hz", "s"), unit=unit, decimal_comma=decimal_comma)
     value = amount.value
     if amount.base == "1" and value > 64:
         value, base = value / f_sw, "Hz"  # a bare sampling frequency

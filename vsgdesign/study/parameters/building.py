@@ -76,7 +76,7 @@ class Identity:
 
     name: str = text(
         kind="name",
-        limits="letters, digits, `-` `_` `.`; at most 100 bytes",
+        limits="letters, digits, `-` `_` `.`, a name of a file; at most 100 bytes",
         shown="the file's name, or its folder's for `study.toml`",
     )
     """Short name."""

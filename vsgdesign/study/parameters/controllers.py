@@ -57,7 +57,8 @@ class ControllerSpec:
     """One controller of a study, with fixed gains or with gains scheduled from the grid impedance."""
 
     name: str = text(
-        kind="name", limits="letters, digits, `-` `_` `.`; at most 100 bytes; unique, also without regard to case"
+        kind="name",
+        limits="letters, digits, `-` `_` `.`, a name of a file; at most 100 bytes; unique, also without regard to case",
     )
     """Becomes a file name."""
     kind: str = word(("fixed", "scheduled"))

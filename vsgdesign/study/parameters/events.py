@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from vsgdesign.equations.integration import TURN
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
@@ -136,6 +137,7 @@ def read_events(
     waiting: TableReader | None = None  # of the event whose breaker waits to close
     for table in sorted(tables, key=_time_or_last):
         t_s = values(picked(EventFields, "time"), table, scope)["time"]
+        _check_left(table, t_s, scope, converter)
         if not abs(t_s - before_s) <= SAME_INSTANT:
             before, before_s = replace(present), t_s
         event = _read_source(table, scope, Event(t_s), present, basis, converter)
@@ -157,6 +159,15 @@ def read_events(
         events.append(present.settle(replace(event, name=name), converter))
         table.finish()
     return tuple(events)
+
+
+def _check_left(table: TableReader, t_s: float, scope: Scope, converter: Converter) -> None:
+    """Nothing is measured of an event with less than a cycle after it."""
+    cycle, left = TURN / converter.omega_n, scope[DURATION.of] - t_s
+    if left < cycle - SAME_INSTANT:
+        problem = f"{left:.3g} s are left after it, and what follows an event is measured over at least one cycle"
+        advice = f"Begin it {cycle - left:.3g} s earlier, or give a longer simulation.duration."
+        table.fault("time", f"{t_s:g} s", problem, advice)
 
 
 def settled(

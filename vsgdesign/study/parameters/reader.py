@@ -12,6 +12,9 @@ from vsgdesign.study.parameters.units import UnitError, format_quantity, parse_q
 REQUIRED = object()
 """Default of a field that must be given."""
 
+_DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(10))}
+"""Names that Windows has for devices, in every folder and with every ending."""
+
 LONGEST_NAME = 100
 """Bytes of a name that becomes a part of file names, which may have 255."""
 
@@ -174,10 +177,16 @@ class TableReader:
         return raw
 
     def identifier(self, field: str, default: Any = REQUIRED) -> Any:
-        """A text that can name a file: letters, digits, '-', '_' and '.', not of dots alone."""
+        """A text that can name a file on every system: letters, digits, '-', '_' and '.'."""
         name = self.text(field, default)
-        if field in self.table and name and (not all(c.isalnum() or c in "-_." for c in name) or not name.strip(".")):
+        if field in self.table and name and not all(c.isalnum() or c in "-_." for c in name):
             self.fault(field, name, "may hold letters, digits, '-', '_' and '.' only", "It becomes a file name.")
+        elif field in self.table and name[:1] in ("-", "."):
+            problem = "begins as an option does" if name[0] == "-" else "begins as a hidden file does"
+            self.fault(field, name, problem, "It becomes a file name. Begin with a letter, a digit or '_'.")
+        elif field in self.table and (name.endswith(".") or name.partition(".")[0].casefold() in _DEVICES):
+            problem = "cannot be the name of a file on Windows"
+            self.fault(field, name, problem, "It becomes a file name. Give another one.")
         elif field in self.table and len(name.encode()) > LONGEST_NAME:
             self.fault(
                 field,
