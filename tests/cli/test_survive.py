@@ -91,7 +91,7 @@ def test_an_interruption_is_continued(
     study: Path, tmp_path: Path, few: tuple[SurvivalCase, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, run, made = tmp_path / "out", many.run_case, []
-    monkeypatch.setattr(many, "CHUNK", 1)
+    monkeypatch.setattr(many, "CHUNK_OF_LANES", 1)
 
     def stopping(subject: Any, case: SurvivalCase) -> Any:
         if len(made) == 3:

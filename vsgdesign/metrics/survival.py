@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -233,18 +233,31 @@ def judge_survival(
     if diverged:
         status, reason = DIVERGED, f"a quantity left every sensible bound at {t[-1]:.4g} s"
     elif slipped:
-        status, reason = SLIPPED, f"the angle moved {swing:.3g} rad away from its rest"
+        status = SLIPPED
     elif t[-1] + 0.5 * step < cleared_s + demand.needed_s - step:
         status = NOT_KNOWN
         reason = f"the record ends {t[-1] - cleared_s:.4g} s after the clearing, and {demand.needed_s:.4g} s are needed"
     elif recovery is None and at_end > LATCHED_SHARE:
         status = LATCHED
-        reason = f"not at rest at the end, and the limiter acts in {100.0 * at_end:.0f} % of the last {END_S:g} s"
-    elif recovery is None:
-        status, reason = NOT_AT_REST, f"not at rest {t[-1] - cleared_s:.3g} s after the clearing"
-    elif recovery > demand.deadline_s:
-        status, reason = NOT_AT_REST, f"at rest after {recovery:.3g} s, later than {demand.deadline_s:.3g} s"
-    return Survival(**{**vars(figures), "status": status, "reason": reason})
+    elif recovery is None or recovery > demand.deadline_s:
+        status = NOT_AT_REST
+    found = replace(figures, status=status, reason=reason)
+    return found if reason is not None else replace(found, reason=why_lost(found, float(t[-1]) - cleared_s, demand))
+
+
+def why_lost(verdict: Survival, watched_s: float, demand: SurvivalDemand) -> str | None:
+    """The reason of a verdict that follows from its figures; None where it survived. ``watched_s``: for how long the
+    record goes on after the clearing."""
+    if verdict.status == SLIPPED:
+        return f"the angle moved {verdict.swing_rad:.3g} rad away from its rest"
+    if verdict.status == LATCHED:
+        at_end = 100.0 * (verdict.limited_at_end or 0.0)
+        return f"not at rest at the end, and the limiter acts in {at_end:.0f} % of the last {END_S:g} s"
+    if verdict.status != NOT_AT_REST:
+        return None
+    if verdict.recovery_s is None:
+        return f"not at rest {watched_s:.3g} s after the clearing"
+    return f"at rest after {verdict.recovery_s:.3g} s, later than {demand.deadline_s:.3g} s"
 
 
 class Loads(NamedTuple):

@@ -33,7 +33,7 @@ CASES = tuple(case(float(phase)) for phase in range(1, 11))
 
 
 def test_workers_agree_with_this_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many, "CHUNK", 4)
+    monkeypatch.setattr(many, "CHUNK_OF_LANES", 4)
     subjects = {"one": subject(), "other": replace(subject(), limit_pu=0.2)}
     here = run_many(subjects, CASES, workers=1)
     seen: list[float] = []
@@ -55,11 +55,11 @@ def test_finished_runs_are_found_again(tmp_path: Path, monkeypatch: pytest.Monke
     assert len(text.splitlines()) == 1  # a block
     kept.write_text(text + '{"key": "cut sho', encoding="utf-8")  # what a kill leaves
 
-    def again(*_: object) -> CaseResult:
+    def again(*_: object) -> list[Survival]:
         raise AssertionError("a finished run was made again")
 
     with monkeypatch.context() as patched:
-        patched.setattr(many, "run_case", again)
+        patched.setattr(many, "verdicts_of", again)
         assert run_many(subjects, CASES[:3], kept, workers=1) == first
         with pytest.raises(AssertionError):
             run_many({"one": replace(subject(), limit_pu=1.3)}, CASES[:3], kept, workers=1)
@@ -69,7 +69,7 @@ def test_finished_runs_are_found_again(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_an_interruption_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many, "CHUNK", 2)
+    monkeypatch.setattr(many, "CHUNK_OF_LANES", 2)
     kept = tmp_path / "runs.jsonl"
 
     def stop(_what: str, share: float) -> None:

@@ -42,6 +42,8 @@ class LaneResults:
     """Time for which the converter current was above its limit after the first event, s."""
     limited_s: Array
     """Time for which the current limiter acted after the first event, s."""
+    limited_at_end: Array
+    """Of a disturbance: share of the last 0.3 s in which the limiter acted, 0 to 1."""
     swing_rad: Array
     """Of a disturbance: largest distance of the angle from the nearest rest that each event leaves it, rad."""
 

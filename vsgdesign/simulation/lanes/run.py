@@ -84,26 +84,35 @@ def _run_together(
     results = LaneResults.of_none(len(cases))
     if len(cases) == 0:
         return results
-    segments = segments_of(cases)
     demand = demand_of(own.converter, settling_time_of(spec, ready))
-
-    def parts(rests: Rests, *, strict: bool, listening: bool = False) -> list[Part]:
-        good = np.flatnonzero(results.status == JUDGED)
-        return parts_of(own, cases, segments, rests, demand, good, bridge, strict, listening=listening)
-
-    if learns(spec):
-        rests, _ = rests_of(own, cases, segments, OfTrueGrid(gain_law(own, spec, ready), cases), demand, results)
-        rests, learning = before_learning(own, spec, ready, cases, rests, results)
-        # A last bit may decide what an estimator decides: it runs as alone.
-        run = parts(rests, strict=True, listening=True)
-        for part in run:
-            Listeners(own, spec, part, learning.take(part.index)).run()
-    else:
+    if not learns(spec):
         told = telling(own, spec, ready, cases)
-        rests, gains = rests_of(own, cases, segments, told, demand, results)
-        run = parts(rests, strict=strict or cases.around.act)
-        if run:
-            drive(run, told, gains)
+        return run_told(own, told, cases, demand, bridge, strict=strict or cases.around.act)
+    segments = segments_of(cases)
+    rests, _ = rests_of(own, cases, segments, OfTrueGrid(gain_law(own, spec, ready), cases), demand, results)
+    rests, learning = before_learning(own, spec, ready, cases, rests, results)
+    good = np.flatnonzero(results.status == JUDGED)
+    # A last bit may decide what an estimator decides: it runs as alone.
+    for part in parts_of(own, cases, segments, rests, demand, good, bridge, strict=True, listening=True):
+        Listeners(own, spec, part, learning.take(part.index)).run()
+        _judge(part, rests, demand, results)
+    return results
+
+
+def run_told(
+    study: Study, told: Telling, cases: LaneCases, demand: SurvivalDemand, bridge: str = "averaged", *, strict: bool
+) -> LaneResults:
+    """Runs cases side by side whose controllers are told their grids, and judges them.
+
+    ``study`` has the current limit of the controller. ``demand``: of a disturbance; its limit decides which rests are
+    asked for. ``strict``: as in :func:`run_lanes`.
+    """
+    results, segments = LaneResults.of_none(len(cases)), segments_of(cases)
+    rests, gains = rests_of(study, cases, segments, told, demand, results)
+    good = np.flatnonzero(results.status == JUDGED)
+    run = parts_of(study, cases, segments, rests, demand, good, bridge, strict)
+    if run:
+        drive(run, told, gains)
     for part in run:
         _judge(part, rests, demand, results)
     return results
@@ -297,10 +306,10 @@ def _judge_disturbance(part: Part, rests: Rests, demand: SurvivalDemand, limited
         found.recovery_s[:] = _entry(part).time(demand.band, T_s, cases.cleared_s)
     else:
         found.recovery_s[:] = recovered(part, rests, demand)
-    at_end = (limited - part.get(kept["late"])) / math.floor(END_S / T_s + 1e-6)
+    found.limited_at_end[:] = (limited - part.get(kept["late"])) / math.floor(END_S / T_s + 1e-6)
     times = settling_times_asked(cases.silent_s, demand.settling_time)
     deadline = times * demand.settling_time + demand.grace_s
     lost = np.isinf(found.recovery_s)
     found.status[lost | (found.recovery_s > deadline)] = NOT_AT_REST
-    found.status[lost & (at_end > LATCHED_SHARE)] = LATCHED
+    found.status[lost & (found.limited_at_end > LATCHED_SHARE)] = LATCHED
     found.status[slipped] = SLIPPED

@@ -116,12 +116,14 @@ def alone_because(spec: ControllerSpec, bridge: str = "averaged") -> str:
     return ""
 
 
-def telling(study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases) -> Telling:
+def telling(
+    study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases, said: ToldGrids | None = None
+) -> Telling:
     """The gains of a controller of the study in each of the cases.
 
-    An estimator of windows is not run: its controller is told what the cases say. Raises InfeasibleStudyError if the
-    update period is no whole number of samples, or a table is missing, and ValueError for a controller that learns its
-    grid (:func:`learns`), which is told nothing.
+    An estimator of windows is not run: its controller is told what the cases say, or what is ``said``. Raises
+    InfeasibleStudyError if the update period is no whole number of samples, or a table is missing, and ValueError for a
+    controller that learns its grid (:func:`learns`), which is told nothing.
     """
     if learns(spec):
         raise ValueError(f'estimate = "{spec.estimate}": this controller learns its grid and is told nothing.')
@@ -131,14 +133,14 @@ def telling(study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases) 
     T_s = study.converter.T_s
     period = ready.update_period(spec) or UPDATE_PERIOD
     every = whole_multiple(period, T_s, "update_period", "the controller's sampling period")
-    told, updates = told_grids(cases), Updates(every, T_s, safe_grid(study, spec, ready))
+    told, updates = told_grids(cases) if said is None else said, Updates(every, T_s, safe_grid(study, spec, ready))
     table = ready.table(spec)
     if table is not None:
         scheduler = scheduler_of(table)
         return _OfTable(scheduler.lookup, scheduler.settings, law, told, updates)
     if follows_measured(spec):
         return _Following(law, told, updates)
-    exact = (cases.error_R == 0.0) & (cases.error_X == 0.0) & (cases.silent_s == 0.0)
+    exact = (cases.error_R == 0.0) & (cases.error_X == 0.0) & (cases.silent_s == 0.0) & (said is None)
     return _AtDesignPoint(law, told, exact, updates)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.simulation.feeds import Told
 from vsgdesign.simulation.lanes.cases import LaneCases
 
 Array = NDArray[np.float64]
@@ -46,6 +48,18 @@ class ToldGrids(NamedTuple):
     def take(self, chosen: NDArray[Any]) -> ToldGrids:
         """The same of some lanes."""
         return ToldGrids(*(values[chosen] for values in self))
+
+    @classmethod
+    def of(cls, said: Sequence[Told]) -> ToldGrids:
+        """What each controller is told from which instants on, the first of which is at or before the start."""
+        found = np.full((3, len(said), max(map(len, said), default=0) + 1), np.nan)
+        found[0] = np.inf
+        for lane, entries in enumerate(said):
+            for k, (start_s, grid) in enumerate(entries):
+                found[0, lane, k] = start_s if k else -np.inf
+                if grid is not None:
+                    found[1:, lane, k] = grid.R_g, grid.L_g
+        return cls(*found)
 
 
 class ToldNow:

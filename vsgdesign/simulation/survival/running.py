@@ -136,7 +136,7 @@ class CaseResult:
     case: SurvivalCase
     verdict: Survival
     seconds: float
-    """Wall time of the run, s."""
+    """Wall time of the run, s; of runs that shared a loop the mean."""
 
 
 def run_case(subject: Subject, case: SurvivalCase) -> CaseResult:

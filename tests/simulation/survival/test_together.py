@@ -1,0 +1,85 @@
+"""Disturbances side by side against the runs of one after the other, each judged from the log of every sample."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from tests.simulation.survival.subjects import TEXT, subject
+from vsgdesign.metrics.survival import LATCHED, NO_REST, NOT_AT_REST, OVER_LIMIT, SLIPPED, SURVIVED
+from vsgdesign.simulation.survival import (
+    FOR_EVER,
+    GridKnowledge,
+    GridState,
+    Subject,
+    SurvivalCase,
+    random_set,
+    run_case,
+)
+from vsgdesign.simulation.survival.together import share_a_loop, verdicts_of
+from vsgdesign.study.parameters.event import Event
+
+START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.5, Q_pu=0.0)
+
+
+def case(*changes: Event, start: GridState = START, **known: float) -> SurvivalCase:
+    end_s = max(one.end_s for one in changes)
+    return SurvivalCase(group="a", start=start, changes=changes, cleared_s=end_s, knowledge=GridKnowledge(**known))
+
+
+def sag(V_pu: float, length_s: float) -> tuple[Event, Event]:
+    return Event.of_pu(0.0, V_g_pu=V_pu), Event.of_pu(length_s, V_g_pu=1.0)
+
+
+CASES = (
+    case(Event.of_pu(0.0, scr=1.5, x_over_r=0.5), start=replace(START, scr=20.0), magnitude=0.8, angle_deg=10.0),
+    case(Event.of_pu(0.0, scr=20.0, x_over_r=3.0), silent_s=FOR_EVER),
+    case(Event.of_pu(0.0, phase_deg=150.0)),
+    case(*sag(0.0, 1.0)),
+    case(Event.of_pu(0.0, df_hz=1.0, over_s=0.5), Event.of_pu(1.0, df_hz=0.0, over_s=0.5)),
+    case(Event.of_pu(0.0, P_pu=1.5), Event.of_pu(0.5, P_pu=0.5)),
+    case(Event.of_pu(0.0, P_pu=5.0)),
+    case(Event.of_pu(0.0, P_pu=0.9), start=replace(START, V_g_pu=0.97, df_hz=0.1), silent_s=0.2),
+)
+
+
+def same(one: Subject, cases: tuple[SurvivalCase, ...]) -> set[str]:
+    """Compares both ways; the statuses that occurred."""
+    together, alone = verdicts_of(one, cases), [run_case(one, each).verdict for each in cases]
+    for each, found, true in zip(cases, together, alone, strict=True):
+        assert (found.status, found.reason) == (true.status, true.reason), each.name
+        for name, value in asdict(true).items():
+            if isinstance(value, float):  # the angle of a log is that a millionth of a sample later
+                assert getattr(found, name) == pytest.approx(value, rel=1e-9, abs=3e-8), (each.name, name)
+            else:
+                assert getattr(found, name) == value
+    return {verdict.status for verdict in alone}
+
+
+def test_the_verdicts_are_those_of_single_runs() -> None:
+    found = same(subject(), CASES) | same(subject(structure='"published"', current_limit_pu="1.2"), CASES)
+    assert found >= {SURVIVED, NO_REST, OVER_LIMIT}
+    assert found & {SLIPPED, LATCHED, NOT_AT_REST}
+
+
+def test_fixed_gains_and_gains_of_another_source_are_judged_alike() -> None:
+    """Gains at a design point are made for the source of the case: such a case has a run of its own."""
+    drawn = random_set(7, 4)
+    assert SURVIVED in same(subject(controller=1), (*CASES[:3], *drawn))
+    assert SURVIVED in same(subject(TEXT.replace('tau_P = "5 ms"', 'tau_P = "0 s"')), drawn)
+
+
+def test_the_place_in_a_batch_changes_no_bit() -> None:
+    one = subject()
+    whole = verdicts_of(one, CASES)
+    assert [verdicts_of(one, [each])[0] for each in CASES[:4]] == whole[:4]
+    assert verdicts_of(one, CASES[::-1]) == whole[::-1]
+
+
+def test_what_cannot_share_a_loop_runs_alone() -> None:
+    assert share_a_loop(subject())
+    assert not share_a_loop(replace(subject(), bridge="pwm"))
+    assert verdicts_of(subject(), []) == []
+    assert np.isfinite(verdicts_of(replace(subject(), bridge="pwm"), CASES[:1])[0].peak_pu or np.nan)
