@@ -15,6 +15,7 @@ import numpy as np
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.compliance.maps import Mapped, clearing_times_of
+from vsgdesign.campaigns.survival.many import run_many
 from vsgdesign.simulation.survival import (
     CaseResult,
     CaseRun,
@@ -22,7 +23,6 @@ from vsgdesign.simulation.survival import (
     GridState,
     Subject,
     SurvivalCase,
-    run_many,
     trace_case,
 )
 from vsgdesign.study.parameters import load_study

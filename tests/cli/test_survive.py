@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from tests.cli.small_studies import call, failure
+from vsgdesign.campaigns.survival import many
 from vsgdesign.simulation import survival
-from vsgdesign.simulation.survival import GridState, SurvivalCase, many
+from vsgdesign.simulation.survival import GridState, SurvivalCase
 from vsgdesign.study.parameters.event import Event
 
 TEXT = """
@@ -90,23 +91,26 @@ def test_it_prints_and_leaves_the_same_numbers(study: Path, tmp_path: Path, few:
 def test_an_interruption_is_continued(
     study: Path, tmp_path: Path, few: tuple[SurvivalCase, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out, run, made = tmp_path / "out", many.run_case, []
+    out, run, made = tmp_path / "out", many.verdicts_of, []
     monkeypatch.setattr(many, "CHUNK_OF_LANES", 1)
 
-    def stopping(subject: Any, case: SurvivalCase) -> Any:
+    def stopping(subject: Any, cases: list[SurvivalCase]) -> Any:
         if len(made) == 3:
             raise KeyboardInterrupt
-        made.append(case)
-        return run(subject, case)
+        return counted(subject, cases)
+
+    def counted(subject: Any, cases: list[SurvivalCase]) -> Any:
+        made.extend(cases)
+        return run(subject, cases)
 
     with monkeypatch.context() as patched:
-        patched.setattr(many, "run_case", stopping)
+        patched.setattr(many, "verdicts_of", stopping)
         result = survive(study, "--out", str(out))
     assert result.exit_code == 130
     assert "finished work is kept, and the same command continues there" in result.stderr
     assert not out.exists()
     made.clear()
-    monkeypatch.setattr(many, "run_case", lambda subject, case: made.append(case) or run(subject, case))
+    monkeypatch.setattr(many, "verdicts_of", counted)
     assert survive(study, "--out", str(out)).exit_code == 0
     assert len(made) == len(few) + 2 - 3
 

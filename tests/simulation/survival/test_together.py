@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.survival.subjects import TEXT, subject
+from vsgdesign.campaigns.survival.together import share_a_loop, verdicts_of
 from vsgdesign.metrics.survival import LATCHED, NO_REST, NOT_AT_REST, OVER_LIMIT, SLIPPED, SURVIVED
 from vsgdesign.simulation.survival import (
     FOR_EVER,
@@ -18,7 +19,6 @@ from vsgdesign.simulation.survival import (
     random_set,
     run_case,
 )
-from vsgdesign.simulation.survival.together import share_a_loop, verdicts_of
 from vsgdesign.study.parameters.event import Event
 
 START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.5, Q_pu=0.0)

@@ -118,6 +118,7 @@ def _judge(
     results.status[k] = JUDGED if verdict.survived else STATUSES.index(verdict.status)
     results.recovery_s[k] = math.inf if verdict.recovery_s is None else verdict.recovery_s
     results.swing_rad[k] = math.nan if verdict.swing_rad is None else verdict.swing_rad
+    results.limited_at_end[k] = math.nan if verdict.limited_at_end is None else verdict.limited_at_end
 
 
 def _judge_step(

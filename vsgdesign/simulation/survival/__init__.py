@@ -9,7 +9,6 @@ from vsgdesign.simulation.survival.cases import (
 )
 from vsgdesign.simulation.survival.clearing import ClearingTimes, Verdicts, critical_clearing_times
 from vsgdesign.simulation.survival.demand import field_cases
-from vsgdesign.simulation.survival.many import run_many
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
 from vsgdesign.simulation.survival.sets import fixed_set, random_set
 from vsgdesign.simulation.survival.summary import SurvivalFigures, by_group, figures_of
@@ -34,6 +33,5 @@ __all__ = [
     "random_set",
     "rest_of",
     "run_case",
-    "run_many",
     "trace_case",
 ]

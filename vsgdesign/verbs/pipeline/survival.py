@@ -56,8 +56,8 @@ def report_survival(
     :func:`vsgdesign.execution.executors.executor_of`. ``say`` takes a sentence where what is kept is of other work.
     Returns results.json. Raises StudyError, ArtifactError and WorkerError.
     """
+    from vsgdesign.campaigns.survival.many import run_many
     from vsgdesign.execution.journal import work_folder
-    from vsgdesign.simulation.survival import run_many
 
     with (
         room_for(out, VERB, inputs=study.input_files),

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -86,7 +87,7 @@ def _verdict(results: LaneResults, k: int, watched_s: float, demand: SurvivalDem
     if status not in FIGURES:
         return None
     names = "recovery_s", "peak_pu", "first_peak_pu", "limited_s", "limited_at_end", "swing_rad"
-    figures = {name: float(getattr(results, name)[k]) for name in names}
+    figures: dict[str, Any] = {name: float(getattr(results, name)[k]) for name in names}
     recovery_s = figures.pop("recovery_s")
     found = Survival(status=status, recovery_s=None if math.isinf(recovery_s) else recovery_s, **figures)
     return replace(found, reason=why_lost(found, watched_s, demand))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.campaigns.survival.together import share_a_loop, verdicts_of
 from vsgdesign.execution.executors import executor_of, worker_count
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import begins_again, journal_at, run_job
@@ -18,7 +19,6 @@ from vsgdesign.execution.progress import Progress
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.simulation.survival.cases import SurvivalCase
 from vsgdesign.simulation.survival.running import CaseResult, Subject
-from vsgdesign.simulation.survival.together import share_a_loop, verdicts_of
 
 CHUNK, CHUNK_OF_LANES = 20, 400
 """Cases that a worker takes at a time, a second or two of work: run one after the other, and side by side."""
