@@ -32,11 +32,11 @@ def measured() -> dict[str, list[float]]:
         scr, x_over_r = np.exp(rng.uniform(low, high)).tolist()
         return state_of({"scr": scr, "x_over_r": x_over_r, "error_R": 0.1, "error_X": 0.1, "figure": figure}, study)
 
-    linear_answer(study, NOTHING, state("disk_margin"))
-    found = {"linear": repeat(lambda: linear_answer(study, NOTHING, state("disk_margin")), GRIDS)}
-    found["modes"] = repeat(lambda: modes_answer(study, NOTHING, state("disk_margin")), GRIDS)
-    found["emt"] = repeat(lambda: emt_answer(study, NOTHING, state("disk_margin")), GRIDS)
-    for name, repeats in {"disk_margin": 9, "damping": 9, "settling_s": 9, "survived": 3}.items():
+    linear_answer(study, NOTHING, state("disk_margin_output"))
+    found = {"linear": repeat(lambda: linear_answer(study, NOTHING, state("disk_margin_output")), GRIDS)}
+    found["modes"] = repeat(lambda: modes_answer(study, NOTHING, state("disk_margin_output")), GRIDS)
+    found["emt"] = repeat(lambda: emt_answer(study, NOTHING, state("disk_margin_output")), GRIDS)
+    for name, repeats in {"disk_margin_output": 9, "damping_all_modes": 9, "settling_s": 9, "survived": 3}.items():
         map_answer(study, NOTHING, state(name))
         found[name] = repeat(lambda name=name: map_answer(study, NOTHING, state(name)), repeats)
     return found
@@ -54,9 +54,10 @@ def explore() -> list[Row]:
             limit="derivatives of the map by 27 parameters"),
         Row("explore", "EMT of 2 s of three controllers, with figures", f["emt"], "ms",
             limit="the loop, a quarter; gains every 20 ms; steady states before and after"),
-        Row("explore", f"map of the disk margin, {cells}", f["disk_margin"], "ms", target=100.0,
+        Row("explore", f"map of the disk margin, {cells}", f["disk_margin_output"], "ms", target=100.0,
             limit="eigenvectors of 600 matrices of order 17, refinement"),
-        Row("explore", f"map of the damping, {cells}", f["damping"], "ms", target=100.0, limit="the same eigenvectors"),
+        Row("explore", f"map of the damping, {cells}", f["damping_all_modes"], "ms", target=100.0,
+            limit="the same eigenvectors"),
         Row("explore", f"map of the settling time, {cells}", f["settling_s"], "ms", target=100.0,
             limit="the same, and 500 points of each response"),
         Row("explore", "map of what is survived, 30 × 20 grids, EMT", f["survived"], "ms",

@@ -78,7 +78,7 @@ def test_the_table_is_what_it_says(undisturbed: Path, study_file: Path) -> None:
     assert (table.name, table.structure, table.law) == ("angle_damped", "angle_damped", "poles")
     assert check_table(table, load_study(study_file)).good
     assert table.specification["settling_time"] == 1.3
-    assert table.margins["worst_disk_margin"].min() >= 1.0
+    assert table.margins["worst_disk_margin_output"].min() >= 1.0
     for own in "PQ":
         assert table.margins[f"worst_overshoot_{own}_pct"].max() <= 5.0
         assert table.margins[f"worst_settling_{own}_s"].max() <= 1.3

@@ -93,7 +93,7 @@ def test_values_are_those_of_the_functions(name: str) -> None:
         seen += 1
         table = full_order_margins(model)
         expected = {
-            "damping": table.least_damping[0],
+            "damping_all_modes": table.least_damping[0],
             "decay": -table.spectral_abscissa[0],
             "M_s": table.M_s.value[0],
             "gain_margin_db": table.loop_P.gain_margin_db[0],
@@ -104,8 +104,8 @@ def test_values_are_those_of_the_functions(name: str) -> None:
             "phase_crossover_Q_rad_s": table.loop_Q.gain_crossing_rad_s[0],
         }
         assert {key: printed(row[key]) for key in expected} == {key: printed(v) for key, v in expected.items()}
-        assert printed(row["disk_margin"]["output"]) == printed(table.disk_output.value[0])
-        assert printed(row["disk_margin"]["input"]) == printed(table.disk_input.value[0])
+        assert printed(row["disk_margin_output"]) == printed(table.disk_output.value[0])
+        assert printed(row["disk_margin_input"]) == printed(table.disk_input.value[0])
         assert row["stable"] == bool(table.stable[0])
         gains = PowerLoopGains(*(float(value[0]) for value in cells.gains))
         assert {key: printed(v) for key, v in row["gains"].items()} == {
@@ -155,7 +155,7 @@ def test_a_point_that_does_not_exist_says_why() -> None:
     _, _, answer = answered(study, {"scr": 0.5, "P_pu": 1.0, "x_over_r": 5.0})
     for row in answer.header["controllers"]:
         assert row["why"].startswith("no operating point: the grid cannot carry P = 5 kW")
-        assert row["disk_margin"] is None
+        assert row["disk_margin_output"] is None
         assert row["modes"] == []
     assert answer.arrays == {}
     assert as_bytes(answer)
@@ -188,7 +188,7 @@ def test_a_table_says_when_it_is_clamped_and_when_its_data_differ() -> None:
     assert row(scr=50.0, hold={"scr": 5.0, "x_over_r": 1.0})["schedule"] == "held"
     changed = row(scr=5.0, changes={"power_loops.tau_P": "20 ms"})
     assert changed["gains"] == inside["gains"]
-    assert changed["disk_margin"] != inside["disk_margin"]
+    assert changed["disk_margin_output"] != inside["disk_margin_output"]
     assert changed["note"] is not None
     assert "base.tau_P is 0.005, the study has 0.02" in changed["note"]
 
@@ -200,7 +200,17 @@ def test_own_gains_are_those_of_a_controller_with_them() -> None:
     _, _, answer = answered(study, {"scr": 4.0, "own": gains, "controllers": ["angle_damped", OWN]})
     angle_damped, own = answer.header["controllers"]
     assert own["name"] == OWN
-    same = ("gains", "disk_margin", "M_s", "settling_s", "droop_P", "droop_Q", "H_s", "modes")
+    same = (
+        "gains",
+        "disk_margin_output",
+        "disk_margin_input",
+        "M_s",
+        "settling_s",
+        "droop_P",
+        "droop_Q",
+        "H_s",
+        "modes",
+    )
     assert {key: own[key] for key in same} == {key: angle_damped[key] for key in same}
 
 

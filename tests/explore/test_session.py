@@ -173,7 +173,7 @@ def test_the_state_of_a_link(session: Session) -> None:
     part = quote(json.dumps({"scr": 4.0, "figure": "damping"}))
     for text in (f"http://127.0.0.1:1/token/#{part}", f"#{part}", part, '{"scr": 4.0, "figure": "damping"}'):
         state = session.state(start_of(text, session.study))
-        assert (state.scr, state.figure) == (4.0, "damping")
+        assert (state.scr, state.figure) == (4.0, "damping_all_modes")  # the link has its name of before
         assert state.x_over_r == session.start.x_over_r
     for text in ("nonsense", "#[1]", "#" + "[" * 100_000):
         with pytest.raises(StateError, match="not the state of a link"):

@@ -43,7 +43,7 @@ def test_all_faults_at_once(study: Study) -> None:
         "foo": 1,
         "hold": {"scr": -1},
         "event": {"kind": "blast", "size": True},
-        "figure": ["disk_margin"],
+        "figure": ["disk_margin_output"],
         "own": {"K_ip": -1, "K_x": 2},
         "controllers": ["nobody"],
         "changes": {"power_loops.tau_P": None},

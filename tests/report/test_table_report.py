@@ -59,7 +59,7 @@ def rich() -> GainTable:
 def bare() -> GainTable:
     """The least that a table can be, unstable at X/R 0.3."""
     made = table("published", scr=(2.0, 8.0), x_over_r=(0.3, 1.0))
-    return replace(made, margins={name: nominal_margins(made)[name] for name in ("least_damping", "decay_1_s")})
+    return replace(made, margins={name: nominal_margins(made)[name] for name in ("damping_power_loops", "decay_1_s")})
 
 
 @functools.cache
@@ -75,8 +75,9 @@ def test_which_figures_there_are() -> None:
         "table_overshoot_Q_pct",
         "table_settling_Q_s",
         "table_mine",
-        "table_disk_margin",
-        "table_least_damping",
+        "table_disk_margin_output",
+        "table_disk_margin_input",
+        "table_damping_power_loops",
         "table_decay_1_s",
         "table_H_s",
         "table_parameters",
@@ -85,7 +86,7 @@ def test_which_figures_there_are() -> None:
         "table_price",
         "table_certificate",
     }
-    assert set(drawn("bare")) == always | {"table_least_damping", "table_decay_1_s", "table_gains"}
+    assert set(drawn("bare")) == always | {"table_damping_power_loops", "table_decay_1_s", "table_gains"}
 
 
 @pytest.mark.parametrize("name", ["rich", "bare"])
@@ -136,13 +137,13 @@ def test_limits_come_from_the_specification() -> None:
     assert limit_of(rich(), "overshoot_P_pct") == 1.0
     assert limit_of(rich(), "settling_Q_s") == 1.05
     assert limit_of(rich(), "H_s") is None
-    assert limit_of(bare(), "disk_margin") is None
+    assert limit_of(bare(), "disk_margin_output") is None
     inertia = table(law="inertia", specification=SPECIFICATION)
     assert limit_of(inertia, "settling_P_s") is None
-    assert limit_of(inertia, "least_damping") == 0.5
+    assert limit_of(inertia, "damping_power_loops") == 0.5
     asked = {row[0]: row[1] for row in margins_table(rich()).rows}
     assert asked["Overshoot of P [%]"] == "≤ 1"
-    assert asked["Disk margin [1]"] == "≥ 1.2"
+    assert asked["Disk margin at the output [1]"] == "≥ 1.2"
 
 
 def test_a_scale_without_a_gate_spans_the_values() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.artifacts.certificate_record import CertificateRecord
+from vsgdesign.artifacts.definitions import NAMES_OF_BEFORE
 from vsgdesign.artifacts.design_inputs import design_hash
 from vsgdesign.artifacts.files import plain, sorted_plain
 from vsgdesign.artifacts.guarded_file import content_hash
@@ -187,6 +188,12 @@ class GainTable:
     def design_hash(self) -> str:
         """Over what the design depended on; empty where the table does not keep that."""
         return design_hash(self.design_inputs)
+
+    @property
+    def figures(self) -> dict[str, Array]:
+        """The margins, whichever version wrote them, by the names of
+        :data:`vsgdesign.artifacts.definitions.DEFINITIONS`."""
+        return {NAMES_OF_BEFORE.get(name, name): values for name, values in self.margins.items()}
 
     @property
     def sha256(self) -> str:

@@ -18,6 +18,7 @@ from vsgdesign.artifacts.certificate_record import (
     StepStatement,
     no_room,
 )
+from vsgdesign.artifacts.definitions import ASKED, in_words
 from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.verification_text import table_verification
@@ -106,7 +107,8 @@ def cause_text(cause: Document) -> str:
     keeps = cause["keeps"] or {}
     figures = (
         f"P and Q settle in {_found(keeps.get('settling_time'))} s with {_percent(keeps.get('overshoot'))} overshoot, "
-        f"disk margin {_found(keeps.get('disk_margin'))}, damping ratio {_found(keeps.get('damping_ratio'))}, "
+        f"{ASKED['disk_margin']} {_found(keeps.get('disk_margin'))}, "
+        f"{ASKED['damping_ratio']} {_found(keeps.get('damping_ratio'))}, "
         f"H {_found(keeps.get('H'))} s"
     )
     return f"{at}: a promise is given up ({missed}) because of {what}. {without} it would keep all: {figures}."
@@ -115,7 +117,7 @@ def cause_text(cause: Document) -> str:
 def missed_text(missed: Mapping[str, Any]) -> str:
     """Promises that are not kept, with what would have to be allowed."""
     return ", ".join(
-        f"{name} {_found(value)}" if name != "inner_loops" else inner_loops_text(value)
+        f"{in_words(name)} {_found(value)}" if name != "inner_loops" else inner_loops_text(value)
         for name, value in missed.items()
     )
 

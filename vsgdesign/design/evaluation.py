@@ -16,7 +16,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.linear.model.coupled import coupled_model
-from vsgdesign.metrics.modes import damping_ratio
+from vsgdesign.metrics.modes import least_damping
 from vsgdesign.study.parameters.specification import Specification
 from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 
@@ -192,7 +192,7 @@ def evaluate_gains(gains: PowerLoopGains, s: Scenarios, settling_time: float, ta
             _FREQUENCIES / settling_time,
         )
     named = {name: table[:, k] for k, name in enumerate(FIGURES)}
-    return Evaluation(named, damping_ratio(eigenvalues).min(axis=1), abscissa)
+    return Evaluation(named, least_damping(eigenvalues), abscissa)
 
 
 def _crossed(designs: Iterable[Any], s: Scenarios) -> tuple[list[Array], Scenarios, tuple[int, int]]:

@@ -301,8 +301,8 @@ def assemble(job: TableJob, nodes: TableNodes) -> GainTable:
         for name, (field, scale) in _LARGE.items()
     }
     margins |= {
-        "worst_disk_margin": cells(lambda d, r: min(d.figures.disk_margin, r.full_order.disk_margin)),
-        "worst_least_damping": cells(lambda d, _: d.figures.damping_ratio),
+        "worst_disk_margin_output": cells(lambda d, r: min(d.figures.disk_margin, r.full_order.disk_margin)),
+        "worst_damping_power_loops": cells(lambda d, _: d.figures.damping_ratio),
         "full_order_decay_1_s": cells(lambda _, r: -r.full_order.abscissa),
         "scenarios": cells(lambda d, _: d.scenarios),
     }

@@ -17,7 +17,7 @@ from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, li
 from vsgdesign.linear.stability.loops import FullOrderLoop
 from vsgdesign.linear.stability.step_responses import sampled_steps
 from vsgdesign.metrics.margins import disk_margin_per_frequency
-from vsgdesign.metrics.modes import damping_ratio, to_continuous
+from vsgdesign.metrics.modes import least_damping, to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.source import GridSource
@@ -74,7 +74,7 @@ def full_order_figures(study: Study, gains: PowerLoopGains, s: Scenarios, settli
     out["fastest_rad_s"] = np.full(count, np.nan)
     out["abscissa"][index] = abscissa
     out["fastest_rad_s"][index] = np.abs(eigenvalues[rows, rightmost])
-    out["damping_ratio"][index] = damping_ratio(eigenvalues).min(axis=1)
+    out["damping_ratio"][index] = least_damping(eigenvalues)
     stable = abscissa < 0.0
     good = index[stable]
     for name, values in _responses(model, stable, gains, s, settling_time).items():

@@ -19,6 +19,12 @@ def damping_ratio(eigenvalues: Complex) -> Array:
     return np.where(moves, -np.where(moves, eigenvalues.real, -1.0) / np.where(moves, size, 1.0), 1.0).astype(float)
 
 
+def least_damping(eigenvalues: Complex) -> Array:
+    """The least damping ratio (…) over the modes (…, n) of models: of their power loops or of all modes, as
+    :data:`vsgdesign.artifacts.definitions.DEFINITIONS` has it."""
+    return np.asarray(damping_ratio(eigenvalues).min(axis=-1))
+
+
 def to_continuous(z: NDArray[Any], T_s: float) -> Complex:
     """s = ln(z)/T_s of discrete-time eigenvalues; −∞ for z = 0, which decays within one sample."""
     with np.errstate(divide="ignore"):

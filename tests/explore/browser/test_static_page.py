@@ -39,8 +39,8 @@ def test_a_file_alone_shows_the_numbers_of_the_explorer(
     assert stable
     for one in stable:
         row = {name: text.replace("−", "-") for name, text in table[one["name"]].items()}
-        assert row["Linear: ζ"] == f"{one['damping']:.2f}"
-        assert row["Margins: disk out"] == f"{one['disk_margin']['output']:.2f}"
+        assert row["Linear: ζ"] == f"{one['damping_all_modes']:.2f}"
+        assert row["Margins: disk out"] == f"{one['disk_margin_output']:.2f}"
     assert [url for url in page.urls if url != path.as_uri() and not url.startswith(("data:", "blob:"))] == []
     assert list(page.faults) == []
     page.close()

@@ -65,14 +65,14 @@ def test_figures_and_data_are_downloaded(explorer: Explorer, opened: ExplorerPag
 
 
 COLUMNS = {
-    "Margins: disk out": ("linear", "disk_margin.output", 2, 1.0),
-    "Margins: disk in": ("linear", "disk_margin.input", 2, 1.0),
+    "Margins: disk out": ("linear", "disk_margin_output", 2, 1.0),
+    "Margins: disk in": ("linear", "disk_margin_input", 2, 1.0),
     "Margins: gain P dB": ("linear", "gain_margin_db", 1, 1.0),
     "Margins: phase P °": ("linear", "phase_margin_deg", 0, 1.0),
     "Margins: gain Q dB": ("linear", "gain_margin_Q_db", 1, 1.0),
     "Margins: phase Q °": ("linear", "phase_margin_Q_deg", 0, 1.0),
     "Margins: Mₛ": ("linear", "M_s", 2, 1.0),
-    "Linear: ζ": ("linear", "damping", 2, 1.0),
+    "Linear: ζ": ("linear", "damping_all_modes", 2, 1.0),
     "Linear: settles s": ("linear", "settling_s", 2, 1.0),
     "Linear: over %": ("linear", "overshoot", 1, 100.0),
     "EMT: settles s": ("emt", "settling_s", 2, 1.0),

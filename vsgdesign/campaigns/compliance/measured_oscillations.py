@@ -26,7 +26,7 @@ _POINTS = 30
 
 
 @measure(
-    "damping ratio",
+    "damping ratio of the oscillation",
     "",
     "Damping ratio of the oscillation of P that has the largest energy between 0.1 and 50 Hz after the disturbance; "
     "1 if P comes to rest without oscillating.",

@@ -25,7 +25,7 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.metrics.modes import damping_ratio, to_continuous
+from vsgdesign.metrics.modes import least_damping, to_continuous
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import Place
@@ -98,7 +98,7 @@ def check_full_order(
     model = linearise_full_order(study, requested)
     at = [where[k] for k in model.index]
     s = to_continuous(np.linalg.eigvals(model.A) if len(at) else np.ones((0, 1)), model.T_s)
-    stable, damping = s.real.max(axis=1) < 0.0, damping_ratio(s).min(axis=1)
+    stable, damping = s.real.max(axis=1) < 0.0, least_damping(s)
     seen = {place[:2] for place in at}
     lost = {place[:2] for place, good in zip(at, stable, strict=True) if not good}
     worst = int(np.argmin(damping)) if len(at) else -1

@@ -16,7 +16,7 @@ from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.threads import one_thread
-from vsgdesign.metrics.modes import damping_ratio
+from vsgdesign.metrics.modes import least_damping
 from vsgdesign.study.parameters.converter import Converter, Filter
 
 Array = NDArray[np.float64]
@@ -150,10 +150,8 @@ def evaluate(bench: Bench, gains: InnerLoopGains, omega_t: Array) -> Promises:
     stable = np.flatnonzero(growth.max(axis=1) < 0.0) if G else np.empty(0, dtype=int)
     if len(stable):
         figures[stable] = margins(law[stable], bench.nominal, nominal[stable], bench.omega, bench.scales)
-    tolerance = damping_ratio(off).min(axis=-1).reshape(M, len(bench.off_grids), 4).min(axis=-1)
-    return Promises(
-        damping_ratio(nominal).min(axis=-1), -growth, figures[..., 0], figures[..., 1], figures[..., 2], tolerance
-    )
+    tolerance = least_damping(off).reshape(M, len(bench.off_grids), 4).min(axis=-1)
+    return Promises(least_damping(nominal), -growth, figures[..., 0], figures[..., 1], figures[..., 2], tolerance)
 
 
 def scores(promises: Promises, targets: Targets) -> Promises:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.definitions import damping_of
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
@@ -281,7 +282,7 @@ def _locus(study: Study, law: GainLaw, parameter: str, values: Array, other: flo
 _COLUMNS = (
     "stable",
     "spectral_abscissa [1/s]",
-    "least_damping [1]",
+    "{damping} [1]",
     "least_damped [rad/s]",
     "disk_margin_output [1]",
     "at [rad/s]",
@@ -302,7 +303,8 @@ def map_header(field: MarginMap) -> list[str]:
     """Column names of :func:`map_rows`, with units."""
     axes = [name for name, _ in field.axes if name != "P, Q"]
     fixed = ["P [W]", "Q [var]", "R_g [ohm]", "L_g [H]", "V [V]", "delta [rad]", *field.cells.gains._fields]
-    return [*axes, *fixed, *_COLUMNS, "fault", OUTSIDE]
+    columns = [name.format(damping=damping_of(field.model)) for name in _COLUMNS]
+    return [*axes, *fixed, *columns, "fault", OUTSIDE]
 
 
 def map_rows(field: MarginMap) -> Iterator[list[object]]:

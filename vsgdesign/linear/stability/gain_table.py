@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable, TableBase, base_differences, base_of
 from vsgdesign.equations.power_flow import operating_point
@@ -51,17 +52,26 @@ class Figure:
 _OVERSHOOT: dict[str, Any] = {"smaller_is_better": True, "asked": "overshoot", "factor": 100.0, "of_step": True}
 _SETTLING: dict[str, Any] = {"smaller_is_better": True, "asked": "settling_time", "of_step": True, "is_time": True}
 
+
+def _defined(name: str, tolerance: float, **more: Any) -> Figure:
+    one = DEFINITIONS[name]
+    return Figure(one.heading, one.unit, tolerance, **more)
+
+
 FIGURES = {
     "overshoot_P_pct": Figure("Overshoot of P", "%", 0.1, **_OVERSHOOT),
     "settling_P_s": Figure("2 % settling of P", "s", 0.01, relative=True, **_SETTLING),
     "overshoot_Q_pct": Figure("Overshoot of Q", "%", 0.1, **_OVERSHOOT),
     "settling_Q_s": Figure("2 % settling of Q", "s", 0.01, relative=True, **_SETTLING),
-    "disk_margin": Figure("Disk margin", "1", 0.02, asked="disk_margin"),
-    "least_damping": Figure("Least damping ratio", "1", 0.005, asked="damping_ratio"),
+    "disk_margin_output": _defined("disk_margin_output", 0.02, asked="disk_margin"),
+    "disk_margin_input": _defined("disk_margin_input", 0.02),
+    "damping_power_loops": _defined("damping_power_loops", 0.005, asked="damping_ratio"),
     "decay_1_s": Figure("Decay of the slowest mode", "1/s", 0.01, relative=True),
     "H_s": Figure("Inertia constant", "s", 1e-3, relative=True),
 }
 """Margins by name."""
+OF_BEFORE = {"disk_margin_smaller": _defined("disk_margin_smaller", 0.02)}
+"""Margins that only files of earlier versions have."""
 
 OF_THE_DESIGN = {
     "cross_peak": Figure("Peak of the other power per step", "1"),
@@ -78,7 +88,7 @@ _GAIN_TOLERANCE = 1e-9
 
 def figure_of(name: str) -> Figure:
     """What is known of a margin; a name that is not known is its own title."""
-    named = FIGURES | OF_THE_DESIGN
+    named = FIGURES | OF_BEFORE | OF_THE_DESIGN
     if name.startswith(WORST) and name[len(WORST) :] in named:
         known = named[name[len(WORST) :]]
         return replace(known, title=f"{known.title}, worst of the box")
@@ -122,8 +132,10 @@ def margins_of(
     if len(good):
         table = reduced_margins(model)
         columns = {
-            "disk_margin": np.minimum(table.disk_output.value, table.disk_input.value),
-            "least_damping": table.least_damping,
+            "disk_margin_output": table.disk_output.value,
+            "disk_margin_input": table.disk_input.value,
+            "disk_margin_smaller": np.minimum(table.disk_output.value, table.disk_input.value),
+            "damping_power_loops": table.least_damping,
             "decay_1_s": -table.spectral_abscissa,
             "H_s": effective_inertia(kept, base.S_rated, base.omega_n),
         }
@@ -198,13 +210,15 @@ def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
         bad = valid & ~(fits | (np.isnan(stored) & np.isnan(made)))
         if bad.any():
             faults.append(f"gains.{name} is not what the columns give, {_where(table, bad)}")
-    found = nominal_margins(table)
+    checked = FIGURES | OF_BEFORE
+    found = nominal_margins(table, tuple(checked))
     unstable = (table.status == "met") & (found["decay_1_s"] <= 0.0)
     if unstable.any():
         faults.append(f"met, but unstable in the reduced model, {_where(table, unstable)}")
     largest: dict[str, float] = {}
-    for name in FIGURES.keys() & table.margins.keys():
-        stored, made, figure = table.margins[name], found[name], FIGURES[name]
+    figures = table.figures
+    for name in checked.keys() & figures.keys():
+        stored, made, figure = figures[name], found[name], checked[name]
         both = valid & np.isfinite(stored)
         difference = np.where(both, np.abs(stored - made), 0.0)
         largest[name] = float(np.nanmax(difference))
@@ -212,7 +226,7 @@ def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
         bad = both & ~(difference <= allowed)
         if bad.any():
             faults.append(f"margins.{name} is not what the reduced model gives, {_where(table, bad)}")
-    others = tuple(name for name in table.margins if name not in FIGURES)
+    others = tuple(name for name in figures if name not in checked)
     return TableCheck(tuple(faults), int(valid.sum()), dict(sorted(largest.items())), others)
 
 

@@ -14,7 +14,7 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.model.full_order import PARAMETERS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel, parameter_sensitivities, parameter_sensitivity
 from vsgdesign.linear.stability.cells import GainLaw, cells_under, grid_arrays, reduced_cells
-from vsgdesign.metrics.modes import Eigen, eigenvalue_sensitivity, participation_factors, to_continuous
+from vsgdesign.metrics.modes import Eigen, damping_ratio, eigenvalue_sensitivity, participation_factors, to_continuous
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -58,8 +58,7 @@ def modes(
     found = []
     for k in np.argsort(-s.real, kind="stable").tolist()[:most]:
         order = np.argsort(-shares[:, k], kind="stable")[:count].tolist()
-        size = abs(s[k])
-        damping = 1.0 if size == 0.0 or not np.isfinite(size) else float(-s[k].real / size)
+        damping = float(damping_ratio(s[k]))
         found.append(Mode(complex(s[k]), damping, tuple((str(states[j]), float(shares[j, k])) for j in order)))
     return tuple(found)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.definitions import DEFINITIONS, damping_of
 from vsgdesign.linear.stability.assessment import ControllerAssessment
 from vsgdesign.linear.stability.cells import NOT_ASKED
 from vsgdesign.linear.stability.maps import MarginMap
@@ -96,19 +97,21 @@ def _digits(value: float, digits: int) -> str:
 
 
 def worst_cases(study: Study, field: MarginMap) -> tuple[WorstCase, ...]:
-    """Smallest damping, disk, gain, phase and delay margins and largest M_s over a map's cells within the limits.
+    """Smallest damping ratio, disk, gain, phase and delay margins and largest M_s over a map's cells within the limits.
 
     Unstable cells count as the worst of all, because they have no margin. Cells outside the converter's limits are
     not counted.
     """
     rows_in = np.flatnonzero(field.counted)
     table, gates = counted_rows(field), study.stability.gates
+    damping = DEFINITIONS[damping_of(field.model)].title
     GM = np.minimum(table.loop_P.gain_margin_db, table.loop_Q.gain_margin_db)
     PM = np.minimum(table.loop_P.phase_margin_deg, table.loop_Q.phase_margin_deg)
     DM = np.minimum(table.loop_P.delay_margin_s, table.loop_Q.delay_margin_s)
     rows: list[tuple[str, str, Array, float, bool]] = [
-        ("least damping ratio", "", table.least_damping, gates.damping_ratio, True),
-        ("disk margin", "", table.disk_output.value, np.nan, True),
+        (damping, "", table.least_damping, gates.damping_ratio, True),
+        (DEFINITIONS["disk_margin_output"].title, "", table.disk_output.value, np.nan, True),
+        (DEFINITIONS["disk_margin_input"].title, "", table.disk_input.value, np.nan, True),
         ("gain margin", "dB", GM, gates.gain_margin_db, True),
         ("phase margin", "°", PM, gates.phase_margin_deg, True),
         ("delay margin", "s", DM, np.nan, True),
@@ -119,9 +122,7 @@ def worst_cases(study: Study, field: MarginMap) -> tuple[WorstCase, ...]:
         if len(values) == 0:
             found.append(WorstCase(quantity, unit, float("nan"), "", 0.0))
             continue
-        bad = np.where(
-            table.stable | (quantity == "least damping ratio"), values, -np.inf if larger_is_better else np.inf
-        )
+        bad = np.where(table.stable | (quantity == damping), values, -np.inf if larger_is_better else np.inf)
         k = int(np.argmin(bad) if larger_is_better else np.argmax(bad))
         if not np.isfinite(bad[k]) and not table.stable[k]:
             k = int(np.argmax(table.spectral_abscissa))  # of the unstable cells the most unstable
@@ -161,7 +162,7 @@ def _own_gates(study: Study, a: ControllerAssessment) -> list[Verdict]:
             )
         )
         limits = {
-            "least damping ratio": (gates.damping_ratio, f"≥ {gates.damping_ratio:g}"),
+            DEFINITIONS[damping_of(field.model)].title: (gates.damping_ratio, f"≥ {gates.damping_ratio:g}"),
             "gain margin": (gates.gain_margin_db, f"≥ {gates.gain_margin_db:g} dB"),
             "phase margin": (gates.phase_margin_deg, f"≥ {gates.phase_margin_deg:g}°"),
             "peak sensitivity M_s": (gates.M_s, f"≤ {gates.M_s:g}"),
@@ -256,14 +257,14 @@ def _external(study: Study, a: ControllerAssessment) -> list[Verdict]:
                 evidence=f"map_{a.spec.name}_full_order.csv",
             )
         )
-    damping = counted_rows(full).least_damping
+    damping, all_modes = counted_rows(full).least_damping, DEFINITIONS["damping_all_modes"].title
     rows.append(
         Verdict(
             controller=a.spec.name,
             source="IEEE 2800-2022",
             confidence="recalled",
             test="damping ratio of controlled modes",
-            value=f"{float(np.min(damping)):.3g} least within the limits (all modes)" if len(damping) else NOTHING,
+            value=f"{all_modes} {float(np.min(damping)):.3g} at least within the limits" if len(damping) else NOTHING,
             limit="≥ 0.3, to be checked",
             verdict=INFORMATIONAL if len(damping) else NOT_ASSESSED,
             evidence=f"map_{a.spec.name}_full_order.csv",

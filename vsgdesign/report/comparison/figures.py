@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.artifacts.definitions import ASKED
 from vsgdesign.design.comparison import STATES, Compared, Comparison
 from vsgdesign.report.comparison.tables import bounds_inertia, error_of, inertia_asked, label, share
 from vsgdesign.report.drawing.figure_types import NamedFigure
@@ -77,9 +78,10 @@ def _promises(comparison: Comparison) -> NamedFigure:
     spec = comparison.specification
     caption = (
         f"Each cell is a grid, with the worst of its powers: overshoot ≤ {plain(100.0 * spec.overshoot)} %, settling ≤ "
-        f"{plain(spec.settling_time)} s, disk margin ≥ {plain(spec.disk_margin)}, damping ratio ≥ "
-        f"{plain(spec.damping_ratio)}{_inertia(comparison)}, kept with the real inner loops (full-order model) and "
-        "with ideal ones. Percentages: grids kept with the estimate exact, and wrong."
+        f"{plain(spec.settling_time)} s, {ASKED['disk_margin']} ≥ {plain(spec.disk_margin)}, "
+        f"{ASKED['damping_ratio']} ≥ {plain(spec.damping_ratio)}{_inertia(comparison)}, kept with the real "
+        "inner loops (full-order model) and with ideal ones. Percentages: grids kept with the estimate exact, and "
+        "wrong."
     )
     return NamedFigure("promises", "Grids on which the requirements are kept", caption, figure)
 

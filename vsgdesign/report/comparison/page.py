@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.design.comparison import Comparison, summary_of
 from vsgdesign.report.comparison.tables import (
     error_of,
@@ -109,8 +110,8 @@ def comparison_answer(comparison: Comparison) -> Answer:
     columns = (
         ("overshoot", "Overshoot", f"≤ {plain(100.0 * spec.overshoot)} %", 100.0, " %"),
         ("settling_time", "Settling time", f"≤ {plain(spec.settling_time)} s", 1.0, " s"),
-        ("disk_margin", "Disk margin", f"≥ {plain(spec.disk_margin)}", 1.0, ""),
-        ("damping_ratio", "Damping ratio", f"≥ {plain(spec.damping_ratio)}", 1.0, ""),
+        ("disk_margin", DEFINITIONS["disk_margin_output"].heading, f"≥ {plain(spec.disk_margin)}", 1.0, ""),
+        ("damping_ratio", DEFINITIONS["damping_power_loops"].heading, f"≥ {plain(spec.damping_ratio)}", 1.0, ""),
     )
     rows = []
     for compared in comparison.contenders:

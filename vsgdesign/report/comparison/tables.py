@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from vsgdesign.artifacts.definitions import ASKED, DEFINITIONS
 from vsgdesign.design.comparison import CLOSED_FORM, TABLE, Comparison, summary_of
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, plain, plain_quantity
@@ -61,13 +62,13 @@ def promises_table(comparison: Comparison) -> Table:
         ("with ideal inner loops [%]", 2),
         (f"overshoot ≤ {plain(100.0 * spec.overshoot)} [%]", 2),
         (f"settling ≤ {plain(spec.settling_time)} [s]", 2),
-        (f"disk margin ≥ {plain(spec.disk_margin)}", 2),
+        (f"{ASKED['disk_margin']} ≥ {plain(spec.disk_margin)}", 2),
         *inertia,
         ("breaks, exact estimate", 1),
     )
     notes = (
         "Kept: every promise, with the real inner loops, delay and sampling (full-order model) and with ideal ones. "
-        "Overshoot, settling and disk margin are those with ideal inner loops. "
+        f"Overshoot, settling and {ASKED['disk_margin']} are those with ideal inner loops. "
         "Worst over all grids, powers, and (wrong) estimates. ∞: on some grid a loop is unstable or has no gains, "
         "or a step does not settle. Fixed gains know no estimate. A coloured row does not meet the specification "
         "everywhere.",
@@ -119,8 +120,8 @@ def specification_table(comparison: Comparison) -> Table:
     rows = (
         ("Overshoot", f"≤ {plain(100.0 * spec.overshoot)} %"),
         ("2 % settling", f"≤ {plain_quantity(spec.settling_time, 's')}"),
-        ("Disk margin", f"≥ {plain(spec.disk_margin)}"),
-        ("Damping ratio", f"≥ {plain(spec.damping_ratio)}"),
+        (DEFINITIONS["disk_margin_output"].heading, f"≥ {plain(spec.disk_margin)}"),
+        (DEFINITIONS["damping_power_loops"].heading, f"≥ {plain(spec.damping_ratio)}"),
         *((("Inertia constant H", inertia_asked(comparison).partition(" ")[2]),) if bounds_inertia(comparison) else ()),
         ("SCR", f"{plain(comparison.scr[0])} to {plain(comparison.scr[-1])} ({spec.scr_basis} basis)"),
         ("X/R", f"{plain(comparison.x_over_r[0])} to {plain(comparison.x_over_r[-1])}"),
@@ -176,8 +177,8 @@ BREAKS = {
     "unstable": "unstable",
     "overshoot": "overshoot",
     "settling_time": "settling",
-    "disk_margin": "disk margin",
-    "damping_ratio": "damping",
+    "disk_margin": ASKED["disk_margin"],
+    "damping_ratio": ASKED["damping_ratio"],
     "H_min": "H too small",
     "H_max": "H too large",
 }

@@ -21,7 +21,7 @@ from vsgdesign.linear.stability.loci import mode_movements, modes
 from vsgdesign.linear.stability.loops import FullOrderLoop
 from vsgdesign.linear.stability.margins import MARGINS, eigenvalues_of, margins_named
 from vsgdesign.linear.stability.step_responses import full_order_settling, full_order_step, reduced_step
-from vsgdesign.metrics.modes import damping_ratio, taken
+from vsgdesign.metrics.modes import least_damping, taken
 from vsgdesign.report.explore.answer import Answer
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import State
@@ -131,7 +131,8 @@ _SHARES, _MOVERS = 4, 3
 """States and parameters that are listed for each mode."""
 
 _OF_MODEL = (
-    "disk_margin",
+    "disk_margin_output",
+    "disk_margin_input",
     "gain_margin_db",
     "phase_margin_deg",
     "crossover_rad_s",
@@ -141,7 +142,7 @@ _OF_MODEL = (
     "crossover_Q_rad_s",
     "phase_crossover_Q_rad_s",
     "M_s",
-    "damping",
+    "damping_all_modes",
     "decay",
     "settling_s",
     "overshoot",
@@ -152,13 +153,13 @@ def _figures(model: FullOrderModel, signal: str, details: bool) -> Iterator[dict
     """Figures of every cell of a model; those that an unstable cell does not have are None."""
     margins = margins_named(model, MARGINS)
     eigenvalues = eigenvalues_of(model)
-    damping, decay = damping_ratio(eigenvalues).min(axis=1), -eigenvalues.real.max(axis=1)
+    damping, decay = least_damping(eigenvalues), -eigenvalues.real.max(axis=1)
     settling, overshoot = full_order_settling(model, f"{signal}_ref", signal)
     P, Q = margins["loop_P"], margins["loop_Q"]
     for k in range(len(decay)):
         yield {
             "stable": bool(decay[k] > 0.0),
-            "disk_margin": {name: finite(margins[f"disk_{name}"].value[k]) for name in ("output", "input")},
+            **{f"disk_margin_{at}": finite(margins[f"disk_{at}"].value[k]) for at in ("output", "input")},
             "gain_margin_db": finite(P.gain_margin_db[k]),
             "phase_margin_deg": finite(P.phase_margin_deg[k]),
             "crossover_rad_s": finite(P.phase_crossing_rad_s[k]),
@@ -168,7 +169,7 @@ def _figures(model: FullOrderModel, signal: str, details: bool) -> Iterator[dict
             "crossover_Q_rad_s": finite(Q.phase_crossing_rad_s[k]),
             "phase_crossover_Q_rad_s": finite(Q.gain_crossing_rad_s[k]),
             "M_s": finite(margins["M_s"].value[k]),
-            "damping": finite(damping[k]),
+            "damping_all_modes": finite(damping[k]),
             "decay": finite(decay[k]),
             "settling_s": finite(settling[k]),
             "overshoot": finite(overshoot[k]),

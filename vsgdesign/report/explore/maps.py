@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.linear.operating_point.equilibrium import static_limit_uses
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, gains_in_force, grid_arrays
 from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
 from vsgdesign.linear.stability.step_responses import full_order_settling
-from vsgdesign.metrics.modes import damping_ratio
+from vsgdesign.metrics.modes import least_damping
 from vsgdesign.report.explore.answer import Answer
 from vsgdesign.report.explore.events import event_s, events_at, length_s, told_spec
 from vsgdesign.report.explore.scene import Shown, at_source, held_grid, shown_of
@@ -26,7 +27,7 @@ from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 
-QUICK_FIGURES = ("disk_margin", "damping", "decay", "settling_s", "overshoot")
+QUICK_FIGURES = ("disk_margin_output", "damping_all_modes", "decay", "settling_s", "overshoot")
 
 _POINTS = 60
 _LOWEST_RAD_S = 0.1
@@ -47,11 +48,10 @@ class QuickFigures:
 def quick_figures(study: Study, cells: CellSet, figure: str) -> QuickFigures:
     """One of QUICK_FIGURES of the full-order model in every cell.
 
-    ``disk_margin`` is that of the loop broken at the plant's output, found on 60 frequencies and then refined, as
-    :func:`vsgdesign.linear.stability.margins.full_order_margins` does on more. ``damping`` is the least damping ratio,
-    ``decay`` the decay rate of the slowest mode (1/s). ``settling_s`` (2 %) and ``overshoot`` (a share of the step) are
-    those of P after a step of its reference, read from 500 points over ten time constants of the slowest mode. Raises
-    ValueError for another name.
+    ``disk_margin_output`` is found on 60 frequencies and then refined, as
+    :func:`vsgdesign.linear.stability.margins.full_order_margins` does on more. ``decay`` is the decay rate of the
+    slowest mode (1/s). ``settling_s`` (2 %) and ``overshoot`` (a share of the step) are those of P after a step of its
+    reference, read from 500 points over ten time constants of the slowest mode. Raises ValueError for another name.
     """
     if figure not in QUICK_FIGURES:
         raise ValueError(f'figure = "{figure}": must be one of {", ".join(QUICK_FIGURES)}')
@@ -67,12 +67,12 @@ def quick_figures(study: Study, cells: CellSet, figure: str) -> QuickFigures:
 
 
 def _of(model: FullOrderModel, figure: str) -> Array:
-    if figure == "disk_margin":
+    if figure == "disk_margin_output":
         omega = np.geomspace(_LOWEST_RAD_S, 0.999 * np.pi / model.T_s, _POINTS)
         return margins_named(model, ["disk_output"], omega)["disk_output"].value
-    if figure in ("damping", "decay"):
+    if figure in ("damping_all_modes", "decay"):
         eigenvalues = eigenvalues_of(model)
-        return damping_ratio(eigenvalues).min(axis=1) if figure == "damping" else -eigenvalues.real.max(axis=1)
+        return least_damping(eigenvalues) if figure == "damping_all_modes" else -eigenvalues.real.max(axis=1)
     settling, overshoot = full_order_settling(model, "P_ref", "P", _STEP_POINTS)
     return settling if figure == "settling_s" else overshoot
 
@@ -113,10 +113,11 @@ def map_figures(study: Study) -> tuple[MapFigure, ...]:
     asked = spec is not None and spec.settles
     settling = spec.settling_time if spec is not None and asked else gates.settling_time
     overshoot = 100.0 * spec.overshoot if spec is not None and asked else None
+    output, damping = (DEFINITIONS[name].heading for name in ("disk_margin_output", "damping_all_modes"))
     return (
-        MapFigure("disk_margin", "Disk margin", "", "high", (0.0, 2.0), None if spec is None else spec.disk_margin),
-        # Of every mode; that of a specification is a promise of the power loops alone (docs/study-file.md).
-        MapFigure("damping", "Least damping ratio", "", "high", (0.0, 1.0), gates.damping_ratio),
+        MapFigure("disk_margin_output", output, "", "high", (0.0, 2.0), None if spec is None else spec.disk_margin),
+        # Its limit is the gate: a specification asks for the damping ratio of the power loops.
+        MapFigure("damping_all_modes", damping, "", "high", (0.0, 1.0), gates.damping_ratio),
         MapFigure("settling_s", "2 % settling of P", "s", "low", (0.0, 2.0 * settling), settling),
         MapFigure("overshoot", "Overshoot of P", "%", "low", (0.0, 6.0 * (overshoot or 5.0)), overshoot, 100.0),
         MapFigure("decay", "Decay of the slowest mode", "1/s", "high", (0.0, 10.0 / settling), None),

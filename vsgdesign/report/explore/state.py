@@ -26,8 +26,10 @@ SIGNALS = ("P", "Q")
 OWN = "own"
 """The name of the controller whose gains the user gives by hand."""
 
-FIGURES = ("disk_margin", "damping", "settling_s", "overshoot", "decay", "survived")
+FIGURES = ("disk_margin_output", "damping_all_modes", "settling_s", "overshoot", "decay", "survived")
 """Names of the figures that a map can show."""
+_OF_BEFORE = {"disk_margin": "disk_margin_output", "damping": "damping_all_modes"}
+"""Names of figures in links of earlier versions."""
 
 
 class StateError(VsgDesignError):
@@ -218,6 +220,7 @@ def state_of(document: Any, study: Study) -> State:
     hold = given["hold"]
     if hold is not None:
         values["hold"] = PlaceOfState(**reader.place(reader.table(hold, "hold"), "hold.", ("scr", "x_over_r")))
+    given["figure"] = _OF_BEFORE.get(str(given["figure"]), given["figure"])
     values["figure"] = reader.choice(given, "figure", FIGURES)
     values["event"] = _event(reader, given["event"], defaults(study)["event"])
     known = names_of(study)

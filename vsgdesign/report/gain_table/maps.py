@@ -40,7 +40,7 @@ def scr_label(table: GainTable) -> str:
 
 def table_cells(table: GainTable, values: Array) -> Cells:
     """Values of a table as cells. Cells without a number are crossed, and unstable ones are hatched."""
-    decay = table.margins.get("decay_1_s")
+    decay = table.figures.get("decay_1_s")
     unstable = np.zeros(table.shape, dtype=bool) if decay is None else np.asarray(decay <= 0.0)
     missing = np.isnan(values) & ~unstable
     return Cells(
@@ -55,7 +55,7 @@ def table_cells(table: GainTable, values: Array) -> Cells:
 
 def in_order(table: GainTable) -> list[str]:
     """Names of a table's margins without ``worst_``: the known ones first, then the others."""
-    names = {name.removeprefix(WORST) for name in table.margins}
+    names = {name.removeprefix(WORST) for name in table.figures}
     return [name for name in FIGURES if name in names] + sorted(names - FIGURES.keys())
 
 
@@ -81,8 +81,8 @@ def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
     """A figure for each margin at the design point, with the worst of the box beside it if it is known."""
     for name in in_order(table):
         kinds = zip(margin_keys(name), ("design point", "worst of the box"), strict=True)
-        shown = [(key, kind) for key, kind in kinds if key in table.margins]
-        cells = [table_cells(table, table.margins[key]) for key, _ in shown]
+        shown = [(key, kind) for key, kind in kinds if key in table.figures]
+        cells = [table_cells(table, table.figures[key]) for key, _ in shown]
         known = np.concatenate([c.values[np.isfinite(c.values) & ~c.unstable] for c in cells])
         if len(known) == 0:
             continue

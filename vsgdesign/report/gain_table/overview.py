@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.definitions import in_words
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable
 from vsgdesign.linear.stability.gain_table import FIGURES, Compared, figure_of, largest_difference
 from vsgdesign.report.drawing.quantities import DASH
@@ -33,11 +34,12 @@ def table_blocks(table: GainTable) -> list[Block]:
             found.append(_grid(table, f"{name} [{unit}]", values, ".4g"))
     if constant:
         found.append(words(f"the same in every cell: {', '.join(constant)}", on=Where.TERMINAL))
-    for name in _in_order(table.margins):
+    for name in _in_order(table.figures):
         figure = figure_of(name)
         form = ".3g" if figure.unit == "1" else ".2f"
-        found.append(_grid(table, f"{figure.title} [{figure.unit}]", table.margins[name], form))
-    status = np.where(table.active == "", table.status, np.char.add(np.char.add(table.status, ": "), table.active))
+        found.append(_grid(table, f"{figure.title} [{figure.unit}]", table.figures[name], form))
+    active = np.vectorize(in_words, otypes=[str])(table.active)
+    status = np.where(active == "", table.status, np.char.add(np.char.add(table.status, ": "), active))
     if len(np.unique(status)) > 1:
         found.append(_grid(table, "status, active constraint", status, ""))
     else:

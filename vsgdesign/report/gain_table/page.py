@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.artifacts.definitions import ASKED
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.measured_errors import MeasuredErrors, shipped_errors
 from vsgdesign.artifacts.table_text import (
@@ -32,6 +33,7 @@ from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.inside import inside_figure, inside_sentence
 from vsgdesign.report.gain_table.maps import gain_surfaces, in_order, limit_of, margin_figures, margin_keys
 from vsgdesign.report.gain_table.regions import certificate_figure, constraint_figures, stale_figures
+from vsgdesign.report.gain_table.words import flattened, specification_rows
 from vsgdesign.report.page.blocks import (
     BULLETS,
     Block,
@@ -54,22 +56,33 @@ LAWS = {
     "inertia": "inertia: H and ζ are scheduled, k_1 and d_1 follow from A",
 }
 
-_BOX_UNITS = {"P": "W", "Q": "var", "V_g_rms": "V", "omega_g": "rad/s", "rate": "1/s"}
-SPECIFICATION_UNITS = {
-    "settling_time": "s",
-    "H": "s",
-    "H_min": "s",
-    "H_max": "s",
-    "bandwidth_max": "1/s",
-    **{f"box.{name}": unit for name, unit in _BOX_UNITS.items()},
+CERTIFICATE_WORDS = {
+    "certified": "Certified",
+    "proof": "Proof",
+    "controller": "Controller",
+    "decay": "Decay at least [1/s]",
+    "sampled": "Decay that the sampled points allow [1/s]",
+    "largest": "Largest eigenvalue of the inequality [1/s]",
+    "boxes": "Boxes on which it was proved",
+    "checked": "Cells at which it was verified",
+    "fresh": "Random points at which it was verified",
+    "vertices": "Corners of the set of Jacobians",
+    "gap.share": "Share of the region that is not proved on boxes",
+    "gap.decay": "Decay of the slowest point in the gaps [1/s]",
+    "gap.box": "Largest box that is left open",
+    "P": "Lyapunov function P",
+    "scale": "Scale of its states",
+    "states": "Its states",
+    "reason": "Reason",
+    "region.scr": "SCR",
+    "region.x_over_r": "X/R",
+    "region.P": "P [W]",
+    "region.Q": "Q [var]",
+    "region.error": "Error of R_g and of L_g",
+    "region.error_Z": "Error over |Z|",
+    "region.rate": "Speed of change of SCR and X/R [1/s]",
 }
-CERTIFICATE_UNITS = {
-    "decay": "1/s",
-    "sampled": "1/s",
-    "gap.decay": "1/s",
-    "largest": "1/s",
-    **{f"region.{name}": unit for name, unit in _BOX_UNITS.items()},
-}
+"""Rows of the certificate in words; any other name is printed as it is, with spaces."""
 
 
 def table_figures(table: GainTable, measured: MeasuredErrors | None = None) -> Iterator[NamedFigure]:
@@ -93,7 +106,8 @@ def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_pat
 
 def table_page(table: GainTable, figures: Sequence[WrittenFigure] = ()) -> Page:
     """The page: the answer, what the table is for, margins, gains, constraints, the proof, and stale schedules."""
-    rest, specification = figures[1:], open_table("Specification", table.specification, SPECIFICATION_UNITS)
+    rest, asked = figures[1:], tuple((name[:1].upper() + name[1:], value) for name, value in specification_rows(table))
+    specification = Table("Specification", ("Quantity", "Value"), asked, texts=2)
     margins, causes = margins_table(table), causes_table(table)
     made = open_table("Made with", table.provenance | table.inputs)
     verified = table_verification(table.verification)
@@ -152,7 +166,7 @@ def _certificate(table: GainTable) -> list[Block]:
     return [
         *([] if found.steps is None else [words(step_sentence(found.steps))]),
         *([] if steps is None else [steps]),
-        open_table("Certificate", _without_steps(found.document), CERTIFICATE_UNITS),
+        open_table("Certificate", _without_steps(found.document), CERTIFICATE_WORDS),
     ]
 
 
@@ -226,15 +240,15 @@ def causes_table(table: GainTable) -> Table:
     names = (
         ("settling_time", "settles [s]"),
         ("overshoot", "overshoot [%]"),
-        ("disk_margin", "disk margin [1]"),
-        ("damping_ratio", "damping [1]"),
+        ("disk_margin", f"{ASKED['disk_margin']} [1]"),
+        ("damping_ratio", f"{ASKED['damping_ratio']} [1]"),
         ("H", "H [s]"),
     )
     rows = []
     for cause in table.causes:
         keeps = cause["keeps"] or {}
         figures = [number(keeps.get(name)) if name != "overshoot" else _share(keeps.get(name)) for name, _ in names]
-        missed = missed_text(cause["missed"]).replace("_", " ")
+        missed = missed_text(cause["missed"])
         limit = DASH if not cause["limit"] else f"{cause['limit']}, {_share(cause['limit_use'])} %"
         rows.append((cause["cause"], plain(cause["scr"]), plain(cause["x_over_r"]), missed, limit, *figures))
     head = (
@@ -265,24 +279,19 @@ def _share(value: float | None) -> str:
     return number(None if value is None else 100.0 * value)
 
 
-def open_table(title: str, content: Mapping[str, Any], units: Mapping[str, str] = MappingProxyType({})) -> Table:
-    """Names, with the units that are known, and values of an open dictionary, one row each; nested ones with a dot."""
-    rows = tuple((f"{name} [{units[name]}]" if name in units else name, value) for name, value in _flat("", content))
+def open_table(title: str, content: Mapping[str, Any], known: Mapping[str, str] = MappingProxyType({})) -> Table:
+    """Names, in words where these are ``known``, and values of an open dictionary, one row each."""
+    rows = tuple(
+        (known.get(name, name.replace("_", " ").replace(".", ", ")), _entry(value))
+        for name, value in flattened(content)
+    )
     return Table(title, ("Name", "Value"), rows, texts=2)
 
 
-def _flat(prefix: str, content: Mapping[str, Any]) -> list[tuple[str, str]]:
-    rows: list[tuple[str, str]] = []
-    for key, value in content.items():
-        if isinstance(value, dict):
-            rows += _flat(f"{prefix}{key}.", value)
-        elif isinstance(value, list) and any(isinstance(item, list) for item in value):
-            rows.append((prefix + key, "matrix, in the file"))
-        elif isinstance(value, list):
-            rows.append((prefix + key, ", ".join(_text(item) for item in value)))
-        else:
-            rows.append((prefix + key, _text(value)))
-    return rows
+def _entry(value: Any) -> str:
+    if isinstance(value, list) and any(isinstance(item, list) for item in value):
+        return "matrix, in the file"
+    return ", ".join(_text(item) for item in value) if isinstance(value, list) else _text(value)
 
 
 def _text(value: Any) -> str:
@@ -292,7 +301,7 @@ def _text(value: Any) -> str:
 
 
 def _limits(table: GainTable, name: str) -> tuple[str, str, str]:
-    values = table.margins.get(name, np.full(1, np.nan))
+    values = table.figures.get(name, np.full(1, np.nan))
     known = values[np.isfinite(values)]
     if len(known) == 0:
         return DASH, DASH, DASH

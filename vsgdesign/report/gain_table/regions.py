@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateRecord
+from vsgdesign.artifacts.definitions import in_words
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.linear.stability.gain_table import stale_margins
 from vsgdesign.report.drawing.figure_types import NamedFigure
@@ -16,7 +17,7 @@ from vsgdesign.report.drawing.panels import Frame, Panel, map_figure, surface_sc
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.gain_table.maps import scr_label, table_cells
-from vsgdesign.report.stability.maps import DAMPING, DISK
+from vsgdesign.report.stability.maps import DAMPING, DISK, of_model
 from vsgdesign.study.parameters.stability import Gates
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def constraint_figures(table: GainTable) -> Iterator[NamedFigure]:
 
 def _kind(active: str) -> str:
     """What limits a cell, without the value that would have to be allowed, because cells are coloured by kind."""
-    return active.split(" → ")[0].split(":")[0].replace("_", " ") or _NONE
+    return in_words(active.split(" → ")[0].split(":")[0]) or _NONE
 
 
 @look()
@@ -162,7 +163,7 @@ def stale_figures(table: GainTable) -> Iterator[NamedFigure]:
         return
     columns = sorted({0, len(table.x_over_r) // 2, len(table.x_over_r) - 1})
     nowhere = np.zeros((len(table.scr),) * 2, dtype=bool)
-    for quantity, name in ((DAMPING, "least_damping"), (DISK, "disk_margin")):
+    for quantity, name in ((of_model(DAMPING, "reduced"), "damping_power_loops"), (DISK, "disk_margin_output")):
         panels = []
         for column in columns:
             ratio = float(table.x_over_r[column])

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from vsgdesign.artifacts.definitions import ASKED, in_words
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.measured_errors import shipped_errors
 from vsgdesign.artifacts.table_text import (
@@ -29,6 +30,7 @@ from vsgdesign.linear.stability.gain_table import TableCheck
 from vsgdesign.report.gain_table.inside import inside_sentence
 from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
+from vsgdesign.study.parameters.specification import UNBOUNDED_H
 
 
 def heading(table: GainTable) -> Iterator[str]:
@@ -57,7 +59,7 @@ def heading(table: GainTable) -> Iterator[str]:
     yield needed_sigma_text(table)
     yield inside_sentence(table, shipped_errors())
     if table.specification:
-        yield "specification: " + ", ".join(f"{k} = {_short(v)}" for k, v in table.specification.items())
+        yield "specification: " + "; ".join(f"{name} {value}" for name, value in specification_rows(table))
     yield from _why(table.causes)
     if table.between is not None:
         yield between_text(table.between)
@@ -69,6 +71,60 @@ def heading(table: GainTable) -> Iterator[str]:
     if table.design_hash:
         yield f"design hash {table.design_hash}"
     yield f"sha256 {table.sha256}"
+
+
+_SPECIFIED = {
+    "aim": ("aim", ""),
+    "settling_time": ("2 % settling of P and Q ≤", "s"),
+    "overshoot": ("overshoot ≤", "%"),
+    "disk_margin": (f"{ASKED['disk_margin']} ≥", ""),
+    "damping_ratio": (f"{ASKED['damping_ratio']} ≥", ""),
+    "H": ("inertia constant held at", "s"),
+    "H_min": ("inertia constant ≥", "s"),
+    "H_max": ("inertia constant ≤", "s"),
+    "bandwidth_max": ("k_2 and d_1 ≤", "1/s"),
+    "scr": ("SCR of the first nodes", ""),
+    "scr_basis": ("basis of SCR", ""),
+    "x_over_r": ("X/R of the first nodes", ""),
+    "box.P": ("P", "kW"),
+    "box.Q": ("Q", "kvar"),
+    "box.V_g_rms": ("voltage of the source, phase rms", "V"),
+    "box.omega_g": ("frequency of the grid", "Hz"),
+    "box.error_R": ("error of R_g ±", "%"),
+    "box.error_X": ("error of L_g ±", "%"),
+    "box.error_Z": ("or of |Z| ±", "%"),
+}
+"""Words and unit of what a specification says, in their order."""
+_SCALES = {"%": 100.0, "kW": 1e-3, "kvar": 1e-3, "Hz": 0.5 / math.pi}
+_NOT_ASKED = {"H": None, "H_min": 0.0, "H_max": UNBOUNDED_H, "box.error_Z": 0.0}
+
+
+def specification_rows(table: GainTable) -> list[tuple[str, str]]:
+    """What a table was designed to keep, in words and values. What is not asked for is left out."""
+    given = dict(flattened(table.specification))
+    rows = []
+    for name, (words, unit) in _SPECIFIED.items():
+        if name in given and not (name in _NOT_ASKED and given[name] == _NOT_ASKED[name]):
+            value = given[name]
+            values = value if isinstance(value, list | tuple) else [value]
+            shown = (_value(one, _SCALES.get(unit, 1.0)) for one in values)
+            rows.append((words, f"{', '.join(shown)} {unit}".strip()))
+    others = [name for name in given if name not in _SPECIFIED and not name.startswith("box.")]
+    return rows + [(name.replace("_", " "), _value(given[name])) for name in others]
+
+
+def flattened(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The entries of an open dictionary; those of one inside it have its name and a dot before theirs."""
+    for name, value in content.items():
+        if isinstance(value, dict):
+            yield from flattened(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def _value(value: Any, scale: float = 1.0) -> str:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f"{scale * value:.4g}" if number else str(value)
 
 
 def certificate_text(found: Certificate | Counterexample) -> str:
@@ -164,7 +220,7 @@ def _first(places: Sequence[dict[str, Any]], key: str, says: str, shown: int) ->
         if place.get("inner_loops_fail"):
             lines.append(f"{where}: {inner_loops_text(place['inner_loops_rad_s'])}")
             continue
-        values = ", ".join(f"{name} {_limit(value)}" for name, value in place[key].items())
+        values = ", ".join(f"{in_words(name)} {_limit(value)}" for name, value in place[key].items())
         lines.append(f"{where}: {says} {values}")
     return lines if len(places) <= shown else [*lines, f"  and {len(places) - shown} more (--json has all)"]
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.quantities import number, plain, plain_quantity
@@ -189,12 +190,12 @@ def write_inner_page(document: dict[str, Any], figures: Sequence[WrittenFigure],
 
 
 PROMISES: dict[str, tuple[str, str]] = {
-    "damping": ("damping ratio of every mode", "1"),
+    "damping": (DEFINITIONS["damping_inner_loops"].title, "1"),
     "decay": ("slowest decay", "1/s"),
-    "disk": ("disk margin at the bridge", "1"),
+    "disk": (DEFINITIONS["disk_margin_bridge"].title, "1"),
     "sensors": ("relative error of all sensors at once", "1"),
     "noise": ("noise gain from the sensors to the bridge voltage", "1"),
-    "tolerance": ("damping ratio with L_1 and C off by 20 %", "1"),
+    "tolerance": (f"{DEFINITIONS['damping_inner_loops'].title} with L_1 and C off by 20 %", "1"),
 }
 """Name and unit of each promise."""
 
@@ -240,7 +241,7 @@ def explanation(document: dict[str, Any]) -> list[str]:
     ]
     lines.append(
         f"With closed-form power loops the full-order model is stable in {check['stable']} of {check['analysed']} "
-        f"cells, with a damping ratio of {number(_or_nan(check['damping']))} or more "
+        f"cells, with a {DEFINITIONS['damping_all_modes'].title} of {number(_or_nan(check['damping']))} or more "
         f"({check['cells'] - check['analysed']} further cells have no operating point)."
     )
     enough = "at or above" if sampling["ratio"] >= ENOUGH_SAMPLING else "below"

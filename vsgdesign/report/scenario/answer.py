@@ -15,7 +15,7 @@ from vsgdesign.report.drawing.quantities import number, percent, plain
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.scenario.figures import interesting_time
 from vsgdesign.report.scenario.outcomes import StepOutcome
-from vsgdesign.report.scenario.promise_tables import PROMISES, reached, slack
+from vsgdesign.report.scenario.promise_tables import promise_title, reached, slack
 from vsgdesign.report.scenario.signals import Signal, power_signals
 from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
@@ -156,7 +156,7 @@ def _margins(own: Sequence[Kept]) -> Cell:
     if not judged:
         return Cell(UNKNOWN, "not judged") if own else Cell(OPEN, "not asked for")
     worst = min(judged, key=slack)
-    name, _, unit = PROMISES[worst.name].partition(" [")
+    name, _, unit = promise_title(worst).partition(" [")
     unit = {"dB]": " dB", "°]": "°"}.get(unit, "")
     limit = f"{'≥' if worst.at_least else '≤'} {plain(worst.limit)}{unit}"
     value = reached(worst.full_order, worst.limit, not worst.kept)

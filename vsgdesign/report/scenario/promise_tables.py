@@ -5,18 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.simulation.scenario.promises import Kept
+from vsgdesign.simulation.scenario.promises import TABLE, Kept
 
 PROMISES = {
-    "damping_ratio": "damping ratio",
-    "disk_margin": "disk margin",
+    "disk_margin": DEFINITIONS["disk_margin_output"].title,
     "gain_margin_db": "gain margin [dB]",
     "phase_margin_deg": "phase margin [°]",
     "M_s": "peak sensitivity M_s",
 }
+
+
+def promise_title(one: Kept) -> str:
+    """What a promise is about: a table promises the damping of its power loops, a gate asks for that of all modes."""
+    if one.name == "damping_ratio":
+        return DEFINITIONS["damping_power_loops" if one.source == TABLE else "damping_all_modes"].title
+    return PROMISES[one.name]
 
 
 def promises_table(kept: Sequence[Kept]) -> Table | None:
@@ -31,7 +38,7 @@ def promises_table(kept: Sequence[Kept]) -> Table | None:
             (
                 one.controller,
                 f"{plain(one.t_s, 5)} s",
-                PROMISES[one.name],
+                promise_title(one),
                 one.source,
                 one.excuse,
                 f"{sign} {plain(one.limit)}",
@@ -59,7 +66,7 @@ def promises_table(kept: Sequence[Kept]) -> Table | None:
     notes = (
         "At the operating point that holds from that instant on, with the gains that the controller has there. Ideal: "
         "the coupled model of the power loops. Real: the full-order model with inner loops, delay and sampling, which "
-        "is the one that counts. A table's damping ratio is a promise of its power loops.",
+        "is the one that counts. With ideal inner loops all modes are those of the power loops.",
     )
     return Table("Margins against what was asked for", head, tuple(rows), 5, groups, notes, frozenset(flagged))
 
@@ -77,7 +84,7 @@ def promise_sentences(kept: Sequence[Kept]) -> list[str]:
         sentences.append(
             f"With the real inner loops {name} misses {len(missed)} of the {len(judged)} margins that it was asked "
             f"for, with ideal ones {sum(not one.kept_ideal for one in judged)}; worst from {plain(worst.t_s)} s on: "
-            f"{PROMISES[worst.name].partition(' [')[0]} {reached(worst.full_order, worst.limit, True)} (ideal "
+            f"{promise_title(worst).partition(' [')[0]} {reached(worst.full_order, worst.limit, True)} (ideal "
             f"{reached(worst.ideal, worst.limit, not worst.kept_ideal)}) where {worst.source} "
             f"ask{'' if worst.source.endswith('gates') else 's'} for {sign} {plain(worst.limit)}."
         )

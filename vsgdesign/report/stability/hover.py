@@ -14,7 +14,6 @@ from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.report.drawing.look import edges
 from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.stability.gains import used_gains
-from vsgdesign.report.stability.maps import disk_margin_of
 from vsgdesign.report.stability.modes import VIEWS, finite_points, locus_limits
 from vsgdesign.simulation.stability_result import StabilityResult
 
@@ -70,7 +69,8 @@ def _texts(field: MarginMap, steps: ControllerAssessment | None = None) -> list[
         np.stack(
             [
                 t.least_damping,
-                disk_margin_of(t),
+                t.disk_output.value,
+                t.disk_input.value,
                 t.loop_P.gain_margin_db,
                 t.loop_P.phase_margin_deg,
                 t.loop_Q.gain_margin_db,
@@ -80,7 +80,7 @@ def _texts(field: MarginMap, steps: ControllerAssessment | None = None) -> list[
             axis=1,
         )
         if len(t.stable)
-        else np.empty((0, 7))
+        else np.empty((0, 8))
     )
     row_of = {int(flat): k for k, flat in enumerate(field.analysed)}
     lines = []
@@ -92,13 +92,13 @@ def _texts(field: MarginMap, steps: ControllerAssessment | None = None) -> list[
         if k is None:
             lines.append(lead + (fault or "not analysed"))
             continue
-        zeta, disk, gm_p, pm_p, gm_q, pm_q, M_s = columns[k]
+        zeta, disk, at_input, gm_p, pm_p, gm_q, pm_q, M_s = columns[k]
         if not t.stable[k]:
             lines.append(typeset(f"{lead}unstable, ζ {zeta:.3g}"))
             continue
         text = (
-            f"{lead}ζ {zeta:.3g}, α {disk:.3g}, P loop {_g(gm_p)} dB {_g(pm_p)}°, Q loop {_g(gm_q)} dB {_g(pm_q)}°, "
-            f"M_s {M_s:.3g}"
+            f"{lead}ζ {zeta:.3g}, α {disk:.3g} at the output and {at_input:.3g} at the input, "
+            f"P loop {_g(gm_p)} dB {_g(pm_p)}°, Q loop {_g(gm_q)} dB {_g(pm_q)}°, M_s {M_s:.3g}"
         )
         if steps is not None:
             pair = (steps.step_P[k], steps.step_Q[k])

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.definitions import DEFINITIONS, damping_of
 from vsgdesign.linear.stability.assessment import ControllerAssessment
 from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.linear.stability.margins import MarginTable
@@ -46,11 +47,6 @@ class Quantity:
     larger_is_better: bool = True
 
 
-def disk_margin_of(table: MarginTable) -> Array:
-    """The smaller of the disk margins at the plant's output and at its input."""
-    return np.minimum(table.disk_output.value, table.disk_input.value)
-
-
 def gain_margin_of(table: MarginTable) -> Array:
     """The smaller gain margin of the two loops, dB."""
     return np.minimum(table.loop_P.gain_margin_db, table.loop_Q.gain_margin_db)
@@ -61,23 +57,25 @@ def phase_margin_of(table: MarginTable) -> Array:
     return np.minimum(table.loop_P.phase_margin_deg, table.loop_Q.phase_margin_deg)
 
 
+_OUTPUT = DEFINITIONS["disk_margin_output"]
 DAMPING = Quantity(
     name="damping",
-    title="Least damping ratio",
-    label="Least damping ratio ζ [1]",
+    title="Damping ratio",
+    label="Damping ratio ζ [1]",
     column=lambda t: t.least_damping,
     scale=lambda g: gate_scale(0.0, 1.0, g.damping_ratio, (0.0, 0.1, 0.2, 0.5, 0.7, 1.0)),
     gate_text=lambda g: f"gate ζ = {plain(g.damping_ratio)}",
-    how="the least damping ratio over all modes of a cell, −Re s/|s|",
+    how=f"the least damping ratio, −Re s/|s|: reduced, the {DEFINITIONS['damping_power_loops'].title}; full order, the "
+    f"{DEFINITIONS['damping_all_modes'].title}",
 )
 DISK = Quantity(
     name="disk_margin",
-    title="Disk margin",
-    label="Disk margin α [1]",
-    column=disk_margin_of,
+    title=_OUTPUT.heading,
+    label=f"{_OUTPUT.heading} α [1]",
+    column=lambda t: t.disk_output.value,
     scale=lambda _: Scale(0.0, 2.0, ticks=(0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)),
     gate_text=None,
-    how="the smaller of the balanced multi-loop disk margins at the plant's output and input; α allows gain changes by "
+    how=f"the {_OUTPUT.title}: both loops at once, balanced, broken at the measured P and Q; α allows gain changes by "
     "(1 + α/2)/(1 − α/2) and phase changes by 2·atan(α/2) in both loops at once. It has no gate",
 )
 GAIN_MARGIN = Quantity(
@@ -109,6 +107,16 @@ M_S = Quantity(
     how="the peak over frequency of the largest singular value of the sensitivity at the plant's output; small is good",
     larger_is_better=False,
 )
+
+
+def of_model(quantity: Quantity, model: str) -> Quantity:
+    """A quantity as a figure of one model alone calls it."""
+    if quantity is not DAMPING:
+        return quantity
+    of = DEFINITIONS[damping_of(model)]
+    return replace(quantity, title=of.heading, label=f"{of.heading} ζ [1]", how=f"the {of.title}, −Re s/|s|")
+
+
 QUANTITIES = (DAMPING, DISK, GAIN_MARGIN, PHASE_MARGIN, M_S)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.linear.stability.assessment import ControllerAssessment, Locus
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import UNSTABLE, colour_bar
@@ -16,7 +17,7 @@ from vsgdesign.report.drawing.panels import groups
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import LABEL_PT, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.stability.maps import DAMPING, axis_labels, baseline_first
+from vsgdesign.report.stability.maps import DAMPING, axis_labels, baseline_first, of_model
 from vsgdesign.report.stability.schedule import place_of_design
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.study.parameters.study import Study
@@ -239,7 +240,7 @@ def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigur
         else:
             axes.tick_params(axis="y", which="both", labelleft=False)
     beyond = (bool((values < scale.low).any()), bool((values > scale.high).any()))
-    colour_bar(figure, (total - bar + 0.12, below, 0.11, height), scale, DAMPING.label, beyond)
+    colour_bar(figure, (total - bar + 0.12, below, 0.11, height), scale, of_model(DAMPING, "full_order").label, beyond)
     ring = {"marker": "o", "markersize": 7.0, "markerfacecolor": "none", "markeredgecolor": "#000000"}
     dead = {"marker": "X", "markersize": 4.5, "markerfacecolor": UNSTABLE["facecolor"], "markeredgecolor": "white"}
     entries = [Line2D([], [], linestyle="", label="least damped of the stable grids", **ring)]
@@ -250,7 +251,7 @@ def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigur
     )
     caption = (
         "How to read: random grids, log-uniform over the axes of the maps, so mostly between their nodes; colour: the "
-        f"least damping ratio over all modes, full order, at {place_of_design(result.study)}. Grids that cannot be "
-        "analysed are left out. The table below compares the worst of them with the worst node of the map."
+        f"{DEFINITIONS['damping_all_modes'].title}, full order, at {place_of_design(result.study)}. Grids that cannot "
+        "be analysed are left out. The table below compares the worst of them with the worst node of the map."
     )
     return NamedFigure(name, "Random grids between the nodes of the maps", caption, figure, PART)

@@ -16,7 +16,7 @@ from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.stability.maps import CIRCLES, DAMPING, DISK, Quantity, axis_labels
+from vsgdesign.report.stability.maps import CIRCLES, DAMPING, DISK, Quantity, axis_labels, of_model
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.study.parameters.study import Study
 
@@ -25,13 +25,14 @@ Array = NDArray[np.float64]
 PART = 4
 _MOST_PANELS = 8
 _MOST_LINES = 6
+_DAMPING = of_model(DAMPING, "full_order")
 
 
 def schedule_figures(result: StabilityResult) -> Iterator[NamedFigure]:
     """Stale gains, then estimate errors, of every scheduled controller."""
     for index, a in enumerate(result.assessments):
         if a.stale is not None:
-            for quantity in (DAMPING, DISK):
+            for quantity in (_DAMPING, DISK):
                 yield _stale_figure(result, index, a, a.stale, quantity)
         if a.estimate_error is not None:
             yield _error_figure(result, index, a, a.estimate_error)
@@ -107,7 +108,7 @@ def _error_figure(result: StabilityResult, index: int, a: ControllerAssessment, 
     scr = field.axes[0][1]
     shown = _spread(len(scr), _MOST_PANELS)
     per_row = 4 if len(shown) > 3 else len(shown)
-    damping = DAMPING.column(field.table)
+    damping = _DAMPING.column(field.table)
     panels = [
         Panel(
             f"SCR {plain(float(scr[k]), 3)}",
@@ -123,20 +124,20 @@ def _error_figure(result: StabilityResult, index: int, a: ControllerAssessment, 
     caption = (
         f"How to read: one panel a true SCR, at X/R {_study_ratio(study)} and {place_of_design(study)}. The schedule "
         "is fed a resistance and an inductance that are wrong by the per cents on the axes; zero is the true grid. "
-        f"Colour: {DAMPING.how}, full order. Blue cells meet our gate.{more}{_circles(field)}"
+        f"Colour: {_DAMPING.how}. Blue cells meet our gate.{more}{_circles(field)}"
     )
     frame = Frame(
         f"estimate_error_{index + 1}",
-        f"Damping of {a.spec.name} against errors of its grid estimate",
+        f"{_DAMPING.title} with {a.spec.name} against errors of its grid estimate",
         caption,
         "Error of $R_g$ [%]",
         "Error of $L_g$ [%]",
-        DAMPING.label,
+        _DAMPING.label,
         PART,
         0.95,
-        DAMPING.gate_text(gates) if DAMPING.gate_text else None,
+        _DAMPING.gate_text(gates) if _DAMPING.gate_text else None,
     )
-    return map_figure(frame, rows, DAMPING.scale(gates))
+    return map_figure(frame, rows, _DAMPING.scale(gates))
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -173,7 +174,7 @@ def _box_figure(result: StabilityResult, index: int, a: ControllerAssessment, fi
     shown = _spread(len(field.axes[0][1]), _MOST_LINES)
     lines: Sequence[Any] = ()
     gates: list[Any] = []
-    for k, quantity in enumerate((DAMPING, DISK)):
+    for k, quantity in enumerate((_DAMPING, DISK)):
         axes = add_axes(figure, left + k * (width + between), bottom, width, height)
         sizes, worst = worst_over_boxes(field, quantity.column(field.table))
         for j, row in enumerate(shown):

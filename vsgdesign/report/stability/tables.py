@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vsgdesign.artifacts import provenance
+from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.equations.frames import phase_to_ll
 from vsgdesign.errors import share_percent
 from vsgdesign.linear.stability.assessment import ControllerAssessment
@@ -94,8 +95,8 @@ def worst_table(result: StabilityResult, a: ControllerAssessment) -> Table:
     head = ("Model", "Quantity", "Worst cell", "Value", "Cells that miss the gate")
     notes = (
         "Unstable cells count as the worst of all and as missing every gate; they have no margins. "
-        f"{NO_LIMIT.capitalize()}: no gain, phase or delay makes a loop unstable, in any cell. The disk margin of "
-        f"this table is that at the plant's output. {left_out_text(a.full_order)}".strip(),
+        f"{NO_LIMIT.capitalize()}: no gain, phase or delay makes a loop unstable, in any cell. "
+        f"{left_out_text(a.full_order)}".strip(),
     )
     return Table(f"Worst cells of {a.spec.name}", head, tuple(rows), 3, notes=notes, flagged=frozenset(flagged))
 
@@ -143,7 +144,7 @@ def focus_table(a: ControllerAssessment) -> Table:
     rows = []
     for cell in a.focus:
         for name, t in (("reduced", cell.reduced_table), ("full order", cell.full_order_table)):
-            disk = min(float(t.disk_output.value[0]), float(t.disk_input.value[0]))
+            disk = float(t.disk_output.value[0])
             factor, phase = (float(x) for x in guaranteed_margins(np.array(disk)))
             rows.append(
                 (
@@ -155,6 +156,7 @@ def focus_table(a: ControllerAssessment) -> Table:
                     number(disk),
                     _value(20.0 * math.log10(factor), ""),
                     number(phase),
+                    number(float(t.disk_input.value[0])),
                     number(float(t.M_s.value[0])),
                     *(
                         _value(float(v[0]), "")
@@ -172,6 +174,7 @@ def focus_table(a: ControllerAssessment) -> Table:
         "α",
         "GM [dB]",
         "PM [°]",
+        "α",
         "M_s",
         "GM [dB]",
         "PM [°]",
@@ -180,8 +183,19 @@ def focus_table(a: ControllerAssessment) -> Table:
         "PM [°]",
         "DM [ms]",
     )
-    groups = (("", 3), ("Least damped", 2), ("Disk margin, guaranteed", 3), ("", 1), ("P loop", 3), ("Q loop", 3))
+    output, input_ = (DEFINITIONS[name].heading for name in ("disk_margin_output", "disk_margin_input"))
+    groups = (
+        ("", 3),
+        ("Damping ratio", 2),
+        (f"{output}, guaranteed", 3),
+        (input_, 1),
+        ("", 1),
+        ("P loop", 3),
+        ("Q loop", 3),
+    )
     notes = (
+        f"ζ: reduced, the {DEFINITIONS['damping_power_loops'].title}; full order, the "
+        f"{DEFINITIONS['damping_all_modes'].title}; at: |s| of this mode. "
         f"GM, PM, DM: gain, phase and delay margin of a loop with the other closed; ∞: no crossing; {DASH}: none, as "
         "the cell is unstable.",
     )
@@ -264,7 +278,8 @@ def between_table(assessments: Sequence[ControllerAssessment]) -> Table:
                 number(float(map_damping.min())) if len(map_damping) else DASH,
             )
         )
-    head = ("Controller", "Worst random grid", "Analysed", "Stable", "Least ζ", "Analysed", "Stable", "Least ζ")
+    zeta = DEFINITIONS["damping_all_modes"].heading
+    head = ("Controller", "Worst random grid", *("Analysed", "Stable", zeta) * 2)
     groups = (("", 2), ("Random grids", 3), ("Nodes of the map", 3))
     notes = (
         "Full order, at the first operating point of the study, within the converter's limits. A random grid far worse "

@@ -88,10 +88,10 @@ class Specification:
     overshoot: float = number("1", 0.001, 1.0, default=0.05)
     """Of the step; not with `inertia`."""
     damping_ratio: float = number("1", 0.0, 1.0, default=0.5)
-    """Least damping ratio of the modes of the power loops. For every mode, those of filter and inner loops too, there
-    is the [gate](#stabilitygates)."""
+    """Least [damping ratio of the power loops](definitions.md#damping-ratio). For that of all modes, those of filter
+    and inner loops too, there is the [gate](#stabilitygates)."""
     disk_margin: float = number("1", 0.0, 1.9, default=1.0)
-    """Least disk margin (:eq:`disk-margin`)."""
+    """Least [disk margin at the output](definitions.md#disk-margin) (:eq:`disk-margin`)."""
     H: float | None = number("s", 1e-3, 1e3, shown="required with `inertia`")
     """Inertia constant to hold; not with `settling`."""
     H_min: float = number("s", 0.0, 1e3, default=0.0)

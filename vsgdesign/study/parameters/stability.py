@@ -26,7 +26,7 @@ class Gates:
     """Gates: limits for the margins of a design. They are set in the study and do not come from a grid code."""
 
     damping_ratio: float = number("1", 0.0, 1.0, default=0.3)
-    """Least damping ratio of any mode."""
+    """Least [damping ratio of all modes](definitions.md#damping-ratio)."""
     gain_margin_db: float = number("1", 0.0, 60.0, default=6.0)
     """Of either loop with the other closed, dB."""
     phase_margin_deg: float = number("1", 0.0, 180.0, default=30.0)

@@ -202,7 +202,14 @@ def _details(compared: Compared) -> dict[str, Any]:
     }
 
 
-_FIGURES = ("overshoot", "settling_time", "cross_peak", "disk_margin", "damping_ratio")
+_FIGURES = {
+    "overshoot": "overshoot",
+    "settling_time": "settling_time",
+    "cross_peak": "cross_peak",
+    "disk_margin": "disk_margin_output",
+    "damping_ratio": "damping_power_loops",
+}
+"""Figures of the coupled model, with their names in the CSV file."""
 
 CSV_HEADER = (
     "contender",
@@ -211,7 +218,7 @@ CSV_HEADER = (
     "scr",
     "x_over_r",
     "state",
-    *(f"{name} {side}" for side in ("exact", "wrong") for name in _FIGURES),
+    *(f"{name} {side}" for side in ("exact", "wrong") for name in _FIGURES.values()),
     "missed exact",
     "missed wrong",
     "droop [W/Hz]",

@@ -160,12 +160,12 @@ def _rows(found: InnerAssessment) -> tuple[tuple[str, ...], list[tuple[object, .
         "SCR",
         "X/R",
         "score",
-        "damping ratio",
+        "damping_inner_loops",
         "decay [1/s]",
-        "disk margin",
+        "disk_margin_bridge",
         "all-sensor margin",
         "noise gain",
-        "damping ratio, L_1 and C off",
+        "damping_inner_loops, L_1 and C off",
     )
     rows: list[tuple[object, ...]] = [
         (scr, x_over_r, float(score.t_map[i, j]), *(float(values[i, j]) for values in score.maps))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
+from vsgdesign.artifacts.definitions import damping_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import WorkerError
@@ -215,7 +216,7 @@ def _controller(result: StabilityResult, a: ControllerAssessment) -> dict[str, A
         "between_nodes": {
             "grids": len(a.between.stable),
             "stable": int(a.between.stable.sum()),
-            "least_damping": float(np.min(a.between.least_damping)) if len(a.between.stable) else None,
+            "damping_all_modes": float(np.min(a.between.least_damping)) if len(a.between.stable) else None,
         },
         "x_over_r_limit": [{"scr": scr, "x_over_r": limit} for scr, limit in a.x_over_r_limit],
         "cells": [_focus(result, a.spec.name, cell) for cell in a.focus],
@@ -232,7 +233,10 @@ def _focus(result: StabilityResult, name: str, cell: FocusCell) -> dict[str, Any
         "Q": cell.Q,
         "outside_the_limits": cell.outside,
         "gains": cell.gains.named(),
-        "margins": {"reduced": _margins(cell.reduced_table), "full_order": _margins(cell.full_order_table)},
+        "margins": {
+            model: _margins(model, table)
+            for model, table in (("reduced", cell.reduced_table), ("full_order", cell.full_order_table))
+        },
         "modes": [
             {
                 "real": m.s.real,
@@ -252,7 +256,7 @@ def _focus(result: StabilityResult, name: str, cell: FocusCell) -> dict[str, Any
     }
 
 
-def _margins(table: Any) -> dict[str, Any]:
+def _margins(model: str, table: Any) -> dict[str, Any]:
     gain, phase = guaranteed_margins(table.disk_output.value)
     loops = {
         loop: {field: float(getattr(margins, field)[0]) for field in margins.__dataclass_fields__}
@@ -261,7 +265,7 @@ def _margins(table: Any) -> dict[str, Any]:
     return {
         "stable": bool(table.stable[0]),
         "spectral_abscissa": float(table.spectral_abscissa[0]),
-        "least_damping": float(table.least_damping[0]),
+        damping_of(model): float(table.least_damping[0]),
         "disk_margin_output": float(table.disk_output.value[0]),
         "disk_margin_output_rad_s": float(table.disk_output.omega[0]),
         "disk_margin_input": float(table.disk_input.value[0]),

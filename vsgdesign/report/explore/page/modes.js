@@ -106,7 +106,7 @@ export class ModesPlot {
   // A ray holds all modes of one damping ratio zeta: real part -zeta w, imaginary part +-sqrt(1 - zeta^2) w.
   paintRays(ctx, box, sx, sy) {
     const t = theme();
-    const gate = this.info.gates && this.info.gates.damping;
+    const gate = this.info.gates && this.info.gates.damping_all_modes;
     // The promised ratio comes first: a label that would touch its own is left out.
     const values = [...new Set([...(gate ? [gate] : []), ...RAYS.filter((z) => !gate || Math.abs(z - gate) > 0.05)])];
     const named = [];
