@@ -18,9 +18,10 @@ from tests.cli.test_named_files import with_table
 from tests.gain_tables import table as gain_table
 from vsgdesign import __version__
 from vsgdesign.artifacts import write_table_file
-from vsgdesign.design import design_closed_form
+from vsgdesign.design.study_design import design_study
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.terminal import print_terminal
-from vsgdesign.report.terminals import design_blocks
+from vsgdesign.report.stability.design import design_blocks
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.study.parameters import load_study
 from vsgdesign.verbs.pipeline import make_ready
@@ -50,7 +51,7 @@ def test_help_of_each_verb(verb: str) -> None:
     assert result.exit_code == 0
     assert "STUDY.toml" in result.stdout
     assert "--json" in result.stdout
-    assert ("--out DIR" in result.stdout) == (verb in ("run", "simulate"))
+    assert ("--out DIR" in result.stdout) == (verb in ("run", "simulate", "design"))
 
 
 @pytest.mark.parametrize(
@@ -172,11 +173,11 @@ def test_design_fits_a_terminal_of_80_columns(tmp_path: Path) -> None:
     """Nothing is folded: every number stands whole on its line."""
     study = load_study(study_file(tmp_path, COUPLED))
     study = replace(study, controllers=study.controllers[:4])
-    designs = [design_closed_form(study, spec, study.grid) for spec in study.controllers]
     shown = {}
     for width in (80, 200):
         out = StringIO()
-        print_terminal(design_blocks(study, designs), Console(file=out, width=width))
+        blocks = [block for block in design_blocks(design_study(study)) if isinstance(block, Table)]
+        print_terminal([replace(block, notes=()) for block in blocks], Console(file=out, width=width))
         shown[width] = [line.rstrip() for line in out.getvalue().splitlines()]
     assert shown[80] == shown[200]
     assert max(len(line) for line in shown[80]) <= 80

@@ -1,19 +1,14 @@
-"""What verbs without a page print on a terminal: a survival measurement, and a closed-form design."""
+"""What verbs without a page print on a terminal: a survival measurement, and what differs between two results."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vsgdesign.errors import counted, share_percent
 from vsgdesign.report.drawing.quantities import DASH
 from vsgdesign.report.page.blocks import Block, Table, Where, words
-
-if TYPE_CHECKING:
-    from vsgdesign.design import ClosedFormDesign
-    from vsgdesign.study.parameters import Study
-
 
 _LONGEST = 60
 """Letters of a value that a terminal shows."""
@@ -137,89 +132,3 @@ def _relative(one: dict[str, Any]) -> float:
     a, b = one["a"], one["b"]
     numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (a, b))
     return (b - a) / abs(a) if numbers and a else math.inf
-
-
-_PLACE = ("controller", "SCR", "X/R")
-_POINT = (("V", "pu"), ("δ", "°"), ("A", "W/rad"), ("D", "var/V"), ("PM of P", "°"), ("PM of Q", "°"))
-_FIRST = (("K_ip", "rad/(s²W)"), ("D_p", "W·s/rad"), ("K_iq", "V/(s·var)"), ("D_q", "var/V"))
-_REST = (("K_pq", "rad/(s²var)"), ("K_qp", "V/(s·W)"), ("k_P", "rad/(s·W)"), ("k_Q", "rad/(s·var)"))
-_SYSTEM = (
-    ("H", "s"),
-    ("P–f droop", "kW/Hz"),
-    ("P–f droop", "% of f_n"),
-    ("Q–V droop", "kvar/V"),
-    ("Q–V droop", "% of V_n"),
-)
-
-
-def design_blocks(study: Study, designs: Sequence[ClosedFormDesign], missing: Sequence[str] = ()) -> list[Block]:
-    """Design points, margins, gains, inertia and droop; ``missing``: sentences on controllers without gains."""
-    found: list[Block] = []
-    if designs:
-        c, on = study.converter, Where.TERMINAL
-        title = f"{study.title}: design points (SCR on the {study.scr_basis} basis)"
-        beyond = f"! the design point needs a voltage outside {c.V_min_pu:g} to {c.V_max_pu:g} pu"
-        inside = all(d.point.V_within_limits for d in designs)
-        more = [(d, [f"{value:.4g}" for value in d.gains[4:]]) for d in designs if any(d.gains[4:])]
-        found += [
-            _table(study, title, _POINT, [(d, _point(study, d)) for d in designs]),
-            words("" if inside else beyond, on=on),
-            _table(study, "gains", _FIRST, [(d, [f"{value:.5g}" for value in d.gains[:4]]) for d in designs]),
-            *([_table(study, "gains that only coupled structures have", _REST, more)] if more else []),
-            _table(study, "inertia and droop", _SYSTEM, [(d, _system(study, d)) for d in designs]),
-            words("Droop in %: the deviation that rated power answers.", on=on),
-        ]
-    told = [spec.name for spec in study.controllers if spec.estimate != "truth"]
-    of_estimates = f"{', '.join(told)}: estimates the grid; shown with the gains of the true one." if told else ""
-    return [*found, words(of_estimates, *missing, on=Where.TERMINAL)]
-
-
-def _table(
-    study: Study,
-    title: str,
-    columns: Sequence[tuple[str, str]],
-    rows: Sequence[tuple[ClosedFormDesign, Sequence[str]]],
-) -> Table:
-    """Units stand below the names, so that the table fits in 80 columns."""
-    head = (*_PLACE, *(f"{name}\n[{unit}]" for name, unit in columns))
-    return Table(title, head, tuple((*_place(study, d), *cells) for d, cells in rows), on=Where.TERMINAL)
-
-
-def _place(study: Study, d: ClosedFormDesign) -> tuple[str, str, str]:
-    place = d.grid.place(study.converter, study.scr_basis)
-    return d.controller, f"{place.scr:.3g}", f"{place.x_over_r:.3g}"
-
-
-def _point(study: Study, d: ClosedFormDesign) -> list[str]:
-    mark = "" if d.point.V_within_limits else "!"
-    return [
-        f"{d.point.V_rms / study.converter.V_rated_rms:.3f}{mark}",
-        f"{math.degrees(d.point.delta):.2f}",
-        f"{d.point.A:.5g}",
-        f"{d.point.D:.5g}",
-        _angle(d.margins_P.phase_margin_deg),
-        _angle(d.margins_Q.phase_margin_deg),
-    ]
-
-
-def _system(study: Study, d: ClosedFormDesign) -> list[str]:
-    c = study.converter
-    return [
-        f"{d.inertia_s:.3g}",
-        f"{d.droop_W_per_Hz / 1e3:.4g}",
-        _share_of_rated(c.S_rated, d.gains.D_p * c.omega_n),
-        f"{d.gains.D_q / 1e3:.4g}",
-        _share_of_rated(c.S_rated, d.gains.D_q * c.V_rated_rms),
-    ]
-
-
-def _angle(value: float | None) -> str:
-    return DASH if value is None else f"{value:.1f}"
-
-
-def _share_of_rated(rated: float, stiffness: float) -> str:
-    """The deviation in per cent that rated power corresponds to; none without droop."""
-    if stiffness == 0.0:
-        return "none"
-    share = 100.0 * rated / stiffness
-    return f"{share:.0f}" if share >= 1000.0 else f"{share:.3g}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,44 +17,33 @@ if TYPE_CHECKING:
 
 @click.command()
 @STUDY
+@click.option(
+    "--out", default=None, metavar="DIR", help="Also write a page with maps of the power flow into this folder."
+)
 @JSON
 @verb
-def design(study_file: str, as_json: bool) -> None:
-    """Show operating points, gains, margins, inertia and droop.
+def design(study_file: str, out: str | None, as_json: bool) -> None:
+    """Show power flow, gains, margins, inertia and droop.
 
-    The tables have one row for every controller on every grid of the study.
+    The power flow says where each controller rests with its droops, over the grids and powers of the specification
+    (else over the axes of [stability]), and what limits. The other tables have one row for every controller on every
+    grid of the study.
     """
-    from dataclasses import asdict
-
-    from vsgdesign.artifacts.ready import Ready, read_tables
-    from vsgdesign.design import design_closed_form, distinct_grids
+    from vsgdesign.design.study_design import design_study
+    from vsgdesign.verbs.pipeline.design import report_design
 
     study = _on_the_grid_alone(load(study_file, left_tables=True))
-    ready = Ready(tables=read_tables(study))
-    known = [spec for spec in study.controllers if spec.schedule != "table" or spec.name in ready.tables]
-    missing = [
-        f"{spec.name}: its gain table is not built yet. vsgdesign run builds it, vsgdesign table build keeps it."
-        for spec in study.controllers
-        if spec not in known
-    ]
-    designs = [design_closed_form(study, spec, grid, ready) for spec in known for grid in distinct_grids(study)]
-    if as_json:
-        print_json(
-            {
-                "study": study.name,
-                "hash": study.hash,
-                "designs": [
-                    asdict(d) | {"gains": d.gains.named(), "inertia_s": d.inertia_s, "droop_W_per_Hz": d.droop_W_per_Hz}
-                    for d in designs
-                ],
-                "missing": missing,
-            }
-        )
-    else:
+    with nullcontext() if out is None else results_at(out):
+        found = design_study(study) if out is None else report_design(study, out)
+        if as_json:
+            print_json(found.document())
+            return
         from vsgdesign.report.page.terminal import print_terminal
-        from vsgdesign.report.terminals import design_blocks
+        from vsgdesign.report.stability.design import design_blocks
 
-        print_terminal(design_blocks(study, designs, missing))
+        print_terminal(design_blocks(found))
+        if out is not None:
+            click.echo(f"report: {out}/report.html")
 
 
 @click.command()
