@@ -203,11 +203,12 @@ class Batch:
         first: int = 0,
         fed: Array | None = None,
         log: Array | None = None,
+        together: bool = False,
     ) -> None:
         """Moves the runs of some groups, from ``first`` on as many as the program has, with another program than their
-        own. ``log`` (groups, end − begin, n, L) gets what they log."""
+        own. ``log`` (groups, end − begin, n, L) gets what they log. ``together``: none of them has to wait."""
         groups = slice(first, first + len(program.done))
-        made = loop_of(self.kind._replace(added=self._adds(fed)), self.spec.logged, self.build)
+        made = loop_of(self.kind._replace(added=self._adds(fed), together=together), self.spec.logged, self.build)
         given: dict[str, Any] = {}
         if self.rings is not None and self.ring_length is not None:
             given = {"rings": self.rings[groups], "ring_length": self.ring_length[groups]}

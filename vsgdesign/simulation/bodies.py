@@ -67,6 +67,8 @@ class Kind(NamedTuple):
     waits: bool = False
     """Whether a run stands still where a cycle of its field estimator has ended, until the runs beside it are there,
     too. Alone, the loop ends there."""
+    together: bool = False
+    """Of runs that may wait: whether no cycle ends before the last sample of the loop. Then none has to stand still."""
 
     @property
     def records(self) -> dict[Any, dict[str, Any]]:
@@ -307,19 +309,23 @@ def bodies(kind: Kind, outputs: tuple[str, ...], moved: tuple[tuple[str, str], .
     seen = watch(kind)
     ends = [] if seen is None else [Part(seen)]
     if kind.waits:
-        ends.append(Part(_standing_still(moved)))
+        ends.append(Part(_standing_still(moved, kind.together)))
     slopes = tuple(dict.fromkeys(kind.bridge.slopes)) or ("",)
     plants = [_plant_in_pieces(kind)] if kind.cut else [plant(kind, slope) for slope in slopes]
     return tuple(with_outputs(joined(Part(control(kind)), Part(one), *ends), outputs) for one in plants)
 
 
-def _standing_still(moved: tuple[tuple[str, str], ...]) -> Block:
+def _standing_still(moved: tuple[tuple[str, str], ...], together: bool) -> Block:
     line = Writer()
-    still = line.does(">", line.input("lock.closed"), Number(0.5))
-    for before, after in moved:
-        line.output(after, line.does("select", still, line.input(before), line.input(after)))
     k = line.input("k")
-    line.output("k_after", line.does("select", still, k, line.does("+", k, Number(1.0))))
+    following = line.does("+", k, Number(1.0))
+    if together:
+        line.output("k_after", following)
+        return line.block()
+    still = line.does(">", line.input("lock.closed"), Number(0.5))
+    for before, after in (*moved, ("k", "")):
+        reached = line.input(after) if after else following
+        line.output(after or "k_after", line.does("select", still, line.input(before), reached))
     return line.block()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from copy import copy
 from dataclasses import replace
@@ -208,15 +209,27 @@ class Listeners:
         """Moves the lanes of the first groups through their next samples. What they are given and what they log is kept
         for a few groups at once, so that it stays in the cache."""
         part, program, begun = self._part, self._program(groups, counts), self._begun
-        longest, each = int(counts.max()), groups
-        if part.sensors is not None or part.means is not None:
-            each = _GROUPS
+        each = groups if part.sensors is None and part.means is None else _GROUPS
         for first in range(0, groups, each):
             count = min(each, groups - first)
             own = replace(program, first=program.first[first : first + count + 1], done=program.done[first:][:count])
             fed = None if part.sensors is None else part.sensors.noise(self._samples, counts, first, count)
             log = self._means_of(first, count, counts)
-            part.advance_with(own, begun, begun + longest, first=first, fed=fed, log=log)
+            width = part.rows.shape[2]
+            lanes = counts[first * width : (first + count) * width]
+            # Until the first cycle ends, no lane has to look whether it stands still: a quarter of the time.
+            ends = 0, int(lanes.min()), int(lanes.max())
+            for begin, end in itertools.pairwise(ends):
+                if end > begin:
+                    part.advance_with(
+                        own,
+                        begun + begin,
+                        begun + end,
+                        first=first,
+                        fed=None if fed is None else fed[:, begin:end],
+                        log=None if log is None else log[:, begin:end],
+                        together=begin == 0,
+                    )
             if log is not None:
                 self._keep(log, first, counts)
 
