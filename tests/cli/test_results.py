@@ -88,12 +88,19 @@ def test_gains(results: dict[str, Any]) -> None:
 
 def test_operating_points(results: dict[str, Any]) -> None:
     points = results["operating_points"]
-    assert [(p["t_s"], p["P"], p["Q"]) for p in points] == [(0.0, 2e3, 1e3), (0.1, 2.5e3, 1e3), (0.2, 2.5e3, 1e3)]
+    assert [(p["controller"], p["t_s"]) for p in points] == [
+        (name, t_s) for name in ("fixed", "scheduled") for t_s in (0.0, 0.1, 0.2)
+    ]
+    assert [p["P"] for p in points] == pytest.approx([2e3, 2.5e3, 2.5e3] * 2)  # nominal frequency
+    # SCR 2 and 8 on the reactance at X/R = 1: X_g = 3·110²/5000/SCR.
+    assert [p["R_g"] for p in points] == pytest.approx([3.63, 3.63, 0.9075] * 2)
+    assert [p["L_g"] * 100.0 * np.pi for p in points] == pytest.approx([3.63, 3.63, 0.9075] * 2)
     for point in points:
         assert {"R_g", "L_g", "V_rms", "delta", "A", "B", "C", "D"} <= set(point)
-    # SCR 2 and 8 on the reactance at X/R = 1: X_g = 3·110²/5000/SCR.
-    assert [p["R_g"] for p in points] == pytest.approx([3.63, 3.63, 0.9075])
-    assert [p["L_g"] * 100.0 * np.pi for p in points] == pytest.approx([3.63, 3.63, 0.9075])
+        # Q follows its droop with the gains at the end of each part.
+        gains = [g for g in results["gains"] if g["controller"] == point["controller"]]
+        D_q = gains[-1 if point["t_s"] == 0.2 else 0]["D_q"]
+        assert point["Q"] == pytest.approx(1e3 + D_q * (110.0 - point["V_rms"]), rel=1e-6)
 
 
 def test_series(folder: Path, results: dict[str, Any]) -> None:
@@ -206,11 +213,11 @@ def test_a_bolted_fault_runs(tmp_path: Path) -> None:
         assert result.exit_code == 0, result.output
     document = json.loads((tmp_path / "run" / "results.json").read_text())
     (none,) = [point for point in document["operating_points"] if point["V_rms"] is None]
-    assert (none["t_s"], none["P"]) == (0.1, None)
+    assert (none["controller"], none["t_s"], none["P"]) == ("fixed", 0.1, None)
     assert "bolted fault" in none["reason"]
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    assert ">none<" in page
-    assert "From 0.1 s on: no operating point" in page
+    assert ">no rest<" in page
+    assert "fixed, from 0.1 s on: no operating point" in page
 
 
 def test_bridge_is_overridden(tmp_path: Path) -> None:

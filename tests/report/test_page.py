@@ -109,7 +109,7 @@ def test_every_row_of_every_table_is_on_the_page(made):
         converter.converter_table(result),
         converter.filter_table(result),
         tables.controllers_table(result),
-        tables.operating_points_table(result),
+        tables.rests_table(result),
         tables.margins_table(result),
         *(tables.gains_table(result, controller) for controller in result.controllers),
         *(tables.metrics_table(result, controller) for controller in result.controllers if controller.events),
@@ -157,9 +157,13 @@ def test_numbers_of_the_events_are_the_measured_ones(short):
 
 
 def test_voltage_outside_its_limits_is_said_in_words(short):
-    rows = tables.operating_points_table(short.result).rows
-    assert [row[8] for row in rows] == ["within", "above 1.25 pu", "within", "within"]
-    assert "1 of 4 operating points" in " ".join(verdict(short.result, step_outcomes(short.result)))
+    rows = tables.rests_table(short.result).rows
+    assert [(row[0], row[2], row[9]) for row in rows] == [
+        ("0", "all", "within"),
+        ("1", "all", "above 1.25 pu"),
+        *((t_s, name, "within") for t_s in ("4", "6") for name in ("CVSG", "AVSG")),
+    ]
+    assert "2 of 8 rests" in " ".join(verdict(short.result, step_outcomes(short.result)))
 
 
 def test_the_verdict_counts_and_explains(short):
@@ -171,8 +175,8 @@ def test_the_verdict_counts_and_explains(short):
     assert f"settled after {number(first.settling_time_s)} s" in text
     why = " ".join(explanation(outcomes))
     assert "5.83/ω_n = 1.46 s for AVSG" in why
-    row = next(row for row in short.result.operating_points if row.t_s == 1.0)
-    c = row.point.B * row.point.C / (row.point.A * row.point.D)
+    rest = next(rest for rest in short.result.controllers[0].rests if rest.t_s == 1.0)
+    c = rest.point.B * rest.point.C / (rest.point.A * rest.point.D)
     assert number(c) in why
     assert "damping ratio" not in why, "both P steps are on the grid of the design"
 

@@ -13,11 +13,11 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.report.page.converter import network_in_words
+from vsgdesign.simulation.expected_rests import expected_rests, knows_its_rests, refuse_impossible
 from vsgdesign.simulation.feeds import LateSchedule, gain_feed, told_of
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.online import WindowPowers
-from vsgdesign.simulation.rest import expected_rests, knows_its_rests
-from vsgdesign.simulation.scenario import operating_points, run_scenario
+from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.grid import Grid, GridEstimate
@@ -123,8 +123,8 @@ def test_no_model_judges_an_island_or_a_fault() -> None:
     assert found[0].end_state("P_pcc", False, 1e-3).modelled
     assert not found[1].end_state("P_pcc", False, 1e-3).modelled
     assert not knows_its_rests(one, spec, timeline)
-    rows = operating_points(one, timeline)
-    assert [row.point is None for row in rows] == [False, True, True, False, True]
+    assert [rest.point is None for rest in found] == [False, True, True, False, True]
+    refuse_impossible(one, timeline)
 
 
 @pytest.mark.parametrize("Y", [0.05 + 0.0j, 0.02 - 0.03j, 0.04 + 0.01j])

@@ -226,22 +226,28 @@ def start_of(study: Study, timeline: Timeline, circuits: Circuits, gains: PowerL
 
     Raises InfeasibleStudyError where a steady start is asked for and there is no steady state.
     """
-    source = timeline.source_at(0.0)
     if study.simulation.start == "cold":
-        start = cold_start(study, source.phase)
-        plant = np.zeros(circuits.states)
-        plant[: len(start.plant)] = start.plant
-        return replace(start, plant=plant)
+        state = cold_start(study, timeline.source_at(0.0).phase)
+    else:
+        state = rest_at_start(study, timeline, gains, circuits.more)
+    plant = np.zeros(circuits.states)
+    plant[: len(state.plant)] = state.plant
+    return replace(state, plant=plant)
+
+
+def rest_at_start(
+    study: Study, timeline: Timeline, gains: PowerLoopGains, more: NetworkStates | None = None
+) -> SampledState:
+    """The steady state at t = 0, with the states of a run (``more``) or with its own. Raises InfeasibleStudyError where
+    there is none."""
+    source = timeline.source_at(0.0)
     if not source.steady:
         raise InfeasibleStudyError("a steady-state start cannot begin inside a ramp: move the ramp after t = 0.")
     refs = timeline.references_at(0.0)
     first, at_start = connection_at(timeline, 0.0), GridSource(source.V_g_rms, source.omega)
     try:
-        circuit = circuit_at_rest(study, first, circuits.more)
-        state = steady_state(study, first.grid, at_start, refs, gains, source.phase, circuit)
+        circuit = circuit_at_rest(study, first, more)
+        return steady_state(study, first.grid, at_start, refs, gains, source.phase, circuit)
     except InfeasibleStudyError as error:
         error.args = (f"the start: {error}",)
         raise
-    plant = np.zeros(circuits.states)
-    plant[: len(state.plant)] = state.plant
-    return replace(state, plant=plant)

@@ -15,7 +15,6 @@ from vsgdesign.metrics.events import time_needed
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, step_response
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.rest import powers_at_control_point
 from vsgdesign.simulation.run import simulate
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.network import PLAIN
@@ -101,11 +100,11 @@ def emt_step(
     P_ref, Q_ref = references_at(study, grid, gains, P, Q)
     end = Cell(grid, gains, P_ref + size * (signal == "P"), Q_ref + size * (signal == "Q"))
     model = linearise_full_order(study, [end])
-    if len(model.index) == 0:
+    states = model.steady
+    if len(model.index) == 0 or states is None:
         return None
     decay = -float(to_continuous(np.linalg.eigvals(model.A[0]), model.T_s).real.max())
-    powers = powers_at_control_point(study, model, 0)
-    final = powers[0] - P if signal == "P" else powers[1] - Q
+    final = float(states.P[0]) - P if signal == "P" else float(states.Q[0]) - Q
     # What ends within the band around zero is no answer to the step, and nothing to take shares of.
     if not decay > 0.0 or abs(final) < SETTLING_BAND * abs(size):
         return None

@@ -14,9 +14,9 @@ from vsgdesign.campaigns.verification.draws import cases_of, draw_cases
 from vsgdesign.codegen.machine_code import instruction_set
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED, TOO_SHORT, late_mean
 from vsgdesign.metrics.step_response import cycle_mean, step_response
+from vsgdesign.simulation.expected_rests import expected_rests
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.run import run_lanes
-from vsgdesign.simulation.rest import expected_rests
 from vsgdesign.simulation.scenario import ControllerResult, run_scenario, samples_per_mean
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.study import ControllerSpec, Study

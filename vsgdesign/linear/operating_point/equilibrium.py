@@ -139,7 +139,7 @@ def solve_operating_point(
     if not discriminant >= 0.0:
         raise _no_operating_point(P, Q, V_g_rms, R, X)
     V_rms, delta = (float(value) for value in operating_point(P, Q, V_g_rms, R, X))
-    return _at(P, Q, V_rms, delta, R, X, V_limits_rms)
+    return point_at(P, Q, V_rms, delta, R, X, V_limits_rms)
 
 
 def solve_with_droop(
@@ -158,7 +158,7 @@ def solve_with_droop(
     if np.isnan(V_rms):
         raise _no_point_with_droop(P, Q_ref, D_q, V_n_rms, V_g_rms, R, X)
     Q = float(power_flow(delta, V_rms, V_g_rms, R, X)[1])
-    return _at(P, Q, V_rms, delta, R, X, (0.0, np.inf))
+    return point_at(P, Q, V_rms, delta, R, X)
 
 
 def _with_droop(
@@ -170,11 +170,19 @@ def _with_droop(
     return float(V_rms[0]), float(delta[0])
 
 
-def _at(P: float, Q: float, V_rms: float, delta: float, R: float, X: float, limits: tuple) -> OperatingPoint:
+def point_at(
+    P: float,
+    Q: float,
+    V_rms: float,
+    delta: float,
+    R: float,
+    X: float,
+    V_limits_rms: tuple[float, float] = (0.0, np.inf),
+) -> OperatingPoint:
+    """A known operating point with its Jacobian."""
     A, B, C, D = (float(entry) for entry in jacobian_from_powers(P, Q, V_rms, R, X))
-    return OperatingPoint(
-        P=P, Q=Q, V_rms=V_rms, delta=delta, A=A, B=B, C=C, D=D, V_within_limits=bool(limits[0] <= V_rms <= limits[1])
-    )
+    within = bool(V_limits_rms[0] <= V_rms <= V_limits_rms[1])
+    return OperatingPoint(P=P, Q=Q, V_rms=V_rms, delta=delta, A=A, B=B, C=C, D=D, V_within_limits=within)
 
 
 def _require_voltage(P: float, V_g_rms: float) -> None:

@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -77,6 +78,7 @@ class FullOrderModel:
     index: NDArray[np.intp]
     faults: tuple[str | None, ...]
     map: FullOrderMap
+    steady: ManyStates | None = None
 
     @functools.cached_property
     def eigen(self) -> Eigen:
@@ -84,27 +86,45 @@ class FullOrderModel:
         return eigen(self.A)
 
 
-def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
-    """Linearises at the steady state of every cell.
+class SteadyCells(NamedTuple):
+    """The steady states of cells, None without a cell, what they were asked for, and for each of them None or the
+    reason why there is none."""
 
-    A cell without a steady state raises no error. ``faults`` says why it has none.
-    """
+    lanes: Lanes
+    gains: PowerLoopGains
+    states: ManyStates | None
+    faults: tuple[str | None, ...]
+
+
+def steady_cells(study: Study, cells: Sequence[Cell]) -> SteadyCells:
+    """The steady state of every cell, with its droops, its limits and its gains."""
     at = [cell.lanes(study) for cell in cells]
     lanes = Lanes(*np.array(at, dtype=float).reshape(len(cells), len(Lanes._fields)).T)
     gains = PowerLoopGains(
         *np.array([cell.gains for cell in cells], dtype=float).reshape(len(cells), len(PowerLoopGains._fields)).T
     )
-    functions = _functions(study, lanes)
+    if not cells:
+        return SteadyCells(lanes, gains, None, ())
+    states = many_steady_states(study, lanes, gains)
     faults: list[str | None] = [None] * len(cells)
+    for k in np.flatnonzero(states.fault).tolist():
+        cell = cells[k]
+        asked = (study, cell.grid, cell.source or study.grid_source, at[k].refs, cell.gains)
+        faults[k] = str(fault_of_rest(*asked, states, lane=k))
+    return SteadyCells(lanes, gains, states, tuple(faults))
+
+
+def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
+    """Linearises at the steady state of every cell.
+
+    A cell without a steady state raises no error. ``faults`` says why it has none.
+    """
+    lanes, gains, states, faults = steady_cells(study, cells)
+    functions = _functions(study, lanes)
     good = np.arange(0)
     z, p = np.empty((0, len(functions.states))), np.empty((0, functions.step.size1_in(1)))
-    if cells:
-        states = many_steady_states(study, lanes, gains)
+    if states is not None:
         good = np.flatnonzero(states.fault == 0)
-        for k in np.flatnonzero(states.fault).tolist():
-            cell = cells[k]
-            asked = (study, cell.grid, cell.source or study.grid_source, at[k].refs, cell.gains)
-            faults[k] = str(fault_of_rest(*asked, states, lane=k))
         z, p = pack(functions.states, states)[good], _parameters(study, lanes, gains)[good]
     A, B, C, D = _matrices(functions.linear, z, p)
     return FullOrderModel(
@@ -117,7 +137,8 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
         C=C,
         D=D,
         index=good,
-        faults=tuple(faults),
+        faults=faults,
+        steady=states,
         map=functions,
     )
 
@@ -260,10 +281,12 @@ def parameter_sensitivities(model: FullOrderModel, cell: int, parameters: Sequen
 __all__ = [
     "Cell",
     "FullOrderModel",
+    "SteadyCells",
     "linearise_full_order",
     "pack",
     "parameter_sensitivities",
     "parameter_sensitivity",
     "parameter_values",
     "slowest_decay",
+    "steady_cells",
 ]

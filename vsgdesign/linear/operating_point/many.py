@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.filters import capacitor_node_voltage, pcc_voltage
 from vsgdesign.equations.frames import instantaneous_power, peak_to_rms, rms_to_peak
 from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References
@@ -207,6 +207,15 @@ def points_of(paths: Paths, lanes: Lanes, gains: PowerLoopGains) -> tuple[Array,
 def power_of(lanes: Lanes, gains: PowerLoopGains) -> Array:
     """P of a steady state under its P–f droop, W."""
     return lanes.P_ref + gains.D_p * (lanes.omega_0 - lanes.omega_g)
+
+
+def powers_at_pcc(study: Study, states: ManyStates, lanes: Lanes, phase: Array | float = 0.0) -> tuple[Array, Array]:
+    """P (W) and Q (var) at the PCC in steady states on these grids and sources, whose phase is ``phase`` (rad)."""
+    x, v_g = states.plant, rms_to_peak(lanes.V_g_rms)
+    circuit = study.circuit()._replace(R_g=lanes.R_g, L_g=lanes.L_g)
+    alpha = pcc_voltage(x[0], x[2], x[4], v_g * np.cos(phase), circuit)
+    beta = pcc_voltage(x[1], x[3], x[5], v_g * np.sin(phase), circuit)
+    return instantaneous_power(alpha, beta, x[4], x[5])
 
 
 def states_at(

@@ -22,9 +22,10 @@ from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
 from vsgdesign.report.explore.events import LEAD_S, SHOWN_S, after_s, event_s, events_of, length_s, study_of
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import State
+from vsgdesign.simulation.expected_rests import expected_rests_of
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.outcome import outcome_of
-from vsgdesign.simulation.rest import Rest, expected_rests_of
+from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import measure_events, rest_at_limit, series_at_pcc
 from vsgdesign.simulation.survival.running import record_of
@@ -213,7 +214,7 @@ def figures_of(
 
     ``study`` is that of the run, with this controller alone. A step of a reference is judged by settling time and
     overshoot, everything else as a disturbance that is survived or not: as by ``vsgdesign run``. ``rests`` are those
-    after a step (:func:`vsgdesign.simulation.rest.expected_rests`), None after anything else.
+    after a step (:func:`vsgdesign.simulation.expected_rests.expected_rests`), None after anything else.
     """
     spec = study.controllers[0]
     own = study.with_limit_of(spec)

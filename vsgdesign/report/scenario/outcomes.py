@@ -14,7 +14,8 @@ from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.drawing.quantities import number, percent
-from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, samples_per_mean
+from vsgdesign.simulation.rest import Rest
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
 from vsgdesign.simulation.scenario.promises import Promises, not_promised, promises_of
 
 _TIME_SLACK = 1.005
@@ -38,8 +39,8 @@ class StepOutcome:
     metrics: EventMetrics
     window_s: float
     """Time to the next event."""
-    row: OperatingPointRow | None
-    """The operating point after the step, if there is one."""
+    rest: Rest | None
+    """Where the controller rests after the step, if it does."""
     uncoupled: UncoupledResponse | None
     promises: Promises
     at_rest: bool
@@ -122,16 +123,16 @@ class StepOutcome:
 
     @property
     def coupling(self) -> float | None:
-        """c = BC/(AD) at the operating point after the step."""
-        return None if self.row is None else coupling(self.row)
+        """c = BC/(AD) at the rest after the step."""
+        return None if self.rest is None else coupling(self.rest)
 
     def _measured(self):
         return self.metrics.cycle_mean if self.controller.ripples else self.metrics.raw
 
 
-def coupling(row: OperatingPointRow) -> float | None:
-    """c = BC/(AD): zero where P and Q do not act on each other. None where A or D is zero."""
-    point = row.point
+def coupling(rest: Rest) -> float | None:
+    """c = BC/(AD): zero where P and Q do not act on each other. None without a rest, and where A or D is zero."""
+    point = rest.point
     if point is None:
         return None
     diagonal = point.A * point.D
@@ -146,11 +147,11 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
     for controller in result.controllers:
         for metrics in controller.events:
             if metrics.kind == "step":
-                rows = (row for row in result.operating_points if row.point is not None)
-                row = next((row for row in rows if abs(row.t_s - metrics.t_s) < 1e-9), None)
-                uncoupled = None if row is None else _uncoupled(controller, metrics, row, ends[metrics.t_s])
+                rests = (rest for rest in controller.rests if rest.point is not None)
+                rest = next((rest for rest in rests if rest.t_s == metrics.t_s), None)
+                uncoupled = None if rest is None else _uncoupled(controller, metrics, rest)
                 promises = promises_of(result.study, controller.spec, result.ready)
-                excuse = not_promised(result.ready.table(controller.spec), result.study, row)
+                excuse = not_promised(result.ready.table(controller.spec), result.study, rest)
                 window = ends[metrics.t_s] - metrics.t_s
                 at_rest = _was_at_rest(result, controller, metrics)
                 outcomes.append(
@@ -158,7 +159,7 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
                         controller=controller,
                         metrics=metrics,
                         window_s=window,
-                        row=row,
+                        rest=rest,
                         uncoupled=uncoupled,
                         promises=promises,
                         at_rest=at_rest,
@@ -181,15 +182,11 @@ def _was_at_rest(result: ScenarioResult, controller: ControllerResult, metrics: 
     return bool(final is None or abs(drift) <= _AT_REST * abs(final - metrics.raw.initial))
 
 
-def _uncoupled(
-    controller: ControllerResult, metrics: EventMetrics, row: OperatingPointRow, end_s: float
-) -> UncoupledResponse | None:
+def _uncoupled(controller: ControllerResult, metrics: EventMetrics, rest: Rest) -> UncoupledResponse | None:
     # The paper's two loops are those of a structure that is designed without the coupling.
-    point = row.point
+    point, gains = rest.point, rest.gains
     if not STRUCTURES[controller.spec.target.structure].uncoupled or point is None:
         return None
-    # The gains at the end of the window: an event that also changes the grid is followed by new ones.
-    gains = [change.gains for change in controller.gain_changes if change.t_s < end_s][-1]
     if metrics.signal == "P_pcc":
         positive = gains.K_ip * point.A > 0.0 and gains.D_p > 0.0
         return uncoupled_P(gains.K_ip, gains.D_p, point.A) if positive else None

@@ -90,7 +90,7 @@ def scenario_page(
         *_with_heading("Gain tables", _of_tables(result)),
         *([] if inner is None else _inner(inner)),
         Heading("Operating points"),
-        tables.operating_points_table(result),
+        tables.rests_table(result),
         *_estimate(result, judged, trained),
         Heading("Gains over time"),
         Side([tables.gains_table(result, controller) for controller in result.controllers]),

@@ -13,6 +13,7 @@ from vsgdesign.report.page.converter import grid_label, specs_table
 from vsgdesign.report.scenario.bode_figures import distinct_grids, loops_on_grids
 from vsgdesign.report.scenario.outcomes import RULE, StepOutcome, coupling
 from vsgdesign.simulation.gains import settled_changes
+from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, mean_cycles
 
 
@@ -27,45 +28,27 @@ def events_table(result: ScenarioResult) -> Table:
     return Table("Events", ("No.", "Time", "Event"), rows, texts=3)
 
 
-def operating_points_table(result: ScenarioResult) -> Table:
-    """The operating point of the converter after every change; voltage outside its limits in words."""
-    c = result.study.converter
-    low, high = c.V_limits_rms
-    rows, flagged = [], set()
-    powers = [abs(row.point.P) for row in result.operating_points if row.point is not None]
+def rests_table(result: ScenarioResult) -> Table:
+    """Where the controllers rest after each event, those that rest alike in one row; voltage outside its limits in
+    words."""
+    flagged: set[tuple[str, ...]] = set()
+    every = [(controller.spec.name, rest) for controller in result.controllers for rest in controller.rests]
+    powers = [abs(rest.point.P) for _, rest in every if rest.point is not None]
     p_factor, p_prefix = prefix_for(max(powers, default=1.0))
-    reasons = []
-    for index, row in enumerate(result.operating_points):
-        point = row.point
-        where = (plain(row.t_s, 5), grid_label(result, row.grid), number(row.grid.R_g), number(row.grid.L_g * 1e3))
-        if point is None:
-            reasons.append(f"From {plain(row.t_s, 5)} s on: {row.reason}")
-            rows.append((*where, *[DASH] * 4, "none", *[DASH] * 6))
-            continue
-        words = "within"
-        if not point.V_within_limits:
-            flagged.add(index)
-            words = f"above {plain(c.V_max_pu)} pu" if point.V_rms > high else f"below {plain(c.V_min_pu)} pu"
-            words = words if not low <= point.V_rms <= high else "outside"
-        rows.append(
-            (
-                *where,
-                number(point.P / p_factor),
-                number(point.Q / p_factor),
-                number(point.V_rms, 4),
-                number(point.V_rms / c.V_rated_rms),
-                words,
-                number(math.degrees(point.delta)),
-                number(point.A),
-                number(point.B),
-                number(point.C),
-                number(point.D),
-                number(coupling(row)),
-            )
-        )
+    names: dict[tuple[str, ...], list[str]] = {}
+    told: dict[str, list[str]] = {}
+    for name, rest in sorted(every, key=lambda one: one[1].t_s):
+        cells = _rest_cells(result, rest, p_factor)
+        names.setdefault(cells, []).append(name)
+        if rest.point is None:
+            told.setdefault(f"from {plain(rest.t_s, 5)} s on: {rest.obstacle}", []).append(name)
+        elif not rest.point.V_within_limits:
+            flagged.add(cells)
+    reasons = [f"{', '.join(of)}, {reason}" for reason, of in told.items()]
     head = (
         "From [s]",
         "Grid",
+        "Controller",
         "R_g [Ω]",
         "L_g [mH]",
         f"P [{p_prefix}W]",
@@ -81,17 +64,39 @@ def operating_points_table(result: ScenarioResult) -> Table:
         "c",
     )
     notes = (
-        "At the references, without voltage droop. A = ∂P/∂δ, B = ∂P/∂V, C = ∂Q/∂δ, D = ∂Q/∂V, c = BC/(AD); V in "
-        f"phase rms at the filter capacitor. SCR on the {result.study.scr_basis} basis.",
+        "With both droops, the limits and the gains of each controller. A = ∂P/∂δ, B = ∂P/∂V, C = ∂Q/∂δ, D = ∂Q/∂V, "
+        f"c = BC/(AD); V in phase rms at the filter capacitor. SCR on the {result.study.scr_basis} basis.",
         *reasons,
     )
-    return Table(
-        "After each change of grid, source or reference",
-        head,
-        tuple(rows),
-        texts=2,
-        notes=notes,
-        flagged=frozenset(flagged),
+    count = len(result.controllers)
+    rows = [(*cells[:2], "all" if len(of) == count > 1 else ", ".join(of), *cells[2:]) for cells, of in names.items()]
+    places = frozenset(k for k, cells in enumerate(names) if cells in flagged)
+    return Table("Where the controllers rest", head, tuple(rows), texts=3, notes=notes, flagged=places)
+
+
+def _rest_cells(result: ScenarioResult, rest: Rest, p_factor: float) -> tuple[str, ...]:
+    c, point = result.study.converter, rest.point
+    where = (plain(rest.t_s, 5), grid_label(result, rest.grid), number(rest.grid.R_g), number(rest.grid.L_g * 1e3))
+    if point is None:
+        return (*where, *[DASH] * 4, "no rest" if rest.modelled else "not known", *[DASH] * 6)
+    low, high = c.V_limits_rms
+    words = "within"
+    if not point.V_within_limits:
+        words = f"above {plain(c.V_max_pu)} pu" if point.V_rms > high else f"below {plain(c.V_min_pu)} pu"
+        words = words if not low <= point.V_rms <= high else "outside"
+    return (
+        *where,
+        number(point.P / p_factor),
+        number(point.Q / p_factor),
+        number(point.V_rms, 4),
+        number(point.V_rms / c.V_rated_rms),
+        words,
+        number(math.degrees(point.delta)),
+        number(point.A),
+        number(point.B),
+        number(point.C),
+        number(point.D),
+        number(coupling(rest)),
     )
 
 

@@ -145,19 +145,18 @@ def _stress(result: ScenarioResult) -> str:
         limit = f"the limit of its current reference is {plain(limit_pu)} pu" if limit_pu else "no current limit is set"
         start = "The largest current after an event is" if not sentences else "With another limit, it is"
         sentences.append(f"{start} {current}; {limit}.")
-    points = [(row.t_s, row.point) for row in result.operating_points if row.point is not None]
-    flagged = [(t_s, point) for t_s, point in points if not point.V_within_limits]
+    points = [(c.spec.name, rest.t_s, rest.point) for c in result.controllers for rest in c.rests if rest.point]
+    flagged = [one for one in points if not one[2].V_within_limits]
     total = len(points)
     limits = f"{plain(converter.V_min_pu)} to {plain(converter.V_max_pu)} pu"
     if flagged:
-        since, far = max(flagged, key=lambda item: abs(item[1].V_rms / converter.V_rated_rms - 1.0))
+        name, since, far = max(flagged, key=lambda item: abs(item[2].V_rms / converter.V_rated_rms - 1.0))
         sentences.append(
-            f"The voltage leaves its limits of {limits} at {len(flagged)} of {total} operating "
-            f"point{'' if total == 1 else 's'}, by most at {number(far.V_rms / converter.V_rated_rms, 4)} pu "
-            f"from {plain(since)} s on."
+            f"The voltage leaves its limits of {limits} at {len(flagged)} of {total} rests, by most at "
+            f"{number(far.V_rms / converter.V_rated_rms, 4)} pu ({name}, from {plain(since)} s on)."
         )
     elif total:
-        sentences.append(f"The voltage is within its limits of {limits} at every operating point.")
+        sentences.append(f"The voltage is within its limits of {limits} wherever a controller rests.")
     return " ".join(sentences)
 
 

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.filters import pcc_voltage
-from vsgdesign.equations.frames import instantaneous_power, rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.many import (
     BRIDGE_VOLTAGE,
@@ -19,6 +17,7 @@ from vsgdesign.linear.operating_point.many import (
     LIMITER_PULLS,
     Lanes,
     ManyStates,
+    powers_at_pcc,
 )
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.metrics.survival import REST_SHARE, WATCHED, SurvivalDemand
@@ -83,8 +82,8 @@ def rests_of(
     end, _ = many_rests_with_measured_gains(study, at_end, told.known_at_end(), phase=0.0)
     step = cases.kind == STEP
     at_pcc = [
-        _powers_at_pcc(study, state, grid.R_g, grid.L_g, grid.V_g_rms, phase)
-        for state, grid, phase in ((start, segments.column(0), phase), (end, last, 0.0))
+        powers_at_pcc(study, state, lanes, at)
+        for state, lanes, at in ((start, cases.at_start, phase), (end, at_end, 0.0))
     ]
     rests = Rests(
         start=start,
@@ -112,18 +111,6 @@ def last_of(segments: Segments) -> Segments:
     index = np.isfinite(segments.t_s).sum(axis=1) - 1
     rows = np.arange(len(index))
     return Segments(*(values[rows, index] for values in segments))
-
-
-def _powers_at_pcc(
-    study: Study, state: ManyStates, R_g: Array, L_g: Array, V_g_rms: Array, phase: Array | float
-) -> tuple[Array, Array]:
-    """P (W) and Q (var) at the PCC in a steady state."""
-    x = state.plant
-    v_g = rms_to_peak(V_g_rms)
-    circuit = study.circuit()._replace(R_g=R_g, L_g=L_g)
-    alpha = pcc_voltage(x[0], x[2], x[4], v_g * np.cos(phase), circuit)
-    beta = pcc_voltage(x[1], x[3], x[5], v_g * np.sin(phase), circuit)
-    return instantaneous_power(alpha, beta, x[4], x[5])
 
 
 def cycles_at_end(study: Study, segments: Segments) -> Samples:

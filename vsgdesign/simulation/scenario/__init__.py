@@ -2,12 +2,10 @@
 
 from vsgdesign.simulation.scenario.controllers import (
     ControllerResult,
-    OperatingPointRow,
     ScenarioResult,
     derive_series,
     mean_cycles,
     measure_events,
-    operating_points,
     rest_at_limit,
     run_scenario,
     samples_per_mean,
@@ -16,12 +14,10 @@ from vsgdesign.simulation.scenario.controllers import (
 
 __all__ = [
     "ControllerResult",
-    "OperatingPointRow",
     "ScenarioResult",
     "derive_series",
     "mean_cycles",
     "measure_events",
-    "operating_points",
     "rest_at_limit",
     "run_scenario",
     "samples_per_mean",

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.frames import clarke, clarke_inverse, instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification.registry import samples_itself
-from vsgdesign.linear.operating_point import OperatingPoint, solve_operating_point
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.survival import Survival
@@ -22,24 +20,15 @@ from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.clearing import found_events, with_instants
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
+from vsgdesign.simulation.expected_rests import expected_rests, knows_its_rests, refuse_impossible
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of, unanswered
-from vsgdesign.simulation.rest import (
-    WHERE_TO_LOOK,
-    Instability,
-    Rest,
-    expected_rests,
-    instabilities,
-    knows_its_rests,
-    rests,
-)
+from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.network_fields import beyond_models
 from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 Array = NDArray[np.float64]
@@ -57,6 +46,8 @@ class ControllerResult:
     events: tuple[EventMetrics, ...]
     outcome: Outcome
     """The outcome of the run."""
+    rests: tuple[Rest, ...]
+    """Where it comes to rest after each event, with the gains that it has there."""
     estimates: EstimateLog | None = None
     """The answers of the estimator, if the controller estimates the grid; else None."""
     distorted: bool = False
@@ -91,17 +82,6 @@ def samples_per_mean(study: Study, t_s: Array) -> int:
 
 
 @dataclass(frozen=True)
-class OperatingPointRow:
-    """The operating point from t_s on, at the references and without droop."""
-
-    t_s: float
-    grid: Grid
-    point: OperatingPoint | None
-    """None: there is none, and ``reason`` says why."""
-    reason: str | None = None
-
-
-@dataclass(frozen=True)
 class ScenarioResult:
     """All controllers of a study, on one timeline."""
 
@@ -109,7 +89,6 @@ class ScenarioResult:
     """With the events that the controllers' runs found, by name alone."""
     timeline: Timeline
     """Without these events."""
-    operating_points: tuple[OperatingPointRow, ...]
     controllers: tuple[ControllerResult, ...]
     instabilities: tuple[Instability, ...] = ()
     """Where the full-order model says that a controller is unstable."""
@@ -130,25 +109,19 @@ def run_scenario(
     warn: Callable[[str], None] | None = None,
     late: Callable[[], Ready] | None = None,
 ) -> ScenarioResult:
-    """Checks every operating point and the full-order model there, then simulates every controller.
+    """Checks every rest and the full-order model there, then simulates every controller.
 
     ``late`` returns all of ``ready`` and what takes longer to make. It is called once, after all controllers that do
     not need it are simulated. The controllers whose table is not in ``ready`` follow then.
 
     ``progress`` is called with the controller's name and the simulated time in s, ``warn`` before the run with a
     sentence on every instability that it is going to show. Raises InfeasibleStudyError
-    naming the instant at which the scenario asks for what its grid cannot carry, or a controller whose gain table or
+    naming the instant from which on the scenario asks for what its grid cannot carry
+    (:func:`vsgdesign.simulation.expected_rests.refuse_impossible`), or a controller whose gain table or
     network is not in ``ready``; ArtifactError where the network does not fit.
     """
     timeline = build_timeline(study)
-    own = [study.with_limit_of(spec) for spec in study.controllers]
-    may_rest = any(one.limiter.rests and one.converter.current_limit_pu is not None for one in own)
-    if late is not None:
-        try:
-            operating_points(study, timeline, may_rest)
-        except InfeasibleStudyError:  # whether droops lead to a rest there needs every table
-            ready, late = late(), None
-    points = _operating_points(study, timeline, may_rest, ready)
+    refuse_impossible(study, timeline, ready)
     waiting = [
         spec
         for spec in study.controllers
@@ -164,7 +137,7 @@ def run_scenario(
     unstable.sort(key=lambda one: names.index(one.controller))
     controllers = tuple(done[name] for name in names)
     told = _with_found(study, controllers)
-    return ScenarioResult(told, timeline, points, controllers, tuple(unstable), ready, given=study)
+    return ScenarioResult(told, timeline, controllers, tuple(unstable), ready, given=study)
 
 
 def _with_found(study: Study, controllers: Sequence[ControllerResult]) -> Study:
@@ -220,6 +193,7 @@ def _run_controllers(
             simulation=run,
             series=series,
             events=events,
+            rests=found,
             outcome=outcome_of(run.divergence, found, events, rest_at_limit(own_study, run, series)),
             estimates=estimates,
             distorted=study.has_components,
@@ -240,57 +214,6 @@ def rest_at_limit(study: Study, run: Simulation, series: dict[str, Array]) -> Li
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
     return lambda t_s: progress(name, t_s)
-
-
-def _operating_points(study: Study, timeline: Timeline, may_rest: bool, ready: Ready) -> tuple[OperatingPointRow, ...]:
-    """:func:`operating_points`; where the droops of every controller lead to a rest although the grid cannot carry the
-    references themselves, the scenario is possible."""
-    try:
-        return operating_points(study, timeline, may_rest)
-    except InfeasibleStudyError:
-        try:
-            found = [expected_rests(study, timeline, spec, ready) for spec in study.controllers]
-        except InfeasibleStudyError:
-            found = []
-        good = [{rest.t_s for rest in of_one if rest.obstacle is None} for of_one in found]
-        if not good or not set.intersection(*good):
-            raise
-        return operating_points(study, timeline, may_rest, frozenset(set.intersection(*good)))
-
-
-def operating_points(
-    study: Study, timeline: Timeline, may_rest: bool = False, rested: frozenset[float] = frozenset()
-) -> tuple[OperatingPointRow, ...]:
-    """The operating point after every change of grid, source or reference.
-
-    ``may_rest``: whether a controller rests at its current limit where the grid cannot carry what is asked.
-    ``rested``: instants from which on the droops lead to a rest. The row then has no point. In all other cases the
-    scenario is impossible, and InfeasibleStudyError says why. While there is a load or a fault, or the breaker is open,
-    the row says that no model knows it.
-    """
-    limits = study.converter.V_limits_rms
-    rows = []
-    instants = {t for t, _ in timeline.grids} | {t for t, _ in timeline.references}
-    instants |= {source.t_s for source in timeline.sources if source.steady} | {t for t, _ in timeline.networks}
-    for t_s in sorted(instants):
-        beyond = beyond_models(timeline.network_at(t_s))
-        if beyond is not None:
-            rows.append(OperatingPointRow(t_s, timeline.grid_at(t_s), None, beyond))
-            continue
-        grid, source = timeline.grid_at(t_s), timeline.source_at(t_s)
-        R, X = study.path_to_grid(grid, source.omega)
-        refs = timeline.references_at(t_s)
-        try:
-            point = solve_operating_point(refs.P_ref, refs.Q_ref, source.V_g_rms, R, X, limits)
-        except NoOperatingPointError as error:
-            # A short sag has none and is ridden through; a scenario that rests there needs a limiter that rests. The
-            # start must have one in any case.
-            if source.V_g_rms < limits[0] or (may_rest and t_s > 0.0) or t_s in rested:
-                rows.append(OperatingPointRow(t_s, grid, None, str(error)))
-                continue
-            raise InfeasibleStudyError(f"from {t_s:g} s on: {error}") from error
-        rows.append(OperatingPointRow(t_s, grid, point))
-    return tuple(rows)
 
 
 def derive_series(study: Study, run: Simulation) -> dict[str, Array]:

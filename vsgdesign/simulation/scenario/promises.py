@@ -1,4 +1,4 @@
-"""The promises of each controller, and whether it keeps them at the operating points of a scenario.
+"""The promises of each controller, and whether it keeps them where it rests in a scenario.
 
 They are checked with ideal and with real inner loops.
 """
@@ -6,6 +6,7 @@ They are checked with ideal and with real inner loops.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,17 +14,13 @@ import numpy as np
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.closed_form import overshoot_of
-from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
-from vsgdesign.linear.stability.cells import GainLaw, cells_under, full_order_cells, reduced_cells
+from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, reduced_cells
 from vsgdesign.linear.stability.margins import MarginTable, full_order_margins, reduced_margins
-from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.simulation.feeds import as_told
-from vsgdesign.simulation.scenario.controllers import OperatingPointRow, ScenarioResult
+from vsgdesign.simulation.rest import Rest
+from vsgdesign.simulation.scenario.controllers import ControllerResult, ScenarioResult
 from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 TABLE, CLOSED_FORM, GATES = "its table's specification", "its closed form's target", "the study's gates"
@@ -82,17 +79,17 @@ def promises_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> P
     return Promises(CLOSED_FORM, target.settling_time, own, own, **margins)
 
 
-def not_promised(table: GainTable | None, study: Study, row: OperatingPointRow | None) -> str:
-    """The reason why a table promises nothing at an operating point: the limits of its box that are exceeded.
+def not_promised(table: GainTable | None, study: Study, rest: Rest | None) -> str:
+    """The reason why a table promises nothing where a controller rests: the limits of its box that are exceeded.
 
     The text is empty where the table promises something.
     """
-    if table is None or row is None or row.point is None:
+    if table is None or rest is None or rest.point is None:
         return ""
-    box, basis, c, point = table.validity, table.base.scr_basis, study.converter, row.point
+    box, basis, c, point = table.validity, table.base.scr_basis, study.converter, rest.point
     values = {
-        "SCR": (row.grid.scr(c, basis), box.scr, 1.0),
-        "X/R": (row.grid.x_over_r(c.omega_n), box.x_over_r, 1.0),
+        "SCR": (rest.grid.scr(c, basis), box.scr, 1.0),
+        "X/R": (rest.grid.x_over_r(c.omega_n), box.x_over_r, 1.0),
         "P": (point.P, box.P, 1e3),
         "Q": (point.Q, box.Q, 1e3),
         "V": (point.V_rms, box.V_rms, 1.0),
@@ -108,9 +105,10 @@ def not_promised(table: GainTable | None, study: Study, row: OperatingPointRow |
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """One promise of a controller at one operating point of a scenario: its limit, and the values of both models.
+    """One promise of a controller at one rest of a scenario: its limit, and the values of both models.
 
-    Values are NaN if a loop is unstable. ``excuse`` is the reason why nothing is promised or known here, or empty.
+    Values are NaN if a loop is unstable, powers if there is no rest. ``excuse`` is the reason why nothing is promised
+    or known here, or empty.
     """
 
     controller: str
@@ -143,38 +141,30 @@ class Kept:
 
 
 def promises_kept(result: ScenarioResult) -> tuple[Kept, ...]:
-    """Every promise of every controller at every operating point of the scenario, for both models.
-
-    A controller that is told a wrong grid is checked with it. One with an estimator is checked with the exact grid:
-    the effect of its estimate is judged in the time domain.
-    """
+    """Every promise of every controller wherever it rests in the scenario, for both models, with the gains that it has
+    there: of a controller with an estimator those of its estimate."""
     found: list[Kept] = []
     for controller in result.controllers:
-        found += _of_controller(result, controller.spec)
+        found += _of_controller(result, controller)
     return tuple(found)
 
 
-def _of_controller(result: ScenarioResult, spec: ControllerSpec) -> list[Kept]:
-    study, timeline, ready = result.study.with_limit_of(spec), result.timeline, result.ready
-    law, promises, found = as_told(gain_law(study, spec, ready), spec), promises_of(study, spec, ready), []
-    points = [row for row in result.operating_points if row.point is not None]
-    sources = [timeline.source_at(row.t_s) for row in points]
+def _of_controller(result: ScenarioResult, controller: ControllerResult) -> list[Kept]:
+    spec, ready = controller.spec, result.ready
+    study, promises, found = result.study.with_limit_of(spec), promises_of(result.study, spec, ready), []
     asked_by = promises.source if promises.source == TABLE else GATES
-    for V_g, omega in dict.fromkeys((source.V_g_rms, source.omega) for source in sources):
-        rows = [row for row, s in zip(points, sources, strict=True) if (s.V_g_rms, s.omega) == (V_g, omega)]
-        here = replace(study, grid_source=GridSource(V_g, omega))
-        R_g, L_g = np.array([(row.grid.R_g, row.grid.L_g) for row in rows]).T
-        rests = [_rest(here, law, row, timeline.references_at(row.t_s)) for row in rows]
-        P, Q = np.array([(P, Q) for P, Q, _ in rests]).T
-        cells = cells_under(here, law, R_g, L_g, P, Q)
+    for source in dict.fromkeys(rest.source for rest in controller.rests):
+        rests = [rest for rest in controller.rests if rest.source == source]
+        here = replace(study, grid_source=source)
+        cells = _cells(here, rests)
         good, model = np.flatnonzero(cells.good), full_order_cells(here, cells)
         ideal, full = reduced_margins(reduced_cells(here, cells)), full_order_margins(model)
         row_ideal = {int(k): j for j, k in enumerate(good)}
         row_full = {int(good[k]): j for j, k in enumerate(model.index)}
         faults = {int(good[k]): fault for k, fault in enumerate(model.faults)}
-        for k, row in enumerate(rows):
-            excuse = not_promised(ready.table(spec), study, row) or cells.outside[k] or rests[k][2] or cells.faults[k]
-            excuse = excuse or faults.get(k) or ""
+        for k, rest in enumerate(rests):
+            excuse = rest.obstacle or not_promised(ready.table(spec), study, rest) or cells.outside[k]
+            excuse = excuse or cells.faults[k] or faults.get(k) or ""
             for name, at_least in _MARGINS:
                 limit = getattr(promises, name)
                 if limit is None or limit == 0.0:
@@ -187,10 +177,10 @@ def _of_controller(result: ScenarioResult, spec: ControllerSpec) -> list[Kept]:
                     Kept(
                         controller=spec.name,
                         source=asked_by,
-                        t_s=row.t_s,
-                        grid=row.grid,
-                        P=float(P[k]),
-                        Q=float(Q[k]),
+                        t_s=rest.t_s,
+                        grid=rest.grid,
+                        P=float(cells.P[k]),
+                        Q=float(cells.Q[k]),
                         name=name,
                         limit=float(limit),
                         at_least=at_least,
@@ -202,17 +192,11 @@ def _of_controller(result: ScenarioResult, spec: ControllerSpec) -> list[Kept]:
     return sorted(found, key=lambda one: one.t_s)
 
 
-def _rest(study: Study, law: GainLaw, row: OperatingPointRow, refs: References) -> tuple[float, float, str]:
-    """P and Q at which the converter rests under its droops, and why it does not rest."""
-
-    def gains_of(P: float, Q: float, V_rms: float) -> PowerLoopGains:
-        return PowerLoopGains(*(float(value) for value in law(row.grid.R_g, row.grid.L_g, P, Q, V_rms)))
-
-    try:
-        at = rest_with_measured_gains(study, row.grid, study.grid_source, refs, gains_of)[0]
-    except InfeasibleStudyError as error:
-        return refs.P_ref, refs.Q_ref, str(error)
-    return float(at.controller.P_f), float(at.controller.Q_f), ""
+def _cells(study: Study, rests: Sequence[Rest]) -> CellSet:
+    """One cell for each rest; NaN where there is none."""
+    R_g, L_g = np.array([(rest.grid.R_g, rest.grid.L_g) for rest in rests]).T
+    P, Q = np.array([(rest.point.P, rest.point.Q) if rest.point else (math.nan, math.nan) for rest in rests]).T
+    return cell_set(study, R_g, L_g, P, Q, PowerLoopGains(*np.array([rest.gains for rest in rests]).T))
 
 
 _MARGINS = (

@@ -30,8 +30,8 @@ from vsgdesign.linear.operating_point import OperatingPoint
 from vsgdesign.linear.stability.loci import shares_of
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.simulation.gains import GainChange, settled_changes
-from vsgdesign.simulation.rest import Instability
-from vsgdesign.simulation.scenario import ControllerResult, OperatingPointRow, ScenarioResult, mean_cycles, run_scenario
+from vsgdesign.simulation.rest import Instability, Rest
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, mean_cycles, run_scenario
 from vsgdesign.simulation.scenario.judging import judge_estimates
 from vsgdesign.simulation.scenario.promises import Kept, promises_kept
 from vsgdesign.study.parameters import Study
@@ -241,7 +241,7 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
         "replay": None if study.replay is None else study.replay.document(),
         "left_out": list(result.left_out),
         "warnings": [_instability(study, one) for one in result.instabilities],
-        "operating_points": [_operating_point(row) for row in result.operating_points],
+        "operating_points": [_rest(c.spec.name, rest) for c in result.controllers for rest in c.rests],
         "gains": [
             {"controller": c.spec.name, "t_s": change.t_s, **change.gains.named()}
             for c in result.controllers
@@ -258,10 +258,10 @@ def _kept(one: Kept) -> dict[str, Any]:
     return asdict(one) | {"kept_ideal": one.kept_ideal if judged else None, "kept": one.kept if judged else None}
 
 
-def _operating_point(row: OperatingPointRow) -> dict[str, Any]:
-    where = {"t_s": row.t_s, "R_g": row.grid.R_g, "L_g": row.grid.L_g}
+def _rest(controller: str, rest: Rest) -> dict[str, Any]:
+    where = {"controller": controller, "t_s": rest.t_s, "R_g": rest.grid.R_g, "L_g": rest.grid.L_g}
     names = [field.name for field in fields(OperatingPoint)]
-    return {**where, **(dict.fromkeys(names) if row.point is None else asdict(row.point)), "reason": row.reason}
+    return {**where, **(asdict(rest.point) if rest.point else dict.fromkeys(names)), "reason": rest.obstacle}
 
 
 def _instability(study: Study, one: Instability) -> dict[str, Any]:
