@@ -12,6 +12,7 @@ import click
 from vsgdesign.errors import counted
 from vsgdesign.verbs.cli.common import (
     BRIDGE,
+    EXIT_IMPOSSIBLE,
     EXIT_WRONG_INPUT,
     JSON,
     STUDY,
@@ -237,19 +238,21 @@ def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> Non
 @JSON
 @verb
 def validate(study_file: str, as_json: bool) -> None:
-    """Check a study and its files, and report all faults at once."""
-    from vsgdesign.errors import StudyError
-    from vsgdesign.verbs.pipeline.opening import check_named_files, check_study
+    """Check a study, its files and whether its grids carry what it asks for, and report all faults at once."""
+    from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
+    from vsgdesign.verbs.pipeline.opening import check_named_files, check_possible, check_study
 
     try:
         study, inner_loops = check_study(study_file)
         check_named_files(study, study_file)
-    except StudyError as error:
+        check_possible(study)
+    except (StudyError, InfeasibleStudyError) as error:
         if not as_json:
             raise
-        faults = [vars(fault) for fault in error.faults]
-        print_json({"valid": False, "source": error.source, "faults": faults})
-        sys.exit(EXIT_WRONG_INPUT)
+        impossible = [Fault("events", "", str(error))]
+        source, faults = (error.source, error.faults) if isinstance(error, StudyError) else (study_file, impossible)
+        print_json({"valid": False, "source": source, "faults": [vars(fault) for fault in faults]})
+        sys.exit(EXIT_WRONG_INPUT if isinstance(error, StudyError) else EXIT_IMPOSSIBLE)
     if as_json:
         document = {"valid": True, "study": study.name, "hash": study.hash}
         print_json(document | ({"inner_loops": inner_loops} if inner_loops else {}))

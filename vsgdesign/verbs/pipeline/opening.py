@@ -17,7 +17,7 @@ from vsgdesign.artifacts.inner_loops_file import (
     write_inner_loops,
 )
 from vsgdesign.artifacts.network_weights import read_network_weights
-from vsgdesign.artifacts.ready import read_named_table
+from vsgdesign.artifacts.ready import Ready, read_named_table, read_tables
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.execution.progress import Progress
@@ -160,6 +160,15 @@ def design_record(request: InnerLoopRequest, progress: Progress | None = None) -
 def _known(value: float) -> float | None:
     """A number as JSON has it: None where it is none (a margin of an unstable loop)."""
     return float(value) if math.isfinite(value) else None
+
+
+def check_possible(study: Study) -> None:
+    """Raises InfeasibleStudyError where the grid cannot carry what the study asks for, as every verb that simulates
+    does before any other work (:func:`vsgdesign.simulation.expected_rests.refuse_impossible`)."""
+    from vsgdesign.simulation.expected_rests import refuse_impossible
+    from vsgdesign.simulation.timeline import build_timeline
+
+    refuse_impossible(study, build_timeline(study), Ready(tables=read_tables(study)))
 
 
 def check_named_files(study: Study, source: str) -> None:

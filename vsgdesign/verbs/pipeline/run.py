@@ -37,6 +37,7 @@ from vsgdesign.simulation.scenario.promises import Kept, promises_kept
 from vsgdesign.study.parameters import Study
 from vsgdesign.verbs.pipeline.inner import assess_inner_loops, inner_document
 from vsgdesign.verbs.pipeline.making import Made, made, nothing_to_make
+from vsgdesign.verbs.pipeline.opening import check_possible
 from vsgdesign.verbs.pipeline.training import judgement_document, network_document, training_document, trains
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ def run_study(
     """
     tell = progress or silent
     verb = "vsgdesign run" if report else "vsgdesign simulate"
+    check_possible(study)
     with (
         room_for(out, verb, inputs=study.input_files),
         # What it keeps goes after the folder is in its place: an interruption in between loses no finished work.
