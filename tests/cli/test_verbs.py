@@ -214,10 +214,11 @@ def test_the_command_line_itself_is_light() -> None:
     assert modules_after(help_).isdisjoint(HEAVY)
 
 
-def test_validate_is_light_but_for_numpy(tmp_path: Path) -> None:
+def test_validate_is_light_but_for_the_rests(tmp_path: Path) -> None:
+    """Whether there is a rest takes NumPy; CasADi comes with the models beside it."""
     study = str(study_file(tmp_path))
     code = f"from vsgdesign.verbs.cli.program import main; main(['validate', {study!r}], standalone_mode=False)"
-    assert modules_after(code) & HEAVY == {"numpy"}
+    assert modules_after(code) & HEAVY == {"numpy", "casadi"}
 
 
 def test_the_package_is_the_program() -> None:

@@ -305,7 +305,7 @@ controllers = [
     { name = "lower", kind = "scheduled", current_limit_pu = 0.7 },
     { name = "free", kind = "scheduled", current_limiter = "none" },
 ]
-events = [{ time = "10 ms", V_g_pu = 0.3 }]
+events = [{ time = "10 ms", V_g_pu = 0.3 }, { time = "59 ms", V_g_pu = 1 }]
 """
 
 

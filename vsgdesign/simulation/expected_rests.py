@@ -176,19 +176,24 @@ def refuse_impossible(study: Study, timeline: Timeline, ready: Ready = NOTHING) 
     own = [study.with_limit_of(spec) for spec in study.controllers]
     asked = [replace(spec, schedule="closed_form") if _to_design(spec) else spec for spec in study.controllers]
     changes = _changes_of(own, [(study, timeline, spec) for spec in asked], ready, 0.0)
-    reasons: list[str] = []
+    possible, reasons = False, list[str]()
+    no_gains: list[InfeasibleStudyError] = []
     for one, spec, found in zip(own, study.controllers, changes, strict=True):
         if isinstance(found, InfeasibleStudyError):
             if spec.estimate == "truth" and not _to_design(spec):
-                raise found
-            continue  # its gains are not known
+                no_gains.append(found)
+            else:  # they are not known before the run
+                possible = True
+            continue
         if study.simulation.start != "cold":
             rest_at_start(one, timeline, found[0].gains)
         reason = _why_never(RestsAsked(one, timeline, found))
-        if reason and not (one.limiter.rests and one.converter.current_limit_pu is not None):
-            reasons.append(reason)
-    if reasons and len(reasons) == len(own):
+        possible = possible or not reason or (one.limiter.rests and one.converter.current_limit_pu is not None)
+        reasons.append(reason)
+    if reasons and not possible:
         raise InfeasibleStudyError(reasons[0])
+    if no_gains:
+        raise no_gains[0]
 
 
 def _to_design(spec: ControllerSpec) -> bool:

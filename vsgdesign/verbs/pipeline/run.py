@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,9 +73,9 @@ def run_study(
     """
     tell = progress or silent
     verb = "vsgdesign run" if report else "vsgdesign simulate"
-    check_possible(study)
     with (
         room_for(out, verb, inputs=study.input_files),
+        nullcontext(check_possible(study)),  # after the folder, before any work
         # What it keeps goes after the folder is in its place: an interruption in between loses no finished work.
         made(study, out, bridge=bridge, verify=report, workers=workers, progress=progress, say=say) as have,
         staged_folder(out, verb, inputs=study.input_files) as folder,
