@@ -165,7 +165,8 @@ def document(cause: str, **changes: Any) -> dict[str, Any]:
 
 
 def test_what_is_said() -> None:
-    kept = "P and Q settle in 0.7 s with 1.2 % overshoot, disk margin 1.3, damping ratio 0.8, H 2 s."
+    kept = "P and Q settle in 0.7 s with 1.2 % overshoot, disk margin at the output 1.3, "
+    kept += "damping ratio of the power loops 0.8, H 2 s."
     assert cause_text(document(ERROR)) == (
         "SCR 1.5, X/R 0.5: a promise is given up (overshoot 0.08) because of the error of the estimate. With an exact "
         f"estimate it would keep all: {kept}"

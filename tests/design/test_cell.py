@@ -20,10 +20,11 @@ from tests.design.robust_studies import (
 )
 from vsgdesign.design.box import measured_at_limits, scenarios_of_estimate
 from vsgdesign.design.cell import TRANSFER, CellDesign, common_design, design_cell, most_damping
-from vsgdesign.design.evaluation import evaluate, law_of, shortfalls, worst
+from vsgdesign.design.evaluation import evaluate, law_of, model_in, shortfalls, worst
 from vsgdesign.design.variables import MARGIN_AIM, variables
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.linear.model.coupled import coupled_model
+from vsgdesign.linear.stability.margins import reduced_margins
 
 STUDY = robust_study()
 SPEC = specification(STUDY)
@@ -38,7 +39,12 @@ def test_it_keeps_its_promises(designed: CellDesign) -> None:
     assert designed.met
     s = scenarios(STUDY, 6.0, 3.0)
     again = worst(evaluate(law(STUDY), designed.normalised, s, SETTLING))
-    assert again == designed.figures
+    assert replace(again, disk_margin=0.0) == replace(designed.figures, disk_margin=0.0)
+    # The search's 28 frequencies find a disk margin that is never too small; what is stated is the function's own.
+    lags = law(STUDY).tau_P, law(STUDY).tau_Q
+    exact = reduced_margins(model_in(law(STUDY).gains(designed.normalised, s), s, *lags)).disk_output.value.min()
+    assert designed.figures.disk_margin == pytest.approx(exact, rel=1e-9)
+    assert exact <= again.disk_margin < 1.01 * exact
     assert shortfalls(SPEC, again, designed.inertia) == {}
     assert designed.scenarios == len(s)
 

@@ -14,6 +14,7 @@ from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import linearise_full_order
+from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.runtime.of_study import schedule_of
 
 
@@ -31,7 +32,9 @@ def test_figures_against_a_recursion(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(verification, "linearise_full_order", kept)
     found = full_order_figures(study, gains, s, SETTLING)
-    (model,) = seen
+    model = seen[0]
+    exact = full_order_margins(model).disk_output.value.min()
+    assert found.worst().disk_margin == pytest.approx(exact, rel=1e-9)
     J = np.array(jacobian_from_powers(s.P, s.Q, s.V_rms, s.R, s.X)).T.reshape(-1, 2, 2)
     D_q = np.broadcast_to(np.asarray(gains.D_q, dtype=float), s.P.shape)
     finals = {"P": np.ones(3), "Q": final_Q(J, D_q)}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios, joined
-from vsgdesign.design.evaluation import Evaluation, Figures, LawOfStudy, shortfalls, worst
+from vsgdesign.design.evaluation import Evaluation, Figures, LawOfStudy, exact_worst, shortfalls
 from vsgdesign.design.nlp import KINDS, SLOTS, RobustProgram, robust_program
 from vsgdesign.design.search import Ground, candidates, evolved, hardest, log_stiffness
 from vsgdesign.design.variables import variables
@@ -166,7 +166,8 @@ def _designed(
     chosen = int(np.argmin(ground.scores(stacked, e)))
     normalised = NormalisedGains(*(float(value) for value in program.variables.normalised(stacked[chosen])))
     inertia = float(ground.inertia(normalised))
-    figures = worst(e, chosen)
+    gains = law.gains(NormalisedGains(*map(np.asarray, normalised)), s)
+    figures = exact_worst(e, chosen, gains, s, (law.tau_P, law.tau_Q))
     missed = shortfalls(spec, figures, inertia)
     active = next(iter(missed), "") or max(prices[chosen], key=lambda kind: prices[chosen][kind])
     price = 100.0 * prices[chosen].get(active, 0.0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.design.box import NOMINAL, Scenarios, scenarios_of_truth
-from vsgdesign.design.evaluation import Evaluation, Figures, evaluate_gains, shortfalls, worst
+from vsgdesign.design.evaluation import Evaluation, Figures, evaluate_gains, exact_worst, shortfalls
 from vsgdesign.design.single import FixedTuning
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -215,12 +215,13 @@ def compare_on_grids(
             span = slice(start, start + len(box))
             index = row_of[span]
             start += len(box)
-            whole = None if (index < 0).any() else worst(_part(part, index))
+            own = _taken(gains, span)
+            whole = None if (index < 0).any() else exact_worst(_part(part, index), 0, own, box, study.power_lags)
             figures.append(whole)
             missed.append({} if whole is None else shortfalls(spec, whole, inertia))
             seen = None
             if whole is not None and (k == 0 or not (missed[0] or lost[0] or missed[1])) and whole.abscissa < 0.0:
-                seen = full_order_figures(study, _taken(gains, span), box, spec.settling_time).worst()
+                seen = full_order_figures(study, own, box, spec.settling_time).worst()
             real.append(seen)
             lost.append({} if whole is None or seen is None else _lost(spec, whole, seen, inertia))
         rows.append(

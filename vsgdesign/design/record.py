@@ -30,7 +30,7 @@ from vsgdesign.design.box import (
     scenarios_on_edge,
 )
 from vsgdesign.design.cell import CellDesign, design_cell
-from vsgdesign.design.evaluation import Figures, LawOfStudy, evaluate, law_of, shortfalls, worse, worst
+from vsgdesign.design.evaluation import Figures, LawOfStudy, evaluate, exact_worst, law_of, shortfalls, worse
 from vsgdesign.design.search import with_hard
 from vsgdesign.design.variables import variables
 from vsgdesign.design.verification import full_order_figures
@@ -148,7 +148,14 @@ def _judged(task: CellTask, law: LawOfStudy, whole: Scenarios, more: Scenarios, 
     if design is None:
         return record
     one = NormalisedGains(*(np.array([value]) for value in design.normalised))
-    figures = worse(design.figures, worst(evaluate(law, one, more, spec.settling_time)))
+    seen = exact_worst(
+        evaluate(law, one, more, spec.settling_time),
+        0,
+        law.gains(design.normalised, more),
+        more,
+        (law.tau_P, law.tau_Q),
+    )
+    figures = worse(design.figures, seen)
     missed = shortfalls(spec, figures, design.inertia)
     ideal = replace(design, figures=figures, shortfalls=missed, scenarios=design.scenarios + len(more))
     return replace(with_full_order(task, law, whole, ideal), ideal=record.ideal)

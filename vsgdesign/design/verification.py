@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
-from vsgdesign.design.evaluation import Figures, final_Q
+from vsgdesign.design.evaluation import Figures, exact_disk_margins, final_Q
 from vsgdesign.design.kernels import HORIZON
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -42,6 +42,7 @@ class FullOrderFigures:
     settling_Q: Array
     cross_peak: Array
     disk_margin: Array
+    """At the output. The least is exact, the others are those that a few frequencies find."""
     damping_ratio: Array
     abscissa: Array
     fastest_rad_s: Array
@@ -63,7 +64,8 @@ class FullOrderFigures:
 
 def full_order_figures(study: Study, gains: PowerLoopGains, s: Scenarios, settling_time: float) -> FullOrderFigures:
     """Gains, arrays (S,), in S scenarios on the full-order model: averaged bridge, inner loops, delay, sampling."""
-    model = linearise_full_order(study, _cells(study, gains, s))
+    cells = _cells(study, gains, s)
+    model = linearise_full_order(study, cells)
     count, index = len(s), model.index
     eigenvalues = to_continuous(np.linalg.eigvals(model.A), model.T_s)
     rightmost = np.argmax(eigenvalues.real, axis=1)
@@ -81,6 +83,10 @@ def full_order_figures(study: Study, gains: PowerLoopGains, s: Scenarios, settli
         out[name][good] = values
     omega = np.geomspace(0.3 / settling_time, 0.9 * np.pi / model.T_s, _FREQUENCIES)
     out["disk_margin"][good] = disk_margin_per_frequency(FullOrderLoop(model).on(omega)[stable]).min(axis=1)
+    if len(good) == count:
+        out["disk_margin"] = exact_disk_margins(
+            out["disk_margin"], lambda near: linearise_full_order(study, [cells[k] for k in near])
+        )
     return FullOrderFigures(**out)
 
 
