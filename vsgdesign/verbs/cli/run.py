@@ -238,7 +238,7 @@ def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> Non
 @JSON
 @verb
 def validate(study_file: str, as_json: bool) -> None:
-    """Check a study, its files and whether its grids carry what it asks for, and report all faults at once."""
+    """Check a study and its files, and report all faults at once."""
     from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
     from vsgdesign.verbs.pipeline.opening import check_named_files, check_possible, check_study
 
