@@ -24,6 +24,7 @@ from vsgdesign.equations.controller_data import Nothing, flat_settings, flat_sta
 from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.limiter_interface import always, no_memory
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, LimiterLaw, limiter_named
+from vsgdesign.equations.power_flow import converter_side
 from vsgdesign.equations.sags import sag_sequences
 
 RANGES: dict[str, tuple[float, float]] = {
@@ -71,8 +72,8 @@ FLAGS = ("zero_sequence", "by_inertia")
 """Arguments that choose between formulas and are never symbols."""
 
 
-NO_EQUATIONS = (limiter_named, always, no_memory, flat_state, flat_settings, sag_sequences)
-"""Look a name up, have no numbers, or put numbers side by side."""
+NO_EQUATIONS = (limiter_named, always, no_memory, flat_state, flat_settings, sag_sequences, converter_side)
+"""Look a name up, have no numbers, put numbers side by side, or take pairs of numbers."""
 
 CONSTANTS_OF_A_STUDY = tuple(limiter.build for limiter in LIMITERS.values())
 """Python's alone: the exported C has their numbers."""

@@ -17,8 +17,7 @@ from vsgdesign.campaigns.compliance.evidence import read_evidence
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.estimator.data_set import read_arrays
 from vsgdesign.study.datasheet import read_sheet
-from vsgdesign.study.parameters import load_study
-from vsgdesign.study.parameters.given_files import (
+from vsgdesign.study.given_files import (
     MB,
     RECORD_BYTES,
     TABLE_BYTES,
@@ -29,6 +28,7 @@ from vsgdesign.study.parameters.given_files import (
     open_given,
     read_given,
 )
+from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.record import RecordError, read_record
 from vsgdesign.study.parameters.toml_file import read_toml
 

@@ -294,7 +294,7 @@ def test_the_page_says_background_sensors_and_record(tmp_path) -> None:
     assert converter.background_in_words(study.undisturbed) == converter.sensors_in_words(study.undisturbed) == []
     np.savez(tmp_path / "g.npz", v=np.cos(2.0 * np.pi * 50.2 * np.arange(5000) / 5000.0), fs=5000.0)
     recorded = lc_study("0.1 s", f'[replay]\nfile = "{tmp_path / "g.npz"}"\nscale = "rated"\n')
-    assert converter.background_in_words(recorded) == ["recorded: g.npz, times 155.6 V, from 0 s on"]
+    assert converter.background_in_words(recorded)[0] == "recorded: g.npz, times 155.6 V, from 0 s on"
 
 
 def test_the_frequency_of_a_restless_source(tmp_path) -> None:

@@ -87,7 +87,8 @@ def test_against_controls_disk_margins(which: str, at: str, situations, reduced)
     """control.disk_margins (slycot's μ) on the same 60 frequencies, every one.
 
     AB13MD bounds μ from above and stops up to 1e-6 early (measured 9.8e-7), so control's margin may be that much lower;
-    where it is higher is rounding (2e-8, at low frequencies where the loop's gain is large).
+    where it is higher is rounding at low frequencies, where the loop's gain is large (2e-8 on one processor, 2.4e-7 on
+    another).
     """
     errors = []
     for open_, _, S, grid in cases(which, at, situations, reduced)[:8]:
@@ -97,7 +98,7 @@ def test_against_controls_disk_margins(which: str, at: str, situations, reduced)
         errors.append(got / expected - 1.0)
     print(f"{which}, {at}: {len(errors)} loops, {np.min(errors):.1e} to {np.max(errors):.1e}")
     assert len(errors) == 8
-    assert np.min(errors) > -1e-7
+    assert np.min(errors) > -1e-6
     assert np.max(errors) < 2e-6
 
 

@@ -15,7 +15,7 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import GuardedFile, content_hash, is_number
 from vsgdesign.artifacts.network_weights import array_faults, fix_arrays
 from vsgdesign.equations.field.fusion import GateLimits, Posterior
-from vsgdesign.study.parameters.given_files import WEIGHTS_BYTES
+from vsgdesign.study.given_files import WEIGHTS_BYTES
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from vsgdesign.artifacts.files import json_text, plain, write_text
 from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.artifacts.staging import cannot_write, check_writable, parents_made, staged
 from vsgdesign.errors import ArtifactError
-from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
+from vsgdesign.study.given_files import RESULT_BYTES, read_given
 
 RESULTS = "results.json"
 """The file of a folder that lists all others, where a verb does not say another."""

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 from vsgdesign.artifacts.files import check_file_target, json_text, staged_file
 from vsgdesign.errors import ArtifactError
-from vsgdesign.study.parameters.given_files import TABLE_BYTES, read_given
+from vsgdesign.study.given_files import TABLE_BYTES, read_given
 
 T = TypeVar("T")
 

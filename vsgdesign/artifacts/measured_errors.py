@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import GuardedFile, rows_on_a_line
-from vsgdesign.study.parameters.given_files import WEIGHTS_BYTES
+from vsgdesign.study.given_files import WEIGHTS_BYTES
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import GuardedFile, content_hash, is_number
-from vsgdesign.study.parameters.given_files import WEIGHTS_BYTES
+from vsgdesign.study.given_files import WEIGHTS_BYTES
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.errors import ArtifactError
-from vsgdesign.study.parameters.given_files import RECORD_BYTES, check_unpacked, open_given
+from vsgdesign.study.given_files import RECORD_BYTES, check_unpacked, open_given
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.files import check_file_target, staged_file
 from vsgdesign.equations.field import FieldAnswer, FieldSettings
 from vsgdesign.errors import ArtifactError, Fault, StudyError
-from vsgdesign.study.parameters.given_files import WINDOWS_BYTES, check_unpacked, open_given
+from vsgdesign.study.given_files import WINDOWS_BYTES, check_unpacked, open_given
 
 Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]

@@ -30,7 +30,7 @@ from vsgdesign.estimator.tanh_network import (
     with_ones,
 )
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.study.parameters.given_files import WEIGHTS_BYTES, read_given
+from vsgdesign.study.given_files import WEIGHTS_BYTES, read_given
 
 Array = NDArray[np.float64]
 

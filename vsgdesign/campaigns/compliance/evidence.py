@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vsgdesign.campaigns.compliance.measuring import Trace
 from vsgdesign.campaigns.compliance.rows import FAIL
 from vsgdesign.errors import ArtifactError
-from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
+from vsgdesign.study.given_files import RESULT_BYTES, read_given
 
 Array = NDArray[np.float64]
 

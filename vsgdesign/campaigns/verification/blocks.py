@@ -25,7 +25,7 @@ from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.demand import settling_time_of
-from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
+from vsgdesign.study.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 BLOCK = 2048

@@ -13,7 +13,7 @@ from typing import Any
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.datasheet.fields import find_field, squeezed
 from vsgdesign.study.datasheet.quantities import is_unit
-from vsgdesign.study.parameters.given_files import TOML_BYTES, read_given
+from vsgdesign.study.given_files import TOML_BYTES, read_given
 from vsgdesign.study.parameters.toml_file import parse_toml
 
 _HEADINGS = {

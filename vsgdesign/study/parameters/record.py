@@ -15,7 +15,7 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.study.parameters.given_files import RECORD_BYTES, check_unpacked, open_given
+from vsgdesign.study.given_files import RECORD_BYTES, check_unpacked, open_given
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.study.parameters.given_files import TOML_BYTES, read_given
+from vsgdesign.study.given_files import TOML_BYTES, read_given
 
 MOST_LEVELS = 50
 """Levels of tables within tables that are read."""

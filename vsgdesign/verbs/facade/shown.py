@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.errors import ArtifactError, did_you_mean
-from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
+from vsgdesign.study.given_files import RESULT_BYTES, read_given
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -182,6 +182,7 @@ class SimulationTable(TypedDict, total=False):
     Q_ref: Quantity
     reference_limit_pu: Quantity
     survival: bool
+    survival_settling_time: Quantity
 
 class ControllersTable(TypedDict, total=False):
     """The fields of [controllers]."""

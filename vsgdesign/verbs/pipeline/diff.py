@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.folders import RESULTS
 from vsgdesign.errors import ArtifactError
-from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
+from vsgdesign.study.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.parameters.units import same_quantity
 
 SAME = 1e-9

@@ -26,7 +26,7 @@ from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.journal import work_folder
 from vsgdesign.execution.progress import Progress
 from vsgdesign.runtime.guards import lacks_safe_place
-from vsgdesign.study.parameters.given_files import RESULT_BYTES, read_given
+from vsgdesign.study.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 CELLS = "cells"
