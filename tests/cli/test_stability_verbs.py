@@ -111,7 +111,9 @@ def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path, monke
     assert "explorer.html" in json.loads((out / "results.json").read_text(encoding="utf-8"))["files"]
 
 
-@pytest.mark.parametrize(("make", "said"), [(no_page, "small has no explorer in this test."), (end_process, "lost")])
+@pytest.mark.parametrize(
+    ("make", "said"), [(no_page, "small has no explorer in this test."), (end_process, "ended with exit code")]
+)
 def test_a_report_without_explorer_says_why(
     make: Callable[..., StaticPage], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
