@@ -20,12 +20,13 @@ from vsgdesign.codegen.blocks import Part, Writer, joined, renamed, with_outputs
 from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.llvm import LoopSpec, compiled_loop, empty_rows
 from vsgdesign.codegen.llvm_loop import loop_text
+from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller_data import ControllerSettings, ControllerState
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.simulation.axes import RISING, Axes, states_of
-from vsgdesign.simulation.bodies import Kind, control, names_of, numbers_of, plant, products
+from vsgdesign.simulation.bodies import Kind, control, names_of, plant, products
 from vsgdesign.simulation.circuit_sample import BridgeVoltage, PlantState, edges_on_slope, legs_after
 from vsgdesign.simulation.loop import carrier_part, kind_of
 from vsgdesign.study.parameters import Study
