@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tests.artifacts.networks import random_weights
+from tests.compilers import objects_of
 from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
@@ -25,6 +27,7 @@ from vsgdesign.equations.scheduler_data import (
     SchedulerState,
 )
 from vsgdesign.export import CompiledC, export_c_files
+from vsgdesign.export.compiled import run_compiler
 from vsgdesign.export.known_answers import gain_sizes
 from vsgdesign.runtime import Scheduler
 from vsgdesign.runtime.updating import Answer, Covariance, advance, first_state, given_input, told_state
@@ -49,6 +52,15 @@ def exported(folder: Path, structure: str = "angle_damped", law: str = "poles", 
     """The same as C."""
     table_file, weights_file = written(folder, structure, law, **changes)
     return export_c_files(table_file, folder / f"{structure}-{law}-c", weights=weights_file).folder
+
+
+def self_test_of(folder: Path, compiler: str = "gcc", *flags: str) -> int:
+    """What the self-test says of a folder."""
+    objects = objects_of([compiler, "-std=c99", "-w", *flags], sorted(folder.glob("*.c")), [folder])
+    main, program = folder / "main.txt", folder / "selftest.bin"
+    main.write_text("unsigned short vsg_selftest(void); int main(void) { return vsg_selftest(); }", encoding="utf-8")
+    run_compiler([compiler, "-x", "c", str(main), "-x", "none", *objects, "-lm", "-o", str(program)])
+    return subprocess.run([program], check=False).returncode
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import pytest
 from tests.artifacts.networks import random_weights
 from tests.cli.small_studies import as_json, call
 from tests.compilers import GCC_AND_CLANG, needs, require_compiler
-from tests.export.exchange import KINDS, exported, written
+from tests.export.exchange import KINDS, exported, self_test_of, written
 from vsgdesign.artifacts import read_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.errors import ArtifactError
@@ -97,6 +97,51 @@ def test_fits_a_small_controller(
     assert 0 < stack <= stack_limit
 
 
+@pytest.mark.parametrize("compiler", GCC_AND_CLANG)
+@pytest.mark.parametrize("option", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
+def test_options_that_remove_the_guards_are_an_error_in_every_file(option: str, compiler: str, folder: Path) -> None:
+    for source in sorted(folder.glob("*.[ch]")):
+        with pytest.raises(
+            ArtifactError, match=f"Compile without {'-ffinite' if 'finite' in option else '-ffast'}-math"
+        ):
+            run_compiler([compiler, "-std=c99", "-w", option, "-fsyntax-only", "-x", "c", str(source)])
+
+
+@pytest.mark.parametrize("compiler", GCC_AND_CLANG)
+def test_the_self_test_sees_guards_that_a_compiler_removed(compiler: str, folder: Path, tmp_path: Path) -> None:
+    """As a compiler does that says nothing of such an option."""
+    copy = Path(shutil.copytree(folder, tmp_path / "copy"))
+    assert self_test_of(copy, compiler, "-O1", "-ffast-math", "-U__FAST_MATH__", "-U__FINITE_MATH_ONLY__") != 0
+
+
+GUARDS = [
+    ("vsg_power.c", "used = vsg_bounded_sum(VSG_ABS(P) + VSG_ABS(Q))", "used = 1U"),
+    ("vsg_power.c", "taken = vsg_usable(gains)", "taken = 1U"),
+    (
+        "vsg_control.c",
+        "(vsg_finite(size) && (vsg_plausible(measured, &c->settings) > VSG_C(0.5)))",
+        "(size == size || 1)",
+    ),
+    ("vsg_control.c", "(vsg_usable(gains) != 0U)", "(gains != 0)"),
+    ("vsg_control.c", "number = vsg_bounded_sum(VSG_ABS(v_alpha) + VSG_ABS(v_beta))", "number = 1U"),
+    ("vsg.c", "!vsg_finite(v_peak) || !vsg_finite(i_peak)", "v_peak < i_peak - i_peak"),
+    ("vsg_laws.h", "return (bits & exponent) != exponent", "return (bits & exponent) == (bits & exponent)"),
+]
+"""What refuses NaN in each part: file, guard, and the same file without it."""
+
+
+def test_a_nan_is_among_the_known_answers_of_every_part(folder: Path, tmp_path: Path) -> None:
+    require_compiler()
+    copy = Path(shutil.copytree(folder, tmp_path / "copy"))
+    assert self_test_of(copy) == 0
+    for name, guard, without in GUARDS:
+        sound = (copy / name).read_text(encoding="utf-8")
+        assert sound.count(guard) == 1, (name, guard)
+        (copy / name).write_text(sound.replace(guard, without), encoding="utf-8")
+        assert self_test_of(copy) != 0, (name, guard)
+        (copy / name).write_text(sound, encoding="utf-8")
+
+
 @needs("make")
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_its_own_makefile_runs_the_self_test(real: str, folder: Path, tmp_path: Path) -> None:
@@ -105,6 +150,16 @@ def test_its_own_makefile_runs_the_self_test(real: str, folder: Path, tmp_path: 
     command = ["make", "-C", str(copy), f"REAL={real}", "test"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    # Flags of one's own take none of the folder's away, and nothing of the other precision is left.
+    other = {"float": "double", "double": "float"}[real]
+    done = subprocess.run([*command, f"REAL={other}", "CFLAGS=-O0"], capture_output=True, text=True, check=False)
+    built = [line for line in done.stdout.splitlines() if " -c vsg" in line]
+    assert len(built) == len(list(copy.glob("vsg*.c")))
+    for line in built:
+        assert ("-DVSG_DOUBLE" in line) == (other == "double")
+        assert "-O0" in line
+        assert "-Werror" in line
+    assert subprocess.run([*command, "REAL=half"], capture_output=True, check=False).returncode != 0
     # A wrong constant is found: the first node's first parameter.
     data = (copy / "vsg_data.c").read_text(encoding="utf-8")
     bent = re.sub(r"(vsg_axis_scr\[VSG_ROWS\] = \{.*)VSG_C\(20\.0\)", r"\1VSG_C(20.1)", data)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 import re
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import pytest
 from tests.artifacts.field_networks import random_field_weights
 from tests.compilers import GCC_AND_CLANG, require_compiler
 from tests.export.conftest import built
-from tests.export.exchange import written
+from tests.export.exchange import self_test_of, written
 from tests.export.fuzzing import build_converter_fuzz, run_control_fuzz
 from vsgdesign.equations.field import (
     FieldAnswer,
@@ -199,6 +200,22 @@ def test_its_known_answers(field_c: CompiledC, field_folder: Path, tmp_path: Pat
             text = bent
         (tmp_path / path.name).write_text(text, encoding="utf-8")
     assert compile_c(tmp_path, flags=("-O0",)).selftest() > 0
+
+
+def test_a_nan_is_among_its_known_answers(field_folder: Path, tmp_path: Path) -> None:
+    """In a sample and in the memory: the self-test sees that the guard of either is gone."""
+    require_compiler()
+    copy = Path(shutil.copytree(field_folder, tmp_path / "copy"))
+    for name, guard in (
+        ("vsg_field.c", "(vsg_all_finite(&size, 1U) != 0U) && (size <= VSG_FIELD_BOUND)"),
+        ("vsg_field_laws.h", "VSG_ABS(v_alpha) * settings->per_volt < VSG_FIELD_BEYOND"),
+    ):
+        sound = (copy / name).read_text(encoding="utf-8")
+        assert sound.count(guard) == 1, guard
+        (copy / name).write_text(sound.replace(guard, "(1 == 1)"), encoding="utf-8")
+        assert self_test_of(copy) != 0, guard
+        (copy / name).write_text(sound, encoding="utf-8")
+    assert self_test_of(copy) == 0
 
 
 def test_a_slow_background_task_changes_nothing(field_c: CompiledC, recorded: Recorded) -> None:

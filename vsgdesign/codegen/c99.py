@@ -63,7 +63,12 @@ class CText:
     def text(self) -> str:
         """All of it, to be compiled by itself."""
         structs = "\n".join(self.structs.values())
-        needed = "#include <stdint.h>\n" if "uint32_t" in f"{structs}{self.functions}" else ""
+        whole = f"{structs}{self.constants}{self.functions}"
+        needed = "".join(
+            f"#include <{header}.h>\n"
+            for header, word in (("stdint", "uint32_t"), ("string", "memcpy"))
+            if word in whole
+        )
         return f"#include <math.h>\n{needed}\n{TYPES}\n{structs}\n{self.constants}\n{self.functions}"
 
     def needed_by(self, records: Iterable[str]) -> list[str]:

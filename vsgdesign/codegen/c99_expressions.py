@@ -95,7 +95,22 @@ static inline uint32_t vsg_not_above(vsg_numbers_t row, vsg_real_t x)
     return found;
 }
 """
+_FINITE = """/* Whether a number is neither infinite nor NaN, by its bits: no option of a compiler changes that. */
+static inline int vsg_is_number(vsg_real_t x)
+{
+#ifdef VSG_DOUBLE
+    const uint64_t exponent = 0x7FF0000000000000ULL;
+    uint64_t bits;
+#else
+    const uint32_t exponent = 0x7F800000UL;
+    uint32_t bits;
+#endif
+    memcpy(&bits, &x, sizeof(bits));
+    return (bits & exponent) != exponent;
+}
+"""
 _HELPERS = {
+    "finite": _FINITE,
     "max": _MAX,
     "min": _MIN,
     "clip": _CLIP,
@@ -159,6 +174,9 @@ class ExpressionPrinter:
         elif (limits := _clipped(e)) is not None:
             self.used.add("clip")
             text = f"vsg_clip({', '.join(self.expression(one) for one in limits)})"
+        elif (asked := _finite(e)) is not None:
+            self.used.add("finite")
+            precedence, text = _ATOM, f"vsg_is_number({self.expression(asked)})"
         elif precedence == _ATOM:
             if e.name not in ("max", "min"):
                 self.used.add(e.name)
@@ -255,6 +273,14 @@ def _clipped(e: Operation) -> tuple[Expression, ...] | None:
     inner = e.arguments[0]
     if e.name == "min" and isinstance(inner, Operation) and inner.name == "max" and kind_of(e) != COUNT:
         return *inner.arguments, e.arguments[1]
+    return None
+
+
+def _finite(e: Operation) -> Expression | None:
+    """The number of which ``x - x == 0.0`` asks whether it is finite; None of anything else."""
+    left, right = e.arguments if e.name == "==" else (None, None)
+    if isinstance(left, Operation) and left.name == "-" and left.arguments[0] == left.arguments[1]:
+        return left.arguments[0] if isinstance(right, Number) and right.value == 0.0 else None
     return None
 
 

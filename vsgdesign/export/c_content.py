@@ -15,7 +15,7 @@ from vsgdesign.equations.field.fusion import FIRST_GATE
 from vsgdesign.equations.limiters import CIRCULAR, limiter_named
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.field import ConverterConstants, field_content
-from vsgdesign.export.known_answers import known_answers, known_steps, known_windows
+from vsgdesign.export.known_answers import KnownSteps, known_answers, known_powers, known_steps, known_windows
 from vsgdesign.export.known_cycles import known_cycles, known_posteriors
 from vsgdesign.export.laws import REASON_NAMES, laws_content
 from vsgdesign.identification.field_network import FieldNetwork
@@ -95,10 +95,11 @@ def content_of(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
                 "hold": int(one.hold),
                 "told": one.told,
                 "known": int(bool(one.covariance)),
-                "covariance": braces(one.covariance or (0.0, 0.0, 0.0)),
+                "covariance": braces(_numbers(one.covariance or (0.0, 0.0, 0.0))),
+                "no_number": sum(math.isnan(x) << at for at, x in enumerate((*one.given, *one.covariance))),
                 "status": one.status,
                 "reason": one.reason,
-                "given": braces(one.given),
+                "given": braces(_numbers(one.given)),
                 "answer": braces(one.answer),
                 "size": braces(one.size),
             }
@@ -160,7 +161,34 @@ def _steps(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
         "step_settings": initialiser(known.settings),
         "step_size": initialiser(known.size),
         "step_fields": known.size._fields,
+        "powers": _powers(known),
     }
+
+
+def _powers(steps: KnownSteps) -> dict[str, Any]:
+    """Known answers of the power loops alone."""
+    known = known_powers(steps)
+    rows = zip(known.powers, known.voltages, strict=True)
+    return {
+        "rows": [
+            {
+                "given": braces(_numbers(powers)),
+                "used": int(not any(map(math.isnan, powers))),
+                "no_number": sum(math.isnan(x) << at for at, x in enumerate(powers)),
+                "answer": braces(voltage),
+            }
+            for powers, voltage in rows
+        ],
+        "T_s": literal(known.T_s),
+        "smoothing": literal(known.smoothing),
+        "notch": ", ".join(f"VSG_C({literal(value)})" for value in known.notch),
+        "size": braces((steps.refs.omega_0, steps.refs.V_n, 1.0)),
+    }
+
+
+def _numbers(values: tuple[float, ...]) -> tuple[float, ...]:
+    """With 0 in the place of NaN, which C makes from its bits."""
+    return tuple(0.0 if math.isnan(value) else value for value in values)
 
 
 def field_parts(converter: ConverterConstants) -> dict[str, Any]:
@@ -174,7 +202,13 @@ def field_parts(converter: ConverterConstants) -> dict[str, Any]:
         "references": initialiser(converter.references),
         "controller_settings": initialiser(converter.controller_settings),
         "known": [
-            {"R_g": literal(one.R_g), "L_g": literal(one.L_g), "sigma": literal(one.sigma), "valid": int(one.valid)}
+            {
+                "R_g": literal(one.R_g),
+                "L_g": literal(one.L_g),
+                "sigma": literal(one.sigma),
+                "valid": int(one.valid),
+                "spoilt": int(one.spoilt),
+            }
             for one in known.answers
         ],
         "known_plant": {name: literal(value) for name, value in known.plant._asdict().items()},

@@ -19,19 +19,20 @@ from vsgdesign.equations.controller import (
 from vsgdesign.equations.frames import PHASES, rms_to_peak
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterRatings, LimiterView
-from vsgdesign.equations.power_filter import notch_constants
+from vsgdesign.equations.power_filter import NotchConstants, notch_constants
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.equations.scheduler_data import NO_ESTIMATE, NO_REASON, TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED
 from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup
+from vsgdesign.runtime.power_controller import PowerController
 from vsgdesign.runtime.scheduler import SAID, Scheduler
 from vsgdesign.runtime.updating import advance, first_state, given_input, told_state
 
 
 @dataclass(frozen=True, kw_only=True)
 class KnownAnswer:
-    """One call and its answer. ``given``: R_g, L_g, P, Q, V, as single precision holds them."""
+    """One call and its answer. ``given``: R_g, L_g, P, Q, V, as single precision holds them, or NaN."""
 
     ticks: int
     hold: bool
@@ -56,8 +57,8 @@ def gain_sizes(gains: PowerLoopGains) -> tuple[float, ...]:
 
 def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
     """A sequence of calls from the first state on: confirmed jump, rate, edges, refusals, time backwards, doubt that
-    ends with an estimate, doubt that lasts, a change to the strongest grid that is followed in part and then fully, and
-    no estimate for too long."""
+    ends with an estimate, doubt that lasts, a change to the strongest grid that is followed in part and then fully, a
+    NaN in the place of every number, and no estimate for too long."""
     lookup, c = scheduler.lookup, scheduler.settings
     middle = float(np.sqrt(c.scr[0] * c.scr[1])), float(np.sqrt(c.r_over_x[0] * c.r_over_x[1]))
     R, L = lookup.grid(*middle)
@@ -72,6 +73,7 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
         (240_000, False, (R, L, 2.0 * c.power_range, Q, V)),
         (260_000, False, (-100.0 * R, L, P, Q, V)),
         (280_000, False, (R, -L, P, Q, V)),
+        *((282_000 + 2_000 * j, False, _with_nan((R, L, P, Q, V), j)) for j in range(5)),
         (5, False, (R, L, P, Q, V)),
         (20_005, False, (R, L, P, Q, 1.9 * c.V_rms[1])),
     ]
@@ -92,6 +94,8 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
     for k in range(1, 10):
         calls[k - 14] = (last + 20_000 * k, False, (R_weak, L_weak, P, Q, V) if 4 < k < 7 else (*strong, P, Q, V))
         covariances[last + 20_000 * k] = _covariance(*strong, lookup.omega, 0.4 if k < 9 else 1e-3)
+    for j in range(3):
+        covariances[last + 20_000 * (10 + j)] = _with_nan(covariances[last + 180_000], j)
     last += 260_000
     calls += [(last + c.lost_ticks // 2 * k, True, nothing) for k in range(1, 4)]
     known: list[KnownAnswer] = []
@@ -119,6 +123,10 @@ def known_answers(scheduler: Scheduler) -> list[KnownAnswer]:
     return known
 
 
+def _with_nan(values: tuple[float, ...], place: int) -> tuple[float, ...]:
+    return tuple(math.nan if at == place else value for at, value in enumerate(values))
+
+
 def _covariance(R: float, L: float, omega: float, sigma: float) -> tuple[float, ...]:
     """Of an estimate with the relative standard deviation sigma of Z, whose R is less certain than its X."""
     var_R, var_L = 0.7 * sigma**2 * (R**2 + (omega * L) ** 2), 0.3 * sigma**2 * (R**2 / omega**2 + L**2)
@@ -142,6 +150,36 @@ def known_windows(estimator: NeuralEstimator) -> tuple[tuple[float, float], list
         R_g, L_g, status = estimator.estimate(v, i)[:3]
         found.append((R_g, L_g, SAID[status]))
     return (steps[0], steps[1]), found
+
+
+@dataclass(frozen=True)
+class KnownPowers:
+    """Samples of the power loops alone: with the first gains of :class:`KnownSteps`, and then with the second."""
+
+    T_s: float
+    smoothing: float
+    notch: NotchConstants
+    powers: list[tuple[float, float]]
+    """P, Q; NaN in one or both of some samples."""
+    voltages: list[tuple[float, float, float]]
+    """ω, V, θ."""
+
+
+def known_powers(steps: KnownSteps) -> KnownPowers:
+    """The power loops at powers that move, with a notch, without numbers in some samples and with other gains from the
+    middle on."""
+    T_s, smoothing = steps.settings.T_s, 0.25
+    before = _single(notch_constants(2.0 * steps.refs.omega_0, 0.5, T_s))
+    loops = PowerController(steps.gains[0], steps.refs, T_s, smoothing, smoothing, before)
+    powers, voltages = [], []
+    for k in range(_POWERS):
+        if k == _POWERS // 2:
+            loops.retune(steps.gains[1])
+        P = math.nan if k in (3, 10) else (1.0 - 0.4 * (k % 3)) * steps.refs.P_ref
+        Q = math.nan if k in (5, 10) else (0.5 + 0.3 * (k % 4)) * steps.refs.Q_ref
+        powers.append((float(np.float32(P)), float(np.float32(Q))))
+        voltages.append(loops.step(*powers[-1]))
+    return KnownPowers(T_s, smoothing, before, powers, voltages)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,6 +262,7 @@ def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limite
 
 
 _STEPS = 20
+_POWERS = 14
 
 
 def _single(record: Any) -> Any:

@@ -118,6 +118,7 @@ def laws_content(structure: str, law: str, scr_basis: str, limiter: str) -> dict
     remembered = typing.get_type_hints(at_rest)["return"]._fields
     return {
         "state_fields": [*ControllerState._fields[:-1], *(f"limiter.{name}" for name in remembered)],
+        "kept_fields": [name for name in ControllerState._fields[:-1] if name not in ("theta", "u_alpha", "u_beta")],
         "largest_state": repr(LARGEST_STATE),
         "times_nominal": repr(TIMES_NOMINAL),
         "public_structs": "\n".join(text.structs[name] for name in public).rstrip(),

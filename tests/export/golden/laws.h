@@ -1,5 +1,6 @@
 #include <math.h>
 #include <stdint.h>
+#include <string.h>
 
 /* Single precision unless VSG_DOUBLE is defined, for every file alike. */
 #ifdef VSG_DOUBLE
@@ -386,6 +387,20 @@ typedef struct {
 #define VSG_IN_STEP_V_LOW VSG_C(0.8)
 #define VSG_IN_STEP_V_HIGH VSG_C(1.2)
 
+/* Whether a number is neither infinite nor NaN, by its bits: no option of a compiler changes that. */
+static inline int vsg_is_number(vsg_real_t x)
+{
+#ifdef VSG_DOUBLE
+    const uint64_t exponent = 0x7FF0000000000000ULL;
+    uint64_t bits;
+#else
+    const uint32_t exponent = 0x7F800000UL;
+    uint32_t bits;
+#endif
+    memcpy(&bits, &x, sizeof(bits));
+    return (bits & exponent) != exponent;
+}
+
 /* The larger of two; NaN where either is. */
 static inline vsg_real_t vsg_max(vsg_real_t a, vsg_real_t b)
 {
@@ -445,7 +460,7 @@ static inline vsg_real_t vsg_advanced(vsg_real_t x, vsg_real_t dx, vsg_real_t *l
 /* Whether a number is neither infinite nor NaN. */
 static inline int vsg_finite(vsg_real_t x)
 {
-    return x - x == VSG_C(0.0);
+    return vsg_is_number(x);
 }
 
 /* Whether every number of an estimate is finite. */
