@@ -55,6 +55,14 @@ def test_a_pool_gives_results_and_errors_as_they_were(capfd: pytest.CaptureFixtu
     assert sorted(capfd.readouterr().err.splitlines()) == ["a warning", "to nobody"]
 
 
+def test_a_pool_has_no_more_processes_than_calls() -> None:
+    """On a machine of 64 cores, two blocks of work started 64 processes. A free one is used again."""
+    with worker_processes(64) as pool:
+        assert pool.submit(os.getpid).result() == pool.submit(os.getpid).result()
+    with pytest.raises(RuntimeError):
+        pool.submit(os.getpid)
+
+
 def _refuse() -> None:
     raise StudyError("s", [Fault("a", "1", "wrong")])
 

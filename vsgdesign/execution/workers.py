@@ -142,19 +142,17 @@ def ask_all(questions: Sequence[tuple[AnsweringProcess, Any]]) -> list[Any | Non
 
 
 class WorkerPool(Executor):
-    """``count`` processes that make calls. A call, its arguments, its result and its error travel by pickle."""
+    """At most ``count`` processes that make calls. A call, its arguments, its result and its error travel by pickle.
+
+    A process is started for a call that finds none free: to start one takes as long as many a call.
+    """
 
     def __init__(self, count: int) -> None:
         self._threads = ThreadPoolExecutor(count, "worker")
-        self._free: queue.SimpleQueue[AnsweringProcess] = queue.SimpleQueue()
+        self._free: list[AnsweringProcess] = []
         self._processes: list[AnsweringProcess] = []
-        try:
-            for _ in range(count):
-                self._processes.append(AnsweringProcess(_calling))
-                self._free.put(self._processes[-1])
-        except BaseException:
-            self.kill()
-            raise
+        self._lock = threading.Lock()
+        self._closed = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """As every executor. The result raises WorkerLostError where the process ended."""
@@ -168,16 +166,29 @@ class WorkerPool(Executor):
 
     def kill(self) -> None:
         """Ends the processes at once."""
-        for process in self._processes:
+        with self._lock:
+            self._closed = True
+            ended, self._processes = self._processes, []
+        for process in ended:
             process.close()
-        self._processes = []
+
+    def _process(self) -> AnsweringProcess:
+        """One that is free, or a new one: there are never more of them than threads."""
+        with self._lock:
+            if self._closed:
+                raise WorkerLostError("the processes were ended")
+            if not self._free:
+                self._processes.append(AnsweringProcess(_calling))
+                return self._processes[-1]
+            return self._free.pop(0)
 
     def _called(self, call: Callable[[], Any]) -> Any:
-        process = self._free.get()
+        process = self._process()
         try:
             answer, error = process.outcome(call)
         finally:
-            self._free.put(process)
+            with self._lock:
+                self._free.append(process)
         if error is not None:
             raise error
         return answer
