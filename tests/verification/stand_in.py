@@ -89,7 +89,7 @@ def run(study: Study, spec: ControllerSpec, ready: Any, cases: LaneCases, *, bri
     return SimpleNamespace(
         status=status,
         fault=(status == 0).astype(np.int8),
-        overshoot=np.where(step, 0.0502 * np.mod(1e4 * cases.L_g, 1.0), np.nan),
+        overshoot=np.where(step, 0.0507 * np.mod(1e4 * cases.L_g, 1.0), np.nan),
         settling_s=np.where(step, np.where(y > 0.99, np.nan, 0.4 + 0.8 * y), np.nan),
         recovery_s=0.3 + 2.0 * y,
         peak_pu=1.0 + 0.2 * x,

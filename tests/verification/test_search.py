@@ -20,7 +20,7 @@ def cornered(study: Any, spec: Any, ready: Any, cases: Any, *, bridge: str, stri
     c = study.converter
     weak = np.clip(1.0 - np.log(c.Z_base / np.hypot(cases.R_g, c.omega_n * cases.L_g) / 1.5) / np.log(20 / 1.5), 0, 1)
     P = 0.5 + 0.5 * cases.P_ref / (0.9 * c.S_rated)
-    found.overshoot = 0.05025 * weak * P
+    found.overshoot = 0.05075 * weak * P
     found.status[:] = 2
     found.settling_s[:] = found.recovery_s[:] = 0.5
     return found
@@ -31,12 +31,12 @@ JOB = stand_in.job(STUDY, 1, batch=stand_in.BATCH._replace(run=cornered))
 
 def test_a_rare_failure_is_found() -> None:
     drawn = cornered(STUDY, None, None, stand_in.draw(STUDY, JOB.spec, 0, 2000)[0], bridge="averaged", strict=False)
-    assert drawn.overshoot.max() < 0.05
+    assert drawn.overshoot.max() < 0.0505
     found = search(JOB, 2000, {"step": EIGHT})
     assert found.evaluations <= 2000
     first = found.found[0]
     assert (first.family, first.promise, first.broken) == ("step", "overshoot", ("overshoot",))
-    assert first.case.severity == pytest.approx(first.case.figures[0] / 0.05)
+    assert first.case.severity == pytest.approx(first.case.figures[0] / 0.0505)
     assert found.broken >= 1
 
 

@@ -93,8 +93,8 @@ def test_every_number_is_that_of_a_plain_count(whole: Summary) -> None:
             value = float(getattr(found, promise.figure)[0])
             if math.isnan(value) or (promise.survival and status != "judged"):
                 value = math.inf
-            kept.setdefault((name, promise.name), []).append((-value / promise.limit, k))
-            expected[name, promise.name] = expected.get((name, promise.name), 0) + (value > promise.limit)
+            kept.setdefault((name, promise.name), []).append((-value / promise.most, k))
+            expected[name, promise.name] = expected.get((name, promise.name), 0) + (value > promise.most)
     assert sum(expected.values()) > 3
     for name, one in whole.families.items():
         assert one.judged == judged[name]

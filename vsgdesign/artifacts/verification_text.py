@@ -135,12 +135,26 @@ def value_text(name: str, value: float | None, digits: int = 3) -> str:
     return f"{words.factor * value:.{digits}g}{unit}"
 
 
+def most_of(promise: Document) -> float:
+    """The largest value that keeps a promise; documents of earlier versions allow nothing beyond the limit."""
+    return float(promise.get("most", promise["limit"]))
+
+
+def breaks(value: float, promise: Document) -> bool:
+    """Whether a value breaks a promise. One with a limit of its own for steps of Q_ref is broken beyond the larger."""
+    return value < promise["limit"] if promise.get("at_least") else value > most_of(promise)
+
+
 def limit_text(name: str, promise: Document) -> str:
-    """What a promise asks for: "≤ 5 %", "at rest in 2.8 s"."""
-    limit = value_text(figure_of(name, promise), promise["limit"])
+    """What a promise asks for: "≤ 5 %", "≤ 4.6 % (Q: 0 %)", "at rest in 2.8 s"."""
+    figure = figure_of(name, promise)
+    limit = value_text(figure, promise["limit"])
     if promise.get("survival"):
         return f"at rest in {limit}"
-    return f"{'≥' if promise.get('at_least') else '≤'} {limit}"
+    of_Q = promise.get("limit_Q")
+    return f"{'≥' if promise.get('at_least') else '≤'} {limit}" + (
+        f" (Q: {value_text(figure, of_Q)})" * (of_Q is not None)
+    )
 
 
 def promise_text(name: str, promise: Document) -> str:
@@ -184,7 +198,7 @@ def promise_sentence(
     if promise.get("survival"):
         what = f"not at rest in {limit}"
     else:
-        what = f"{'below' if promise.get('at_least') else 'above'} {limit}"
+        what = f"{'below' if promise.get('at_least') else 'above'} {limit_text(promise_name, promise)[2:]}"
     said = f"{title}: {counted_of(broken)} of {counted_of(judged)} {noun} {what}"
     if broken:
         said += f" ({share_text(promise)})"

@@ -18,6 +18,7 @@ from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.stability.margins import margins_named
+from vsgdesign.metrics.met import overshoot_met, settling_met
 from vsgdesign.metrics.modes import least_damping
 from vsgdesign.study.parameters.specification import Specification
 from vsgdesign.study.parameters.study import ClosedFormTarget, Study
@@ -71,9 +72,9 @@ def worse(one: Figures, other: Figures) -> Figures:
 def shortfalls(spec: Specification, f: Figures, inertia: float) -> dict[str, float]:
     """Promises that figures do not keep, each with the value that would have to be allowed."""
     missed: dict[str, float] = {}
-    if spec.settles and not f.overshoot <= spec.overshoot:
+    if spec.settles and not overshoot_met(f.overshoot, spec.overshoot):
         missed["overshoot"] = f.overshoot
-    if spec.settles and not f.settling_time <= spec.settling_time:
+    if spec.settles and not settling_met(f.settling_time, spec.settling_time):
         missed["settling_time"] = f.settling_time
     if not f.disk_margin >= spec.disk_margin:
         missed["disk_margin"] = f.disk_margin

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from vsgdesign.campaigns.compliance.applies import impossible, not_applicable
@@ -23,6 +23,7 @@ from vsgdesign.campaigns.compliance.rows import (
 from vsgdesign.campaigns.compliance.run import TestRun, nfp_of, run_test
 from vsgdesign.campaigns.compliance.suite import Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import CircuitError, StudyError
+from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.survival import SURVIVED
 
 
@@ -163,7 +164,13 @@ def _verdict(criterion: Criterion, value: float | None) -> str:
     if criterion.envelope is not None:
         return PASS if value <= 0.0 else FAIL
     kept = criterion.at_least is None or value >= criterion.at_least
-    return PASS if kept and (criterion.at_most is None or value <= criterion.at_most) else FAIL
+    if kept and criterion.at_most is not None:
+        kept = value <= _MOST.get(criterion.measure, float)(criterion.at_most)
+    return PASS if kept else FAIL
+
+
+_MOST: Mapping[str, Callable[[float], float]] = {"settling_s": most_settling_time, "overshoot_pu": most_overshoot}
+"""The largest value that keeps a limit, where this is not the limit itself."""
 
 
 def _unmeasured(criterion: Criterion, source: Source, why: str) -> Check:

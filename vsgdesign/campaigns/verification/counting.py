@@ -132,7 +132,8 @@ def count_block(
         asked = np.flatnonzero(drawn & judged)
         held = [promise for promise in promises if name in promise.families]
         found = {p.name: judged_values(p, status[asked], figures[asked]) for p in held}
-        misses = {p.name: ~(found[p.name] <= p.limit) for p in held}
+        most = {p.name: p.most_of(cases.signal[asked]) for p in held}
+        misses = {p.name: ~(found[p.name] <= most[p.name]) for p in held}
         any_broken = np.any(list(misses.values()), axis=0) if held else np.zeros(len(asked), bool)
         families[name] = FamilyCount(
             drawn=int(drawn.sum()),
@@ -141,7 +142,7 @@ def count_block(
             lost=_counts(status[asked][status[asked] != JUDGED]),
             broken=int(any_broken.sum()),
             promises={
-                p.name: _promise(p, found[p.name], first + asked, status[asked], figures[asked], bins[asked])
+                p.name: _promise(found[p.name], most[p.name], first + asked, status[asked], figures[asked], bins[asked])
                 for p in sorted(held, key=lambda promise: promise.name)
             },
             judged_map=np.bincount(bins[asked], minlength=MAP[0] * MAP[1]).reshape(MAP),
@@ -160,8 +161,8 @@ def count_block(
 
 
 def _promise(
-    promise: Promise,
     values: Array,
+    most: Array,
     index: NDArray[np.intp],
     status: NDArray[np.int8],
     figures: Array,
@@ -169,10 +170,10 @@ def _promise(
 ) -> PromiseCount:
     worst_map = np.full(MAP[0] * MAP[1], -math.inf)
     np.maximum.at(worst_map, bins, values)
-    severity = values / promise.limit
+    severity = values / most
     order = np.lexsort((index, -severity))[:WORST]
     return PromiseCount(
-        broken=int((~(values <= promise.limit)).sum()),
+        broken=int((~(values <= most)).sum()),
         worst=worst_of(
             CaseFigures(int(index[j]), float(severity[j]), STATUSES[status[j]], tuple(figures[j].tolist()))
             for j in order

@@ -106,6 +106,8 @@ def _family(job: VerificationJob, family: FamilyCount, confidence: float) -> dic
         "promises": {
             promise.name: {
                 "limit": promise.limit,
+                **({} if promise.limit_Q is None else {"limit_Q": promise.limit_Q}),
+                "most": promise.most,
                 "unit": promise.unit,
                 "figure": promise.figure,
                 "survival": promise.survival,

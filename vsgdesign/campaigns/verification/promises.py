@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.metrics.met import most_overshoot, most_settling_time
+from vsgdesign.simulation.lanes.cases import REACTIVE
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -35,8 +39,10 @@ class Promise:
     figure: str
     """A name of :data:`FIGURES`."""
     limit: float
-    """Largest value that keeps it, in the figure's unit."""
+    """What is asked for, in the figure's unit."""
     families: tuple[str, ...]
+    limit_Q: float | None = None
+    """What is asked of a step of Q_ref, where that is another value."""
     survival: bool = False
     """Whether a case that is not survived breaks it, whatever the figure says."""
 
@@ -45,6 +51,21 @@ class Promise:
         """Unit of the limit."""
         return FIGURES[self.figure]
 
+    @property
+    def most(self) -> float:
+        """Largest value that keeps it (:mod:`vsgdesign.metrics.met`); of a step of P_ref, where ``limit_Q`` differs."""
+        return self._most(self.limit)
+
+    def most_of(self, signal: NDArray[np.int8]) -> NDArray[np.float64]:
+        """Largest value that keeps it in each case, (N,). ``signal``: which reference a case steps."""
+        of_Q = self.most if self.limit_Q is None else self._most(self.limit_Q)
+        return np.where(np.asarray(signal) == REACTIVE, of_Q, self.most)
+
+    def _most(self, limit: float) -> float:
+        if self.figure == "settling_s":
+            return float(most_settling_time(limit))
+        return float(most_overshoot(limit)) if self.figure == "overshoot" else limit
+
 
 def verified_promises(
     study: Study, spec: ControllerSpec, ready: Ready, families: Mapping[str, bool]
@@ -52,8 +73,8 @@ def verified_promises(
     """The promises of a controller. ``families``: whether the cases of a family are steps, by its name.
 
     A step keeps the overshoot and the settling time that the page of a run holds the controller to
-    (:func:`vsgdesign.simulation.scenario.promises.promises_of`); an overshoot within the 2 % band counts as none.
-    Any other case is survived: the converter is at its new rest in 2 T + 0.2 s, as in docs/survival.md. If the current
+    (:func:`vsgdesign.simulation.scenario.promises.promises_of`), by the same rule (:mod:`vsgdesign.metrics.met`). Any
+    other case is survived: the converter is at its new rest in 2 T + 0.2 s, as in docs/survival.md. If the current
     is limited, it is at most 5 % above its limit later than 5 ms after an event.
     """
     from vsgdesign.simulation.scenario.promises import promises_of
@@ -61,11 +82,10 @@ def verified_promises(
     steps = tuple(name for name, step in families.items() if step)
     others = tuple(name for name, step in families.items() if not step)
     asked, found = promises_of(study, spec, ready), []
-    overshoots = [pct for pct in (asked.overshoot_pct, asked.overshoot_Q_pct) if pct is not None]
-    if steps and overshoots:
-        # Twelve digits: the exponential in it may differ in the last one from one machine to the next.
-        limit = float(f"{max(max(overshoots) / 100.0, SETTLING_BAND):.12g}")
-        found.append(Promise(name="overshoot", figure="overshoot", limit=limit, families=steps))
+    if steps and asked.overshoot_pct is not None:
+        limit, limit_Q = _share(asked.overshoot_pct), _share(asked.overshoot_Q_pct or 0.0)
+        differs = None if limit_Q == limit else limit_Q
+        found.append(Promise(name="overshoot", figure="overshoot", limit=limit, limit_Q=differs, families=steps))
     if steps and asked.settling_time is not None:
         found.append(Promise(name="settling", figure="settling_s", limit=asked.settling_time, families=steps))
     if others:
@@ -75,3 +95,8 @@ def verified_promises(
     if limit_pu is not None:
         found.append(Promise(name="current", figure="peak_pu", limit=LIMIT_ROOM * limit_pu, families=tuple(families)))
     return tuple(found)
+
+
+def _share(pct: float) -> float:
+    """A share of a percentage, in twelve digits: an exponential in it may differ in the last one between machines."""
+    return float(f"{pct / 100.0:.12g}")

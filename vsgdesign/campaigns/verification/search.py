@@ -68,7 +68,7 @@ class _Watch:
     best: list[FoundCase] = field(default_factory=list)
 
     def severities(self, coordinates: Array) -> Array:
-        """The largest figure over its limit of each case (rows of ``coordinates``), zero where it is not asked for."""
+        """The largest figure over what is allowed, of each case (rows of ``coordinates``); zero where none is asked."""
         job, name = self.job, self.job.families[self.family]
         inside = np.clip(coordinates, 0.0, np.nextafter(1.0, 0.0))
         cases = job.cases_of(inside, self.family)
@@ -76,7 +76,7 @@ class _Watch:
         status, figures = np.asarray(results.status), figures_of(results)
         held = [promise for promise in job.promises if name in promise.families]
         asked = ~np.isin(status, LEFT_OUT)
-        uses = np.stack([judged_values(p, status, figures) / p.limit for p in held], axis=1)
+        uses = np.stack([judged_values(p, status, figures) / p.most_of(cases.signal) for p in held], axis=1)
         worst = np.where(asked, uses.max(axis=1), 0.0)
         for k in np.argsort(-worst, kind="stable")[: self._kept].tolist():
             if asked[k]:

@@ -65,7 +65,7 @@ class CaseFigures(NamedTuple):
     number: int
     """Its number: with the seed it is everything that the case depends on."""
     severity: float
-    """The figure over its limit; infinite where the figure is."""
+    """The figure over the most that keeps its promise; infinite where the figure is."""
     status: str
     """A name of :data:`vsgdesign.simulation.lanes.STATUSES`."""
     figures: tuple[float, ...]

@@ -7,6 +7,7 @@ import math
 from vsgdesign.artifacts.definitions import ASKED, DEFINITIONS
 from vsgdesign.design.comparison import CLOSED_FORM, TABLE, Comparison, summary_of
 from vsgdesign.metrics.beside_limit import beside_limit
+from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.stability.gains import used_gains
@@ -218,8 +219,10 @@ def share(value: float) -> str:
 
 
 def reached(value: float, factor: float, limit: float, *, at_least: bool = False) -> str:
-    """A number beside its limit, or ∞. ``factor`` is the shown number over both."""
-    missed = value < (1.0 - _ROUNDING) * limit if at_least else value > (1.0 + _ROUNDING) * limit
+    """A number beside its limit, or ∞. ``factor`` is the shown number over both. What may be too large is a settling
+    time (s) or an overshoot, which is shown in per cent."""
+    most = most_settling_time(limit) if factor == 1.0 else most_overshoot(limit)
+    missed = value < (1.0 - _ROUNDING) * limit if at_least else value > most
     return "∞" if math.isinf(value) else beside_limit(factor * value, factor * limit, missed, number, 3)
 
 

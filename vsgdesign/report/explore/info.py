@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.campaigns.verification.promises import LIMIT_ROOM
 from vsgdesign.linear.stability.cells import reduced_cells
+from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.explore.fields import fields_of, gains_of
 from vsgdesign.report.explore.maps import figures_of, map_axes, map_cells, map_figures
@@ -49,9 +51,17 @@ def study_info(study: Study, ready: Ready, colours: Mapping[str, str]) -> dict[s
         "static_limit": None,  # it moves with the powers: an array of the map's answer has it
         "certificate": _certificate(ready),
         "gates": gates | {"band": SETTLING_BAND, "current_limit_pu": study.converter.current_limit_pu},
+        "most": most_allowed(gates, study.converter.current_limit_pu),
         "modes": modes_window(study, ready),
         "S_rated": study.converter.S_rated,
     }
+
+
+def most_allowed(gates: Mapping[str, float | None], current_limit_pu: float | None) -> dict[str, float]:
+    """The largest values that keep the gates of times, overshoots and currents, SI: those of the page of a run."""
+    rules = {"settling_s": most_settling_time, "overshoot": most_overshoot}
+    found = {name: float(rule(gate)) for name, rule in rules.items() if (gate := gates[name]) is not None}
+    return found if current_limit_pu is None else found | {"current_limit_pu": LIMIT_ROOM * current_limit_pu}
 
 
 def modes_window(study: Study, ready: Ready) -> dict[str, list[float]]:

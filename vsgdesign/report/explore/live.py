@@ -16,6 +16,7 @@ from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import SimulationDivergedError, VsgDesignError
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, EventMetrics
+from vsgdesign.metrics.met import OVERSHOOT_ROOM, overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
 from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
@@ -251,9 +252,9 @@ def _of_step(study: Study, state: State, run: Simulation, rests: Sequence[Rest])
     return {"status": SETTLED, "why": "", "overshoot": _share(event), "settling_s": event.raw.settling_time_s}
 
 
-def _at_most(value: float, limit: float | None, decimals: int) -> str:
-    """A value beside what the specification allows at most."""
-    return beside_limit(value, limit, limit is not None and value > limit, lambda v, n: f"{v:.{n}f}", decimals)
+def _beside(value: float, limit: float | None, met: bool, decimals: int) -> str:
+    """A value beside what the specification asks for."""
+    return beside_limit(value, limit, not met, lambda v, n: f"{v:.{n}f}", decimals)
 
 
 def _share(event: EventMetrics) -> float | None:
@@ -265,13 +266,20 @@ def _verdict(found: dict[str, Any], study: Study, state: State) -> str:
     """One or two sentences on a run."""
     status = found["status"]
     if status == SETTLED and found["settling_s"] is not None:
-        over = found["overshoot"]
+        over, settled = found["overshoot"], found["settling_s"]
         asked = study.specification if study.specification is not None and study.specification.settles else None
-        late, too_much = (None, None) if asked is None else (asked.settling_time, 100.0 * asked.overshoot)
+        late, too_much = (None, None) if asked is None else (asked.settling_time, asked.overshoot)
         beyond = ""
         if over is not None:
-            beyond = " without overshoot" if over < 5e-4 else f" with {_at_most(100.0 * over, too_much, 1)} % overshoot"
-        said = f"{state.event.signal} settles in {_at_most(found['settling_s'], late, 2)} s{beyond}."
+            below = too_much is None or overshoot_met(over, too_much)
+            limit = None if too_much is None else 100.0 * too_much
+            beyond = (
+                " without overshoot"
+                if over < OVERSHOOT_ROOM
+                else f" with {_beside(100.0 * over, limit, below, 1)} % overshoot"
+            )
+        in_time = late is None or settling_met(settled, late)
+        said = f"{state.event.signal} settles in {_beside(settled, late, in_time, 2)} s{beyond}."
     elif status == SURVIVED and found["recovery_s"] is not None:
         since = {"sag": "the end of the sag", "ramp": "the end of the ramp"}.get(state.event.kind, "the event")
         said = f"It survives and is back at rest {found['recovery_s']:.2f} s after {since}."

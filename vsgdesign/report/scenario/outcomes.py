@@ -12,14 +12,14 @@ from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics import EventMetrics, step_response
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
+from vsgdesign.metrics.met import RULE as MET_WITHIN
+from vsgdesign.metrics.met import overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.drawing.quantities import number, percent
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
 from vsgdesign.simulation.scenario.promises import Promises, not_promised, promises_of
 
-_TIME_SLACK = 1.005
-_OVERSHOOT_SLACK_PCT = 0.05
 _AT_REST = 0.02
 """Drift over the last cycle before a step, relative to the step, up to which the signal was at rest."""
 
@@ -27,7 +27,7 @@ RULE = (
     "Each controller is held to what it was asked for: a table to its specification, a closed form to its "
     "settling_time and to the overshoot of its own poles (none from ξ = 1 on, and none for the first-order Q loop), "
     "gains that are given to the study's gates, which limit the settling time and no overshoot. A target counts as met "
-    "within 0.5 % of the settling time and 0.05 percentage points of the overshoot."
+    f"{MET_WITHIN}."
 )
 
 
@@ -84,13 +84,13 @@ class StepOutcome:
     def settles(self) -> bool:
         """Whether the target settling time is met."""
         settled, target = self.settling_time_s, self.target_settling_time_s
-        return target is None or (settled is not None and settled <= _TIME_SLACK * target)
+        return target is None or settling_met(settled, target)
 
     @property
     def stays_below(self) -> bool:
         """Whether the target overshoot is met."""
         target = self.target_overshoot_pct
-        return not self.unstable and (target is None or self.overshoot_pct <= target + _OVERSHOOT_SLACK_PCT)
+        return not self.unstable and (target is None or overshoot_met(self.overshoot_pct / 100.0, target / 100.0))
 
     @property
     def judged(self) -> bool:

@@ -16,6 +16,7 @@ from vsgdesign.artifacts.verification_text import (
     family_title,
     figure_of,
     figure_words,
+    most_of,
     promise_about,
     value_text,
 )
@@ -137,7 +138,8 @@ def _worst_panels(family: Mapping[str, Any], worst: Mapping[str, Array]) -> Iter
         if found is None:
             yield _Panel(f"Worst {_lower_first(words.title)}", label, values, surface_scale(known))
             continue
-        limit, at_least = words.factor * found[1]["limit"], bool(found[1].get("at_least"))
+        at_least = bool(found[1].get("at_least"))
+        limit = words.factor * (found[1]["limit"] if at_least else most_of(found[1]))
         low, high = 0.0 if words.unit == "%" else float(known.min()), float(known.max())
         low, high = min(low, 0.9 * limit), max(high, 1.5 * limit)
         ticks = (*_round_ticks(low, limit, 4), *_round_ticks(limit, high, 3))

@@ -9,6 +9,7 @@ from typing import Any
 
 from vsgdesign.artifacts.verification_text import (
     bound_text,
+    breaks,
     confidence_text,
     counted_of,
     families_of,
@@ -26,6 +27,7 @@ from vsgdesign.artifacts.verification_text import (
     value_text,
     worst_text,
 )
+from vsgdesign.metrics.met import RULE
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.quantities import DASH, number, plain
@@ -188,7 +190,8 @@ def promises_table(document: Mapping[str, Any]) -> Table:
                     worst_text(name, promise),
                 )
             )
-    count = sum(len(family["promises"]) for family in document["families"].values())
+    every = [promise for _, family in families_of(document) for _, promise in promises_of(family)]
+    count = len(every)
     head = ("Cases", "Promise", "broken", "judged", "share", "fewer than", "50 %", "90 %", "99 %", "99.9 %", "worst")
     groups = (("", 2), ("measured", 3), (f"with {confidence_text(document['confidence'])} confidence", 1))
     groups += (("quantiles of the judged cases", 4), ("", 1))
@@ -198,6 +201,7 @@ def promises_table(document: Mapping[str, Any]) -> Table:
     notes += [lost_text(name, family) for name, family in families_of(document)]
     notes = [note for note in notes if note]
     notes += [_joint_note(document["confidence"], count)] if count > 1 else []
+    notes += [f"A limit counts as kept {RULE}."] if any("most" in one for one in every) else []
     return Table("Promises", head, tuple(rows), texts=2, groups=groups, notes=tuple(notes), flagged=frozenset(flagged))
 
 
@@ -297,10 +301,10 @@ def case_breaks(case: Mapping[str, Any], name: str, promise: Mapping[str, Any]) 
     """Whether a case breaks its promise: the document says so, or its figure is beyond the limit or does not exist."""
     if "broken" in case:
         return bool(case["broken"])
-    value, limit = case["figures"].get(figure_of(name, promise)), promise["limit"]
-    if value is None or limit is None:
+    value = case["figures"].get(figure_of(name, promise))
+    if value is None or promise["limit"] is None:
         return value is None
-    return value < limit if promise.get("at_least") else value > limit
+    return breaks(value, promise)
 
 
 def left_out_table(document: Mapping[str, Any]) -> Table:

@@ -11,6 +11,7 @@ from vsgdesign.artifacts.verification_text import (
     counted_of,
     families_of,
     family_title,
+    most_of,
     promise_text,
     promises_of,
 )
@@ -49,7 +50,7 @@ def promises_figure(document: Mapping[str, Any]) -> NamedFigure | None:
 
 
 def _is_drawn(promise: Mapping[str, Any]) -> bool:
-    return bool(promise["limit"]) and promise["judged"] > 0
+    return bool(most_of(promise)) and promise["judged"] > 0
 
 
 def _draw(families: list[tuple[str, Mapping[str, Any], list[tuple[str, Mapping[str, Any]]]]]) -> NamedFigure:
@@ -92,7 +93,7 @@ def _draw(families: list[tuple[str, Mapping[str, Any], list[tuple[str, Mapping[s
             said = f"{counted_of(promise['broken'])} of {counted_of(promise['judged'])}, < {bound_text(promise)}"
             axes.text(100.0 * right + aside, y, said, ha="left", **beside)
     axes.set_yticks([])
-    axes.set_xlabel("Value over its limit [%]")
+    axes.set_xlabel("Value over the largest that is allowed [%]")
     for side in ("left", "right", "top"):
         axes.spines[side].set_visible(False)
     entries = [(Line2D([], [], linestyle="", **style), label) for _, label, style in _MARKS]
@@ -107,9 +108,9 @@ def _draw(families: list[tuple[str, Mapping[str, Any], list[tuple[str, Mapping[s
         handlelength=1.0,
     )
     caption = (
-        "How to read: each row is a promise, and its marks are quantiles of all judged cases over the limit, from the "
-        "median to the worst. Right of the black line the promise is broken. On the right: broken and judged cases, "
-        "and below which share the broken ones are at the stated confidence."
+        "How to read: each row is a promise, and its marks are quantiles of all judged cases over what is allowed, "
+        "from the median to the worst. Right of the black line the promise is broken. On the right: broken and judged "
+        "cases, and below which share the broken ones are at the stated confidence."
     )
     return NamedFigure("verification_promises", "How far the cases stay from their limits", caption, figure, PROMISES)
 
@@ -131,10 +132,10 @@ def _draw_row(axes: Any, y: float, promise: Mapping[str, Any], right: float) -> 
 
 
 def _share_of_limit(promise: Mapping[str, Any], value: float | None) -> float:
-    """Value over limit, infinite without a value; for a lower limit, limit over value: above 1 is broken in both."""
-    limit = promise["limit"]
+    """Value over the largest that keeps the promise, infinite without a value; for a lower limit, limit over value:
+    above 1 is broken in both."""
     if value is None:
         return math.inf
     if promise.get("at_least"):
-        return limit / value if value > 0.0 else math.inf
-    return value / limit
+        return promise["limit"] / value if value > 0.0 else math.inf
+    return value / most_of(promise)

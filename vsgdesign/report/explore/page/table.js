@@ -335,8 +335,10 @@ export class ControllerTable {
 
   // The limit that a value misses, or null.
   missed({ gate: [gate, sense] = [] }, value) {
-    const limit = gate && this.info.gates ? this.info.gates[gate] : null;
-    return !isNone(limit) && !isNone(value) && sense * (value - limit) < 0 ? limit : null;
+    const { gates = {}, most = {} } = this.info;
+    const limit = gate ? gates[gate] : null;
+    const kept = most[gate] ?? limit;
+    return !isNone(limit) && !isNone(value) && sense * (value - kept) < 0 ? limit : null;
   }
 
   mark(cell, { gate: [, sense] = [], text, unit }, limit) {
