@@ -170,7 +170,7 @@ RULES = [
     ("controllers.1.name", "fixed.", "controllers[1].name", "cannot be the name of a file on Windows"),
     ("study.name", "aux", "study.name", "cannot be the name of a file on Windows"),
     ("events.0.time", "60 s", "events[0].time", "0 s are left after it"),
-    ("events.0.time", "59.99 s", "events[0].time", "0.01 s are left after it, and what follows an event"),
+    ("events.0.time", "59.99999 s", "events[0].time", "1e-05 s are left after it, less than one sampling period"),
     ("controllers.0.gains", GAINS, "controllers[0].design_grid", "gains are given too"),
     ("controllers", [], "controllers", "none given"),
     ("events.0.over", "1 s", "events[0].over", "there is nothing to ramp"),

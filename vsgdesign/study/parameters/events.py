@@ -162,11 +162,11 @@ def read_events(
 
 
 def _check_left(table: TableReader, t_s: float, scope: Scope, converter: Converter) -> None:
-    """Nothing is measured of an event with less than a cycle after it."""
-    cycle, left = TURN / converter.omega_n, scope[DURATION.of] - t_s
-    if left < cycle - SAME_INSTANT:
-        problem = f"{left:.3g} s are left after it, and what follows an event is measured over at least one cycle"
-        advice = f"Begin it {cycle - left:.3g} s earlier, or give a longer simulation.duration."
+    """An event with no sample after it would never be seen. What is measured of a later one is said with its figures."""
+    left = scope[DURATION.of] - t_s
+    if left < converter.T_s:
+        problem = f"{left:.3g} s are left after it, less than one sampling period ({converter.T_s:.3g} s)"
+        advice = "Begin it earlier, or give a longer simulation.duration. Figures need at least one cycle after an event."
         table.fault("time", f"{t_s:g} s", problem, advice)
 
 
