@@ -187,10 +187,10 @@ def test_as_json_and_over_a_table_of_before(
     shown = call("table", "build", study_file, "--out", undisturbed, "--workers", "1").stdout
     for part in (
         "nodes added between: scr 4.24264",
-        "not as specified; feasible with overshoot 0.07, settling_time ∞",
+        "not as specified; feasible with overshoot 0.07, settling time ∞",
         "the inner loops or the filter are unstable at 320 rad/s",
         f"{POINTS} promised, 1 broken",
-        "breaks its promise with disk_margin 0.9",
+        "breaks its promise with disk margin at the output 0.9",
     ):
         assert part in shown, part
 
