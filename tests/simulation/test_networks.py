@@ -208,7 +208,8 @@ def test_another_circuit_meets_no_network() -> None:
 
 def test_batches_refuse_a_network() -> None:
     study = replace(lc_study("5 ms"), network=Network(load=Load(R_parallel=10.0)))
-    numbers: dict[str, Any] = dict.fromkeys((field.name for field in fields(LaneCases) if field.name != "around"), np.zeros(0))
+    drawn = [field.name for field in fields(LaneCases) if field.name != "around"]
+    numbers: dict[str, Any] = dict.fromkeys(drawn, np.zeros(0))
     kinds = dict.fromkeys(("kind", "signal"), np.zeros(0, dtype=np.int64))
     none = LaneCases(**{**numbers, **kinds, "events": no_events(0)})
     with pytest.raises(InfeasibleStudyError, match=r"a batch of runs has nothing but a grid: leave \[network\] out"):

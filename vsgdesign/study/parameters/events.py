@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vsgdesign.equations.integration import TURN
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
@@ -162,11 +161,11 @@ def read_events(
 
 
 def _check_left(table: TableReader, t_s: float, scope: Scope, converter: Converter) -> None:
-    """An event with no sample after it would never be seen. What is measured of a later one is said with its figures."""
+    """An event with no sample after it would never be seen."""
     left = scope[DURATION.of] - t_s
     if left < converter.T_s:
         problem = f"{left:.3g} s are left after it, less than one sampling period ({converter.T_s:.3g} s)"
-        advice = "Begin it earlier, or give a longer simulation.duration. Figures need at least one cycle after an event."
+        advice = "Begin it earlier, or give a longer simulation.duration. Figures need a cycle after an event."
         table.fault("time", f"{t_s:g} s", problem, advice)
 
 
