@@ -11,8 +11,9 @@ from tests.simulation.studies import GAINS, lc_study, lcl_study
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.sampled import cold_start, steady_state
 from vsgdesign.simulation import GainChange, gain_changes, simulate
+from vsgdesign.simulation.every_sample import signals_at_pcc
 from vsgdesign.simulation.rest import rests
-from vsgdesign.simulation.scenario import derive_series, measure_events
+from vsgdesign.simulation.scenario import measure_events
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, study_from_text
 
@@ -113,8 +114,8 @@ def test_an_event_at_zero_has_figures_after_a_cold_start_alone() -> None:
     for run, expected in ((study, [0.01, 0.01]), (cold, [0.0, 0.0, 0.01, 0.01])):
         gains = [GainChange(0.0, GAINS)]
         found = simulate(run, gains)
-        series, ends = derive_series(run, found), rests(run, found.timeline, gains)
-        assert [event.t_s for event in measure_events(run, series, ends, ripples=False)] == pytest.approx(expected)
+        seen, ends = signals_at_pcc(run, found), rests(run, found.timeline, gains)
+        assert [event.t_s for event in measure_events(run, seen, ends, ripples=False)] == pytest.approx(expected)
 
 
 def test_cold_start_is_at_rest() -> None:

@@ -89,6 +89,9 @@ class EventMetrics:
     """Why there are no results, in words; None if there are results."""
     needs_s: float | None = None
     """The length that the window would need, s, if it is too short."""
+    drift: float = 0.0
+    """By how much the mean of the last cycle before the event differs from that of the cycle before it, in the unit of
+    the signal; 0 where there are no two cycles."""
 
 
 def measure_event(
@@ -171,7 +174,15 @@ def measure_event(
         status=status,
         reason=reason,
         needs_s=needs,
+        drift=_drift(y[:begin], samples_per_cycle),
     )
+
+
+def _drift(before: Array, samples_per_cycle: int) -> float:
+    if len(before) < 2 * samples_per_cycle:
+        return 0.0
+    earlier, last = before[-2 * samples_per_cycle :].reshape(2, -1)
+    return float(np.mean(last) - np.mean(earlier))
 
 
 def diverged_event(window: EventWindow, signal: str, reason: str) -> EventMetrics:

@@ -277,7 +277,20 @@ def loads_of(record: SurvivalRecord, events_s: Sequence[float], i_max_pu: float 
     """What a record says of the converter's current, up to its first value that is no number."""
     good = record.finite_rows
     t, current, limited = record.t_s[:good], record.i_s_pu[:good], record.limited[:good]
-    step, starts = float(record.t_s[1] - record.t_s[0]), _starts(t, events_s)
+    step, first = float(record.t_s[1] - record.t_s[0]), int(_starts(t, events_s)[0])
+    first_peak_pu, peak_pu = peaks_of(t, current, events_s)
+    above = 0 if i_max_pu is None else int(np.count_nonzero(current[first:] > i_max_pu))
+    return Loads(
+        first_peak_pu=first_peak_pu,
+        peak_pu=peak_pu,
+        limited_s=float(np.sum(limited[first + 1 :]) * step),
+        above_s=above * step,
+    )
+
+
+def peaks_of(t: Array, current: Array, events_s: Sequence[float]) -> tuple[float | None, float | None]:
+    """The largest current (n,) within 5 ms of an event, and the largest later than that; None where there is none."""
+    step, starts = float(t[1] - t[0]) if len(t) > 1 else 0.0, _starts(t, events_s)
     firsts, laters, at = [], [], int(starts[0])
     for event_s, start in zip(events_s, starts.tolist(), strict=True):
         end = int(np.searchsorted(t, event_s + FIRST_S - 0.5 * step))
@@ -285,13 +298,7 @@ def loads_of(record: SurvivalRecord, events_s: Sequence[float], i_max_pu: float 
         firsts.append(current[start:end])
         at = max(at, end)
     laters.append(current[at:])
-    above = 0 if i_max_pu is None else int(np.count_nonzero(current[starts[0] :] > i_max_pu))
-    return Loads(
-        first_peak_pu=_largest(firsts),
-        peak_pu=_largest(laters),
-        limited_s=float(np.sum(limited[starts[0] + 1 :]) * step),
-        above_s=above * step,
-    )
+    return _largest(firsts), _largest(laters)
 
 
 def _starts(t: Array, events_s: Sequence[float]) -> NDArray[np.intp]:

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,9 +69,19 @@ class Simulation:
             raise SimulationDivergedError(self.divergence.reason)
         return self
 
+    @property
+    def interval(self) -> float:
+        """Time between two rows of the log, s."""
+        return float(self.t_s[1] - self.t_s[0])
+
     def column(self, name: str) -> NDArray[np.float64]:
         """One logged quantity by name."""
         return self.log[:, LOG_COLUMNS.index(name)]
+
+    def every(self, rows: int) -> Simulation:
+        """The run with every so-many-th row of its log."""
+        kept = {name: getattr(self, name)[::rows].copy() for name in ("t_s", "log", "circuit_log")}
+        return replace(self, **kept)
 
 
 def simulate(

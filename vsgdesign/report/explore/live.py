@@ -23,12 +23,13 @@ from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
 from vsgdesign.report.explore.events import LEAD_S, SHOWN_S, after_s, event_s, events_of, length_s, study_of
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import State
+from vsgdesign.simulation.every_sample import signals_at_pcc, with_every_sample
 from vsgdesign.simulation.expected_rests import expected_rests_of
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.outcome import outcome_of
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.scenario import measure_events, rest_at_limit, series_at_pcc
+from vsgdesign.simulation.scenario import measure_events, rest_at_limit
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
@@ -129,7 +130,7 @@ def simulated(study: Study, ready: Ready) -> Simulation:
     Nothing is checked before: an event may lead to where there is no steady state, and the run shows what happens.
     """
     spec = study.controllers[0]
-    own = study.with_limit_of(spec)
+    own = with_every_sample(study.with_limit_of(spec))
     run = simulate(own, feed_of(own, spec, build_timeline(own), ready))
     # What follows reads it column by column.
     return replace(run, log=np.asfortranarray(run.log))
@@ -236,10 +237,10 @@ def _of_disturbance(study: Study, ready: Ready, run: Simulation) -> dict[str, An
 
 def _of_step(study: Study, state: State, run: Simulation, rests: Sequence[Rest]) -> dict[str, Any]:
     """Settling time and overshoot of the signal whose reference is stepped."""
-    series = series_at_pcc(study, run)
+    seen = signals_at_pcc(study, run)
     signal = f"{state.event.signal}_pcc"
-    events = measure_events(study, series, rests, ripples=False, divergence=run.divergence, signals=(signal,))
-    outcome = outcome_of(run.divergence, rests, events, rest_at_limit(study, run, series))
+    events = measure_events(study, seen, rests, ripples=False, divergence=run.divergence, signals=(signal,))
+    outcome = outcome_of(run.divergence, rests, events, rest_at_limit(study, run, seen))
     if outcome.status in ("limited", "diverged"):
         return {"status": outcome.status, "why": outcome.reason or ""}
     if not events:

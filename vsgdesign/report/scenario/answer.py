@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from vsgdesign.campaigns.verification.promises import LIMIT_ROOM
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
-from vsgdesign.metrics.survival import Survival, loads_of
+from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing import spark
 from vsgdesign.report.drawing.quantities import number, percent, plain
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
@@ -21,7 +21,6 @@ from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.simulation.scenario.judging import Judgement
 from vsgdesign.simulation.scenario.promises import Kept
-from vsgdesign.simulation.survival.running import record_of
 
 MOST_STEPS = 6
 """As many steps are drawn side by side: those that most controllers miss, in order of time."""
@@ -66,7 +65,7 @@ def scenario_answer(
             at_rest[index],
             _survival(controller.survival),
             _estimate(next((one for one in judged if one.name == name), None)),
-            _current(result, controller, limits[name], largest),
+            _current(controller, limits[name], largest),
         )
         rows.append(Row(name, cells, spark.key(index)))
     head = ("Settling time", "Overshoot", "Margins", "Rest", "Survival", "Estimate", "Peak current")
@@ -208,21 +207,17 @@ def peak_pu(controller: ControllerResult) -> float | None:
     return max(found, default=None)
 
 
-def late_peak_pu(result: ScenarioResult, controller: ControllerResult) -> float | None:
+def late_peak_pu(controller: ControllerResult) -> float | None:
     """The largest current of the converter itself later than 5 ms after each event, over the rated peak.
 
-    This is the current that a limit is held against, as ``vsgdesign verify`` does it: no sampled loop can act at once,
-    and the limiter does not see the current of the filter capacitor.
+    This is the current that a limit is held against. A verdict on survival counts the instants of its own disturbance.
     """
     if controller.survival is not None and controller.survival.peak_pu is not None:
         return controller.survival.peak_pu
-    instants = sorted({event.t_s for event in result.study.events if event.t_s > 0.0})
-    t_s = controller.simulation.t_s
-    instants = [t for t in instants if len(t_s) > 1 and t < t_s[-1]]
-    return loads_of(record_of(result.study, controller.simulation), instants, None).peak_pu if instants else None
+    return controller.late_peak_pu
 
 
-def _current(result: ScenarioResult, controller: ControllerResult, limit: float | None, largest: float) -> Cell:
+def _current(controller: ControllerResult, limit: float | None, largest: float) -> Cell:
     name, peak = controller.spec.name, peak_pu(controller)
     if peak is None:
         return Cell(OPEN, "no event")
@@ -232,7 +227,7 @@ def _current(result: ScenarioResult, controller: ControllerResult, limit: float 
     if limit is None:
         return Cell(FACT, said, "no limit is set", spark.bar(peak, None, largest, f"{name}: {said}, no limit"))
     picture = spark.bar(peak, limit, largest, f"{name}: {said}, limit {plain(limit)} pu")
-    late = late_peak_pu(result, controller)
+    late = late_peak_pu(controller)
     if late is None:
         return Cell(UNKNOWN, said, f"limit {plain(limit)} pu", picture)
     kept = late <= LIMIT_ROOM * limit

@@ -12,7 +12,7 @@ from vsgdesign.errors import share_percent
 from vsgdesign.metrics import cycle_mean
 from vsgdesign.metrics.answers import Answers, answers_of, coverage, share_valid, time_to_stay
 from vsgdesign.metrics.oscillation import interharmonic_rms, ripple_rms
-from vsgdesign.report.drawing.quantities import DASH, number, plain
+from vsgdesign.report.drawing.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
@@ -107,7 +107,8 @@ def answers_table(result: ScenarioResult, controller: ControllerResult) -> Table
     notes = (
         f"At rest: from {plain(SETTLE_S)} s after an event on. p95: 95th percentile of |Ẑ − Z|/|Z| of the valid "
         "answers. Truth inside: share of them whose 95 % ellipse holds the true grid. V: rms between two harmonics "
-        f"(centred interharmonic subgroup), of the rated voltage. P: instantaneous, of the rating. {beside}",
+        "(centred interharmonic subgroup), of the rated voltage. P: instantaneous, of the rating. V and P come from "
+        f"the log, a row every {plain_quantity(result.study.simulation.log_interval, 's')}. {beside}",
     )
     return Table(f"{controller.spec.name} at rest, and its probe", head, tuple(rows), 2, groups=groups, notes=notes)
 

@@ -17,7 +17,7 @@ from vsgdesign.metrics.met import overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.drawing.quantities import number, percent
 from vsgdesign.simulation.rest import Rest
-from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.simulation.scenario.promises import Promises, not_promised, promises_of
 
 _AT_REST = 0.02
@@ -153,7 +153,6 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
                 promises = promises_of(result.study, controller.spec, result.ready)
                 excuse = not_promised(result.ready.table(controller.spec), result.study, rest)
                 window = ends[metrics.t_s] - metrics.t_s
-                at_rest = _was_at_rest(result, controller, metrics)
                 outcomes.append(
                     StepOutcome(
                         controller=controller,
@@ -162,24 +161,16 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
                         rest=rest,
                         uncoupled=uncoupled,
                         promises=promises,
-                        at_rest=at_rest,
+                        at_rest=_was_at_rest(metrics),
                         excuse=excuse,
                     )
                 )
     return outcomes
 
 
-def _was_at_rest(result: ScenarioResult, controller: ControllerResult, metrics: EventMetrics) -> bool:
-    """Compares the last two means before a step."""
-    t = controller.series["t_s"]
-    cycle = samples_per_mean(result.study, t)
-    begin = int(np.searchsorted(t, metrics.t_s - 0.5 * (t[1] - t[0])))
-    if begin < 2 * cycle:
-        return True
-    y = controller.series[metrics.signal]
-    drift = np.mean(y[begin - cycle : begin]) - np.mean(y[begin - 2 * cycle : begin - cycle])
+def _was_at_rest(metrics: EventMetrics) -> bool:
     final = metrics.raw.final
-    return bool(final is None or abs(drift) <= _AT_REST * abs(final - metrics.raw.initial))
+    return final is None or abs(metrics.drift) <= _AT_REST * abs(final - metrics.raw.initial)
 
 
 def _uncoupled(controller: ControllerResult, metrics: EventMetrics, rest: Rest) -> UncoupledResponse | None:

@@ -36,6 +36,7 @@ from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline,
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.verdict import explanation, survival_sentence, verdict
+from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
 from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles
 from vsgdesign.simulation.scenario.judging import Judgement, judge_estimates
@@ -294,8 +295,9 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
             f"No current limit acts{whose}: currents beyond the rating are simulated as if the converter could carry "
             "them."
         )
+    spacing = plain_quantity(spacing_of_figures(study) * study.converter.T_s, "s")
     items.append(
-        f"Settling times and overshoots are read from a signal logged every "
-        f"{plain_quantity(study.simulation.log_interval, 's')}, up to the next event or the end."
+        f"Figures come from samples every {spacing}, up to the next event or the end. Curves are drawn from a log with "
+        f"a row every {plain_quantity(study.simulation.log_interval, 's')}."
     )
     return items

@@ -60,12 +60,13 @@ def events_of(controller: ControllerResult, signal: str) -> dict[float, EventMet
     return {event.t_s: event for event in controller.events if event.signal == signal}
 
 
-def _traces(result: ScenarioResult, values: list[Array], factor: float) -> tuple[Trace, ...]:
+def _traces(result: ScenarioResult, values: list[Array], factor: float, power: str = "") -> tuple[Trace, ...]:
+    """``power``: the name of the power that it is. The mean of a power comes from every sample."""
     traces = []
     for controller, y in zip(result.controllers, values, strict=True):
         t = controller.series["t_s"]
         scaled = y / factor
-        mean = cycle_mean(scaled, samples_per_mean(result.study, t))
+        mean = controller.means[power] / factor if power else cycle_mean(scaled, samples_per_mean(result.study, t))
         ripple = ripple_level(scaled, mean) if controller.ripples else 0.0
         traces.append(Trace(t, scaled, mean, ripple, controller.simulation.divergence is not None))
     return tuple(traces)
@@ -92,7 +93,7 @@ def _power(result: ScenarioResult, series: str, name: str, title: str, unit: str
         axis_label=title,
         unit=f"{prefix}{unit}",
         caption=f"{title} at the point of common coupling, positive into the grid. {_AT_REST[series]}",
-        traces=_traces(result, values, factor),
+        traces=_traces(result, values, factor, series),
         smallest_range=0.01 * result.study.converter.S_rated / factor,
         target=(t_ref, reference / factor),
         metrics_name=series,

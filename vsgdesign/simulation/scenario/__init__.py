@@ -9,7 +9,6 @@ from vsgdesign.simulation.scenario.controllers import (
     rest_at_limit,
     run_scenario,
     samples_per_mean,
-    series_at_pcc,
 )
 
 __all__ = [
@@ -21,5 +20,4 @@ __all__ = [
     "rest_at_limit",
     "run_scenario",
     "samples_per_mean",
-    "series_at_pcc",
 ]

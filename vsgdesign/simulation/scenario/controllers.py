@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.equations.frames import clarke, clarke_inverse, instantaneous_power
+from vsgdesign.equations.frames import clarke_inverse, instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification.registry import samples_itself
-from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
+from vsgdesign.metrics import EventMetrics, EventWindow, cycle_mean, measure_event
 from vsgdesign.metrics.events import diverged_event
-from vsgdesign.metrics.survival import Survival
+from vsgdesign.metrics.survival import Survival, peaks_of
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.clearing import found_events, with_instants
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
+from vsgdesign.simulation.every_sample import SignalsAtPcc, as_logged, rows_apart, signals_at_pcc, with_every_sample
 from vsgdesign.simulation.expected_rests import expected_rests, knows_its_rests, refuse_impossible
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -36,13 +37,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerResult:
-    """One controller's run. ``series`` maps names to arrays over ``series["t_s"]``, SI."""
+    """One controller's run. ``series`` maps names to arrays over ``series["t_s"]``, SI.
+
+    All figures are those of every sample. ``simulation``, ``series`` and ``means`` have the rows that the study logs.
+    """
 
     spec: ControllerSpec
     bridge: str
     gain_changes: tuple[GainChange, ...]
     simulation: Simulation
     series: dict[str, Array]
+    means: dict[str, Array]
+    """Of P_pcc and Q_pcc over :func:`mean_cycles`, W and var."""
     events: tuple[EventMetrics, ...]
     outcome: Outcome
     """The outcome of the run."""
@@ -56,6 +62,9 @@ class ControllerResult:
     """The verdict on the events as one disturbance, where the study asks for it."""
     found: tuple[Event, ...] = ()
     """Events whose instants only its own run could tell: its breaker closes."""
+    late_peak_pu: float | None = None
+    """The largest length of the converter current's vector later than 5 ms after each event, over the rated peak; None
+    without an event."""
 
     @property
     def ripples(self) -> bool:
@@ -172,44 +181,65 @@ def _run_controllers(
     results = {}
     for own_study, spec, timeline, feed, found in zip(own, specs, timelines, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
-        run = simulate(own_study, feed, bridge=bridge, progress=report)
-        series = derive_series(study, run)
+        watched = with_every_sample(own_study)
+        run = simulate(watched, feed, bridge=bridge, progress=report)
+        seen = signals_at_pcc(watched, run)
         estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
         used = bridge or study.simulation.bridge
         if estimates is not None or not knows_its_rests(own_study, spec, timeline):  # the gains that it really had
             found = rests(own_study, timeline, run.gain_changes)
         events = measure_events(
-            own_study, series, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
+            watched, seen, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
         )
         deaf = unanswered(own_study, run.gain_changes)
         events = tuple(replace(one, reason=one.reason or deaf.get(one.t_s)) for one in events)
         if warn is not None:
             for t_s, text in deaf.items():
                 warn(f"{spec.name}, from {t_s:g} s on: {text}.")
+        logged = as_logged(run, own_study)
         results[spec.name] = ControllerResult(
             spec=spec,
             bridge=used,
             gain_changes=run.gain_changes,
-            simulation=run,
-            series=series,
+            simulation=logged,
+            series=derive_series(study, logged),
+            means=_means(study, seen),
             events=events,
             rests=found,
-            outcome=outcome_of(run.divergence, found, events, rest_at_limit(own_study, run, series)),
+            outcome=outcome_of(run.divergence, found, events, rest_at_limit(own_study, run, seen)),
             estimates=estimates,
             distorted=study.has_components,
-            survival=judge_scenario(own_study, spec, ready, run, used, own_rest=True)
+            survival=judge_scenario(watched, spec, ready, run, used, own_rest=True)
             if study.simulation.survival
             else None,
             found=found_events(study, own_study),
+            late_peak_pu=_late_peak_pu(own_study, run),
         )
     return results, unstable
 
 
-def rest_at_limit(study: Study, run: Simulation, series: dict[str, Array]) -> LimitedRest | None:
+def _means(study: Study, seen: SignalsAtPcc) -> dict[str, Array]:
+    """Means of the powers in the rows of the study's log."""
+    per_mean, rows = samples_per_mean(study, seen.t_s), rows_apart(study)
+    return {name: cycle_mean(getattr(seen, name), per_mean, rows) for name in ("P_pcc", "Q_pcc")}
+
+
+def _late_peak_pu(study: Study, run: Simulation) -> float | None:
+    """The current that a limit is held against, as ``vsgdesign verify`` does it: no sampled loop can act at once, and
+    the limiter does not see the current of the filter capacitor."""
+    instants = sorted({event.t_s for event in study.events if 0.0 < event.t_s < run.t_s[-1]})
+    if not instants:
+        return None
+    length_sq = run.column("i_s_alpha") ** 2 + run.column("i_s_beta") ** 2
+    peak_sq = peaks_of(run.t_s, length_sq, instants)[1]
+    return None if peak_sq is None else math.sqrt(peak_sq) / study.converter.I_rated_pk
+
+
+def rest_at_limit(study: Study, run: Simulation, seen: SignalsAtPcc) -> LimitedRest | None:
     """Where a run rests at its current limit; None where it does not."""
     last_s = max((event.t_s + event.over for event in study.events), default=0.0)
     limited = run.column("limited_samples")
-    return limited_rest(study, run.t_s, series["P_pcc"], series["Q_pcc"], limited, last_s)
+    return limited_rest(study, run.t_s, seen.P_pcc, seen.Q_pcc, limited, last_s)
 
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
@@ -218,7 +248,7 @@ def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[fl
 
 def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
     """Named quantities of a run from its log: phases, powers at the PCC, frame angle, grid, gains."""
-    t_s, series = run.t_s, series_at_pcc(study, run)
+    t_s, series = run.t_s, _series_at_pcc(study, run)
     R_g, L_g = _grid_over_time(study, run)
     angle = run.column("theta") - run.timeline.source_phase(t_s)
     series |= {
@@ -237,8 +267,8 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
     return series
 
 
-def series_at_pcc(study: Study, run: Simulation) -> dict[str, Array]:
-    """The series of a run that :func:`measure_events` takes: time, and phases and powers at the PCC."""
+def _series_at_pcc(study: Study, run: Simulation) -> dict[str, Array]:
+    """Time, and phases and powers at the PCC."""
     v_pcc, i_pcc = (vectors.T for vectors in pcc_over_time(study, run.timeline, run.t_s, run.log, run.circuit_log))
     P_pcc, Q_pcc = instantaneous_power(*v_pcc, *i_pcc)
     series = {"t_s": run.t_s}
@@ -262,7 +292,7 @@ def _index(t_s: Array, starts: list[float], T_s: float) -> NDArray[np.intp]:
 
 def measure_events(
     study: Study,
-    series: dict[str, Array],
+    seen: SignalsAtPcc,
     found: Sequence[Rest],
     *,
     ripples: bool,
@@ -271,14 +301,14 @@ def measure_events(
 ) -> tuple[EventMetrics, ...]:
     """Figures of ``signals``, P_pcc and Q_pcc, after every instant with an event, up to the next one.
 
-    ``found``: where each stretch comes to rest (:func:`vsgdesign.simulation.rest.rests`). An event at t = 0 is where a
-    steady start begins, not a change that anything responds to. ``ripples``: whether P and Q ripple at rest.
+    ``seen``: of every sample. ``found``: where each stretch comes to rest (:func:`vsgdesign.simulation.rest.rests`).
+    An event at t = 0 is where a steady start begins, not a change that anything responds to. ``ripples``: whether P
+    and Q ripple at rest.
     """
-    t_s = series["t_s"]
+    t_s = seen.t_s
     if not study.events or len(t_s) < 2:
         return ()
-    alpha, beta = clarke(series["i_pcc_a"], series["i_pcc_b"], series["i_pcc_c"])
-    current_pu = np.hypot(alpha, beta) / study.converter.I_rated_pk
+    current_pu = seen.i_pk / study.converter.I_rated_pk
     per_mean = samples_per_mean(study, t_s)
     interval = float(t_s[1] - t_s[0])
     metrics = []
@@ -295,9 +325,6 @@ def measure_events(
                 continue
             end = rest.end_state(signal, ripples, interval)
             if rest.end_s - rest.t_s > 4.0 * interval:
-                metrics.append(
-                    measure_event(
-                        window, signal, t_s, series[signal], current_pu, study.converter.S_rated, per_mean, end
-                    )
-                )
+                y, rating = getattr(seen, signal), study.converter.S_rated
+                metrics.append(measure_event(window, signal, t_s, y, current_pu, rating, per_mean, end))
     return tuple(metrics)

@@ -92,7 +92,7 @@ def held_fault(study: Study, simulation: Simulation, asked: ExpectedRest) -> str
     limit_pu = c.current_limit_pu
     if limit_pu is None:
         return None
-    rows = max(round(_LAST_S / study.simulation.log_interval), 1)
+    rows = max(round(_LAST_S / simulation.interval), 1)
     V_pu, P_pu = (
         float(np.mean(simulation.column(name)[-rows:])) / base
         for name, base in (("V_rms", c.V_rated_rms), ("P", c.S_rated))

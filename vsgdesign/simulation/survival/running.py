@@ -251,7 +251,7 @@ def rest_on(
 def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
     """What the judge sees of a run."""
     log, t_s = simulation.log, simulation.t_s
-    every = max(round(study.simulation.log_interval / study.converter.T_s), 1)
+    every = max(round(simulation.interval / study.converter.T_s), 1)
     counted = simulation.column("limited_samples")
     return SurvivalRecord(
         t_s=t_s,

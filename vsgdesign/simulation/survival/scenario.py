@@ -148,7 +148,7 @@ def _last_means(record: SurvivalRecord, demand: SurvivalDemand) -> ExpectedRest:
 def _fault_of_island(study: Study, simulation: Simulation) -> str | None:
     """What is wrong with the voltage or the frequency of an island over the last cycles; None: nothing."""
     c, circuit = study.converter, study.circuit()
-    rows = max(round(_LAST_CYCLES * 2.0 * math.pi / c.omega_n / study.simulation.log_interval), 1)
+    rows = max(round(_LAST_CYCLES * 2.0 * math.pi / c.omega_n / simulation.interval), 1)
     log = simulation.log[-rows:]
     v = np.hypot(*(capacitor_node_voltage(log[:, k], log[:, 2 + k], log[:, 4 + k], circuit) for k in (0, 1)))
     V_pu = float(np.mean(v)) / rms_to_peak(c.V_rated_rms)

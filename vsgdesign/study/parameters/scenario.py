@@ -38,9 +38,10 @@ class SimulationSpec:
     start: str = word(("steady_state", "cold"), default="steady_state")
     """At rest in the first operating point, or with everything at zero."""
     log_interval: float = number("s", 0.0, 1.0, shown="multiple of T_s nearest to 200 µs")
-    """Spacing of the log; a multiple of T_s. At most 5 million samples in all."""
+    """Spacing of the rows that are written and drawn; a multiple of T_s, at most 5 million in all. Figures and verdicts
+    come [from every sample](definitions.md#figures-of-a-run) instead."""
     csv_interval: float = number("s", 0.0, 10.0, default=0.002)
-    """Spacing of rows in the CSV copy."""
+    """Spacing of rows in the CSV copy; no figure depends on it."""
     P_ref: float = number("W", -1.0 * MOST_REFERENCE, MOST_REFERENCE)
     """Set point at t = 0."""
     Q_ref: float = number("var", -1.0 * MOST_REFERENCE, MOST_REFERENCE)

@@ -575,8 +575,9 @@ def load(
         duration: Simulated time (0.001 to 36000 in s; required).
         bridge: The bridge produces its reference exactly, or it switches (default `averaged`).
         start: At rest in the first operating point, or with everything at zero (default `steady_state`).
-        log_interval: Spacing of the log; a multiple of T_s. At most 5 million samples in all (0 to 1 in s;
-        default multiple of T_s nearest to 200 µs).
+        log_interval: Spacing of the rows that are written and drawn; a multiple of T_s, at most 5 million in
+        all. Figures and verdicts come [from every sample](definitions.md#figures-of-a-run) instead (0 to 1 in
+        s; default multiple of T_s nearest to 200 µs).
         base: Another document underneath this one (default none).
         schema: Version of this format (1 to 1; default 1).
         study: Identity (default none).

@@ -30,6 +30,7 @@ from vsgdesign.identification.registry import needs_network, samples_itself, why
 from vsgdesign.linear.operating_point import OperatingPoint
 from vsgdesign.linear.stability.loci import shares_of
 from vsgdesign.metrics import EventMetrics
+from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.rest import Instability, Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, mean_cycles, run_scenario
@@ -239,6 +240,7 @@ def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict
         "study": study.identity,
         "provenance": provenance(),
         "mean_cycles": mean_cycles(study),
+        "figures_every_s": spacing_of_figures(study) * study.converter.T_s,
         "background": None if study.background is None else study.background.document(),
         "sensors": None if study.sensors is None else study.sensors.document(),
         "replay": None if study.replay is None else study.replay.document(),
