@@ -9,6 +9,7 @@ import pytest
 
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.verdict import verdict
+from vsgdesign.simulation.outcome import LimitedSamples, limited_end
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 from vsgdesign.study.parameters import study_from_text
 
@@ -138,3 +139,78 @@ def test_it_comes_back_when_it_ends(case: str) -> None:
     limited = log[:, 13]
     assert limited[-1] == limited[np.searchsorted(t_s, 4.5)]
     assert np.hypot(log[t_s > 2.005, 0], log[t_s > 2.005, 1]).max() < 1.32 * rated
+
+
+NAMED = {
+    "current": (800, 'P_ref = "7.5 kW"', "its current limit"),
+    "bridge voltage": (345, 'Q_ref = "2.5 kvar"', "the limit of its bridge's voltage"),
+    "limiter's voltage": (800, 'Q_ref = "4 kvar"\nV_g_pu = 1.2', "a limit that its limiter sets to the voltage"),
+}
+"""Which limit acts: dc voltage in V, the event, and what is said. "At its current limit" was said of the first two, at
+0.28 pu of 1.2 pu for the second, and "not settled" of the third."""
+
+
+@pytest.mark.parametrize("limit", NAMED)
+def test_the_limit_that_acts_is_named(limit: str) -> None:
+    V_dc, event, said = NAMED[limit]
+    soft = STUDY.replace('Q_droop = "5 %"', 'Q_droop = "50 %"').replace(
+        "[inner_loops]", f"V_dc = {V_dc}\n[inner_loops]"
+    )
+    scr = 5.0 if limit == "current" else 2.0
+    kind = 'kind = "scheduled"'
+    result = run_scenario(
+        study_from_text(soft.format(scr=scr, x_over_r=1, P_ref=1.5, event=event, kind=kind, duration=2.6))
+    )
+    run, c = result.controllers[0], result.study.converter
+    assert run.outcome.status == "limited", run.outcome
+    assert run.outcome.limits == (limit,)
+    assert f"it rests at {said} with P = " in str(run.outcome.reason)
+    # What the run itself shows of the three limits at its end, apart from the samples' flags.
+    late = run.simulation.t_s > 2.5
+    log = run.simulation.log[late]
+    current = float(np.hypot(log[:, 0], log[:, 1]).mean()) / c.I_rated_pk
+    V_pu = float(log[:, 11].mean()) / c.V_rated_rms
+    assert (current > 1.1) == (limit == "current")
+    assert (abs(V_pu - 1.3) < 1e-6) == (limit == "limiter's voltage")
+
+
+UNSTABLE = """
+base = "case:lab_12kva_lcl"
+grid = { scr = 14.5405687126407, x_over_r = 0.32446370640118694 }
+simulation = { duration = 1.37216, P_ref = 7248.722736438271, Q_ref = -2215.9698634303177, bridge = "averaged" }
+events = [{ time = 0.31271, P_ref = -7947.88551416231 }]
+power_loops = { tau_P = "5 ms", tau_Q = "5 ms" }
+[[controllers]]
+name = "fast"
+kind = "fixed"
+structure = "published"
+settling_time = 0.3597705202338238
+design_grid = { scr = 1.2263998958819549, x_over_r = 3.6234642880461903 }
+"""
+
+
+def test_an_unstable_rest_is_said_though_the_limiter_acts() -> None:
+    """ "It rests at its current limit with P = -6.92 kW" was said of a run that swings by 3 kW."""
+    result = run_scenario(study_from_text(UNSTABLE))
+    outcome = result.controllers[0].outcome
+    assert outcome.status == "unstable"
+    assert "grows at 8.65 1/s" in str(outcome.reason)
+    assert "fast: unstable: a mode that swings at 3.51 Hz" in " ".join(verdict(result, step_outcomes(result)))
+
+
+@pytest.mark.parametrize(("moved", "rests"), [(0.018, True), (0.022, False)])
+def test_a_rest_keeps_the_means_of_four_quarters_within_two_per_cent(moved: float, rests: bool) -> None:
+    """The last quarter of the last second is ``moved`` (of the rating) away from the others."""
+    study = study_from_text(
+        STUDY.format(scr=5, x_over_r=3, P_ref=1, event="V_g_pu = 0", kind='kind = "fixed"', duration=3)
+    )
+    t = np.linspace(0.0, 3.0, 15001)
+    P, on = np.full(len(t), 1e3), np.ones(len(t))
+    P[t > 2.75 + 1e-9] += moved * study.converter.S_rated
+    end = limited_end(study, t, P, 0.0 * P, LimitedSamples(on, 0.0 * on, 0.0 * on), 0.2)
+    assert end is not None
+    assert end.rests == rests
+    assert limited_end(study, t, P, 0.0 * P, LimitedSamples(0.0 * on, 0.0 * on, 0.0 * on), 0.2) is None
+    assert limited_end(study, t, P, 0.0 * P, LimitedSamples(on, on, on), 2.1) is None
+    here = np.where(np.arange(len(t)) % 25 == 0, 1.0, 0.0)
+    assert limited_end(study, t, P, 0.0 * P, LimitedSamples(here, here, here), 0.2) is None

@@ -1,4 +1,4 @@
-"""What became of a run, in one typed word: settled, not settled, infeasible, diverged, not known."""
+"""What became of a run, in one typed word: settled, unstable, infeasible, diverged, not known."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def study_with(duration: str, events: str, sections: str = "", **gains: float) -
         ("not known", "ramp", study_with("0.3 s", RAMP)),
         ("not known", "there is no measurement after the start", study_with("0.3 s", "")),
         ("infeasible", "current_limit_pu", study_with("1 s", TOO_MUCH, LIMIT)),
-        ("not settled", "unstable", study_with("1 s", TO_STRONG)),
+        ("unstable", "unstable", study_with("1 s", TO_STRONG)),
         ("diverged", "power loops", study_with("1 s", STEP, K_ip=1e5)),
     ],
     ids=["settled", "short", "ramp", "no event", "infeasible", "unstable", "diverged"],
@@ -49,7 +49,7 @@ def test_the_outcome_says_which_and_why(status: str, reason: str | None, study: 
     assert reason is None or reason in str(outcome.reason)
     assert (outcome.t_s is not None) == (status == "diverged")
     said = results_document(result, {})["controllers"]["fixed"]["outcome"]
-    assert said == {"status": status, "reason": outcome.reason, "t_s": outcome.t_s}
+    assert said == {"status": status, "reason": outcome.reason, "t_s": outcome.t_s, "limits": ()}
 
 
 def test_one_that_diverges_leaves_the_others_alone() -> None:

@@ -16,8 +16,8 @@ from vsgdesign.study.parameters.study import Study
 Array = NDArray[np.float64]
 
 MOST_SAMPLES = 20_000_000
-"""A run of up to so many samples, 1000 s at 50 µs, is kept as a whole until its figures are taken. It then takes 112
-bytes a sample: 0.13 GB a minute at 50 µs, 2.2 GB at most. Of a longer one every n-th sample is kept, so that no more
+"""A run of up to so many samples, 1000 s at 50 µs, is kept as a whole until its figures are taken. It then takes 120
+bytes a sample: 0.14 GB a minute at 50 µs, 2.4 GB at most. Of a longer one every n-th sample is kept, so that no more
 rows come together."""
 
 _ROWS = 8192

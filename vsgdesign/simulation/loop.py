@@ -58,10 +58,12 @@ LOG_COLUMNS = (
     "V_rms",
     "theta",
     "limited_samples",
+    "at_bridge",
 )
 """What a run keeps of a sample, SI and peak. Voltages and currents are those of the circuit; P and Q are what the
 controller measures with its sensors, before its filters. ``limited_samples`` counts the samples from the start of the
-run up to and including this one in which the current limiter acted."""
+run up to and including this one in which the current limiter acted. ``at_bridge`` is 1 where the bridge's voltage is at
+its limit in this sample, else 0."""
 
 SENSED_COLUMNS = ("measured.v_alpha", "measured.v_beta", "measured.i_g_alpha", "measured.i_g_beta")
 """What is kept besides where the sensors are not ideal: what they say of the capacitor node's voltage and of i_g."""
@@ -178,7 +180,7 @@ def log_names(kind: Kind, states_logged: bool = False) -> tuple[str, ...]:
     logged = [f"x.{name}" for name in kind.states[:6]]
     logged += ["v_g_alpha", "v_g_beta", "said.P", "said.Q", "said.omega"]
     logged += [commanded.get(name, name) for name in ("state.V", "state.theta")]
-    logged += ["limited_samples", *(SENSED_COLUMNS if kind.sensors else ())]
+    logged += ["limited_samples", "at_bridge", *(SENSED_COLUMNS if kind.sensors else ())]
     logged += [f"x.{name}" for name in kind.states[6:]]
     own = kind.names(ControllerState, "state") if states_logged else []
     return (*logged, *(commanded.get(name, name) for name in own))

@@ -1,5 +1,5 @@
-"""The outcome of a run: it settled, did not settle, rests at its current limit, has no steady state, diverged, or the
-outcome is not known."""
+"""The outcome of a run: it settled, did not settle, is unstable, rests at a limit, has no steady state, diverged, or is
+not known."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
-from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, UNSTABLE, EventMetrics
+from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, EventMetrics
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.study.parameters.units import format_quantity
 
 if TYPE_CHECKING:
     from vsgdesign.simulation.gains import GainChange
     from vsgdesign.simulation.rest import Rest
+    from vsgdesign.simulation.run import Simulation
 
 Array = NDArray[np.float64]
 
-RunStatus = Literal["settled", "not settled", "limited", "infeasible", "diverged", "not known"]
-"""``limited`` means that it rests where its current limiter acts. ``infeasible`` means that there is no steady state.
-``diverged`` means that a quantity left every sensible bound and the simulation ended there. ``not known`` means that
-the simulated time is too short, or that nothing happens in it."""
+RunStatus = Literal["settled", "not settled", "unstable", "limited", "infeasible", "diverged", "not known"]
+"""``limited`` means that it rests where a limit acts. ``unstable`` means that the full-order model is unstable at the
+rest. ``infeasible`` means that there is no steady state. ``diverged`` means that a quantity left every sensible bound
+and the simulation ended there. ``not known`` means that the simulated time is too short, or that nothing happens in
+it."""
 
 BOUND_PU = 1e3
 """A current, a voltage or a frequency beyond this many times its rated value has diverged. A circuit with the
@@ -42,6 +44,8 @@ class Outcome:
     """The reason in words; None if the run settled."""
     t_s: float | None = None
     """Time up to which the run is valid, s; None if it is valid to its end."""
+    limits: tuple[str, ...] = ()
+    """The limits that act at the end of a run that comes to no other rest: names of :data:`LIMITS`."""
 
 
 @dataclass(frozen=True)
@@ -52,42 +56,99 @@ class Divergence:
     reason: str
 
 
-RESTING_S = 0.4
-"""Length of the end of a run in which it must rest at its current limit, s."""
+RESTING_S = 1.0
+"""Length of the end of a run in which it must rest where a limit acts, s."""
 
 _ACTS = 0.05
-"""Share of the samples from which on a limiter counts as acting: a rest at its edge is limited in some samples only."""
+"""Share of the samples from which on a limit counts as acting: a rest at its edge is limited in some samples only."""
 
+_PARTS = 4
 _MOVES = 0.02
-"""Largest difference between the mean powers of the two halves of a rest, of the rating."""
+"""The means of the powers over so many parts of the end of a run differ by at most this share of the rating at rest."""
+
+_NEAR = 0.9
+"""Where the bridge's voltage is at its limit, a limiter acts on a current that the voltage is not enough for. Its own
+limit acts as well only from this share of the current limit on."""
+
+CURRENT, BRIDGE, VOLTAGE = LIMITS = "current", "bridge voltage", "limiter's voltage"
+"""What may limit a run: the current, the voltage of the bridge, and the voltage to which a limiter holds the Q loop."""
+
+_IN_WORDS = {
+    CURRENT: "its current limit",
+    BRIDGE: "the limit of its bridge's voltage",
+    VOLTAGE: "a limit that its limiter sets to the voltage",
+}
 
 
-class LimitedRest(NamedTuple):
-    """A rest at the current limit: mean powers at the PCC over the end of the run, W and var."""
+class LimitedSamples(NamedTuple):
+    """Whether a limit acts in each row of a run, (n,) each, as a share of the samples since the row before."""
+
+    current: Array
+    bridge: Array
+    voltage: Array
+
+
+class LimitedEnd(NamedTuple):
+    """The end of a run in which limits act."""
 
     P: float
+    """Mean power at the PCC over the end of the run, W."""
     Q: float
+    """var"""
+    limits: tuple[str, ...]
+    """Names of :data:`LIMITS`, the one that decides first."""
+    spread: float
+    """Largest difference between the means of P or Q over quarters of this end, of the rating."""
+
+    @property
+    def rests(self) -> bool:
+        """Whether the powers rest."""
+        return self.spread <= _MOVES
+
+    @property
+    def where(self) -> str:
+        """The limits in words."""
+        return " and ".join(_IN_WORDS[name] for name in self.limits)
 
 
-def limited_rest(
-    study: Study, t_s: Array, P: Array, Q: Array, limited_samples: Array, since_s: float
-) -> LimitedRest | None:
-    """The rest of a run whose current limiter acts; None if the limiter does not act, or if the run still moves.
+def limited_samples(study: Study, run: Simulation) -> LimitedSamples:
+    """The limits that act in the rows of a run. ``study`` has the limit and the limiter of the controller."""
+    c, settings = study.converter, study.controller_settings()
+    every = max(round(float(run.t_s[1] - run.t_s[0]) / c.T_s), 1) if len(run.t_s) > 1 else 1
+    counted, at_bridge, V = (run.column(name) for name in ("limited_samples", "at_bridge", "V_rms"))
+    current = np.diff(counted, prepend=counted[:1]) / every
+    if c.current_limit_pu is not None:
+        near = np.hypot(run.column("i_s_alpha"), run.column("i_s_beta")) >= _NEAR * c.current_limit_pu * c.I_rated_pk
+        current = np.where((at_bridge > 0.0) & ~near, 0.0, current)
+    voltage = np.zeros(len(V))
+    for end in ("V_low", "V_high"):
+        if (limit := getattr(settings.limiter, end, None)) is not None:
+            voltage += np.isclose(V, limit, rtol=_SAME, atol=0.0)
+    return LimitedSamples(current, at_bridge, voltage)
 
-    Arrays of a run: time (s), the powers at the PCC (W, var), and how many samples were limited up to each row.
-    ``since_s``: the last event; the end of the run that is looked at begins after it.
+
+_SAME = 1e-9
+"""A voltage that differs from a limit by less than this share of it is at the limit."""
+
+
+def limited_end(
+    study: Study, t_s: Array, P: Array, Q: Array, acting: LimitedSamples, since_s: float
+) -> LimitedEnd | None:
+    """The end of a run in which limits act; None if none does, or if the last event was later than its beginning.
+
+    Arrays of a run: time (s), the powers at the PCC (W, var), and what limits it. ``since_s``: the last event.
     """
-    begin = int(np.searchsorted(t_s, t_s[-1] - RESTING_S))
-    middle = (begin + len(t_s)) // 2
-    if t_s[begin] < since_s or t_s[-1] < RESTING_S:
+    if t_s[-1] < RESTING_S:
         return None
-    samples = (t_s[-1] - t_s[begin]) / study.converter.T_s
-    if limited_samples[-1] - limited_samples[begin] < _ACTS * samples:
+    rows = np.array_split(np.arange(int(np.searchsorted(t_s, t_s[-1] - RESTING_S)), len(t_s)), _PARTS)
+    begin = rows[0][0]
+    if t_s[begin] < since_s or any(part.size == 0 for part in rows):
         return None
-    for power in (P, Q):
-        if abs(power[begin:middle].mean() - power[middle:].mean()) > _MOVES * study.converter.S_rated:
-            return None
-    return LimitedRest(float(P[begin:].mean()), float(Q[begin:].mean()))
+    limits = tuple(name for name, one in zip(LIMITS, acting, strict=True) if one[begin:].mean() >= _ACTS)
+    if not limits:
+        return None
+    spread = max(float(np.ptp([power[part].mean() for part in rows])) for power in (P, Q)) / study.converter.S_rated
+    return LimitedEnd(float(P[begin:].mean()), float(Q[begin:].mean()), limits, spread)
 
 
 _INNER = "The inner loops are unstable on this grid: slow them down (inner_loops response times) or sample faster"
@@ -144,12 +205,13 @@ def outcome_of(
     divergence: Divergence | None,
     found: Sequence[Rest],
     events: Sequence[EventMetrics],
-    at_limit: LimitedRest | None = None,
+    at_limit: LimitedEnd | None = None,
+    S_rated: float = math.inf,
 ) -> Outcome:
     """The outcome of a run: from its divergence, or else from the rest after its last event and the figures of this
     event.
 
-    ``at_limit`` is the rest of a run whose current limiter acts.
+    ``at_limit`` is the end of a run in which limits act, ``S_rated`` the rating in VA.
     """
     if divergence is not None:
         return Outcome("diverged", divergence.reason, divergence.t_s)
@@ -158,26 +220,39 @@ def outcome_of(
     last = found[-1]
     if last.ramping:
         return Outcome("not known", last.obstacle)
-    if at_limit is not None:
-        P, Q = (float(f"{power:.3g}") for power in at_limit)
-        place = f"P = {format_quantity(P, 'W')} and Q = {format_quantity(Q, 'var')}"
-        why = last.obstacle or "A steady state without the limit exists, but this run does not return to it."
-        return Outcome("limited", f"it rests at its current limit with {place}. {why[0].upper()}{why[1:]}")
+    if not last.stable:
+        return Outcome("unstable", last.end_state("P_pcc", False, 1.0).obstacle)
+    limited = None if at_limit is None else _limited(at_limit, last, S_rated)
+    if limited is not None:
+        return limited
     if not last.modelled:
         return Outcome("not known", last.obstacle)
     measured = [event for event in events if event.t_s == last.t_s]
-    for statuses, status in (
-        ((NO_STEADY_STATE,), "infeasible"),
-        ((UNSTABLE, NOT_SETTLED), "not settled"),
-    ):
+    for wanted, status in ((NO_STEADY_STATE, "infeasible"), (NOT_SETTLED, "not settled")):
         for event in measured:
-            if event.status in statuses:
+            if event.status == wanted:
                 return Outcome(status, event.reason)  # type: ignore[arg-type]
     if last.mode is None:
         return Outcome("infeasible", last.obstacle)
-    if not last.stable:
-        return Outcome("not settled", last.end_state("P_pcc", False, 1.0).obstacle)
     if not measured:
         return Outcome("not known", f"there is no measurement after {last.name}")
     short = next((event for event in measured if event.status != MEASURED), None)
     return Outcome("settled") if short is None else Outcome("not known", short.reason)
+
+
+def _limited(end: LimitedEnd, last: Rest, S_rated: float) -> Outcome | None:
+    """The outcome of a run at whose end limits act; None if it is at a rest without them, or on its way there."""
+    if last.point is not None:
+        away = max(abs(end.P - last.P_pcc), abs(end.Q - last.Q_pcc)) > _MOVES * S_rated
+        # Ripple and harmonics may touch the limit of the bridge at a rest as well.
+        if not (end.rests and away and CURRENT in end.limits):
+            return None
+    why = last.obstacle or "A steady state without the limit exists, but this run does not return to it."
+    why = f"{why[0].upper()}{why[1:]}"
+    if end.rests:
+        P, Q = (float(f"{power:.3g}") for power in (end.P, end.Q))
+        place = f"P = {format_quantity(P, 'W')} and Q = {format_quantity(Q, 'var')}"
+        return Outcome("limited", f"it rests at {end.where} with {place}. {why}", limits=end.limits)
+    moved = f"the means of P or Q over its quarters differ by {100.0 * end.spread:.3g} % of the rating"
+    said = f"in the last second it is at {end.where} and does not rest: {moved}. {why}"
+    return Outcome("not settled", said, limits=end.limits)

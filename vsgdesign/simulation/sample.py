@@ -20,6 +20,9 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.probe import probe_offset
 from vsgdesign.simulation.circuit_sample import BridgeVoltage, SourcePhasor
 
+AT_LIMIT = 1.0 - 1e-9
+"""Square of the share of its limit from which on the bridge's voltage is at it."""
+
 
 class SensorChannel(NamedTuple):
     """One phase of one quantity: gain, offset, step of the quantisation (0: none), and where it saturates."""
@@ -113,10 +116,14 @@ def controlled(
     limited: Any,
     limiter: LimiterLaw,
 ) -> Any:
-    """The controller's sample. Returns (following, said, limited_samples): its next state, its output, and the count of
-    limited samples with this one; ``limited`` is the count before."""
+    """The controller's sample. Returns (following, said, limited_samples, at_bridge): its next state, its output, the
+    count of limited samples with this one, and whether the bridge's voltage is at its limit; ``limited`` is the count
+    before."""
     moved, output = controller_step(state, measured, grid, refs, power_gains, inner_gains, settings, limiter)
-    return moved, output, limited + output.limited
+    length_sq = output.v_b_alpha * output.v_b_alpha + output.v_b_beta * output.v_b_beta
+    # A vector that was cut has the length of the limit but for rounding.
+    at_bridge = 1.0 * (length_sq > AT_LIMIT * settings.v_max_pk * settings.v_max_pk)
+    return moved, output, limited + output.limited, at_bridge
 
 
 def kept_angle(theta: Any) -> Any:

@@ -18,6 +18,7 @@ from vsgdesign.linear.stability.cells import NOT_ASKED
 from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.linear.stability.margins import MarginTable, rows_of
 from vsgdesign.metrics.beside_limit import beside_limit
+from vsgdesign.metrics.met import settling_met
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -197,7 +198,7 @@ def _settling(study: Study, a: ControllerAssessment) -> Verdict:
         if not counted[k]:
             continue
         times = [np.inf if r is None or r.settling_time_s is None else r.settling_time_s for r in (p, q)]
-        late += max(times) > limit
+        late += not settling_met(max(times), limit)
         if max(times) > slowest:
             slowest, where = max(times), describe_cell(a.reduced, int(a.reduced.analysed[k]))
     shown = "not settled" if np.isinf(slowest) else f"{beside_limit(slowest, limit, late > 0, _digits, 3)} s"

@@ -15,7 +15,7 @@ from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import SimulationDivergedError, VsgDesignError
 from vsgdesign.metrics.beside_limit import beside_limit
-from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, EventMetrics
+from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, UNSTABLE, EventMetrics
 from vsgdesign.metrics.met import OVERSHOOT_ROOM, overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
@@ -191,10 +191,8 @@ NOTHING: dict[str, Any] = dict.fromkeys(
 
 _VERDICTS = {
     "not settled": "It does not come to rest.",
-    "unstable": "The operating point after the step is unstable.",
     "no steady state": "There is no steady state after the step.",
     "no model": "No model knows the circuit after the step.",
-    "limited": "It rests at its current limit.",
     DIVERGED: "It is lost: the run diverges.",
     SLIPPED: "It is lost: the angle slips by a turn.",
     LATCHED: "It is lost: it stays in its current limit.",
@@ -240,8 +238,8 @@ def _of_step(study: Study, state: State, run: Simulation, rests: Sequence[Rest])
     seen = signals_at_pcc(study, run)
     signal = f"{state.event.signal}_pcc"
     events = measure_events(study, seen, rests, ripples=False, divergence=run.divergence, signals=(signal,))
-    outcome = outcome_of(run.divergence, rests, events, rest_at_limit(study, run, seen))
-    if outcome.status in ("limited", "diverged"):
+    outcome = outcome_of(run.divergence, rests, events, rest_at_limit(study, run, seen), study.converter.S_rated)
+    if outcome.limits or outcome.status == "diverged":
         return {"status": outcome.status, "why": outcome.reason or ""}
     if not events:
         return {"status": "not known", "why": "the run is too short for any figure"}
@@ -287,6 +285,10 @@ def _verdict(found: dict[str, Any], study: Study, state: State) -> str:
     elif status == TOO_SHORT:
         needs = math.ceil(100.0 * found["needs_s"]) / 100.0
         said = f"{state.event.signal} is not judged in {SHOWN_S:g} s: the slowest mode needs {needs:.2f} s."
+    elif status == "limited" or (status == "not settled" and found["why"].startswith("in the last second")):
+        said = f"{found['why'][0].upper()}{found['why'][1:].split('. ')[0].removesuffix('.')}."
+    elif status == UNSTABLE:
+        said = f"The operating point after the step is {found['why'] or status}."
     elif status in _VERDICTS:
         said = _VERDICTS[status]
         if found["why"].startswith("before"):

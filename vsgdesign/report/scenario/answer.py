@@ -169,9 +169,10 @@ def _stability(result: ScenarioResult, controller: ControllerResult) -> Cell:
     if unstable:
         first = unstable[0]
         return Cell(MISSED, "unstable", f"from {plain(first.t_s)} s on ({first.event})")
-    if status in ("diverged", "not settled", "limited"):
+    if status in ("diverged", "not settled", "unstable", "limited"):
         at = "" if controller.outcome.t_s is None else f"at {plain(controller.outcome.t_s)} s"
-        return Cell(MISSED, {"limited": "at its current limit"}.get(status, status), at)
+        limits = " and ".join(controller.outcome.limits)
+        return Cell(MISSED, f"at a limit: {limits}" if status == "limited" else status, at)
     if status == "settled":
         return Cell(MET, "settled")
     return Cell(UNKNOWN, "no steady state" if status == "infeasible" else "not known")

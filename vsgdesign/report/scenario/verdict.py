@@ -34,11 +34,11 @@ def verdict(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> list[str
 
 
 def _at_limit(result: ScenarioResult) -> str:
-    """Which controllers rest at their current limit in the end, and with which powers; empty if none does."""
+    """Which controllers end at a limit, or are unstable there, and how; empty if none does."""
     said = [
-        f"{c.spec.name}: {str(c.outcome.reason).split('. ')[0]}."
+        f"{c.spec.name}: {str(c.outcome.reason).split('. ')[0].removesuffix('.')}."
         for c in result.controllers
-        if c.outcome.status == "limited"
+        if c.outcome.limits or c.outcome.status == "unstable"
     ]
     return " ".join(["At the end:", *said]) if said else ""
 

@@ -25,7 +25,15 @@ from vsgdesign.simulation.expected_rests import expected_rests, knows_its_rests,
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.outcome import Divergence, LimitedRest, Outcome, limited_rest, outcome_of, unanswered
+from vsgdesign.simulation.outcome import (
+    Divergence,
+    LimitedEnd,
+    Outcome,
+    limited_end,
+    limited_samples,
+    outcome_of,
+    unanswered,
+)
 from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.scenario import judge_scenario
@@ -206,7 +214,9 @@ def _run_controllers(
             means=_means(study, seen),
             events=events,
             rests=found,
-            outcome=outcome_of(run.divergence, found, events, rest_at_limit(own_study, run, seen)),
+            outcome=outcome_of(
+                run.divergence, found, events, rest_at_limit(own_study, run, seen), study.converter.S_rated
+            ),
             estimates=estimates,
             distorted=study.has_components,
             survival=judge_scenario(watched, spec, ready, run, used, own_rest=True)
@@ -235,11 +245,10 @@ def _late_peak_pu(study: Study, run: Simulation) -> float | None:
     return None if peak_sq is None else math.sqrt(peak_sq) / study.converter.I_rated_pk
 
 
-def rest_at_limit(study: Study, run: Simulation, seen: SignalsAtPcc) -> LimitedRest | None:
-    """Where a run rests at its current limit; None where it does not."""
+def rest_at_limit(study: Study, run: Simulation, seen: SignalsAtPcc) -> LimitedEnd | None:
+    """The end of a run in which limits act; None where none does."""
     last_s = max((event.t_s + event.over for event in study.events), default=0.0)
-    limited = run.column("limited_samples")
-    return limited_rest(study, run.t_s, seen.P_pcc, seen.Q_pcc, limited, last_s)
+    return limited_end(study, run.t_s, seen.P_pcc, seen.Q_pcc, limited_samples(study, run), last_s)
 
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
