@@ -7,6 +7,11 @@ import numpy as np
 from vsgdesign.artifacts.network_weights import Network, NetworkWeights, WindowFormat, fit_scaling
 
 
+def span(values: np.ndarray) -> tuple[float, float]:
+    """The least and the largest of some values."""
+    return float(values.min()), float(values.max())
+
+
 def random_weights(
     seed: int = 0, channels: str = "phase_a", samples: int = 100, synchronised: bool = False
 ) -> NetworkWeights:
@@ -27,7 +32,7 @@ def random_weights(
     return NetworkWeights(
         network=network,
         window=window,
-        trained_on={"R_g": (0.5, 3.5), "L_g": (1.5e-3, 11e-3), "P": (1e3, 3e3)},
+        trained_on={"R_g": span(y[:, 0]), "L_g": span(y[:, 1]), "P": (1e3, 3e3)},
         data_hash="0" * 64,
         recipe={"name": "published"},
         seed=seed,

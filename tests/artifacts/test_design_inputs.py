@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from vsgdesign.artifacts.gain_table import base_of, table_document
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
 from vsgdesign.artifacts.table_text import certificate_sentence
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.runtime.table import with_node_gains
 from vsgdesign.study.parameters import Study, study_from_text
 
 TEXT = """
@@ -83,8 +84,14 @@ def text(*changes: tuple[str, str]) -> str:
 
 def designed(study: Study) -> GainTable:
     """A table that says that it was designed from a study."""
+    asked, inputs = study.specification, design_inputs(study, study.controllers[0].target)
     made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0), base=base_of(study), name="scheduled", study_hash=study.hash)
-    return replace(made, design_inputs=design_inputs(study, study.controllers[0].target))
+    if asked is None:
+        return replace(made, design_inputs=inputs)
+    box = replace(made.validity, P=(min(asked.box.P), max(asked.box.P)), Q=(min(asked.box.Q), max(asked.box.Q)))
+    box = replace(box, error=max(asked.box.error_R, asked.box.error_X))
+    made = replace(made, validity=box, specification=asdict(asked), time_scale=asked.settling_time)
+    return with_node_gains(replace(made, design_inputs=inputs))
 
 
 @pytest.mark.parametrize("change", SAME)

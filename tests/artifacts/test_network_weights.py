@@ -13,9 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from evidence._table_mutations import FIELD, WINDOWS, Mutation
+from evidence.table_mutations import Outcome, outcomes, read
 from tests.artifacts.networks import random_weights
-from vsgdesign.artifacts.guarded_file import content_hash
+from vsgdesign.artifacts.field_weights import FIELD_WEIGHTS_FILE, PACKAGED
+from vsgdesign.artifacts.guarded_file import GuardedFile, content_hash
 from vsgdesign.artifacts.network_weights import (
+    WEIGHTS_FILE,
     NetworkWeights,
     fit_scaling,
     read_network_weights,
@@ -157,3 +161,17 @@ def test_a_hash_is_of_the_content() -> None:
     weights: NetworkWeights = random_weights(samples=4)
     assert weights.hash == random_weights(samples=4).hash
     assert weights.hash != replace(weights, seed=1).hash
+
+
+def test_changed_weights_with_right_hashes_are_refused(tmp_path: Path) -> None:
+    """Sizes, missing numbers, scaling, window and trained range, and those of the field estimator's network."""
+    for document, kinds, form in (
+        (weights_document(random_weights()), WINDOWS, WEIGHTS_FILE),
+        (json.loads(PACKAGED.read_text(encoding="utf-8")), FIELD, FIELD_WEIGHTS_FILE),
+    ):
+
+        def judge(text: str, kind: Mutation, field: str, form: GuardedFile[Any] = form) -> Outcome:
+            return read(tmp_path / "changed.json", text, kind, field, form)
+
+        found = outcomes(document, kinds, 2 * len(kinds), 5, form, judge)
+        assert [(one.kind, one.field, one.says) for one in found if not one.right] == []

@@ -15,18 +15,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import Result
 
+from evidence._table_mutations import TABLE
+from evidence.table_mutations import checked, outcomes
 from tests.cli.small_studies import SMALL, as_json, call, failure
 from tests.design.robust_studies import ROOT, TEXT
+from vsgdesign import certificate
 from vsgdesign.artifacts import read_table_file, write_table_file
+from vsgdesign.artifacts.certificate_record import certificate_record
+from vsgdesign.artifacts.gain_table_file import TABLE_FILE
+from vsgdesign.certificate import Region
 from vsgdesign.design import table as building
 from vsgdesign.design.record import cells_file
 from vsgdesign.design.table import BuiltTable, build_table
 from vsgdesign.execution.journal import kept_count, kept_folder
-from vsgdesign.linear.stability.gain_table import check_table
 from vsgdesign.linear.stability.safe_place import table_safe_place
-from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.verbs.pipeline.study_tables import CELLS
+from vsgdesign.verbs.pipeline.table import check_whole_table
 
 POINTS = "40"
 COMMAND = [sys.executable, "-m", "vsgdesign.verbs.cli.program", "table", "build"]
@@ -76,7 +83,9 @@ def undisturbed(built: tuple[Path, BuiltTable]) -> Path:
 def test_the_table_is_what_it_says(undisturbed: Path, study_file: Path) -> None:
     table = read_table_file(undisturbed)
     assert (table.name, table.structure, table.law) == ("angle_damped", "angle_damped", "poles")
-    assert check_table(table, load_study(study_file)).good
+    found = check_whole_table(table, load_study(study_file))
+    assert found.faults == ()
+    assert {"worst_settling_P_s", "price", "active", "between", "safe_place"} <= set(found.carried)
     assert table.specification["settling_time"] == 1.3
     assert table.margins["worst_disk_margin_output"].min() >= 1.0
     for own in "PQ":
@@ -258,12 +267,19 @@ def test_faults_are_told_before_the_work(study_file: Path, tmp_path: Path) -> No
     assert sorted(path.name for path in tmp_path.iterdir()) == ["foreign.json", "plain.toml"]
 
 
-def test_a_table_that_is_verified_says_so(
-    built: tuple[Path, BuiltTable], study_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(building, "build_table", lambda *_, **__: built[1])
-    out = tmp_path / "table.json"
-    shown = call("table", "build", study_file, "--out", out, "--workers", "1", "--verify", "24")
+@pytest.fixture(scope="module")
+def verified(
+    built: tuple[Path, BuiltTable], study_file: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, Result]:
+    """The same table, verified in 24 cases, and what was printed of it."""
+    out = tmp_path_factory.mktemp("verified") / "table.json"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(building, "build_table", lambda *_, **__: built[1])
+        return out, call("table", "build", study_file, "--out", out, "--workers", "1", "--verify", "24")
+
+
+def test_a_table_that_is_verified_says_so(built: tuple[Path, BuiltTable], verified: tuple[Path, Result]) -> None:
+    out, shown = verified
     assert shown.exit_code == 0, shown.output
     table, plain = read_table_file(out), read_table_file(built[0])
     assert plain.verification is None
@@ -274,4 +290,38 @@ def test_a_table_that_is_verified_says_so(
     step = table.verification["families"]["step"]["promises"]["settling"]
     assert f"{step['broken']} of {step['judged']} steps above 1.3 s" in shown.stdout
     assert "Verified in EMT" in call("table", "show", out).stdout
-    assert [path.name for path in tmp_path.iterdir()] == ["table.json"]
+    assert [path.name for path in out.parent.iterdir()] == ["table.json"]
+
+
+def test_changed_tables_with_right_hashes_are_refused_or_not_called_good(
+    verified: tuple[Path, Result], tmp_path: Path
+) -> None:
+    """Each kind of change once; two hundred in evidence/table_mutations.py."""
+    document, changed = json.loads(verified[0].read_text(encoding="utf-8")), tmp_path / "changed.json"
+    found = outcomes(document, TABLE, len(TABLE), 2031, TABLE_FILE, lambda t, m, f: checked(changed, t, m, f))
+    assert [(one.kind, one.field, one.says) for one in found if not one.right] == []
+    assert {one.refused for one in found} == {True, False}
+
+
+def test_the_certificate_of_a_table_is_that_of_certify(
+    verified: tuple[Path, Result], study_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A study may give SCR on another basis than the table: the region is the table's, steps included."""
+    asked: dict[str, Any] = {}
+
+    def search(study: Study, _spec: object, region: Region, **_: object) -> None:
+        asked.update(basis=study.scr_basis, region=region)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(certificate, "certify", search)
+    (tmp_path / "uses.toml").write_text(
+        f'base = "{study_file}"\n[[controllers]]\nname = "angle_damped"\nkind = "scheduled"\nschedule = "table"\n'
+        f'structure = "angle_damped"\ntable = "{verified[0]}"\n'
+    )
+    assert load_study(tmp_path / "uses.toml").scr_basis == "reactance"
+    call("certify", tmp_path / "uses.toml")
+    table = read_table_file(verified[0])
+    assert table.certificate is not None
+    assert asked["basis"] == table.base.scr_basis == "impedance"
+    found = certificate_record({"region": asked["region"].as_document()}).region
+    assert replace(found, limits=table.certificate.region.limits) == table.certificate.region

@@ -69,10 +69,11 @@ def test_show_as_json_is_the_file(written: Path) -> None:
 def test_check(written: Path) -> None:
     result = call("table", "check", written)
     assert result.exit_code == 0
-    assert "good. closed form, 4 cells analysed anew" in result.stdout
-    assert "carried, not recomputed: worst_settling_P_s" in result.stdout
+    assert "no fault was found in what can be checked. closed form, 4 cells analysed anew: 4 met" in result.stdout
+    carried = "worst_settling_P_s, active, certificate (it does not state its region)"
+    assert f"carried, not checked: {carried}" in result.stdout
     document = as_json("table", "check", written)
-    assert document["good"] is True
+    assert (document["good"], document["faults"]) == (False, [])
     assert document["largest"]["disk_margin_output"] < 1e-9
 
 
@@ -83,10 +84,18 @@ def test_check_finds_and_says_so(tmp_path: Path) -> None:
     )
     result = call("table", "check", tmp_path / "t.json")
     assert result.exit_code == 1
-    assert "margins.disk_margin_output is not what the reduced model gives, at SCR 2, X/R 0.5" in result.stdout
+    fault = "margins.disk_margin_output is 1.9 at SCR 2, X/R 0.5 and 3 more cells, the reduced model gives 1.3"
+    assert fault in result.stdout
     result = call("table", "check", tmp_path / "t.json", "--json")
     assert result.exit_code == 1
     assert json.loads(result.stdout)["good"] is False
+
+
+def test_what_was_computed_again_as_a_whole_is_good(tmp_path: Path) -> None:
+    made = table(**AXES)
+    write_table_file(replace(made, margins=nominal_margins(made)), tmp_path / "t.json")
+    assert "good. closed form, 4 cells analysed anew" in call("table", "check", tmp_path / "t.json").stdout
+    assert as_json("table", "check", tmp_path / "t.json")["good"] is True
 
 
 def test_check_against_a_study(tmp_path: Path) -> None:

@@ -16,12 +16,13 @@ from matplotlib.patches import Rectangle
 from tests.gain_tables import table
 from tests.report.layout import assert_apart, write_svg
 from vsgdesign.artifacts import GainTable, read_table_file
-from vsgdesign.linear.stability.gain_table import nominal_margins
+from vsgdesign.linear.stability.gain_table import check_table, nominal_margins
+from vsgdesign.linear.stability.table_figures import limit_of
 from vsgdesign.report import write_table_figures, write_table_report
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.panels import surface_scale
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
-from vsgdesign.report.gain_table.maps import limit_of, varies
+from vsgdesign.report.gain_table.maps import varies
 from vsgdesign.report.gain_table.page import margins_table, table_figures, verdict_of
 from vsgdesign.verbs.pipeline.table import report_table
 
@@ -271,3 +272,22 @@ def test_a_folder_with_all_of_it(tmp_path: Path, bare_figures: list[WrittenFigur
     assert "draw figures" in told
     drawn = {path.name: path.read_bytes() for path in (tmp_path / "out" / "figures").iterdir()}
     assert drawn == {path.name: path.read_bytes() for figure in bare_figures for path in (figure.svg, figure.png)}
+
+
+def test_a_page_of_a_file_that_contradicts_itself_says_so_first(tmp_path: Path) -> None:
+    """And marks what no check computes again."""
+    made = table(scr=(2.0, 8.0), x_over_r=(0.5, 3.0))
+    figures = nominal_margins(made)
+    settling = figures["settling_P_s"]
+    honest, forged = (
+        replace(made, margins=figures | {"worst_settling_P_s": worst}) for worst in (settling + 0.01, 0.5 * settling)
+    )
+    for one, first in ((honest, "All 4 cells keep every promise"), (forged, "The file contradicts itself: 1 fault")):
+        checked = check_table(one)
+        text = write_table_report(one, [], tmp_path / "report.html", checked).read_text(encoding="utf-8")
+        assert first in text
+        assert all(f"<code>{fault.partition(' ')[0]}</code> is" in text for fault in checked.faults)
+        assert "worst of the box (carried, not checked)" in text
+    (fault,) = check_table(forged).faults
+    assert fault.startswith("margins.worst_settling_P_s is 0.")
+    assert f"better than {settling[0, 0]:.6g} of margins.settling_P_s at the design point" in fault

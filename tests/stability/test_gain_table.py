@@ -87,7 +87,7 @@ def test_a_good_table_passes(checked: GainTable) -> None:
 
 def test_an_unknown_margin_is_carried_and_named(checked: GainTable) -> None:
     other = replace(checked, margins={"worst_overshoot_P_pct": np.ones((2, 2)), "mine": np.ones((2, 2))})
-    assert check_table(other).unknown == ("mine", "worst_overshoot_P_pct")
+    assert check_table(other).carried == ("mine", "worst_overshoot_P_pct")
     assert figure_of("worst_overshoot_P_pct").title == "Overshoot of P, worst of the box"
     assert figure_of("mine").title == "mine"
 
@@ -105,13 +105,14 @@ def test_gains_that_do_not_follow_from_the_columns_are_found(checked: GainTable)
     K_iq = checked.gains.K_iq.copy()
     K_iq[0, 1] *= 1.0 + 1e-6
     found = check_table(replace(checked, gains=checked.gains._replace(K_iq=K_iq), margins={}))
-    assert found.faults == ("gains.K_iq is not what the columns give, at SCR 2, X/R 3",)
+    stored, made = K_iq[0, 1], checked.gains.K_iq[0, 1]
+    assert found.faults == (f"gains.K_iq is {stored:.12g} at SCR 2, X/R 3, the columns give {made:.12g}",)
 
 
 def test_a_promise_of_an_unstable_cell_is_found() -> None:
     made = table("published", scr=(2.0, 5.0), x_over_r=(0.3, 1.0))
     (fault,) = check_table(made).faults
-    assert fault == "met, but unstable in the reduced model, at SCR 2, X/R 0.3 and 1 more cell"
+    assert fault.startswith("status is met at SCR 2, X/R 0.3 and 1 more cell, but the reduced model decays at -0.4")
 
 
 def test_another_study_is_found() -> None:
@@ -160,10 +161,10 @@ def test_a_design_for_other_powers_where_the_design_point_does_not_exist(tmp_pat
     """The file takes it without gains there, the check does not mistake it for a fault, but finds a gain forgotten."""
     weak = table(scr=(0.3, 2.0), x_over_r=(1.0, 20.0))
     assert weak.valid.tolist() == [[True, False], [True, True]]
-    designed = replace(weak, status=np.full((2, 2), "met"), price=np.zeros((2, 2)))
+    designed = replace(weak, status=np.full((2, 2), "met"), price=np.zeros((2, 2)), specification={})
     designed = replace(designed, margins=nominal_margins(designed))
     write_table_file(designed, tmp_path / "t.json")
     assert check_table(read_table_file(tmp_path / "t.json")).good
     K_ip = np.where(np.arange(4).reshape(2, 2) == 2, np.nan, designed.gains.K_ip)
     (fault,) = check_table(replace(designed, gains=designed.gains._replace(K_ip=K_ip), margins={})).faults
-    assert fault == "gains.K_ip is not what the columns give, at SCR 2, X/R 1"
+    assert fault.startswith("gains.K_ip is nan at SCR 2, X/R 1, the columns give 0.00")

@@ -7,8 +7,9 @@ a field that a later version adds, and that is off, changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.files import plain
@@ -90,9 +91,74 @@ def study_differences(table: GainTable, study: Study) -> list[str]:
     found = [input_differences(table.design_inputs, design_inputs(study, spec.target)) for spec in specs]
     named = [lines for spec, lines in zip(specs, found, strict=True) if spec.name == table.name]
     nearest = min(found, key=len)
-    lines = nearest if not nearest or not named else named[0]
+    return _first(nearest if not nearest or not named else named[0])
+
+
+_SAME = {
+    "base.S_rated": "converter.S_rated",
+    "base.V_rated_rms": "converter.V_rated_rms",
+    "base.omega_n": "converter.omega_n",
+    "base.V_g_rms": "grid.V_g_rms",
+    "base.R_2": "filter.R_2",
+    "base.L_2": "filter.L_2",
+    "structure": "controller.structure",
+    "P_design": "controller.P_design",
+    "Q_design": "controller.Q_design",
+}
+"""Fields of a table and the inputs of its design that they repeat."""
+
+
+def contradictions(table: GainTable) -> list[str]:
+    """Where the fields of a table differ from the inputs of its design that it keeps, or from its specification, one
+    sentence each."""
+    inputs = dict(_flat("", table.design_inputs))
+    pairs: list[tuple[str, Any, str, Any]] = []
+    if inputs:
+        pairs += [(name, attrgetter(name)(table), key, inputs.get(key)) for name, key in _SAME.items()]
+        asked = dict(_flat("specification.", _kept(table.specification)))
+        named = {key for key in inputs if key.startswith("specification.")}
+        named = named | asked.keys() if named else set()
+        pairs += [(key, asked.get(key), f"design_inputs.{key}", inputs.get(key)) for key in sorted(named)]
+        V_n = table.base.V_rated_rms
+        for k, key in enumerate(("converter.V_min_pu", "converter.V_max_pu")):
+            pairs.append((f"validity.V_rms[{k}]", table.validity.V_rms[k], key, V_n * inputs.get(key, 0.0)))
+    lines = [
+        f"{name} is {_shown(mine)}, {key} gives {_shown(its)}"
+        for name, mine, key, its in [*pairs, *_of_specification(table)]
+        if _kept(mine) != _kept(its) and not (_is_close(mine, its) or (not mine and not its))
+    ]
+    return _first(lines)
+
+
+def _first(lines: list[str]) -> list[str]:
     more = len(lines) - _SHOWN
     return lines if more <= 0 else [*lines[:_SHOWN], f"and {more} more fields differ"]
+
+
+def _of_specification(table: GainTable) -> Iterator[tuple[str, Any, str, Any]]:
+    """Fields of a table that repeat its specification, where it has one with a box."""
+    asked, v = table.specification, table.validity
+    box = asked.get("box")
+    if not isinstance(box, dict):
+        return
+    for name in ("P", "Q"):
+        if powers := box.get(name):
+            limits = [min(powers), max(powers)]
+            yield f"validity.{name}", list(getattr(v, name)), f"specification.box.{name}", limits
+    errors = [box.get(name, 0.0) for name in ("error_R", "error_X")]
+    yield "validity.error", v.error, "specification.box", max(errors)
+    yield "validity.error_Z", v.error_Z, "specification.box.error_Z", box.get("error_Z", 0.0)
+    for name in ("scr", "x_over_r"):
+        if nodes := asked.get(name):
+            its = [float(value) for value in getattr(table, name) if value in nodes]
+            yield name, its, f"specification.{name}", nodes
+    if asked.get("aim") == "settling":
+        yield "time_scale", table.time_scale, "specification.settling_time", asked.get("settling_time")
+
+
+def _is_close(mine: Any, its: Any) -> bool:
+    numbers = isinstance(mine, float) and isinstance(its, float)
+    return numbers and abs(mine - its) <= 1e-11 * abs(mine)
 
 
 def _kept(value: Any) -> Any:

@@ -128,11 +128,27 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
         if not all(type(table.between.get(name)) is int for name in ("points", "outside", "promised")):
             yield "between", "must have points, outside and promised as whole numbers"
         yield from _list_faults("between.broken", table.between.get("broken"), _BROKEN)
+        yield from _between_counts(table.between)
     if table.safe_place is not None:
         yield from _faults_of_safe_place(table)
     if table.verification is not None:
         yield from (("verification", fault) for fault in verification_faults(table.verification))
     yield from _list_faults("causes", table.causes, _CAUSE)
+
+
+def _between_counts(look: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Counts of a look between the nodes that cannot be, of the whole numbers and the list that there are."""
+    counts = {name: look[name] for name in ("points", "outside", "promised") if type(look.get(name)) is int}
+    if isinstance(look.get("broken"), list):
+        counts["broken"] = len(look["broken"])
+    for name, value in counts.items():
+        if value < 0:
+            yield f"between.{name}", f"{value} must be at least 0"
+    judged = counts.get("points", 0) - counts.get("outside", 0)
+    if "promised" in counts and counts["promised"] > judged:
+        yield "between.promised", f"{counts['promised']} of {judged} judged grids (points less outside) are promised"
+    if counts.get("broken", 0) > counts.get("promised", counts.get("broken", 0)):
+        yield "between.broken", f"{counts['broken']} are broken, but {counts['promised']} are promised"
 
 
 def _faults_of_safe_place(table: GainTable) -> Iterator[tuple[str, str]]:
@@ -325,7 +341,24 @@ def verification_faults(record: Any) -> list[str]:
     families = record.get("families")
     if not isinstance(families, Mapping) or not all(_is_family(family) for family in families.values()):
         faults.append("families must have promises, each with limit, broken, judged, share, bound, one_in and worst")
-    return faults
+    return faults or list(_count_faults(record))
+
+
+def _count_faults(record: Mapping[str, Any]) -> Iterator[str]:
+    """Counts of a readable record that cannot be, or do not add up."""
+    families = record["families"]
+    for name, total in (("drawn", "runs"), ("judged", "judged")):
+        parts = [family.get(name) for family in families.values()]
+        if parts and all(type(part) is int for part in parts) and sum(parts) != record[total]:
+            yield f"{total} is {record[total]}, {name} of the families are {sum(parts)} together"
+    for key, family in families.items():
+        most = family.get("judged", record["judged"])
+        for promised, promise in family["promises"].items():
+            name = f"families.{key}.promises.{promised}"
+            if not 0 <= promise["judged"] <= most:
+                yield f"{name}.judged is {promise['judged']}, of {most} judged cases"
+            elif not 0 <= promise["broken"] <= promise["judged"]:
+                yield f"{name}.broken is {promise['broken']}, of {promise['judged']} judged cases"
 
 
 def _is_family(family: Any) -> bool:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeGuard, TypeVar
 
 from vsgdesign.artifacts.files import check_file_target, json_text, staged_file
 from vsgdesign.errors import ArtifactError
@@ -27,7 +27,7 @@ def content_hash(document: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """A finite int or float; a bool is none."""
     return isinstance(value, float | int) and not isinstance(value, bool) and math.isfinite(value)
 

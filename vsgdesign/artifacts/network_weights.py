@@ -177,9 +177,8 @@ def _faults(weights: NetworkWeights) -> Iterator[str]:
         scaling = getattr(network, side)
         wanted |= {f"{side}.{f.name}": (getattr(scaling, f.name), (size,)) for f in fields(Scaling)}
     yield from array_faults(wanted)
-    for side in (network.inputs, network.outputs):
-        if side.low.shape == side.high.shape and np.any(side.low >= side.high):
-            yield "low: must be below high"
+    for name, size in (("inputs", n), ("outputs", m)):
+        yield from _scaling_faults(name, getattr(network, name), size)
     if window.channels not in CHANNELS:
         yield f"window.channels: {window.channels!r} must be one of {', '.join(CHANNELS)}"
     elif window.length != n:
@@ -194,6 +193,38 @@ def _faults(weights: NetworkWeights) -> Iterator[str]:
     for name, pair in weights.trained_on.items():
         if len(pair) != 2 or not all(map(is_number, pair)) or pair[0] > pair[1]:
             yield f"trained_on.{name}: must be two numbers, the smaller first"
+            return
+    if set(OUTPUTS) <= weights.trained_on.keys() and all(
+        getattr(network.outputs, f.name).shape == (m,) for f in fields(Scaling)
+    ):
+        yield from _box_faults(weights)
+
+
+def _scaling_faults(side: str, scaling: Scaling, size: int) -> Iterator[str]:
+    """What a fit cannot have given: values of mean 0 and deviation 1 have (:eq:`scaling`) low < 0 < high, and their
+    variance is at most −low·high."""
+    if any(getattr(scaling, f.name).shape != (size,) for f in fields(Scaling)):
+        return
+    bad = ~((scaling.low < scaling.high) & (-scaling.low * scaling.high >= 1.0 - 1e-9))
+    if bad.any():
+        k = int(np.argmax(bad))
+        yield (
+            f"{side}.low[{k}] = {scaling.low[k]:.6g}, {side}.high[{k}] = {scaling.high[k]:.6g}: low must be below "
+            "high, and values of deviation 1 between them have −low·high of at least 1"
+        )
+
+
+def _box_faults(weights: NetworkWeights) -> Iterator[str]:
+    """The outputs are scaled from the least to the largest value that they were trained on."""
+    outputs = weights.network.outputs
+    for k, name in enumerate(OUTPUTS):
+        low, high = weights.trained_on[name]
+        for word, value, made in (
+            ("least", low, outputs.restore(-np.ones(2))[k]),
+            ("largest", high, outputs.restore(np.ones(2))[k]),
+        ):
+            if low < high and abs(value - made) > 1e-9 * max(abs(low), abs(high)):
+                yield f"trained_on.{name}: the {word} is {value:.9g}, the scaling of outputs gives {made:.9g}"
 
 
 def array_faults(wanted: Mapping[str, tuple[Array, tuple[int, ...]]]) -> Iterator[str]:

@@ -86,6 +86,10 @@ _CURES = {
 }
 
 
+CAUSES = (*_CURES, "interpolation", "specification")
+"""What a build names as the cause of a relaxed cell."""
+
+
 def cause_text(cause: Document) -> str:
     """Why one cell is relaxed (:mod:`vsgdesign.design.causes`), and what it would keep otherwise."""
     at = f"SCR {_text(cause['scr'])}, X/R {_text(cause['x_over_r'])}"

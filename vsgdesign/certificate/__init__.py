@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vsgdesign.certificate.certifying import certify, largest_rate, region_of
+    from vsgdesign.certificate.certifying import certify, largest_rate, on_basis_of_table, region_of
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
         Certificate,
@@ -31,6 +31,7 @@ _HOMES = {
     "certified_steps": "step_certificates",
     "certify": "certifying",
     "largest_rate": "certifying",
+    "on_basis_of_table": "certifying",
     "refusal_record": "results",
     "region_of": "certifying",
     "step_budget": "step_certificates",
@@ -55,6 +56,7 @@ __all__ = [
     "certified_steps",
     "certify",
     "largest_rate",
+    "on_basis_of_table",
     "refusal_record",
     "region_of",
     "step_budget",

@@ -248,6 +248,19 @@ def region_of(
     return chosen[-1], region
 
 
+def on_basis_of_table(study: Study, controller: str | None, ready: Ready = NOTHING) -> Study:
+    """The study with the SCR on the basis of the controller's gain table, built or to be built.
+
+    A region is then that of the table's own certificate. A study whose controller has no table is returned as it is.
+    """
+    chosen = [s for s in study.controllers if s.kind == "scheduled" and controller in (None, s.name)]
+    if not chosen or chosen[-1].schedule != "table":
+        return study
+    table, asked = ready.tables.get(chosen[-1].name), study.specification
+    basis = table.base.scr_basis if table is not None else study.scr_basis if asked is None else asked.scr_basis
+    return replace(study, scr_basis=basis)
+
+
 def _whole_region(study: Study, spec: ControllerSpec | None, ready: Ready) -> Region:
     """The box of a controller's table, built or to be built; else the study's stability axes with common limits."""
     asked = study.specification

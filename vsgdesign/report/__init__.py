@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
     from vsgdesign.design.comparison import Comparison
     from vsgdesign.estimator.trained import TrainedEstimator
+    from vsgdesign.linear.stability.gain_table import TableCheck
     from vsgdesign.simulation.scenario import ScenarioResult
     from vsgdesign.simulation.stability_result import StabilityResult
 
@@ -109,11 +110,16 @@ def write_table_figures(table: GainTable, folder: str | Path) -> list[WrittenFig
     return write_all(table_figures(table, shipped_errors()), folder)
 
 
-def write_table_report(table: GainTable, figures: Sequence[WrittenFigure], out_path: str | Path) -> Path:
-    """Write the page of a gain table: one HTML file with text, tables and the given figures, in seven parts."""
+def write_table_report(
+    table: GainTable, figures: Sequence[WrittenFigure], out_path: str | Path, checked: TableCheck | None = None
+) -> Path:
+    """Write the page of a gain table: one HTML file with text, tables and the given figures, in seven parts.
+
+    ``checked``: what a check of its file found.
+    """
     from vsgdesign.report.gain_table.page import write_table_page
 
-    return write_table_page(table, figures, Path(out_path))
+    return write_table_page(table, figures, Path(out_path), checked)
 
 
 def write_comparison_figures(comparison: Comparison, folder: str | Path) -> list[WrittenFigure]:

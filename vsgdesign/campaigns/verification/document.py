@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from vsgdesign.campaigns.verification.blocks import VerificationJob
@@ -41,6 +42,27 @@ def one_in(bound: float) -> int:
     unit = 10 ** max(len(str(n)) - 3, 0)
     return n // unit * unit
 
+
+def record_faults(record: Mapping[str, Any]) -> Iterator[str]:
+    """Where the shares, bounds and worst figures of a table's record do not belong to its counts, one sentence each."""
+    for key, family in record["families"].items():
+        for promised, promise in family["promises"].items():
+            name = f"verification.families.{key}.promises.{promised}"
+            for field, made in _share(promise["broken"], promise["judged"], record["confidence"]).items():
+                stated = promise[field]
+                same = stated is made if stated is None or made is None else abs(stated - made) <= 1e-9 * abs(made)
+                if not same:
+                    yield f"{name}.{field} is {stated}, {promise['broken']} of {promise['judged']} give {made}"
+            worst, limit, least = promise["worst"], promise["limit"], promise.get("at_least", False)
+            beyond = worst is not None and (worst < limit if least else worst > limit)
+            if promise["broken"] and worst is not None and not beyond:
+                yield f"{name}.worst is {worst:g}, within the limit {limit:g}, but {promise['broken']} are broken"
+            if not promise["broken"] and beyond and abs(worst - limit) > _ALLOWED * limit:
+                yield f"{name}.worst is {worst:g}, beyond the limit {limit:g}, but none is broken"
+
+
+_ALLOWED = 0.1
+"""Share of a limit by which a kept promise may be beyond it: more than any allowance of the judge."""
 
 QUANTILES = ("50", "90", "99", "99.9")
 """Percentiles of each figure that are given."""

@@ -289,7 +289,11 @@ steps."""
 def static_limits(study: Study) -> StaticLimits:
     """The static limits of a study: those of V and of the grid, the current from which on a limiter acts, and the
     voltage of the bridge."""
-    c, acting_pk = study.converter, acting_current_pk(study)
+    return limits_of_converter(study.converter, acting_current_pk(study))
+
+
+def limits_of_converter(c: Converter, acting_pk: float) -> StaticLimits:
+    """The same of a converter whose limiter acts from a current on, A peak; infinite where it has none."""
     return StaticLimits(
         V_low=c.V_min_pu,
         V_high=c.V_max_pu,

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable, TableBase, base_differences, base_of
 from vsgdesign.equations.power_flow import operating_point
@@ -19,6 +18,8 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.linear.model.coupled import coupled_model
 from vsgdesign.linear.stability.margins import reduced_margins
 from vsgdesign.linear.stability.step_responses import reduced_step_metrics
+from vsgdesign.linear.stability.table_claims import claim_faults, shown, where
+from vsgdesign.linear.stability.table_figures import FIGURES, OF_BEFORE, figure_of, is_carried
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.runtime.table import node_gains, table_grids, table_schedule
 from vsgdesign.study.parameters.study import Study
@@ -26,73 +27,7 @@ from vsgdesign.study.parameters.study import Study
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Figure:
-    """What is known of a margin that a table stores: how it is called, judged, and compared with a new computation."""
-
-    title: str
-    unit: str
-    tolerance: float = 0.0
-    """How well a stored value must agree with the reduced model, in the unit."""
-    relative: bool = False
-    """Whether the tolerance is of the value instead."""
-    smaller_is_better: bool = False
-    asked: str = ""
-    """Key of the specification that limits it; empty where none does."""
-    factor: float = 1.0
-    """From the specification's unit to this one."""
-    of_step: bool = False
-    """Whether it is read from a step response: computed on demand, and no promise where the law is inertia."""
-    is_time: bool = False
-    """Whether it is drawn from its least value on, instead of from zero."""
-    at_design_point: bool = True
-    """Whether there is a value at the design point beside the worst of the box."""
-
-
-_OVERSHOOT: dict[str, Any] = {"smaller_is_better": True, "asked": "overshoot", "factor": 100.0, "of_step": True}
-_SETTLING: dict[str, Any] = {"smaller_is_better": True, "asked": "settling_time", "of_step": True, "is_time": True}
-
-
-def _defined(name: str, tolerance: float, **more: Any) -> Figure:
-    one = DEFINITIONS[name]
-    return Figure(one.heading, one.unit, tolerance, **more)
-
-
-FIGURES = {
-    "overshoot_P_pct": Figure("Overshoot of P", "%", 0.1, **_OVERSHOOT),
-    "settling_P_s": Figure("2 % settling of P", "s", 0.01, relative=True, **_SETTLING),
-    "overshoot_Q_pct": Figure("Overshoot of Q", "%", 0.1, **_OVERSHOOT),
-    "settling_Q_s": Figure("2 % settling of Q", "s", 0.01, relative=True, **_SETTLING),
-    "disk_margin_output": _defined("disk_margin_output", 0.02, asked="disk_margin"),
-    "disk_margin_input": _defined("disk_margin_input", 0.02),
-    "damping_power_loops": _defined("damping_power_loops", 0.005, asked="damping_ratio"),
-    "decay_1_s": Figure("Decay of the slowest mode", "1/s", 0.01, relative=True),
-    "H_s": Figure("Inertia constant", "s", 1e-3, relative=True),
-}
-"""Margins by name."""
-OF_BEFORE = {"disk_margin_smaller": _defined("disk_margin_smaller", 0.02)}
-"""Margins that only files of earlier versions have."""
-
-OF_THE_DESIGN = {
-    "cross_peak": Figure("Peak of the other power per step", "1"),
-    "full_order_decay_1_s": Figure("Decay of the slowest mode, full order", "1/s", at_design_point=False),
-    "scenarios": Figure("Scenarios of the design", "1", at_design_point=False),
-}
-"""Margins that a design stores as well, over its whole box, and that no check computes again."""
-
-WORST = "worst_"
-"""A name with this prefix is the worst value over the specification's box."""
-
 _GAIN_TOLERANCE = 1e-9
-
-
-def figure_of(name: str) -> Figure:
-    """What is known of a margin; a name that is not known is its own title."""
-    named = FIGURES | OF_BEFORE | OF_THE_DESIGN
-    if name.startswith(WORST) and name[len(WORST) :] in named:
-        known = named[name[len(WORST) :]]
-        return replace(known, title=f"{known.title}, worst of the box")
-    return named.get(name, Figure(name, "1"))
 
 
 def margins_of(
@@ -186,21 +121,21 @@ class TableCheck:
     faults: tuple[str, ...]
     cells: int
     largest: dict[str, float]
-    unknown: tuple[str, ...]
-    """Stored margins that were not computed again."""
+    carried: tuple[str, ...]
+    """What the file states and the check does not compute again."""
 
     @property
     def good(self) -> bool:
-        """Whether there is no fault."""
-        return not self.faults
+        """Whether everything that the file states was computed again, without a fault."""
+        return not self.faults and not self.carried
 
 
 def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
-    """Compare a table, read without a fault, with its own columns, the reduced model, and its study.
+    """Compare a table, read without a fault, with itself, its own columns, the reduced model, and its study.
 
     The gains must follow from the columns, every met cell must be stable, and each stored margin of FIGURES must
-    agree with the model. With a study, the values from which the table was designed and every field of the base must
-    agree.
+    agree with the model. Whatever the file says twice must agree (:func:`claim_faults`). With a study, the values from
+    which the table was designed and every field of the base must agree. The certificate is not looked at.
     """
     faults = [] if study is None else _study_faults(table, study)
     valid = table.valid
@@ -209,12 +144,14 @@ def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
         fits = np.abs(stored - made) <= _GAIN_TOLERANCE * np.maximum(np.abs(made), 1e-12)
         bad = valid & ~(fits | (np.isnan(stored) & np.isnan(made)))
         if bad.any():
-            faults.append(f"gains.{name} is not what the columns give, {_where(table, bad)}")
+            at, place = where(table, bad)
+            faults.append(f"gains.{name} is {stored[at]:.12g} {place}, the columns give {made[at]:.12g}")
     checked = FIGURES | OF_BEFORE
     found = nominal_margins(table, tuple(checked))
     unstable = (table.status == "met") & (found["decay_1_s"] <= 0.0)
     if unstable.any():
-        faults.append(f"met, but unstable in the reduced model, {_where(table, unstable)}")
+        at, place = where(table, unstable)
+        faults.append(f"status is met {place}, but the reduced model decays at {shown(found['decay_1_s'][at])} 1/s")
     largest: dict[str, float] = {}
     figures = table.figures
     for name in checked.keys() & figures.keys():
@@ -225,9 +162,24 @@ def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
         allowed = figure.tolerance * np.abs(made) if figure.relative else figure.tolerance
         bad = both & ~(difference <= allowed)
         if bad.any():
-            faults.append(f"margins.{name} is not what the reduced model gives, {_where(table, bad)}")
-    others = tuple(name for name in figures if name not in checked)
-    return TableCheck(tuple(faults), int(valid.sum()), dict(sorted(largest.items())), others)
+            at, place = where(table, bad)
+            faults.append(f"margins.{name} is {shown(stored[at])} {place}, the reduced model gives {shown(made[at])}")
+    faults += claim_faults(table)
+    return TableCheck(tuple(faults), int(valid.sum()), dict(sorted(largest.items())), tuple(_carried(table)))
+
+
+def _carried(table: GainTable) -> Iterator[str]:
+    """What a table states beside what its gains give."""
+    for name in table.figures:
+        if is_carried(name):
+            yield name
+    if np.any(table.price[np.isfinite(table.price)] != 0.0):
+        yield "price"
+    if np.any(table.active != ""):
+        yield "active"
+    for name in ("between", "causes", "safe_place", "verification"):
+        if getattr(table, name):
+            yield name
 
 
 def _study_faults(table: GainTable, study: Study) -> list[str]:
@@ -235,13 +187,6 @@ def _study_faults(table: GainTable, study: Study) -> list[str]:
     if faults and table.design_inputs:
         return faults  # they name the base's fields, too
     return faults + base_differences(table.base, base_of(study, table.base.scr_basis), "the study")
-
-
-def _where(table: GainTable, cells: NDArray[np.bool_]) -> str:
-    i, j = np.argwhere(cells)[0]
-    rest = int(cells.sum()) - 1
-    more = f" and {rest} more cell{'s' if rest > 1 else ''}" if rest else ""
-    return f"at SCR {table.scr[i]:g}, X/R {table.x_over_r[j]:g}{more}"
 
 
 @dataclass(frozen=True)

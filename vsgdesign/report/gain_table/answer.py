@@ -6,14 +6,18 @@ import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_text import certificate_failed
-from vsgdesign.linear.stability.gain_table import figure_of
+from vsgdesign.errors import counted
+from vsgdesign.linear.stability.gain_table import TableCheck
+from vsgdesign.linear.stability.table_figures import CARRIED, figure_of, limit_of
 from vsgdesign.report.drawing.quantities import number, plain
-from vsgdesign.report.gain_table.maps import in_order, limit_of, margin_keys
+from vsgdesign.report.gain_table.maps import in_order, margin_keys
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row
 
 
-def table_headline(table: GainTable) -> str:
-    """How many cells keep the specification, and whether the table is proved."""
+def table_headline(table: GainTable, checked: TableCheck | None = None) -> str:
+    """How many cells keep the specification, and whether the table is proved. Faults of the file come first."""
+    if checked is not None and checked.faults:
+        return f"The file contradicts itself: {counted(len(checked.faults), 'fault')} in words below."
     met, total = int((table.status == "met").sum()), table.status.size
     kept = f"{'All' if met == total else f'{met} of'} {total} cells keep every promise of the specification"
     if certificate_failed(table.certificate):
@@ -22,9 +26,10 @@ def table_headline(table: GainTable) -> str:
     return f"{kept}, and {proved}."
 
 
-def table_answer(table: GainTable) -> list[Answer]:
+def table_answer(table: GainTable, checked: TableCheck | None = None) -> list[Answer]:
     """The verdicts on the table, and the worst value of each promised margin."""
     verdicts = (
+        *(() if checked is None else (("File", _file(checked)),)),
         ("Cells", _cells(table)),
         ("Between the nodes", _between(table)),
         ("Proof", _proof(table)),
@@ -36,13 +41,24 @@ def table_answer(table: GainTable) -> list[Answer]:
     margins = _margins(table)
     if margins:
         head, cells = tuple(title for title, _ in margins), [cell for _, cell in margins]
-        note = "At the worst powers and estimate of the box where these are stored, otherwise at the design point."
+        note = (
+            f"At the worst powers and estimate of the box where these are stored ({CARRIED}), otherwise at the design "
+            "point."
+        )
         found.append(Answer("Worst margins over all cells", head, (_row(table, cells),), "Table", (note,)))
     return found
 
 
 def _row(table: GainTable, cells: list[Cell]) -> Row:
     return Row(table.name, tuple(cells))
+
+
+def _file(checked: TableCheck) -> Cell:
+    if checked.faults:
+        return Cell(MISSED, counted(len(checked.faults), "fault"), "in words below")
+    return Cell(
+        MET if checked.good else OPEN, "no fault found", "" if checked.good else "not everything can be checked"
+    )
 
 
 def _cells(table: GainTable) -> Cell:
@@ -61,7 +77,7 @@ def _between(table: GainTable) -> Cell:
     if not promised:
         return Cell(OPEN, "nothing is promised")
     words = f"{broken} of {promised} broken" if broken else f"kept on all {promised}"
-    return Cell(MISSED if broken else MET, words, f"{look['points']} random grids")
+    return Cell(MISSED if broken else MET, words, f"{look['points']} random grids ({CARRIED})")
 
 
 def _proof(table: GainTable) -> Cell:
@@ -84,7 +100,7 @@ def _verified(table: GainTable) -> Cell:
         return Cell(UNKNOWN, "no case was judged")
     missed = sum(count > 0 for count in broken)
     words = f"{missed} of {len(broken)} promises broken" if missed else f"all {len(broken)} promises kept"
-    return Cell(MISSED if missed else MET, words, "how often: in part 5")
+    return Cell(MISSED if missed else MET, words, f"how often: in part 5 ({CARRIED})")
 
 
 def _margins(table: GainTable) -> list[tuple[str, Cell]]:

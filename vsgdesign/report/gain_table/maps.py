@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.linear.stability.gain_table import FIGURES, WORST, Figure, figure_of
+from vsgdesign.linear.stability.table_figures import CARRIED, FIGURES, WORST, Figure, figure_of, is_carried, limit_of
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import MOST, Frame, Panel, Surface, map_figure, surface_figure, surface_scale
@@ -64,19 +64,6 @@ def margin_keys(name: str) -> tuple[str, str]:
     return (name, WORST + name) if figure_of(name).at_design_point else ("", name)
 
 
-def limit_of(table: GainTable, name: str) -> float | None:
-    """The limit that the specification sets for a margin, in the margin's unit; None if it sets none."""
-    figure = figure_of(name)
-    value = table.specification.get(figure.asked)
-    if table.law == "inertia" and figure.of_step:
-        return None  # with this law the settling time is a time scale, no promise
-    return (
-        figure.factor * value
-        if isinstance(value, int | float) and not isinstance(value, bool) and value > 0.0
-        else None
-    )
-
-
 def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
     """A figure for each margin at the design point, with the worst of the box beside it if it is known."""
     for name in in_order(table):
@@ -92,7 +79,10 @@ def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
         if limit is not None:
             unit = "" if figure.unit == "1" else f" {figure.unit}"
             asked = f"asked for: {'at most' if figure.smaller_is_better else 'at least'} {plain(limit)}{unit}"
-        panels = [Panel(kind, c) for (_, kind), c in zip(shown, cells, strict=True)]
+        panels = [
+            Panel(f"{kind} ({CARRIED})" if is_carried(key) else kind, c)
+            for (key, kind), c in zip(shown, cells, strict=True)
+        ]
         sides = " Blue cells keep the requirement, and orange cells do not." if asked else ""
         caption = (
             "How to read: each cell is a node of the table, its colour what is stored for it."

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.definitions import in_words
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable
-from vsgdesign.linear.stability.gain_table import FIGURES, Compared, figure_of, largest_difference
+from vsgdesign.linear.stability.gain_table import Compared, largest_difference
+from vsgdesign.linear.stability.table_figures import CARRIED, FIGURES, figure_of, is_carried
 from vsgdesign.report.drawing.quantities import DASH
 from vsgdesign.report.gain_table.words import heading
 from vsgdesign.report.page.blocks import Block, Table, Where, words
@@ -37,11 +38,12 @@ def table_blocks(table: GainTable) -> list[Block]:
     for name in _in_order(table.figures):
         figure = figure_of(name)
         form = ".3g" if figure.unit == "1" else ".2f"
-        found.append(_grid(table, f"{figure.title} [{figure.unit}]", table.figures[name], form))
+        mark = f" ({CARRIED})" if is_carried(name) else ""
+        found.append(_grid(table, f"{figure.title} [{figure.unit}]{mark}", table.figures[name], form))
     active = np.vectorize(in_words, otypes=[str])(table.active)
     status = np.where(active == "", table.status, np.char.add(np.char.add(table.status, ": "), active))
     if len(np.unique(status)) > 1:
-        found.append(_grid(table, "status, active constraint", status, ""))
+        found.append(_grid(table, f"status, active constraint (the constraint: {CARRIED})", status, ""))
     else:
         found.append(words(f"every cell: {status[0, 0]}", on=Where.TERMINAL))
     return found

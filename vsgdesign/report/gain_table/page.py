@@ -26,14 +26,15 @@ from vsgdesign.artifacts.table_text import (
 )
 from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.linear.stability.gain_table import figure_of
+from vsgdesign.linear.stability.gain_table import TableCheck
+from vsgdesign.linear.stability.table_figures import CARRIED, figure_of, limit_of
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.inside import inside_figure, inside_sentence
-from vsgdesign.report.gain_table.maps import gain_surfaces, in_order, limit_of, margin_figures, margin_keys
+from vsgdesign.report.gain_table.maps import gain_surfaces, in_order, margin_figures, margin_keys
 from vsgdesign.report.gain_table.regions import certificate_figure, constraint_figures, stale_figures
-from vsgdesign.report.gain_table.words import flattened, specification_rows
+from vsgdesign.report.gain_table.words import PROOF_CARRIED, flattened, marked, specification_rows
 from vsgdesign.report.page.blocks import (
     BULLETS,
     Block,
@@ -74,6 +75,28 @@ CERTIFICATE_WORDS = {
     "scale": "Scale of its states",
     "states": "Its states",
     "reason": "Reason",
+    "static_limits.V_low": "Least V [pu]",
+    "static_limits.V_high": "Largest V [pu]",
+    "static_limits.power_transfer": "Power that the grid has to carry, over the apparent power [1]",
+    "static_limits.current": "Largest current of the converter at rest [pu]",
+    "static_limits.bridge_voltage": "Largest voltage of the bridge at rest [pu]",
+    "eigenvalue.real": "Real part of the eigenvalue [1/s]",
+    "eigenvalue.imag": "Imaginary part of the eigenvalue [rad/s]",
+    "scr": "SCR of the unstable cell",
+    "x_over_r": "X/R of the unstable cell",
+    "error_R": "Error of R_g there",
+    "error_L": "Error of L_g there",
+    "trajectory.t_s": "Time of the response of the growing mode [s]",
+    "trajectory.delta": "Angle in this response [rad]",
+    "trajectory.omega_r": "Frequency in this response [rad/s]",
+    "trajectory.V": "Voltage in this response [V]",
+    "slowest.scr": "SCR of the slowest cell",
+    "slowest.x_over_r": "X/R of the slowest cell",
+    "slowest.P": "P of the slowest cell [W]",
+    "slowest.Q": "Q of the slowest cell [var]",
+    "slowest.error_R": "Error of R_g there",
+    "slowest.error_L": "Error of L_g there",
+    "slowest.decay": "Decay of the slowest cell [1/s]",
     "region.scr": "SCR",
     "region.x_over_r": "X/R",
     "region.P": "P [W]",
@@ -99,21 +122,27 @@ def table_figures(table: GainTable, measured: MeasuredErrors | None = None) -> I
     yield from stale_figures(table)
 
 
-def write_table_page(table: GainTable, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+def write_table_page(
+    table: GainTable, figures: Sequence[WrittenFigure], out_path: Path, checked: TableCheck | None = None
+) -> Path:
     """Write the page, with the figures' SVG text as it lies on disk."""
-    return print_html(table_page(table, figures), out_path)
+    return print_html(table_page(table, figures, checked), out_path)
 
 
-def table_page(table: GainTable, figures: Sequence[WrittenFigure] = ()) -> Page:
-    """The page: the answer, what the table is for, margins, gains, constraints, the proof, and stale schedules."""
+def table_page(table: GainTable, figures: Sequence[WrittenFigure] = (), checked: TableCheck | None = None) -> Page:
+    """The page: the answer, what the table is for, margins, gains, constraints, the proof, and stale schedules.
+    ``checked``: what a check of its file found."""
     rest, asked = figures[1:], tuple((name[:1].upper() + name[1:], value) for name, value in specification_rows(table))
     specification = Table("Specification", ("Quantity", "Value"), asked, texts=2)
     margins, causes = margins_table(table), causes_table(table)
     made = open_table("Made with", table.provenance | table.inputs)
     verified = table_verification(table.verification)
+    verified = verified if table.verification is None else marked(verified)
+    faults = [_with_code(fault) for fault in (() if checked is None else checked.faults)]
     blocks: list[Block] = [
-        *opening(table_headline(table), table_answer(table), figures),
+        *opening(table_headline(table, checked), table_answer(table, checked), figures),
         Heading("In words"),
+        *([words(*faults, style=BULLETS)] if faults else []),
         Box([words(verdict_of(table))]),
         Heading("What it is for", numbered=True),
         Side((identity_table(table), *([specification] if specification.rows else []))),
@@ -150,6 +179,12 @@ def table_page(table: GainTable, figures: Sequence[WrittenFigure] = ()) -> Page:
     return Page(f"{table.name}: gain table", blocks, origin)
 
 
+def _with_code(fault: str) -> tuple[str, ...]:
+    """A fault of a file. It begins with the name of a field."""
+    name, blank, rest = fault.partition(" ")
+    return Span(name, code=True), blank + rest
+
+
 _ABOUT_CAUSES = (
     "A relaxed cell was designed again without the sampling delay, with ideal inner loops, with an exact estimate and "
     "with half of the powers. The first of these that restores its requirements is its cause. If none does, the cause "
@@ -164,6 +199,7 @@ def _certificate(table: GainTable) -> list[Block]:
         return []
     steps = steps_table(table)
     return [
+        *([words(PROOF_CARRIED)] if found.certified else []),
         *([] if found.steps is None else [words(step_sentence(found.steps))]),
         *([] if steps is None else [steps]),
         open_table("Certificate", _without_steps(found.document), CERTIFICATE_WORDS),
@@ -184,9 +220,9 @@ def verdict_of(table: GainTable) -> str:
         )
     if table.between is not None:
         look = between_text(table.between)
-        first += f" {look[0].upper()}{look[1:]}."
+        first += f" {look[0].upper()}{look[1:]} ({CARRIED})."
     proof = certificate_sentence(table.certificate)
-    verified = "" if table.verification is None else f" {table_verification(table.verification)[0]}"
+    verified = "" if table.verification is None else f" {marked(table_verification(table.verification))[0]}"
     return (f"{proof} {first}" if certificate_failed(table.certificate) else f"{first} {proof}") + verified
 
 
@@ -231,7 +267,7 @@ def margins_table(table: GainTable) -> Table:
         ranges = [_limits(table, key) for key in margin_keys(name)]
         rows.append((f"{figure.title} [{figure.unit}]", asked, *ranges[0], *ranges[1]))
     head = ("Margin", "Asked for", "least", "median", "largest", "least", "median", "largest")
-    groups = (("", 2), ("design point", 3), ("worst of the box", 3))
+    groups = (("", 2), ("design point", 3), (f"worst of the box ({CARRIED})", 3))
     return Table("Margins over the cells", head, tuple(rows), groups=groups)
 
 
@@ -260,7 +296,7 @@ def causes_table(table: GainTable) -> Table:
         *(title for _, title in names),
     )
     groups = (("", 5), ("without the cause it would keep", len(names)))
-    return Table("Why cells are relaxed", head, tuple(rows), groups=groups)
+    return Table(f"Why cells are relaxed ({CARRIED})", head, tuple(rows), groups=groups)
 
 
 def steps_table(table: GainTable) -> Table | None:

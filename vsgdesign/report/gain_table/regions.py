@@ -11,6 +11,7 @@ from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.definitions import in_words
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.linear.stability.gain_table import stale_margins
+from vsgdesign.linear.stability.table_figures import CARRIED
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import CROSS, Cells, Scale, draw_cells, edges, node_axes, shade
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure, surface_scale
@@ -37,8 +38,8 @@ def constraint_figures(table: GainTable) -> Iterator[NamedFigure]:
     yield active_figure(table)
     if np.nanmax(np.abs(table.price)) > 0.0:
         caption = (
-            "How to read: what the active constraint costs in each cell, in the unit of the design's objective. "
-            "Crosses: outside."
+            "How to read: what the active constraint costs in each cell, in the unit of the design's objective "
+            f"({CARRIED}). Crosses: outside."
         )
         frame = Frame(
             "table_price",
@@ -89,7 +90,7 @@ def active_figure(table: GainTable) -> NamedFigure:
     _label(figure, axes, table, entries)
     caption = (
         "How to read: the colour says which constraint keeps the design of a cell from being better; in brackets the "
-        "number of cells."
+        f"number of cells. Constraints are {CARRIED}."
     )
     return NamedFigure("table_active", "Active constraints", caption, figure, CONSTRAINTS)
 

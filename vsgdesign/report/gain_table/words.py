@@ -27,6 +27,7 @@ from vsgdesign.certificate.swing.statement import EMPTY, RETURNS
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import counted
 from vsgdesign.linear.stability.gain_table import TableCheck
+from vsgdesign.linear.stability.table_figures import CARRIED
 from vsgdesign.report.gain_table.inside import inside_sentence
 from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
@@ -38,10 +39,9 @@ def heading(table: GainTable) -> Iterator[str]:
     if certificate_failed(table.certificate):
         yield certificate_sentence(table.certificate)
     base, v = table.base, table.validity
-    counts = status_text({s: int((table.status == s).sum()) for s in ("met", "relaxed", "outside")})
     yield f"{table.name}: {table.structure}, law {table.law}, for study {table.study}"
     yield (
-        f"{len(table.scr)} SCR ({base.scr_basis} basis) × {len(table.x_over_r)} X/R: {counts}. "
+        f"{len(table.scr)} SCR ({base.scr_basis} basis) × {len(table.x_over_r)} X/R: {status_of(table)}. "
         f"{base.S_rated / 1e3:g} kVA, {base.V_rated_rms:g} V phase, {base.omega_n / (2.0 * math.pi):g} Hz; "
         f"gains shown at {table.P_design / 1e3:g} kW, {table.Q_design / 1e3:g} kvar"
     )
@@ -60,17 +60,31 @@ def heading(table: GainTable) -> Iterator[str]:
     yield inside_sentence(table, shipped_errors())
     if table.specification:
         yield "specification: " + "; ".join(f"{name} {value}" for name, value in specification_rows(table))
-    yield from _why(table.causes)
+    yield from marked(_why(table.causes))
     if table.between is not None:
-        yield between_text(table.between)
+        yield from marked([between_text(table.between)])
     if not certificate_failed(table.certificate):
         yield certificate_sentence(table.certificate)
     if table.certificate is not None and table.certificate.steps is not None:
         yield from step_lines(table.certificate.steps)
-    yield from table_verification(table.verification)
+    if table.certificate is not None and table.certificate.certified:
+        yield PROOF_CARRIED
+    verified = table_verification(table.verification)
+    yield from verified if table.verification is None else marked(verified)
     if table.design_hash:
         yield f"design hash {table.design_hash}"
     yield f"sha256 {table.sha256}"
+
+
+PROOF_CARRIED = (
+    f"What the certificate says is verified at points by vsgdesign table check; between them it is {CARRIED}."
+)
+"""What is said beside a certificate that was read from a file."""
+
+
+def marked(lines: Sequence[str]) -> list[str]:
+    """Lines about what a file states and no check computes again: the first says so."""
+    return [f"{line} ({CARRIED})" if k == 0 else line for k, line in enumerate(lines)]
 
 
 _SPECIFIED = {
@@ -231,17 +245,23 @@ def _limit(value: float | None) -> str:
 
 def check_text(path: str, table: GainTable, outcome: TableCheck) -> str:
     """The result of a check, in lines."""
-    shown = ", ".join(f"{name} {value:.2g}" for name, value in outcome.largest.items())
-    if not outcome.good:
+    if outcome.faults:
         return f"{path}: {counted(len(outcome.faults), 'fault')}\n" + "\n".join(
             f"  - {fault}" for fault in outcome.faults
         )
-    lines = [f"{path}: good. {table.name}, {counted(outcome.cells, 'cell')} analysed anew"]
+    answer = "good" if outcome.good else "no fault was found in what can be checked"
+    lines = [f"{path}: {answer}. {table.name}, {counted(outcome.cells, 'cell')} analysed anew: {status_of(table)}"]
+    shown = ", ".join(f"{name} {value:.2g}" for name, value in outcome.largest.items())
     if shown:
         lines.append(f"largest differences of stored margins: {shown}")
-    if outcome.unknown:
-        lines.append(f"carried, not recomputed: {', '.join(outcome.unknown)}")
+    if outcome.carried:
+        lines.append(f"{CARRIED}: {', '.join(outcome.carried)}")
     return "\n".join(lines)
+
+
+def status_of(table: GainTable) -> str:
+    """How many cells have which status."""
+    return status_text({status: int((table.status == status).sum()) for status in ("met", "relaxed", "outside")})
 
 
 def _short(value: Any) -> str:

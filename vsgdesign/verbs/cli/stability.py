@@ -113,7 +113,7 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
     type=(float, float),
     default=None,
     metavar="LOW HIGH",
-    help="Range of SCR.  [default: the table's, else the axes]",
+    help="Range of SCR, on the basis of the controller's table if it has one.  [default: the table's, else the axes]",
 )
 @click.option(
     "--x-over-r",
@@ -185,12 +185,13 @@ def certify(
     from dataclasses import replace
 
     from vsgdesign.artifacts.ready import Ready, read_tables
-    from vsgdesign.certificate import Certificate, certify, region_of, step_budget, with_steps
+    from vsgdesign.certificate import Certificate, certify, on_basis_of_table, region_of, step_budget, with_steps
     from vsgdesign.certificate.swing import large_signal
     from vsgdesign.verbs.pipeline.study_tables import study_tables
 
     study = _on_the_grid_alone(load(study_file, left_tables=True))
     named = Ready(tables=read_tables(study))
+    study = on_basis_of_table(study, controller, named)
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
     with progress(quiet=as_json) as tell:
         ready = study_tables(replace(study, controllers=(spec,)), progress=tell).ready

@@ -144,12 +144,12 @@ def certify(
     takes them from a table; without it the table is read, taken from below ``out`` or designed first. ``decay`` is the
     decay rate in 1/s to be proved; None asks for the largest. ``region`` may hold the pairs ``scr``, ``x_over_r``,
     ``P_pu`` and ``Q_pu``, and ``error``, ``error_Z`` and ``rate`` (1/s), as in :func:`vsgdesign.certificate.region_of`.
-    Whatever it leaves out is taken from the box of the table. A certificate also says after which steps no limit acts.
-    Raises the errors of :func:`vsgdesign.certificate.certify`.
+    Whatever it leaves out is taken from the box of the table, and ``scr`` is on the table's basis. A certificate also
+    says after which steps no limit acts. Raises the errors of :func:`vsgdesign.certificate.certify`.
     """
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import certify as prove
-    from vsgdesign.certificate import region_of, with_steps
+    from vsgdesign.certificate import on_basis_of_table, region_of, with_steps
     from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
     given = table.table if isinstance(table, DesignedTable) else table
@@ -157,6 +157,7 @@ def certify(
     tables = read_tables(study)
     if given is not None:
         tables |= {spec.name: given for spec in study.controllers if spec.schedule == "table"}
+    study = on_basis_of_table(study, controller, Ready(tables=tables))
     asked: dict[str, Any] = {"scr": None, "x_over_r": None} | region
     spec, chosen = region_of(study, controller, **asked, ready=Ready(tables=tables))
     if spec.name not in tables:

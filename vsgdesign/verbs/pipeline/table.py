@@ -20,6 +20,7 @@ from vsgdesign.verbs.pipeline.study_tables import CELLS
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds
     from vsgdesign.design.table import BuiltTable
+    from vsgdesign.linear.stability.gain_table import TableCheck
 
 STATUSES = ("met", "relaxed", "outside")
 REPORT = "vsgdesign table report"
@@ -129,6 +130,23 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
     }
 
 
+def check_whole_table(table: GainTable, study: Study | None = None) -> TableCheck:
+    """All that can be checked of a table: its figures, what it says twice, its certificate at points, and the counts of
+    its verification. With a study, it must be the table of this study, too."""
+    from vsgdesign.campaigns.verification.document import record_faults
+    from vsgdesign.certificate.checking import check_certificate
+    from vsgdesign.linear.stability.gain_table import check_table
+
+    found, proof = check_table(table, study), check_certificate(table)
+    counted = () if table.verification is None else tuple(record_faults(table.verification))
+    return replace(found, faults=(*found.faults, *proof.faults, *counted), carried=(*found.carried, *proof.carried))
+
+
+def check_document(outcome: TableCheck) -> dict[str, Any]:
+    """The result of a check in JSON's types. ``good``: everything was computed again, and no fault was found."""
+    return {"good": outcome.good} | vars(outcome)
+
+
 def report_table(
     table: GainTable, out: str | Path, *, inputs: Iterable[str | Path] = (), progress: Progress | None = None
 ) -> dict[str, Any]:
@@ -137,19 +155,18 @@ def report_table(
     ``inputs`` are the files from which the table comes. A folder that contains one of them is not replaced. The folder
     appears when everything is done. Raises ArtifactError.
     """
-    from vsgdesign.linear.stability.gain_table import check_table
     from vsgdesign.report import write_table_figures, write_table_report
 
     tell = progress or silent
     with staged_folder(out, REPORT, inputs=inputs) as folder:
         tell("check the table", 0.0)
-        outcome = check_table(table)
+        outcome = check_whole_table(table)
         tell("check the table", 1.0)
         write_table_file(table, folder / "table.json")
         tell("draw figures", 0.0)
         figures = write_table_figures(table, folder / "figures")
         tell("draw figures", 1.0)
-        write_table_report(table, figures, folder / "report.html")
+        write_table_report(table, figures, folder / "report.html", outcome)
         document = {
             "table": {
                 "name": table.name,
@@ -161,7 +178,7 @@ def report_table(
             "certificate": certificate_summary(table.certificate),
             "between": table.between,
             "cells": {status: int((table.status == status).sum()) for status in STATUSES},
-            "check": {"good": outcome.good} | vars(outcome),
+            "check": check_document(outcome),
             "figures": [figure.name for figure in figures],
         }
         return write_record(folder, document, REPORT)
