@@ -62,7 +62,7 @@ class FieldSettings(NamedTuple):
     sigma_valid: Any
     """Relative standard deviation up to which an answer is valid."""
     seed: Any
-    """First value of the shift register of the sign code, a whole number from 1 to 511: another one in every unit."""
+    """First value of the shift register of the sign code, a whole number from 1 to 511."""
 
 
 class LineSums(NamedTuple):

@@ -58,7 +58,7 @@ class ProbeSpec:
     """Without the probe the estimator never learns the grid, and the gains stay those of a safe place."""
     limits: ProbeLimits = field(default_factory=ProbeLimits)
     code: int = whole(0, SEEDS, default=1)
-    """Converters on one grid take different codes, so that they tell their probes apart."""
+    """Which sequence of signs the probe follows. It does not keep the probes of two converters on one grid apart."""
 
 
 LIMITS = with_defaults(fields_of(_Shares), asdict(ProbeLimits()))
