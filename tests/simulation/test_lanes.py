@@ -191,13 +191,6 @@ def test_strict_runs_have_the_same_bits_on_every_instruction_set(monkeypatch: py
 
 def test_what_cannot_be_run_in_a_batch_is_refused() -> None:
     study, spec = study_named("survival", "decoupled")
-    wandering = study.with_changes(background={"level": "measured"})
-    with pytest.raises(InfeasibleStudyError, match="what wanders"):
-        lanes_run.run_lanes(wandering, spec, NOTHING, drawn(study, spec, "step", 2))
-    with pytest.raises(InfeasibleStudyError, match="steps alone"):
-        lanes_run.run_lanes(
-            study.with_changes(sensors={"level": "typical"}), spec, NOTHING, drawn(study, spec, "sag", 2)
-        )
     odd = replace(study, converter=replace(study.converter, samples_per_carrier=3))
     with pytest.raises(InfeasibleStudyError, match="even number"):
         lanes_run.run_lanes(odd, spec, NOTHING, drawn(study, spec, "grid", 2), bridge="pwm")

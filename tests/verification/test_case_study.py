@@ -86,7 +86,8 @@ def test_every_number_is_read_to_the_bit_of_what_was_drawn(family: str) -> None:
     assert begun.omega_g == pytest.approx(cases.omega_g[0], rel=1e-15)
     told = GridEstimate(cases.error_R[0], cases.error_X[0], cases.silent_s[0])
     assert [one.knowledge for one in found.controllers] == [told]
-    assert found.background is None
+    assert found.background is not None  # that of the case, not that of the study
+    assert found.background.seed == cases.around.backgrounds[0].seed  # type: ignore[index]
     assert found.simulation.log_interval == found.converter.T_s
     e = cases.events
     used = np.isfinite(e.t_s[0])
@@ -206,7 +207,8 @@ def test_toml_is_read_as_it_was_written() -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ("[sensors]\nlevel = 'typical'", r"powers do not come to rest with \[sensors\]"),
+        ("[sensors]\nlevel = 'typical'", r"powers do not come to rest with \[sensors\] and no distorted"),
+        ("[background]\nlevel = 'measured'", r"powers do not come to rest with a \[background\] that wanders"),
         ("", "nothing happens after t = 0"),
     ],
 )

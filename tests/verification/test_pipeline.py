@@ -173,8 +173,10 @@ duration = "1 s"
 P_ref = "2 kW"
 Q_ref = "0 var"
 [background]
-seed = 3
+modulation = 0.01
+modulation_frequency = "10 Hz"
 [sensors]
+bits = 12
 [network]
 load = { P_pu = 0.5 }
 [[controllers]]
@@ -184,4 +186,4 @@ kind = "scheduled"
     study = study_from_text(text)
     with pytest.raises(StudyError) as caught:
         check_verifiable(study, Asked(controller="nobody"))
-    assert {fault.field for fault in caught.value.faults} == {"controller", "background", "sensors", "network"}
+    assert {fault.field for fault in caught.value.faults} == {"controller", "background", "network"}

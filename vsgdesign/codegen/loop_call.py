@@ -27,6 +27,9 @@ _FED_GROUP, _GROUPS = INTEGERS.index("fed_group"), INTEGERS.index("groups")
 
 _ONE = np.zeros(1)
 
+_FORMS = 64
+"""Forms of calls that a loop remembers."""
+
 
 @dataclass(frozen=True)
 class Program:
@@ -68,8 +71,8 @@ class Loop:
     def __init__(self, spec: LoopSpec, call: Callable[..., int]) -> None:
         self.spec = spec
         self._call = call
-        self._fitting: Any = None
-        """Shapes of the arrays of a call that was right."""
+        self._fitting: set[tuple[object, ...]] = set()
+        """The forms of the arrays of calls that were right (:func:`_form`)."""
         self._records: Integers | None = None
         """``at`` of the program whose records were right."""
 
@@ -164,17 +167,17 @@ class Loop:
             given["log"] = log
         if program is not None:
             given |= {name: getattr(program, name) for name in _OF_PROGRAM}
-        # A call is mostly like the one before: then a look at the shapes is all that is needed.
-        shapes = [(name, array.shape, array.strides, array.dtype) for name, array in given.items()]
-        if shapes != self._fitting or (program is not None and program.at is not self._records):
-            _refuse(
-                [
-                    *_shape_faults(spec, given, every > 0),
-                    *([] if program is None else _program_faults(spec, program, rows)),
-                ]
-            )
+        # A call is mostly like one before: then a look at the forms is all that is needed.
+        forms = tuple(_form(name, array, given) for name, array in given.items())
+        if forms not in self._fitting:
+            _refuse(_shape_faults(spec, given, every > 0))
+        if program is not None and (forms not in self._fitting or program.at is not self._records):
+            _refuse(_program_faults(spec, program, rows))
         _refuse(_faults(spec, given, begin, end, every, log_begin))
-        self._fitting, self._records = shapes, program.at if program is not None else None
+        if len(self._fitting) >= _FORMS:
+            self._fitting.clear()
+        self._fitting.add(forms)
+        self._records = program.at if program is not None else None
         period = given["cycle"] if "cycle" in given else given.get("cyclic", _ONE)
         fed_strides, log_strides = (given[name].strides if name in given else (0, 0) for name in ("fed", "log"))
         places = [_address(given[name]) if name in given else 0 for name in POINTERS]
@@ -243,6 +246,18 @@ def _address(array: NDArray[Any]) -> int:
 def _refuse(faults: list[str]) -> None:
     if faults:
         raise ValueError("A compiled loop cannot run: " + "; ".join(faults) + ".")
+
+
+def _form(name: str, array: NDArray[Any], given: Arrays) -> tuple[object, ...]:
+    """What has to be as in a call before, so that its shape, its type and its contiguity need no other look: not how
+    many samples or records there are."""
+    if name in ("fed", "log"):
+        return name, array.ndim, len(array), array.shape[2:], array.strides[2:], 0 in array.shape, array.dtype
+    if name in ("at", "lane", "row", "count", "source"):
+        return name, array.shape == (len(given["at"]),), array.strides, array.dtype
+    if name == "values":
+        return name, array.ndim, array.strides, array.dtype
+    return name, array.shape, array.strides, array.dtype
 
 
 def _shape_faults(spec: LoopSpec, given: Arrays, logging: bool) -> list[str]:

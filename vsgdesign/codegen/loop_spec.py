@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from vsgdesign.codegen.expressions import Variable
 from vsgdesign.codegen.flat import Block
@@ -65,7 +66,7 @@ class LoopSpec:
         """Lanes of a group, L."""
         return self.lanes * self.vectors
 
-    @property
+    @cached_property
     def rows(self) -> tuple[str, ...]:
         """Inputs that are rows of a group, in order: the state, then the constants."""
         return (*(name for name, _ in self.state), *self.constant)

@@ -85,8 +85,9 @@ class Batch:
         self.logs: tuple[Log, ...] = ()
         """In the order of time."""
         self._cyclic, self._cycle = carrier_values(kind.bridge.slopes)
-        self.others: dict[int, Array] = {}
-        """What is added to the source over the later pieces of a cut interval, (pieces − 1, states), by run."""
+        self.others: dict[tuple[int, int], Array] = {}
+        """What is added to the source over the later pieces of a cut interval, (pieces − 1, states), by run and sample.
+        """
         self._cut: dict[int, list[CutSample]] = {}
         self._borders: list[int] = [_NEVER]
         """Samples at which one call of a loop ends: a cut sample is a call of its own, and so is each log."""
@@ -260,7 +261,7 @@ class Batch:
         for name, place in own.place.items():
             if name in self.place:
                 rows[0, place] = now[self.place[name]]
-        more = {f"piece_{k}.more": values for k, values in enumerate(self.others.get(one.lane, ()), 1)}
+        more = {f"piece_{k}.more": values for k, values in enumerate(self.others.get((one.lane, k), ()), 1)}
         for name, values in (one.values | more).items():
             if name in own.spans:
                 begin = own.spans[name].start

@@ -52,6 +52,8 @@ class Kind(NamedTuple):
     """Whether the source has more than its fundamental."""
     ramped: bool = False
     """Whether the loop itself moves the source on a ramp."""
+    moved: bool = False
+    """Whether all that a source does is fed, as in a run of its own: it wanders, or what turns with it is on a ramp."""
     waves: int = 0
     """So many components of the source turn in the loop itself (:class:`vsgdesign.simulation.segments.Waves`)."""
     watch: str = ""
@@ -287,7 +289,7 @@ def watch(kind: Kind) -> Block | None:
             return joined(Part(headed(own), {"P_pcc": "said.P", "Q_pcc": "said.Q"}))
         at_pcc = flat_block(watched_sample.power_at_pcc)
         return joined(Part(headed(at_pcc, P="P_pcc", Q="Q_pcc"), {"circuit.R_c": "R_c"}), Part(headed(own)))
-    own = flat_block(watched_sample.watched_disturbance, fixed={} if kind.ramped else {"extra": 0.0})
+    own = flat_block(watched_sample.watched_disturbance, fixed={} if kind.ramped or kind.moved else {"extra": 0.0})
     called = {"P": "said.P", "Q": "said.Q", "theta": "state.theta", "next_theta": "following.theta"}
     if not kind.field:
         return joined(Part(headed(own), called))

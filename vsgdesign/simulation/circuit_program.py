@@ -198,7 +198,8 @@ class CircuitProgram:
                 values |= {f"{head}part": part[k], f"{head}edge": piece.edge[k]}
                 low, high = part[k, 0], part[k, 1]
                 slopes.append(slope if slope != PEAK or low < 0.5 < high else FALLING if low >= 0.5 else RISING)
-            values["of.turn"] = pieces[0].source[0].turn[k : k + 1]
+            if self._circuits is None:  # else it is fed where it is watched
+                values["of.turn"] = pieces[0].source[0].turn[k : k + 1]
             if self._ramped:
                 values["ramp_of"] = _held_ramp(pieces[0].source[0].added[k : k + 1])[0]
                 values["ramp"] = np.array([1.0, 0.0])
@@ -254,7 +255,8 @@ class CircuitProgram:
             self._write(lanes, at, name, rows)
         self._write(lanes, at, "V_g", interval.V_g)
         self._write(lanes, at, "edge", interval.edge)
-        self._write(lanes, at, "of.turn", interval.source[0].turn)
+        if self._circuits is None:  # else it is fed where it is watched
+            self._write(lanes, at, "of.turn", interval.source[0].turn)
 
     def _write(self, lanes: NDArray[np.intp], at: Index, name: str, values: Array) -> None:
         """Before a sample, a record or a number takes values; nothing happens where the runs have none of this name."""

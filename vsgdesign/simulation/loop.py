@@ -168,9 +168,11 @@ def watched_names(kind: Kind) -> tuple[str, ...]:
 
 
 def fed_names(kind: Kind) -> tuple[str, ...]:
-    """What is given for every sample: what the source's other components add, and the noise of the sensors."""
+    """What is given for every sample: what the source's other components add, the noise of the sensors, and where an
+    angle is watched against a source that is moved by what is fed, by how much it turns."""
     fed = [*(f"more.{name}" for name in kind.states), "added.alpha", "added.beta"] if kind.added else []
-    return (*fed, *(names_of(Noise, "noise") if kind.sensors else ()))
+    fed += names_of(Noise, "noise") if kind.sensors else []
+    return (*fed, *(("extra",) if kind.moved and kind.watch == DISTURBANCE else ()))
 
 
 def log_names(kind: Kind, states_logged: bool = False) -> tuple[str, ...]:

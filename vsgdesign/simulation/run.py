@@ -224,7 +224,7 @@ def _fed(runs: Sequence[RunState], batch: Batch, first: int, count: int) -> Arra
     added = any(rows is not None for rows, _, _ in found)
     if not added and not batch.kind.sensors:
         return None
-    batch.others = {number: others for number, (_, others, _) in enumerate(found) if others is not None}
+    batch.others = {(number, first): others for number, (_, others, _) in enumerate(found) if others is not None}
     names = fed_names(batch.kind._replace(added=added))
     groups, _, width = batch.rows.shape
     fed = np.zeros((groups, count, len(names), width))

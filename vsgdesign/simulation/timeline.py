@@ -123,10 +123,11 @@ class Timeline:
         times = {s.t_s for s in self.sources} | {t for one in listed for t, _ in one}
         return tuple(sorted(times - {0.0}))
 
-    def source_phase(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def source_phase(self, t_s: NDArray[np.float64], slack: float = 0.0) -> NDArray[np.float64]:
         """Phase of the source's fundamental in rad at each instant of a sorted array. What a background or a record
-        adds to it is that of the sample before the instant."""
-        cuts = np.searchsorted(t_s, [s.t_s for s in self.sources[1:]]).tolist()
+        adds to it is that of the sample before the instant. An instant that lies at most ``slack`` (s) before a change
+        of the source belongs to what comes after it."""
+        cuts = np.searchsorted(t_s, [s.t_s - slack for s in self.sources[1:]]).tolist()
         phase = np.empty(len(t_s))
         for s, begin, end in zip(self.sources, [0, *cuts], [*cuts, len(t_s)], strict=True):
             dt = t_s[begin:end] - s.t_s

@@ -104,10 +104,11 @@ class VerificationJob(jobs.Job[int, Summary]):
         return self._at_rest(self.batch.cases_of(self.study, self.spec, coordinates, family, self.ready)[0])
 
     def _at_rest(self, cases: LaneCases) -> LaneCases:
-        """The cases with the time that a switched bridge needs to come to its own rest before the first event."""
-        if self.bridge != "pwm":
-            return cases
+        """The cases with the time that a switched bridge, or a controller that is told its grid in a distorted one,
+        needs to come to its own rest before the first event. One that learns its grid has time to do so."""
         learns = self.spec.kind == "scheduled" and samples_itself(self.spec.estimate)
+        if self.bridge != "pwm" and (learns or not cases.around.distort(self.study)):
+            return cases
         lead_s = SWITCHED_WINDOW * settling_time_of(self.spec, self.ready)
         return cases.later(max(lead_s - (LEARNING_S if learns else LEAD_S), 0.0))
 

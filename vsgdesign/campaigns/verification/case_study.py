@@ -25,6 +25,9 @@ from vsgdesign.study.parameters.toml_file import toml_text
 _LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "network", "events", "grid", "simulation")
 """Sections of the study that a case does not have, or has in its own words."""
 
+_AROUND = ("backgrounds", "background"), ("sensors", "sensors")
+"""What is around the cases, and the sections that say it."""
+
 
 def case_study(
     study: Study,
@@ -48,6 +51,9 @@ def case_study(
     """
     document, origin = base_document(study, spec, folder, name or f"{study.name}_case", title)
     document["grid"] = _grid(study, drawn, index)
+    for name, section in _AROUND:
+        if (specs := getattr(drawn.around, name)) is not None:
+            document[section] = specs[index].document()
     document["simulation"] = _simulation(study, drawn, index, settling_time_of(spec, ready), bridge)
     document["controllers"] = [_controller(study, spec, document, drawn, index, table)]
     document["events"] = _events(study, drawn, index)

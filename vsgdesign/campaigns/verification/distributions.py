@@ -54,6 +54,10 @@ def _lines(study: Study, spec: ControllerSpec, bridge: str) -> Iterator[tuple[st
         )
     elif learns:
         yield "Probe", "the power of a step is judged by its mean over 2 cycles"
+    if study.background is not None:
+        yield "Background", f"{study.background.level}, with a draw of its own in every case{_judged_in(study, bridge)}"
+    if study.sensors is not None:
+        yield "Sensors", f"{study.sensors.level}, with errors and noise of their own in every case"
     with_limit = study.with_limit_of(spec)
     rests = with_limit.limiter.rests and with_limit.converter.current_limit_pu is not None
     weights = asked.weights(rests)
@@ -63,6 +67,13 @@ def _lines(study: Study, spec: ControllerSpec, bridge: str) -> Iterator[tuple[st
             ranges = asked.ranges(name, rests)
             share = f"{100.0 * weight / total:.3g} % of the cases"
             yield family_words(name)[0], f"{share}: {_EVENTS[name](ranges) if name in _EVENTS else _step(name, ranges)}"
+
+
+def _judged_in(study: Study, bridge: str) -> str:
+    """How powers are judged that ripple because of the source alone."""
+    if study.background is None or not study.background.distorts or bridge == "pwm":
+        return ""
+    return "; a case is judged by means over cycles and by the rest to which it comes"
 
 
 def _step(name: str, ranges: dict[str, Range]) -> str:

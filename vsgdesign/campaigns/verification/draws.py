@@ -23,6 +23,7 @@ from vsgdesign.linear.operating_point.equilibrium import converter_current_rms, 
 from vsgdesign.metrics.survival import REST_SHARE
 from vsgdesign.runtime.error_set import ErrorSet, error_shares
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
+from vsgdesign.simulation.lanes.around import Around
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents, no_events
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.study.parameters.case_families import FAMILIES, families
@@ -63,6 +64,10 @@ _LEAST_APART_S = 0.01
 """A ramp takes at least this long, s: two events of a case are never at the same instant."""
 
 _BISECTIONS = 24
+_SEED_DIGITS = 9
+"""Digits of a case's numbers that the seed of its background and sensors is made of: a search changes their last ones.
+"""
+
 _LEAST_ERROR = -1.0
 """No estimator says that a resistance is negative."""
 
@@ -164,8 +169,15 @@ def cases_of(
         drawn = np.searchsorted(np.cumsum(weights) / weights.sum(), u["family"], side="right")
         family = np.minimum(drawn, int(np.flatnonzero(weights)[-1]))
     kind = np.broadcast_to(np.asarray(family, dtype=np.int8), u["scr"].shape).copy()
-    draw = _Draw(study, asked, u, kind, rests_at_limit)
+    around = Around.drawn(study, [] if study.undisturbed is study else _seeds(u))
+    draw = _Draw(study, asked, u, kind, rests_at_limit, around)
     return _with_references(draw, _starts(draw), spec, gain_law(study, spec, ready)), kind
+
+
+def _seeds(u: dict[str, Array]) -> list[int]:
+    """One for each case, with which its background and its sensors are drawn."""
+    numbers = np.round(10.0**_SEED_DIGITS * np.stack(list(u.values()), axis=1)).astype(np.int64)
+    return [int(np.random.SeedSequence(row).generate_state(1)[0] >> 1) for row in numbers.tolist()]
 
 
 class _Draw(NamedTuple):
@@ -177,6 +189,8 @@ class _Draw(NamedTuple):
     u: dict[str, Array]
     family: Index
     rests_at_limit: bool
+    around: Around
+    """Backgrounds and sensors of the cases; voltage and frequency are still to be changed by the former."""
 
     @property
     def box(self) -> CaseBox:
@@ -215,13 +229,14 @@ def _starts(draw: _Draw) -> _Starts:
     R_after[jumps], L_after[jumps] = _grid(draw, u["own_1"][jumps], u["own_2"][jumps])
     P, Q = uniform_of(box.P, u["P"]), uniform_of(box.Q, u["Q"])
     dP, dQ = _steps_of_references(draw, P, Q)
+    V_g_rms, omega_g = draw.around.sources(uniform_of(box.V_g_rms, u["V_g"]), uniform_of(box.omega_g, u["f_g"]))
     starts = _Starts(
         R_g=R_g,
         L_g=L_g,
         R_after=R_after,
         L_after=L_after,
-        V_g_rms=uniform_of(box.V_g_rms, u["V_g"]),
-        omega_g=uniform_of(box.omega_g, u["f_g"]),
+        V_g_rms=V_g_rms,
+        omega_g=omega_g,
         P=P,
         Q=Q,
         dP=dP,
@@ -318,6 +333,7 @@ def _with_references(draw: _Draw, at: _Starts, spec: ControllerSpec, law: Contro
         cleared_s=cleared_s,
         kind=np.where(draw.family == FAMILIES.index("step"), STEP, DISTURBANCE).astype(np.int8),
         signal=signal,
+        around=draw.around.neutral,
     )
 
 

@@ -20,7 +20,7 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of
+from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of, study_of_case
 from vsgdesign.simulation.lanes.rests import Rests, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import DIVERGED, JUDGED, NO_REST, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.telling import OfTrueGrid
@@ -28,7 +28,6 @@ from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series, samples_per_mean
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import own_rest_of, record_of
-from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -63,27 +62,6 @@ def run_alone(
         of_case = replace(demand, cycle_s=int(cycle[k]) * own.converter.T_s)
         _judge(one, run, cases, k, rests, of_case, results, own_rest=bridge == "pwm" or one.has_components)
     return results
-
-
-def study_of_case(study: Study, cases: LaneCases, k: int, samples: int) -> Study:
-    """The study of one case: its start, what is around it, its events, and a log of each of so many samples."""
-    T_s, around = study.converter.T_s, cases.around
-    return replace(
-        study,
-        grid=Grid(float(cases.R_g[k]), float(cases.L_g[k])),
-        grid_source=replace(study.grid_source, V_g_rms=float(cases.V_g_rms[k]), omega_g=float(cases.omega_g[k])),
-        background=None if around.backgrounds is None else around.backgrounds[k],
-        sensors=None if around.sensors is None else around.sensors[k],
-        events=cases.events.events(k),
-        simulation=replace(
-            study.simulation,
-            duration=samples * T_s,
-            start="steady_state",
-            log_interval=T_s,
-            P_ref=float(cases.P_ref[k]),
-            Q_ref=float(cases.Q_ref[k]),
-        ),
-    )
 
 
 def _judge(

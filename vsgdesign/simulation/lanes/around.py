@@ -43,9 +43,9 @@ class Around:
         return cls(_repeated(study.background, count), _repeated(study.sensors, count))
 
     @property
-    def wanders(self) -> bool:
-        """Whether the fundamental of a source moves by itself, or a source has a line with a frequency of its own."""
-        return any(one.wanders or one.interharmonic > 0.0 for one in self.backgrounds or ())
+    def moves(self) -> bool:
+        """Whether any source does more than turn with what is constant in it."""
+        return any(one.restless for one in self.backgrounds or ())
 
     def distort(self, study: Study) -> bool:
         """Whether powers ripple at rest because a source has more than its fundamental."""

@@ -169,6 +169,27 @@ class LaneCases:
         return np.any(self.events.over > 0.0, axis=1)
 
 
+def study_of_case(study: Study, cases: LaneCases, k: int, samples: int) -> Study:
+    """The study of one case: its start, what is around it, its events, and a log of each of so many samples."""
+    T_s, around = study.converter.T_s, cases.around
+    return replace(
+        study,
+        grid=Grid(float(cases.R_g[k]), float(cases.L_g[k])),
+        grid_source=replace(study.grid_source, V_g_rms=float(cases.V_g_rms[k]), omega_g=float(cases.omega_g[k])),
+        background=None if around.backgrounds is None else around.backgrounds[k],
+        sensors=None if around.sensors is None else around.sensors[k],
+        events=cases.events.events(k),
+        simulation=replace(
+            study.simulation,
+            duration=samples * T_s,
+            start="steady_state",
+            log_interval=T_s,
+            P_ref=float(cases.P_ref[k]),
+            Q_ref=float(cases.Q_ref[k]),
+        ),
+    )
+
+
 def no_events(count: int, each: int = 1) -> LaneEvents:
     """Events of ``count`` runs, ``each`` of a run, none of which ever comes: to be filled in."""
     unchanged = {name: np.full((count, each), np.nan) for name in ("R_g", "L_g", *_QUANTITIES)}

@@ -196,7 +196,7 @@ class Listeners:
             self._move(groups, counts)
         self._begun += longest
         self._samples[lanes] += counts
-        self._follow_rings(groups, longest - counts)
+        self._follow_rings(longest - counts)
         lock[:] = rows[:, self._lock]
         self._conclusion(0, 1, self._rows[:groups], self._constants, log=self._log[:groups], every=1)
         rows[:, self._lock] = lock
@@ -209,11 +209,11 @@ class Listeners:
         """Moves the lanes of the first groups through their next samples. What they are given and what they log is kept
         for a few groups at once, so that it stays in the cache."""
         part, program, begun = self._part, self._program(groups, counts), self._begun
-        each = groups if part.sensors is None and part.means is None else _GROUPS
+        each = groups if part.feed is None and part.means is None else _GROUPS
         for first in range(0, groups, each):
             count = min(each, groups - first)
             own = replace(program, first=program.first[first : first + count + 1], done=program.done[first:][:count])
-            fed = None if part.sensors is None else part.sensors.noise(self._samples, counts, first, count)
+            fed = None if part.feed is None else part.feed.given(self._samples, counts, first, count)
             log = self._means_of(first, count, counts)
             width = part.rows.shape[2]
             lanes = counts[first * width : (first + count) * width]
@@ -300,15 +300,16 @@ class Listeners:
             done=first[:-1].copy(),
         )
 
-    def _follow_rings(self, groups: int, idle: Samples) -> None:
+    def _follow_rings(self, idle: Samples) -> None:
         """A lane that stood still for some samples finds its past so many slots later."""
         part = self._part
-        if part.rings is None or part.ring_length is None or not idle.any():
+        if part.rings is None or part.ring_length is None:
             return
-        rings, length = part.rings[:groups], int(part.ring_length[0])
-        slots = (np.arange(length)[:, None] - idle[None, :]) % length
-        slots = slots.reshape(length, groups, -1).swapaxes(0, 1)[:, :, None, :]
-        rings[:] = np.take_along_axis(rings, np.broadcast_to(slots, rings.shape), axis=1)
+        width, length = part.rings.shape[3], int(part.ring_length[0])
+        for by in np.unique(idle[idle % length != 0]).tolist():
+            group, lane = np.divmod(np.flatnonzero(idle == by), width)
+            past = part.rings[group, :length, :, lane]
+            part.rings[group, :length, :, lane] = np.roll(past, by, axis=1)
 
     def _answer(self, said: FieldAnswer) -> None:
         part, learning = self._part, self._learning

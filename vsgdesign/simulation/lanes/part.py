@@ -19,11 +19,14 @@ from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.bodies import DISTURBANCE, MEAN_STEP, Kind
 from vsgdesign.simulation.bodies import STEP as STEP_WATCHED
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, ProgramWriter
-from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of
+from vsgdesign.simulation.circuits import Circuits
+from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of, study_of_case
+from vsgdesign.simulation.lanes.feed import FED_SAMPLES, LaneFeed
 from vsgdesign.simulation.lanes.phasors import put_phasors, take_up_phasors
 from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
-from vsgdesign.simulation.lanes.sensors import FED_SAMPLES, LaneSensors
 from vsgdesign.simulation.loop import Build, kind_of, side_by_side, watched_names
+from vsgdesign.simulation.segments import segments_of_timelines
+from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -67,7 +70,8 @@ class Part(Batch):
             else:
                 rows = aligned_zeros((groups, slots, len(logged), width))
             self.log(Log(rows, logged, begin=begin))
-        self.sensors: LaneSensors | None = None
+        self.feed: LaneFeed | None = None
+        """What the lanes are given sample by sample; None: nothing."""
 
     @property
     def end(self) -> int:
@@ -82,13 +86,13 @@ class Part(Batch):
     def run(self, begin: int, end: int) -> None:
         """Runs the samples from ``begin`` up to before ``end`` of every group that is not over."""
         active, end = -(-int((self.ends + 1 > begin).sum()) // self.spec.width), min(end, self.end)
-        if active and self.sensors is None:
+        if active and self.feed is None:
             self.advance(begin, end, groups=active)
-        elif active and self.sensors is not None:
+        elif active and self.feed is not None:
             for at in range(begin, end, FED_SAMPLES):
                 until = min(at + FED_SAMPLES, end)
                 whole = np.full(len(self), at), np.full(len(self), until - at)
-                self.advance(at, until, self.sensors.noise(*whole, 0, active), active)
+                self.advance(at, until, self.feed.given(*whole, 0, active), active)
 
     def watched(self, name: str) -> Array:
         """What was watched up to the end of every run, (n,)."""
@@ -135,10 +139,19 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     """
     order = np.argsort(-ends, kind="stable")
     cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
-    waves, sensors = cases.around.waves(study, len(cases)), cases.around.act
-    own_rest = bridge == "pwm" or waves is not None
+    sensors, own_rest = cases.around.act, bridge == "pwm" or cases.around.distort(study)
+    # The loop itself turns what is constant; all else is fed, as in a run of its own.
+    moved = cases.around.moves or (ramped and (sensors or cases.around.distort(study)))
+    waves = None if moved else cases.around.waves(study, len(cases))
+    segments, lines, circuits = segments_of(cases), [], None
+    studies = [study_of_case(study, cases, k, int(end)) for k, end in enumerate(ends)] if moved else []
+    if moved:
+        lines = [build_timeline(one) for one in studies]
+        circuits = Circuits(study, lines, switched=bridge == "pwm")
+        segments = segments_of_timelines(lines, circuits.place)
     watch = (MEAN_STEP if listening or own_rest else STEP_WATCHED) if step else DISTURBANCE
-    kind = kind_of(study, switched=bridge == "pwm")._replace(ramped=ramped, watch=watch, own_rest=own_rest)
+    kind = kind_of(study, switched=bridge == "pwm", axes=None if circuits is None else circuits.axes)
+    kind = kind._replace(ramped=ramped and not moved, moved=moved, watch=watch, own_rest=own_rest)
     kind = kind._replace(sensors=sensors, field=listening, waits=listening)
     kind = kind if waves is None else kind._replace(waves=waves.order.shape[1])
     c = study.converter
@@ -152,18 +165,25 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     }
     build = side_by_side(strict=strict, target=target)
     part = Part(kind, study, build, cases, index, ends, cycle=cycle, shared=shared)
-    segments, writer = segments_of(cases), ProgramWriter()
+    writer = ProgramWriter()
     part.cycle_at_end[:] = cycles_at_end(study, segments)
     _rest(part, cases, rests)
     put_phasors(part, np.full(len(part), cases.around.phase), waves)
-    if sensors:
-        part.sensors = LaneSensors(part, cases.around.sensors or (), np.array(rests.start.plant), cases.omega_g)
-    circuit = CircuitProgram(study, kind, part.spans, writer, segments, waves=waves)
+    circuit = CircuitProgram(study, kind, part.spans, writer, segments, circuits, waves=waves)
     circuit.write()
-    if waves is not None or sensors:
+    if sensors or moved:
+        part.feed = LaneFeed(part)
+    if part.feed is not None and sensors:
+        part.feed.add_sensors(cases.around.sensors or (), np.array(rests.start.plant), cases.omega_g)
+    if part.feed is not None and circuits is not None:
+        part.feed.add_sources(writer, studies, lines, circuits)
+    elif waves is not None or sensors:
         take_up_phasors(part, writer, cases, segments, waves, part.end)
     _references(part, writer, cases)
     (_watch_step if step else _watch_disturbance)(part, writer, cases, rests)
+    if moved and not step:
+        at_start = np.array([one.source_phase(np.zeros(1))[0] for one in lines])
+        part.put("watch.delta", rests.start.controller.theta - at_start)
     lanes, watched = np.arange(len(cases)), part.span("watch")
     writer.copy(lanes, ends, part.kept["watch"], watched.stop - watched.start, watched.start)
     writer.copy(lanes, ends, part.kept["limited_at_end"], 1, part.place["limited"])

@@ -61,11 +61,11 @@ def run_lanes(
     same bits on every machine. A controller that estimates its grid in every sample runs its cases one by one with a
     switched bridge (:func:`vsgdesign.simulation.lanes.alone.run_alone`). Cases without a background and sensors of
     their own have those of the study. Raises InfeasibleStudyError where the study cannot be run in a batch: a load, a
-    fault or an open breaker at the start; a source that is recorded or wanders; a disturbance beside a background or
-    sensors; a switched bridge whose intervals do not lie on one slope of the carrier.
+    fault or an open breaker at the start; a source that is recorded; a switched bridge whose intervals do not lie on
+    one slope of the carrier.
     """
     own, cases = study.with_limit_of(spec), cases.in_study(study)
-    _refuse(own, cases, bridge)
+    _refuse(own, bridge)
     if alone_because(spec, bridge):
         return run_alone(study, spec, ready, cases, bridge=bridge)
     if (bridge != "pwm" and not cases.around.distort(study)) or len(cases) == 0:
@@ -118,17 +118,12 @@ def run_told(
     return results
 
 
-def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
+def _refuse(study: Study, bridge: str) -> None:
     only_a_grid(study.network, "a batch of runs")
-    if study.replay is not None or cases.around.wanders:
+    if study.replay is not None:
         raise InfeasibleStudyError(
-            "a batch of runs has sources whose fundamental is what the cases say: leave [replay] and what wanders in "
-            "[background] out, or simulate the cases one by one."
-        )
-    if (cases.around.act or cases.around.distort(study)) and not (cases.kind == STEP).all():
-        raise InfeasibleStudyError(
-            "a batch of runs beside a background or sensors has steps alone: give no other disturbance, or simulate "
-            "the cases one by one."
+            "a batch of runs has sources whose fundamental is what the cases say: leave [replay] out, or simulate the "
+            "cases one by one."
         )
     if bridge == "pwm" and study.converter.samples_per_carrier % 2:
         raise InfeasibleStudyError(

@@ -257,7 +257,7 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
         t_s=t_s,
         P=np.ascontiguousarray(simulation.column("P")),
         Q=np.ascontiguousarray(simulation.column("Q")),
-        delta=simulation.column("theta") - simulation.timeline.source_phase(t_s + _SAME_INSTANT * study.converter.T_s),
+        delta=simulation.column("theta") - simulation.timeline.source_phase(t_s, _SAME_INSTANT * study.converter.T_s),
         i_s_pu=np.hypot(log[:, 0], log[:, 1]) / study.converter.I_rated_pk,
         limited=np.diff(counted, prepend=counted[:1]) / every,
         diverged=simulation.divergence is not None,

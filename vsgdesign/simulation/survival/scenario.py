@@ -89,7 +89,7 @@ def judge_scenario(
             return replace(verdict, status=LATCHED, reason=fault)
         words = None if beyond is None else f"it comes to a rest of its own ({beyond[1]})"
         return replace(verdict, reason=words)
-    if bridge == "pwm":
+    if bridge == "pwm" or (study.background is not None and study.background.distorts):
         rest = own_rest_of(rest, record, demand)
     return judge_survival(record, instants, cleared_s, rest, demand)
 

@@ -208,6 +208,12 @@ class BackgroundSpec:
         """Whether powers ripple at rest: the voltage is not the fundamental that the events say."""
         return self.wanders or bool(self.components) or self.interharmonic > 0.0
 
+    @property
+    def restless(self) -> bool:
+        """Whether no power comes to rest in it, not even in the mean over a cycle: the fundamental moves, or there is a
+        line with a frequency of its own."""
+        return self.wanders or self.interharmonic > 0.0
+
     def document(self) -> dict[str, Any]:
         """The numbers in SI, as a [background] section that repeats this one; and phases that follow from the seed."""
         found: dict[str, Any] = {"level": self.level, "seed": self.seed}

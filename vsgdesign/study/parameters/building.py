@@ -16,7 +16,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.errors import Fault
 from vsgdesign.identification.registry import ESTIMATORS
-from vsgdesign.study.parameters.background import BACKGROUND, read_background
+from vsgdesign.study.parameters.background import BACKGROUND, BackgroundSpec, read_background
 from vsgdesign.study.parameters.controllers import CONTROLLER, read_controllers, read_limiter
 from vsgdesign.study.parameters.converter import (
     CONVERTER,
@@ -57,7 +57,7 @@ from vsgdesign.study.parameters.scenario import (
     read_network,
     read_simulation,
 )
-from vsgdesign.study.parameters.sensors import SENSORS, read_sensors
+from vsgdesign.study.parameters.sensors import SENSORS, SensorSpec, read_sensors
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.specification import SPECIFICATION, read_specification
 from vsgdesign.study.parameters.stability import StabilitySpec, SurvivalSpec, default_axes, read_stability
@@ -216,7 +216,7 @@ def build_study(
     if root.has("replay"):
         _check_replay(root, faults)
     if simulation.survival:
-        _check_survival(root, source_, events)
+        _check_survival(root, source_, events, background, sensors)
     root.finish()
     inner_gains, omega_t, request = inner.gains, inner.omega_t, None
     if inner_gains is None:
@@ -269,10 +269,21 @@ def _axes_given(root: TableReader, stability: StabilitySpec) -> dict[str, tuple[
     return {name: getattr(stability, name) for name in names}
 
 
-def _check_survival(root: TableReader, source: GridSource, events: tuple[Event, ...]) -> None:
-    """A scenario is judged as one disturbance only where powers come to rest."""
+def _check_survival(
+    root: TableReader,
+    source: GridSource,
+    events: tuple[Event, ...],
+    background: BackgroundSpec | None,
+    sensors: SensorSpec | None,
+) -> None:
+    """A scenario is judged as one disturbance only where powers come to rest: in a background that does not move, by
+    the rest to which the run itself comes."""
     advice = "Leave survival out, or take that away. vsgdesign survive judges such grids."
-    restless = [f"[{name}]" for name in ("background", "sensors", "replay") if root.has(name)]
+    restless = ["[replay]"] if root.has("replay") else []
+    if background is not None and background.restless:
+        restless.append("a [background] that wanders")
+    if sensors is not None and sensors.act and (background is None or not background.distorts):
+        restless.append("[sensors] and no distorted [background]")
     held = [source.components, *(event.components for event in events if event.components is not None)]
     if held[0] or held[-1]:  # powers must be at rest before and after the events
         restless.append("components of the source")

@@ -50,7 +50,7 @@ class SimulationSpec:
     """Largest reference over the rating. More is needed where a droop takes most of it away again."""
     survival: bool = flag(default=False)
     """Also judges the events as one disturbance, as a [grid-code test](survival.md#what-survived-means) does; not with
-    `[background]`, `[sensors]`, `[replay]` or components of the source."""
+    `[replay]`, components of the source, a `[background]` that wanders, or `[sensors]` without a distorted one."""
     survival_settling_time: float | None = number("s", 1e-3, 1000.0, default=None)
     """Longest settling time T with which `survival` judges a controller; without it, the controller's own T holds."""
 

@@ -176,12 +176,7 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
     elif needs_table_file and spec.schedule == "table" and spec.table_file is None:
         advice = 'Build it once with vsgdesign table build, and name it: table = "FILE.json".'
         faults.append(Fault(f"controllers.{spec.name}.table", "", "every shard would design the table again", advice))
-    for name in ("background", "sensors", "replay"):
-        if getattr(study, name) is not None:
-            problem = "random cases have the grid source that they draw and ideal sensors"
-            faults.append(
-                Fault(name, "", problem, f"Verify a study without [{name}]; vsgdesign survive measures with it.")
-            )
+    faults += _faults_around(study)
     if not study.network.plain:
         advice = "Verify a study without [network]; vsgdesign simulate runs with it."
         faults.append(Fault("network", "", "random cases have nothing but the grid at the PCC", advice))
@@ -191,6 +186,24 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
     if faults or spec is None:
         raise StudyError(study.name, faults)
     return spec
+
+
+def _faults_around(study: Study) -> list[Fault]:
+    """What around the converter leaves no rest by which a case could be judged."""
+    faults, background = [], study.background
+    if study.replay is not None:
+        advice = "Verify a study without [replay]; vsgdesign simulate plays it."
+        faults.append(Fault("replay", "", "random cases have the grid source that they draw", advice))
+    if background is not None and background.restless:
+        problem = "its voltage wanders or has a line of its own, so that no power is at rest after a step"
+        advice = "Set what wanders, steps and jumps to 0, as studies/field does; vsgdesign survive measures with it."
+        faults.append(Fault("background", background.level, problem, advice))
+    sensors = study.sensors
+    if sensors is not None and sensors.act and (background is None or not background.distorts):
+        problem = "with them a case rests beside the model, by which it is judged in an undistorted grid"
+        advice = 'Verify without [sensors], or give [background], for example level = "measured" without what wanders.'
+        faults.append(Fault("sensors", sensors.level, problem, advice))
+    return faults
 
 
 def prepared_job(

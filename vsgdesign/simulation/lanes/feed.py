@@ -1,0 +1,135 @@
+"""What many runs are given sample by sample: what moves their sources, and the noise of their sensors."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.codegen.llvm import aligned_zeros
+from vsgdesign.codegen.records import numbers_of
+from vsgdesign.simulation.added_source import AddedSource, SensorsOfRun
+from vsgdesign.simulation.batch import Batch
+from vsgdesign.simulation.bodies import DISTURBANCE
+from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
+from vsgdesign.simulation.circuits import Circuits
+from vsgdesign.simulation.loop import fed_names
+from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.study.parameters.sensors import CHANNELS, SensorSpec
+from vsgdesign.study.parameters.study import Study
+
+Array = NDArray[np.float64]
+Samples = NDArray[np.int64]
+
+FED_SAMPLES = 512
+"""Samples for which the runs are given something at once where all of them are at the same one."""
+
+_AHEAD = 2048
+"""Samples for which a source is moved at once: to do so costs as much as some hundred samples."""
+
+
+class LaneFeed:
+    """What the runs of a batch are given. Their sensors are put into the batch, and their sources where they begin."""
+
+    def __init__(self, batch: Batch) -> None:
+        self._batch = batch
+        self._sources: list[_SourceOfLane] = []
+        self._sensors: list[SensorsOfRun] = []
+        self._columns = len(fed_names(batch.kind._replace(added=batch.kind.moved)))
+        groups, _, width = batch.rows.shape
+        self._rms = np.zeros((groups, len(CHANNELS), width))
+        self._normal, self._room = np.zeros((width, 0, len(CHANNELS))), np.zeros((0, 0, self._columns, width))
+
+    def add_sensors(self, specs: Sequence[SensorSpec], x: Array, omega: Array) -> None:
+        """``x`` (2n, N): the circuits' states at the beginning; ``omega`` (N,): of the sources there, rad/s."""
+        batch, (groups, _, width) = self._batch, self._rms.shape
+        of_run = zip(specs, x.T, omega.tolist(), strict=True)
+        self._sensors = [SensorsOfRun(batch.study, *one) for one in of_run]
+        for number, run in enumerate(self._sensors):
+            batch.set("sensors", numbers_of(run.constants), number)
+            batch.set("before", run.before, number)
+        rms = np.zeros((groups * width, len(CHANNELS)))
+        rms[: len(self._sensors)] = [run.rms for run in self._sensors]
+        self._rms = rms.reshape(groups, width, -1).transpose(0, 2, 1)
+
+    def add_sources(
+        self, writer: ProgramWriter, studies: Sequence[Study], timelines: Sequence[Timeline], circuits: Circuits
+    ) -> None:
+        """The sources as runs of their own have them. Each takes up its phasor where a stretch of such a run begins."""
+        for number, (study, timeline) in enumerate(zip(studies, timelines, strict=True)):
+            source = _SourceOfLane(self._batch, number, study, timeline, circuits)
+            self._sources.append(source)
+            marks = source.marks[:-1]
+            writer.put(np.full(len(marks), number), marks, self._batch.span("source").start, source.phasors(marks))
+
+    def given(self, begin: Samples, counts: Samples, first: int, groups: int) -> Array:
+        """What ``groups`` groups from ``first`` on are given, (groups, most, n, L), each run from its own sample
+        ``begin`` (N,) on for ``counts`` (N,) samples. It is valid until the next call."""
+        width, most = self._rms.shape[2], int(counts.max())
+        if self._room.shape[0] < groups or self._room.shape[1] < most:
+            self._room = aligned_zeros((groups, most, self._columns, width))
+        found = self._room[:groups, :most]
+        for group in range(first, first + groups):
+            lanes = range(group * width, min((group + 1) * width, len(self._batch)))
+            if self._sensors:
+                self._add_noise(found[group - first], group, lanes, begin, counts)
+            for lane in lanes if self._sources else ():
+                self._sources[lane].put(found[group - first, : counts[lane], :, lane % width], int(begin[lane]))
+        return found
+
+    def _add_noise(self, found: Array, group: int, lanes: range, begin: Samples, counts: Samples) -> None:
+        if self._normal.shape[1] < len(found):
+            self._normal = np.zeros((self._normal.shape[0], len(found), len(CHANNELS)))
+        normal = self._normal[:, : len(found)]
+        for lane in lanes:
+            self._sensors[lane].draw(int(begin[lane]), self._normal[lane % len(normal), : counts[lane]])
+        at = self._columns - len(CHANNELS) - (self._batch.kind.moved and self._batch.kind.watch == DISTURBANCE)
+        np.multiply(normal.transpose(1, 2, 0), self._rms[group], out=found[:, at : at + len(CHANNELS)])
+
+
+class _SourceOfLane:
+    """The source of one run, stretch by stretch."""
+
+    def __init__(self, batch: Batch, number: int, study: Study, timeline: Timeline, circuits: Circuits) -> None:
+        self._batch, self._number, self._timeline = batch, number, timeline
+        self._T_s = study.converter.T_s
+        self._added = AddedSource(study, timeline, circuits, switched=bool(batch.kind.bridge.slopes))
+        samples = round(study.simulation.duration / self._T_s) + 1
+        self.marks = sorted(self._added.marks(samples) | {0, samples})
+        """The samples at which its stretches begin, and the first one after its end."""
+        self._turns, self._added_columns = batch.kind.watch == DISTURBANCE, len(batch.kind.states) + 2
+        self._begin, self._rows = 0, np.zeros((0, self._added_columns + self._turns))
+
+    def phasors(self, marks: list[int]) -> Array:
+        """At samples, (n, 2)."""
+        return self._added.phasors(marks)
+
+    def put(self, found: Array, first: int) -> None:
+        """Puts what is given from sample ``first`` on into the columns of ``found`` (count, n)."""
+        done = 0
+        while done < len(found):
+            at = first + done
+            if not self._begin <= at < self._begin + len(self._rows):
+                self._move(at)
+            rows = self._rows[at - self._begin : at - self._begin + len(found) - done]
+            into = found[done : done + len(rows)]
+            into[:, : self._added_columns] = rows[:, : self._added_columns]
+            if self._turns:
+                into[:, -1] = rows[:, -1]
+            done += len(rows)
+
+    def _move(self, at: int) -> None:
+        """The rows of the stretch in which a sample is."""
+        following = bisect_right(self.marks, at)
+        end = min(self.marks[following] if following < len(self.marks) else at + _AHEAD, at + _AHEAD)
+        self._begin, self._rows = at, np.zeros((end - at, self._added_columns + self._turns))
+        added = self._added.over(at, end - at)
+        if added is not None:
+            self._rows[:, : self._added_columns] = added.rows
+            if added.others is not None:
+                self._batch.others[self._number, at] = added.others
+        if self._turns:
+            instants: Array = np.arange(at, end + 1, dtype=np.float64) * self._T_s
+            self._rows[:, -1] = np.diff(self._timeline.source_phase(instants, SAME_INSTANT * self._T_s))
