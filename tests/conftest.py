@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import importlib
 import os
 import signal
 import sys
@@ -31,6 +33,22 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # nohup does so with SIGHUP. Unlike a signal that is ignored, a handler is not passed on to a program that is started.
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, lambda *_: None)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Each worker begins to load the tests at a place of its own. In a new checkout nothing is compiled yet, and they
+    would compile the same files at the same time: so each loads what another has compiled."""
+    number, count = (os.environ.get(f"PYTEST_XDIST_WORKER{name}", "") for name in ("", "_COUNT"))
+    if not count or session.config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return
+    root = session.config.rootpath
+    files = sorted(root.glob("tests/**/test_*.py"))
+    names = [".".join(file.relative_to(root).with_suffix("").parts) for file in files]
+    for name in names[int(number.removeprefix("gw")) * len(names) // int(count) :]:
+        # What cannot be loaded is reported where it is collected.
+        with contextlib.suppress(Exception, pytest.skip.Exception):
+            importlib.import_module(name)
 
 
 def pytest_collection_finish() -> None:
