@@ -19,7 +19,7 @@ from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.network_weights import read_network_weights, write_network_weights
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.artifacts.table_text import table_lines
-from vsgdesign.certificate import region_of
+from vsgdesign.certificate import beyond_table, region_of
 from vsgdesign.design import certify
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.simulation.scenario import run_scenario
@@ -182,3 +182,10 @@ def test_a_tables_region_is_its_own(tmp_path: Path) -> None:
     _, narrower = region_of(study, "tabled", (5.0, 6.0), None, None, (0.0, 0.1), ready=ready)
     assert (narrower.scr, narrower.x_over_r) == ((5.0, 6.0), box.x_over_r)
     assert (0.0, 0.1 * study.converter.S_rated) == narrower.Q
+    made = ready.tables["tabled"]
+    assert list(beyond_table(region, made)) == list(beyond_table(narrower, made)) == []
+    _, beyond = region_of(study, "tabled", None, None, (1.8, 1.9), error=0.3, ready=ready)
+    assert list(beyond_table(beyond, made)) == [
+        "Beyond the table: P 9 to 9.5 kW is asked for, and the table was designed for -4.5 to 4.5 kW.",
+        "Beyond the table: an error of 30 % of R_g and L_g is asked for, and the table was designed for 20 %.",
+    ]

@@ -188,6 +188,13 @@ def test_a_met_target_is_called_met(short):
     outcomes = [outcome for outcome in step_outcomes(result) if outcome.metrics.signal == "P_pcc"]
     assert [outcome.misses for outcome in outcomes] == [False]
     assert verdict(result, outcomes)[0] == "AVSG meets its settling time and overshoot on every step."
+    # "Every step" names what it leaves out.
+    whole, meets = [*outcomes, replace(outcomes[0], excuse="outside")], "AVSG meets its settling time and overshoot"
+    assert verdict(result, whole)[0] == f"{meets} on every step but 1, of which nothing is promised."
+    unknown = replace(outcomes[0], metrics=replace(outcomes[0].metrics, status=TOO_SHORT))
+    assert verdict(result, [*whole, unknown, unknown])[0] == (
+        f"{meets} on every step but 1, of which nothing is promised, and 2, which cannot be judged."
+    )
     assert explanation(outcomes) == []
 
 

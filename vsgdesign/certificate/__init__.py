@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vsgdesign.certificate.certifying import certify, largest_rate, on_basis_of_table, region_of
+    from vsgdesign.certificate.certifying import beyond_table, certify, largest_rate, on_basis_of_table, region_of
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
         Certificate,
@@ -28,6 +28,7 @@ _HOMES = {
     "NoFunctionError": "results",
     "Region": "region",
     "Trajectory": "results",
+    "beyond_table": "certifying",
     "certified_steps": "step_certificates",
     "certify": "certifying",
     "largest_rate": "certifying",
@@ -53,6 +54,7 @@ __all__ = [
     "NoFunctionError",
     "Region",
     "Trajectory",
+    "beyond_table",
     "certified_steps",
     "certify",
     "largest_rate",

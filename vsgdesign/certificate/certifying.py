@@ -6,7 +6,7 @@ by a cutting plane; verified at fresh points, by eigenvalues; proved between the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.certificate_record import CertificateCell
+from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.boxes import encloses
 from vsgdesign.certificate.lyapunov import Family, Fit, Motion, best_fit, residual
@@ -259,6 +260,30 @@ def on_basis_of_table(study: Study, controller: str | None, ready: Ready = NOTHI
     table, asked = ready.tables.get(chosen[-1].name), study.specification
     basis = table.base.scr_basis if table is not None else study.scr_basis if asked is None else asked.scr_basis
     return replace(study, scr_basis=basis)
+
+
+def beyond_table(region: Region, table: GainTable | None) -> Iterator[str]:
+    """Where a region goes beyond the box of a table, one sentence each: a proof there is about gains that were not
+    designed for it."""
+    if table is None:
+        return
+    for name, words, unit, scale in (("scr", "SCR", "", 1.0), ("x_over_r", "X/R", "", 1.0), *_POWERS):
+        asked, box = ([value / scale for value in getattr(of, name)] for of in (region, table.validity))
+        if asked[0] < box[0] * (1.0 - np.sign(box[0]) * 1e-9) or asked[1] > box[1] * (1.0 + np.sign(box[1]) * 1e-9):
+            yield (
+                f"Beyond the table: {words} {asked[0]:.4g} to {asked[1]:.4g}{unit} is asked for, and the table was "
+                f"designed for {box[0]:.4g} to {box[1]:.4g}{unit}."
+            )
+    for name, words in (("error", "of R_g and L_g"), ("error_Z", "of |Z|")):
+        asked, box = getattr(region, name), getattr(table.validity, name)
+        if asked > box * (1.0 + 1e-9):
+            yield (
+                f"Beyond the table: an error of {100.0 * asked:.4g} % {words} is asked for, and the table was designed "
+                f"for {100.0 * box:.4g} %."
+            )
+
+
+_POWERS = ("P", "P", " kW", 1e3), ("Q", "Q", " kvar", 1e3)
 
 
 def _whole_region(study: Study, spec: ControllerSpec | None, ready: Ready) -> Region:

@@ -132,7 +132,7 @@ def write_table_page(
 def table_page(table: GainTable, figures: Sequence[WrittenFigure] = (), checked: TableCheck | None = None) -> Page:
     """The page: the answer, what the table is for, margins, gains, constraints, the proof, and stale schedules.
     ``checked``: what a check of its file found."""
-    rest, asked = figures[1:], tuple((name[:1].upper() + name[1:], value) for name, value in specification_rows(table))
+    rest, asked = figures[1:], tuple((_heading(name), value) for name, value in specification_rows(table))
     specification = Table("Specification", ("Quantity", "Value"), asked, texts=2)
     margins, causes = margins_table(table), causes_table(table)
     made = open_table("Made with", table.provenance | table.inputs)
@@ -177,6 +177,11 @@ def table_page(table: GainTable, figures: Sequence[WrittenFigure] = (), checked:
     ]
     origin = ("Table ", Span(table.name, code=True), ", SHA-256 ", Span(table.sha256, code=True), ".")
     return Page(f"{table.name}: gain table", blocks, origin)
+
+
+def _heading(words: str) -> str:
+    """With a capital, unless it begins with a symbol: k_2 is not K_2."""
+    return words if words[1:2] == "_" else words[:1].upper() + words[1:]
 
 
 def _with_code(fault: str) -> tuple[str, ...]:
@@ -333,7 +338,11 @@ def _entry(value: Any) -> str:
 def _text(value: Any) -> str:
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: DASH}[value]
-    return plain(float(value), 5) if isinstance(value, int | float) else str(value)
+    return plain(float(value), 5) if isinstance(value, int | float) else _STATES.get(value, str(value))
+
+
+_STATES = {"delta": "δ", "omega_r": "ω_r"}
+"""States of a certificate as symbols."""
 
 
 def _limits(table: GainTable, name: str) -> tuple[str, str, str]:

@@ -13,6 +13,7 @@ from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing import spark
 from vsgdesign.report.drawing.quantities import number, percent, plain
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
+from vsgdesign.report.scenario.estimate_tables import worst_errors
 from vsgdesign.report.scenario.figures import interesting_time
 from vsgdesign.report.scenario.outcomes import StepOutcome
 from vsgdesign.report.scenario.promise_tables import promise_title, reached, slack
@@ -193,7 +194,9 @@ def _estimate(judged: Judgement | None) -> Cell:
     if judged is None:
         return Cell(OPEN, "the true grid")
     errors = [abs(e) for rest in judged.rest for e in (rest.R_mean_pct, rest.L_mean_pct) if math.isfinite(e)]
-    detail = f"error at rest up to {number(max(errors), 2)} %" if errors else "no error at rest is known"
+    detail = f"mean error at rest up to {number(max(errors), 2)} %" if errors else "no error at rest is known"
+    worst = max((error for error in worst_errors(judged) if error is not None), default=None)
+    detail += "" if worst is None else f"; one answer {number(worst, 2)} %"
     if not judged.changes:
         return Cell(FACT, detail)
     found = sum(change.kept_windows is not None for change in judged.changes)

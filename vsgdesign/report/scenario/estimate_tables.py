@@ -231,7 +231,8 @@ def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> li
         errors = [max(abs(rest.R_mean_pct), abs(rest.L_mean_pct)) for rest in judged.rest]
         errors = [error for error in errors if math.isfinite(error)]
         if errors:
-            text += f" At rest it is off by {number(min(errors), 2)} to {number(max(errors), 2)} %."
+            text += f" At rest its mean is off by {number(min(errors), 2)} to {number(max(errors), 2)} %."
+        text += worst_text(judged)
         if judged.inside is not None and math.isfinite(judged.inside[0]):
             at_rest, of_all = (share_percent(share) for share in judged.inside)
             text += f" {at_rest} of its answers at rest and {of_all} of all are inside the error set of its table."
@@ -255,6 +256,21 @@ def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> li
             "phase. No converter in the field has that signal: these figures are the scheme's at its best."
         )
     return paragraphs
+
+
+def worst_errors(judged: Judgement) -> tuple[float | None, float | None]:
+    """The largest error in R_g or L_g of a single answer in %: at rest, and after a change of the grid."""
+    rest = [error for one in judged.rest for error in (one.R_worst_pct, one.L_worst_pct) if math.isfinite(error)]
+    later = [one.worst_pct for one in judged.changes if one.worst_pct is not None and math.isfinite(one.worst_pct)]
+    return max(rest, default=None), max(later, default=None)
+
+
+def worst_text(judged: Judgement) -> str:
+    """The same as a sentence; empty where neither is known."""
+    rest, later = worst_errors(judged)
+    parts = [] if rest is None else [f"{number(rest, 2)} % at rest"]
+    parts += [] if later is None else [f"{number(later, 2)} % after a change of the grid"]
+    return f" A single answer is off by up to {' and by up to '.join(parts)}." if parts else ""
 
 
 def rate_limit_text(name: str, rate: float, held_s: float, total_s: float) -> str:

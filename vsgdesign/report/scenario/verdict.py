@@ -51,13 +51,26 @@ def _summary(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> str:
     good = [name for name in names if name not in failed]
     if not names:
         return "No reference step can be held to its target."
+    left = _left_out([outcome for outcome in outcomes if outcome.controller.spec.name in good], len(names) > 1)
     if len(names) == 1:
-        return f"{names[0]} {'does not meet' if failed else 'meets'} its settling time and overshoot on every step."
+        meets = "does not meet" if failed else "meets"
+        return f"{names[0]} {meets} its settling time and overshoot on every step{left}."
     if not good:
         return "No controller meets its settling time and overshoot on every reference step."
     if not failed:
-        return "Every controller meets its settling time and overshoot on every reference step."
+        return f"Every controller meets its settling time and overshoot on every reference step{left}."
+    if left:
+        return f"Settling time and overshoot are met by {', '.join(good)} only, on every reference step{left}."
     return f"Settling time and overshoot are met on every reference step by {', '.join(good)} only."
+
+
+def _left_out(outcomes: Sequence[StepOutcome], named: bool) -> str:
+    """The steps about which "every step" says nothing: nothing is promised of them, or they have no verdict."""
+    parts = []
+    for why, of in (("of which nothing is promised", True), ("which cannot be judged", False)):
+        chosen = [one.controller.spec.name for one in outcomes if not one.judged and bool(one.excuse) is of]
+        parts += [f"{chosen.count(name)}{f' of {name}' if named else ''}, {why}" for name in dict.fromkeys(chosen)]
+    return f" but {', and '.join(parts)}" if parts else ""
 
 
 def _against_target(controller: ControllerResult, outcomes: Sequence[StepOutcome], most: int) -> str:

@@ -185,7 +185,15 @@ def certify(
     from dataclasses import replace
 
     from vsgdesign.artifacts.ready import Ready, read_tables
-    from vsgdesign.certificate import Certificate, certify, on_basis_of_table, region_of, step_budget, with_steps
+    from vsgdesign.certificate import (
+        Certificate,
+        beyond_table,
+        certify,
+        on_basis_of_table,
+        region_of,
+        step_budget,
+        with_steps,
+    )
     from vsgdesign.certificate.swing import large_signal
     from vsgdesign.verbs.pipeline.study_tables import study_tables
 
@@ -200,10 +208,14 @@ def certify(
         swing = large_signal(study, spec, region, ready=ready, budget=boxes, progress=tell)
     if as_json:
         more = {} if swing is None else {"large_signal": swing.as_document()}
+        beyond = list(beyond_table(region, ready.tables.get(spec.name)))
+        more |= {"beyond_table": beyond} if beyond else {}
         print_json(found.as_document() | more)
     else:
         from vsgdesign.report.gain_table.words import certificate_text, swing_text
 
+        for line in beyond_table(region, ready.tables.get(spec.name)):
+            click.echo(line)
         click.echo(certificate_text(found))
         if swing is not None:
             click.echo(swing_text(swing))
