@@ -12,7 +12,8 @@ from vsgdesign.campaigns.compliance.case import Subject, case_of
 from vsgdesign.campaigns.compliance.measures import MEASURES, MeasureInput, Ratings
 from vsgdesign.campaigns.compliance.run import TestRun, run_test
 from vsgdesign.equations.frames import SPACE_VECTOR_POWER
-from vsgdesign.simulation.scenario import run_scenario, series_at_pcc
+from vsgdesign.simulation.every_sample import signals_at_pcc
+from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.loading import study_from_text
@@ -92,7 +93,7 @@ def test_P_is_at_the_capacitor_and_P_pcc_behind_the_second_inductance(run: TestR
     at = int(np.argmin(np.abs(run.simulation.t_s - run.trace.t_s[-1] - subject().lead_s)))
     assert record_of(run.study, run.simulation).P[at] / c.S_rated == run.trace.P_pu[-1]
     i_g = np.hypot(run.trace.i_g_alpha_pu[-1], run.trace.i_g_beta_pu[-1]) * c.I_rated_pk
-    P_pcc = series_at_pcc(run.study, run.simulation)["P_pcc"][at]
+    P_pcc = signals_at_pcc(run.study, run.simulation).P_pcc[at]
     lost = SPACE_VECTOR_POWER * f.R_2 * i_g**2 / c.S_rated
     assert P_pcc / c.S_rated == pytest.approx(run.trace.P_pu[-1] - lost, abs=1e-5)
     assert lost > 1e-4 or f.R_2 == 0.0

@@ -23,7 +23,7 @@ from vsgdesign.simulation import GainChange, gain_changes, simulate
 from vsgdesign.simulation.at_pcc import pcc_over_time, pcc_vectors
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.simulation.lanes.run import run_lanes
-from vsgdesign.simulation.scenario import run_scenario, series_at_pcc
+from vsgdesign.simulation.scenario import derive_series, run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
@@ -252,7 +252,7 @@ def test_the_voltage_at_the_pcc(build: Callable[..., Study]) -> None:
     plain = np.flatnonzero(within(14.0, 18.0))
     np.testing.assert_allclose(v[plain], pcc_vectors(run.log[plain], study.circuit())[0], atol=1e-9 * V_pk)
     # A page is given the same.
-    series = series_at_pcc(study, run)
+    series = derive_series(study, run)
     np.testing.assert_array_equal(clarke(*(series[f"v_pcc_{phase}"] for phase in "abc"))[0][bolted], v[bolted, 0])
 
 
