@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
+from vsgdesign.artifacts.definitions import damping_of
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import InfeasibleStudyError
@@ -21,7 +22,7 @@ from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.study_tables import study_tables
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares
-    from vsgdesign.design.comparison import Compared, Comparison, Contender, EmtStep
+    from vsgdesign.design.comparison import Compared, Comparison, Contender, EmtStep, GridFigures
     from vsgdesign.report.page.blocks import Block
 
 VERB = "vsgdesign compare"
@@ -189,15 +190,31 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "scr": comparison.scr,
         "x_over_r": comparison.x_over_r,
         "outside": comparison.outside,
-        "contenders": [summary_of(compared) | _details(compared) for compared in comparison.contenders],
+        "contenders": [_summary(summary_of(compared)) | _details(compared) for compared in comparison.contenders],
     }
+
+
+def _summary(found: dict[str, Any]) -> dict[str, Any]:
+    return found | {side: named(found[side], "reduced") for side in ("worst_exact", "worst_wrong")}
+
+
+def named(figures: dict[str, Any] | None, model: str) -> dict[str, Any] | None:
+    """Figures by the names of docs/definitions.md. ``model``: ``reduced`` or ``full_order``."""
+    names = {"disk_margin": "disk_margin_output", "damping_ratio": damping_of(model)}
+    return None if figures is None else {names.get(name, name): value for name, value in figures.items()}
+
+
+def _grid(grid: GridFigures) -> dict[str, Any]:
+    sides = {"exact": "reduced", "wrong": "reduced", "real_exact": "full_order", "real_wrong": "full_order"}
+    whole = asdict(grid) | {"state": grid.state, "ideal_state": grid.ideal_state}
+    return whole | {side: named(whole[side], model) for side, model in sides.items()}
 
 
 def _details(compared: Compared) -> dict[str, Any]:
     tuning = compared.tuning
     return {
         "tuning": None if tuning is None else asdict(tuning) | {"gains": tuning.gains.named()},
-        "grids": [asdict(grid) | {"state": grid.state, "ideal_state": grid.ideal_state} for grid in compared.grids],
+        "grids": [_grid(grid) for grid in compared.grids],
         "emt_steps": [asdict(step) for step in compared.emt],
     }
 
