@@ -117,6 +117,15 @@ def test_reactive_current_arrives_a_cycle_s_share_after_a_step() -> None:
     trace = made_trace(t, **of_vectors(v, i))
     sag = (Event.of_pu(0.1, V_g_pu=0.5), Event.of_pu(0.3, V_g_pu=1.0))
     assert value("Iq_90_ms", made_run(trace, *sag)) == pytest.approx(18.0, abs=1.0)
+    # A current that takes reactive power from a voltage that falls arrives as soon, and is no support.
+    low = np.where(inside, 0.5, 1.0) * v
+    assert value("Iq_90_ms", made_run(made_trace(t, **of_vectors(low, i)), *sag)) == pytest.approx(18.0, abs=1.5)
+    taken = made_trace(t, **of_vectors(low, np.where(inside, 0.5 + 0.6j, 0.5) * np.exp(1j * W * t)))
+    found = MEASURES["Iq_90_ms"].of(made_run(taken, *sag))
+    assert (found.value, found.why) == (
+        None,
+        "the reactive current changes by -0.6 pu, which does not support the voltage",
+    )
     dead = made_trace(t, **of_vectors(0.0 * v, i))
     assert "no reference" in MEASURES["Iq_90_ms"].of(made_run(dead, *sag)).why
     assert MEASURES["Iq_90_ms"].of(made_run(made_trace(t), *sag)).value is None

@@ -99,8 +99,8 @@ def V_max_pu(run: MeasureInput) -> Measured:
 @measure(
     "reactive current to 90 %",
     "ms",
-    "Time from the first fault or sag until the positive-sequence reactive current has made 90 % of its change; the "
-    "one cycle of the measurement is in it.",
+    "Time from the first fault or sag until the positive-sequence reactive current has made 90 % of its change, which "
+    "has to support the voltage; the one cycle of the measurement is in it.",
 )
 def Iq_90_ms(run: MeasureInput, share: float = 0.9) -> Measured:
     """The change is that from the cycle before the event to the last cycle of the fault."""
@@ -126,6 +126,9 @@ def Iq_90_ms(run: MeasureInput, share: float = 0.9) -> Measured:
     change = Iq[-1] - start
     if not abs(change) > _NO_CURRENT:
         return not_known(f"the reactive current changes by less than {_NO_CURRENT:g} pu")
+    fall = abs(V[-count - 1]) - abs(V[-1])
+    if abs(fall) > _NO_VOLTAGE and change * fall < 0.0:  # more of it supports a voltage that falls
+        return not_known(f"the reactive current changes by {change:+.2g} pu, which does not support the voltage")
     since = run.trace.t_s[rows.start - 1 : rows.stop] - event.t_s
     found = first_time(since, (Iq[-count - 1 :] - start) / change, share)
     if found is None:
