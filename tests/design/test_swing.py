@@ -23,7 +23,7 @@ from vsgdesign.certificate.swing.conditions import gains_tests, limited_tests
 from vsgdesign.certificate.swing.statement import loops_at
 from vsgdesign.equations.frames import PHASES, peak_to_rms, rms_to_peak
 from vsgdesign.equations.limiter_interface import GridEstimate, IntegratorSteps, LimiterView
-from vsgdesign.equations.limiters.projection import PROJECTION, ProjectionMemory, grid_voltage_gate
+from vsgdesign.equations.limiters.projection import PROJECTION, WAY_BACK_S, ProjectionMemory, grid_voltage_gate
 from vsgdesign.equations.power_loops import References, frequency_at_rest, power_loops
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.report.gain_table.words import swing_text
@@ -96,6 +96,7 @@ class Controller:
         self.refs = References(loops.P, loops.Q, omega_0, loops.V)
         self.omega_i = frequency_at_rest(self.refs, loops.gains) + loops.kept * speed
         self.omega = omega_0 + speed
+        self.beyond = self.longest = 0.0
         angle = cmath.phase(complex(loops.R, loops.X)) + loops.angle_error
         Z = cmath.rect(math.hypot(loops.R, loops.X), angle)
         f = STUDY.filter
@@ -125,18 +126,23 @@ class Controller:
             P=power.real,
             Q=power.imag,
             K_pv=0.1,
+            full=0.0,
         )
-        memory = ProjectionMemory(0.0, 0.0, v.real, v.imag, self.omega)
+        memory = ProjectionMemory(0.0, 0.0, v.real, v.imag, self.omega, self.beyond)
         sample = PROJECTION.law.limit(memory, view, self.grid, self.refs, self.loops.gains, self.settings)
         self.omega, rate, _ = power_loops(self.omega_i, self.loops.V, sample.P, sample.Q, self.refs, self.loops.gains)
         wanted = IntegratorSteps(self.T_s * (self.omega - self.refs.omega_0), self.T_s * rate, 0.0)
-        taken, _ = PROJECTION.law.move(memory, sample, view, self.omega, wanted, self.settings)
+        taken, remembered = PROJECTION.law.move(memory, sample, view, self.omega, wanted, self.settings)
+        self.beyond = float(remembered.beyond)
+        self.longest = max(self.longest, self.beyond)
         self.delta += taken.theta
         self.omega_i += taken.omega_i
 
 
-def energy_along(loops: SwingLoops, delta: float, speed: float, duration: float) -> tuple[NDArray[np.float64], float]:
-    """W every millisecond of a run of the project's own law, and the angle at its end."""
+def energy_along(
+    loops: SwingLoops, delta: float, speed: float, duration: float
+) -> tuple[NDArray[np.float64], Controller]:
+    """W every millisecond of a run of the project's own law, and the controller at its end."""
     run = Controller(loops, delta, speed)
     states = []
     for k in range(round(duration / run.T_s)):
@@ -145,7 +151,7 @@ def energy_along(loops: SwingLoops, delta: float, speed: float, duration: float)
         run.step()
     deltas, speeds = np.array(states).T
     mesh = np.linspace(-math.pi, math.pi, 4001)
-    return 0.5 * loops.kept * speeds**2 + np.interp(deltas, mesh, loops.potential(mesh)), run.delta
+    return 0.5 * loops.kept * speeds**2 + np.interp(deltas, mesh, loops.potential(mesh)), run
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -155,10 +161,11 @@ def test_the_energy_falls_while_the_limiters_own_law_runs(seed: int) -> None:
     (loops,) = random_loops(REGION, 1, seed, error=(0.0, 0.0, 0.1)[seed])
     rng = np.random.default_rng(seed)
     delta = float(rng.choice([-1.0, 1.0]) * math.radians(rng.uniform(100.0, 170.0)))
-    W, end = energy_along(loops, delta, float(rng.choice([-1.0, 1.0])) * 2.0 * math.pi, 1.2)
+    W, run = energy_along(loops, delta, float(rng.choice([-1.0, 1.0])) * 2.0 * math.pi, 1.2)
     assert np.diff(W).max() <= 1e-3 * np.ptp(W)
     rest = math.remainder(loops.rest, 2.0 * math.pi)
-    assert abs(end - rest) < 0.02
+    assert abs(run.delta - rest) < 0.02
+    assert run.longest == 0.0  # |Z| I_max < V_g sin α: the voltage that is held is never beyond the largest power
     # What is compared with is large: the function fell by most of its height.
     assert W[-1] - loops.potential(np.linspace(-math.pi, loops.rest, 4001))[-1] < 0.02 * np.ptp(W)
 
@@ -269,7 +276,8 @@ def test_without_the_one_sided_power_a_counterexample_is_found() -> None:
 
 
 def test_an_unstable_rest_within_the_limit_is_a_counterexample_and_keeps_the_angle() -> None:
-    """A weak resistive grid: from beyond the unstable rest the angle does not come back."""
+    """A weak resistive grid: from beyond the unstable rest the angle goes on to where the soft limit acts, beyond the
+    largest import, and only the way back leads it home."""
     region = Region((1.5, 1.6), (0.36, 0.42), (-0.1 * S, -0.05 * S), (0.15 * S, 0.25 * S))
     (part,) = swing_statement(STUDY, SPEC, region, parts=(1, 1), budget=100_000).parts
     assert (part.grade, part.undecided) == ("counterexample", "rest")
@@ -278,9 +286,39 @@ def test_an_unstable_rest_within_the_limit_is_a_counterexample_and_keeps_the_ang
     assert np.abs(loops.rates(other, 0.0)).max() < 1e-9
     away = math.copysign(0.02, other - loops.rest)
     _, inside = energy_along(loops, other - away, 0.0, 1.2)
-    _, outside = energy_along(loops, other + away, 0.0, 1.2)
-    assert abs(inside - loops.rest) < 0.05
-    assert abs(outside - loops.rest) > abs(other - loops.rest)
+    assert abs(inside.delta - loops.rest) < 0.05
+    run, furthest = Controller(loops, other + away, 0.0), 0.0
+    while run.beyond < 1.0:
+        run.step()
+        furthest = max(furthest, abs(run.delta - loops.rest))
+        assert abs(run.delta - loops.rest) > abs(other - loops.rest)
+    for _ in range(6000):
+        run.step()
+    assert furthest < 1.0
+    assert abs(run.delta - loops.rest) < 0.05
+
+
+@pytest.mark.parametrize("speed", [-8.0, -1.0, 3.0])
+def test_on_the_way_back_an_energy_falls(speed: float) -> None:
+    """mΔ²/2 + g∫s dδ, where s follows both pulls. The angle of the voltage ends half-way between the largest import and
+    that of the grid."""
+    region = Region((1.2, 1.4), (0.3, 0.5), (-0.1 * S, 0.1 * S), (-0.1 * S, 0.1 * S))
+    loops, mesh = random_loops(region, 1, 1)[0], np.linspace(-math.pi, math.pi, 4001)
+    law, alpha = loops.law, math.atan2(loops.X, loops.R)
+    turned = np.array([cmath.phase(held_voltage(loops, delta)[0]) for delta in mesh])
+    both = np.array([loops.limited(delta).phi for delta in mesh]) / law.tau + turned / WAY_BACK_S
+    pull = law.g * np.clip(both, -law.largest_pull, law.largest_pull)
+    pulled = np.concatenate([[0.0], np.cumsum(0.5 * (pull[1:] + pull[:-1]) * np.diff(mesh))])
+    run, states = Controller(loops, -1.6, speed), []
+    run.beyond = 1.0
+    while run.beyond >= 1.0:
+        states.append((run.delta, run.speed))
+        run.step()
+    deltas, speeds = np.array(states).T
+    energy = 0.5 * loops.kept * speeds**2 + np.interp(deltas, mesh, pulled)
+    assert len(states) > 100
+    assert np.diff(energy).max() <= 1e-3 * np.ptp(energy)
+    assert cmath.phase(held_voltage(loops, run.delta)[0]) == pytest.approx(-0.5 * alpha, abs=0.01)
 
 
 def test_a_rest_does_not_touch_a_low_soft_limit() -> None:

@@ -52,6 +52,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "notch_back": (0.01, 0.1), "error_R": (0.0, 0.5), "error_X": (0.0, 0.5), "error_Z": (0.0, 0.3),
     "h_R": (0.01, 0.5), "h_X": (0.01, 0.5), "var_R": (0.0, 0.1), "var_X": (0.0, 0.1), "share": (0.0, 1.0),
     "goal_scr": (1.0, 20.0), "left_scr": (1.0, 20.0), "r_over_x": (0.05, 3.0), "goal_r_over_x": (0.05, 3.0),
+    "beyond": (0.0, 1.5), "soft": (0.0, 1.0), "across": (-6e4, 6e4), "along": (-6e4, 6e4), "turn_d": (0.0, 1.0),
+    "turn_q": (0.0, 1.0), "full": (0.0, 1.0),
     "left_r_over_x": (0.05, 3.0), "X_g": (0.1, 2.0), "G_load": (0.0, 0.5), "B_load": (-0.3, 0.3),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (

@@ -79,7 +79,7 @@ def random_samples(known: KnownSteps, limiter: Limiter, count: int, seed: int) -
         ripple_Q=about(0.0, 0.5 * S),
         mean_P=about(0.5 * S, S),
         mean_Q=about(0.1 * S, S),
-        limiter=tuple(_memory(name, rng, wide, omega, I_pk, count) for name in memory_of(limiter)._fields),
+        limiter=tuple(_memory(name, rng, wide, omega, I_pk, V, count) for name in memory_of(limiter)._fields),
     )
     measured = Measurement(v.real, v.imag, i_s.real, i_s.imag, i_g.real, i_g.imag)
     impedance = Z / np.exp(rng.uniform(np.log(1.0), np.log(25.0), count))
@@ -93,14 +93,16 @@ def memory_of(limiter: Limiter) -> Any:
     return typing.get_type_hints(limiter.at_rest)["return"]
 
 
-def _memory(name: str, rng: Any, wide: Any, omega: float, I_pk: float, count: int) -> Any:
-    """A remembered number: currents and frequencies are told by their names."""
+def _memory(name: str, rng: Any, wide: Any, omega: float, I_pk: float, V: float, count: int) -> Any:
+    """A remembered number: currents, voltages and frequencies are told by their names; a share is up to 1.5."""
     spread = rng.uniform(-1.0, 1.0, count)
     if name.startswith("omega"):
         return omega + 0.1 * omega * wide * spread
     if name.startswith("i_"):
         return 0.4 * I_pk + 2.0 * I_pk * wide * spread
-    return np.abs(spread)
+    if name.startswith("v_"):
+        return V * (name == "v_d") + V * wide * spread
+    return 1.5 * wide * np.abs(spread)
 
 
 def compare_steps(scheduler: Scheduler, limiter: Limiter, compiled: CompiledC, count: int, seed: int) -> Far:
@@ -145,10 +147,8 @@ def scales(known: KnownSteps, limiter: Limiter) -> np.ndarray:
     state = ControllerState(
         2.0 * np.pi, known.refs.omega_0, known.refs.V_n, S, S, I_pk, I_pk, V, V, I_pk, I_pk, V, V, S, S, S, S
     )
-    memory = [
-        known.refs.omega_0 if name.startswith("omega") else I_pk if name.startswith("i_") else 1.0
-        for name in memory_of(limiter)._fields
-    ]
+    of = {"omega": known.refs.omega_0, "i": I_pk, "v": V}
+    memory = [of.get(name.partition("_")[0], 1.0) for name in memory_of(limiter)._fields]
     return np.array([*state[:-1], *memory, *known.size])
 
 

@@ -13,12 +13,19 @@ import pytest
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from tests.simulation.test_clearing import faulted, run_of
 from tests.simulation.test_limiters import with_limiter
-from vsgdesign.equations.controller import ControllerSettings
-from vsgdesign.equations.limiters import PROJECTION, GridEstimate, IntegratorSteps, LimiterView
+from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
+from vsgdesign.equations.limiters import (
+    CIRCULAR,
+    PROJECTION,
+    GridEstimate,
+    IntegratorSteps,
+    LimiterLaw,
+    LimiterView,
+)
 from vsgdesign.equations.limiters.projection import ProjectionMemory, grid_voltage_gate
 from vsgdesign.equations.power_loops import References
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.simulation.survival import GridState, Subject, SurvivalCase, run_case
+from vsgdesign.simulation.survival import GridKnowledge, GridState, Subject, SurvivalCase, run_case
 from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.study.parameters.event import Event
 
@@ -40,6 +47,10 @@ def answers(
     V: float = REFS.V_n,
     P: float = 2000.0,
     settings: ControllerSettings = SETTINGS,
+    beyond: float = 0.0,
+    full: float = 0.0,
+    grid: GridEstimate = GRID,
+    refs: References = REFS,
 ) -> tuple[Any, Any, Any]:
     """One sample whose low-pass has come to rest: the answer, the steps of the integrators, and the next memory."""
     e = math.sqrt(2.0) * V - v
@@ -59,11 +70,13 @@ def answers(
         P=P,
         Q=0.0,
         K_pv=0.06,
+        full=full,
     )
+    Z = complex(grid.R_g, refs.omega_0 * grid.L_g)
     i_w = i_g + e / (settings.limiter.Z_v * cmath.exp(1j * cmath.phase(Z)))
-    memory = ProjectionMemory(i_w.real, i_w.imag, v.real, v.imag, REFS.omega_0)
-    sample = PROJECTION.law.limit(memory, view, GRID, REFS, GAINS, settings)
-    return sample, *PROJECTION.law.move(memory, sample, view, REFS.omega_0, NO_STEPS, settings)
+    memory = ProjectionMemory(i_w.real, i_w.imag, v.real, v.imag, REFS.omega_0, beyond)
+    sample = PROJECTION.law.limit(memory, view, grid, refs, GAINS, settings)
+    return sample, *PROJECTION.law.move(memory, sample, view, refs.omega_0, NO_STEPS, settings)
 
 
 @pytest.mark.parametrize(("depth", "degrees"), [(0.9, -140.0), (0.9, 90.0), (1.0, -90.0), (1.0, 60.0), (1.0, 150.0)])
@@ -88,10 +101,12 @@ def test_it_is_pulled_towards_the_nearest_voltage_that_the_grid_admits(depth: fl
 
 def test_below_its_limits_it_adds_exact_zeros() -> None:
     just = 0.999999 * OWN.i_soft_pk
-    sample, steps, _ = answers(complex(V_PK), just * cmath.exp(0.3j), 0.99 * SETTINGS.i_max_pk * 1j, P=-4000.0)
+    want = 0.99 * SETTINGS.i_max_pk * 1j
+    sample, steps, memory = answers(complex(V_PK), just * cmath.exp(0.3j), want, P=-4000.0, full=1.0)
     assert (sample.P, sample.limited, sample.e_d, sample.e_q) == (-4000.0, 0.0, 0.0, 0.0)
     assert (sample.i_ref_d, sample.i_ref_q) == (0.0, 0.99 * SETTINGS.i_max_pk)
     assert steps == NO_STEPS
+    assert memory.beyond == 0.0
 
 
 def test_the_error_is_turned_by_the_angle_of_the_grid_while_the_hard_limit_acts() -> None:
@@ -198,6 +213,153 @@ def test_a_jump_by_half_a_turn_does_not_hold_it_at_a_closed_gate(degrees: float)
     assert verdict.status == "survived", verdict.reason
 
 
+def angles_of(v_g: complex, V: float, Z: complex) -> tuple[Any, Any]:
+    """Angles of v to v_g over a turn, and the power that V carries at each of them, W; complex arithmetic alone."""
+    delta = np.linspace(-math.pi, math.pi, 20_001)
+    v = V * np.exp(1j * delta)
+    return delta, 1.5 * (v * np.conj((v - abs(v_g)) / Z)).real
+
+
+def gate_of(v: complex, drop: complex) -> Any:
+    """The gate without an L_2."""
+    return grid_voltage_gate(v.real, v.imag, drop.real, drop.imag, drop.real, drop.imag, OWN.v_gate_pk, OWN.doubt)
+
+
+@pytest.mark.parametrize("grid", [GRID, GridEstimate(4.0, 4e-3)])
+@pytest.mark.parametrize("beyond", [0.0, 0.4])
+def test_the_time_beyond_the_largest_power_counts_at_the_soft_limit_alone(grid: GridEstimate, beyond: float) -> None:
+    """dP/dδ < 0, from the curve P(δ) of the circuit; where it is not, or where no limit acts, the count begins anew."""
+    Z, counted = complex(grid.R_g, REFS.omega_0 * grid.L_g), []
+    delta, P = angles_of(V_PK, V_PK, Z)
+    for place in range(500, 20_000, 700):
+        v_g = V_PK * cmath.exp(-1j * delta[place])
+        i_g = (V_PK - v_g) / Z
+        _, _, memory = answers(complex(V_PK), i_g, P=float(P[place]), beyond=beyond, grid=grid)
+        acts = abs(i_g) > OWN.i_soft_pk and P[place + 1] < P[place - 1]
+        assert memory.beyond == (pytest.approx(beyond + SETTINGS.T_s / 0.1) if acts else 0.0)
+        counted.append(acts)
+    assert 5 < sum(counted) < len(counted) - 5
+
+
+@pytest.mark.parametrize("degrees", [-130.0, -60.0, -25.0, -5.0, 20.0, 100.0, 150.0])
+@pytest.mark.parametrize("scr", [1.0, 3.0])
+def test_the_way_back_goes_to_the_angle_of_the_grid_and_ends_half_way(degrees: float, scr: float) -> None:
+    """On a resistive grid: P and Q rows rest, θ goes its share of the way to δ = 0, and the end is half-way between the
+    largest import and δ = 0."""
+    Z, delta = 12.0 / scr * cmath.exp(0.6j), math.radians(degrees)
+    grid = GridEstimate(Z.real, Z.imag / REFS.omega_0)
+    v_g = V_PK * cmath.exp(-1j * delta)
+    i_g = (V_PK - v_g) / Z
+    sample, steps, memory = answers(complex(V_PK), i_g, P=-9000.0, beyond=1.0, grid=grid)
+    inside = -0.5 * 0.6 < delta < math.pi - 1.5 * 0.6
+    assert memory.beyond == (0.0 if inside else 1.0)
+    if not inside:
+        _, without, _ = answers(complex(V_PK), i_g, P=-9000.0, grid=grid)
+        assert (sample.P, sample.Q, sample.limited) == pytest.approx((REFS.P_ref, REFS.Q_ref, 1.0))
+        share = gate_of(complex(V_PK), Z * i_g) * -math.expm1(-SETTINGS.T_s / 0.05)
+        assert steps.theta - without.theta == pytest.approx(-share * delta, rel=1e-9)
+
+
+@pytest.mark.parametrize("V_g", [0.05, 0.25, 0.44, 0.55, 0.65, 0.9])
+def test_the_power_loops_rest_where_no_angle_carries_the_power(V_g: float) -> None:
+    """P over all angles of the circuit, below the soft limit. Altogether up to 0.45 pu of grid voltage, from there to
+    0.64 pu in part, and above as far as the gate is closed, which it is not."""
+    Z, v, held = 12.0 * cmath.exp(0.4j), 0.75 * V_PK, []
+    grid = GridEstimate(Z.real, Z.imag / REFS.omega_0)
+    v_g = V_g * V_PK
+    i_g = (v - v_g) / Z
+    _, P = angles_of(complex(v_g), v, Z)
+    for P_rest in np.linspace(P.min() - 0.2 * np.ptp(P), P.max() + 0.2 * np.ptp(P), 21):
+        refs = REFS._replace(P_ref=float(P_rest))
+        sample, steps, _ = answers(complex(v), i_g, V=v / math.sqrt(2.0), P=100.0, grid=grid, refs=refs)
+        gate = gate_of(v, Z * i_g)
+        held.append(not P.min() <= P_rest <= P.max())
+        rests = max(1.0 - gate, min(max(2.0 - (V_g / 0.45) ** 2, 0.0), 1.0))
+        assert pytest.approx(100.0 + rests * (P_rest - 100.0) * held[-1]) == sample.P
+        assert sample.limited == (held[-1] and rests > 0.0)
+        assert steps == NO_STEPS
+        assert (rests == 1.0) == (V_g < 0.45)
+        assert (rests == 0.0) == (V_g > 0.64)
+    assert 4 < sum(held) < 17
+
+
+def test_nothing_is_given_back_at_the_limit_of_the_bridge() -> None:
+    """The hard limit alone clips crests, and the integrators take up the whole error. With the bridge at its limit they
+    take up what the back-calculation leaves, and V goes down to the voltage that there is."""
+    v, want = 0.96 * V_PK * cmath.exp(0.02j), 1.3 * SETTINGS.i_max_pk * cmath.exp(0.4j)
+    crests, up, _ = answers(v, 0j, want)
+    short, down, _ = answers(v, 0j, want, full=1.0)
+    e = V_PK - v
+    removed = want - complex(short.i_ref_d, short.i_ref_q)
+    assert complex(crests.e_d, crests.e_q) == pytest.approx(e + removed / 0.06)
+    assert complex(short.e_d, short.e_q) == pytest.approx(e)
+    assert up.V == 0.0
+    assert pytest.approx(-0.04 * REFS.V_n * OWN.share) == down.V
+    # Above its reference V is left alone, and so is all where the soft limit acts.
+    assert answers(1.02 * V_PK + 0j, 0j, want, full=1.0)[1].V == 0.0
+    deep = 0.4 * v
+    assert answers(deep, 0j, want, full=1.0)[:2] == answers(deep, 0j, want)[:2]
+
+
+@pytest.mark.parametrize("share", [0.9999, 0.99996, 1.0])
+def test_a_limiter_is_told_that_the_bridge_is_at_its_limit(share: float) -> None:
+    """By the voltage of the last sample, whatever its direction, up to the rounding of the limit itself."""
+    seen = []
+
+    def look(memory: Any, view: LimiterView, *given: Any) -> Any:
+        seen.append(view.full)
+        return CIRCULAR.law.limit(memory, view, *given)
+
+    law = LimiterLaw(look, CIRCULAR.law.move)
+    settings = with_limiter(lc_study, "circular").controller_settings()
+    for angle in np.linspace(0.0, 6.0, 7):
+        u = share * settings.v_max_pk * cmath.exp(1j * angle)
+        state = ControllerState(0.0, REFS.omega_0, REFS.V_n, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        state = state._replace(u_alpha=u.real, u_beta=u.imag)
+        measured = Measurement(V_PK, 0.0, 0.0, 0.0, 0.0, 0.0)
+        controller_step(state, measured, GRID, REFS, GAINS, STUDY.inner_gains, settings, law)
+    assert seen == [1.0 if share > 0.9999 else 0.0] * 7
+
+
+def sag(V_g_pu: float, degrees: float) -> list[dict[str, float]]:
+    return [{"V_g_pu": V_g_pu, "phase_deg": -degrees}, {"V_g_pu": 1.0, "phase_deg": degrees}]
+
+
+def ramp(df_hz: float, over_s: float) -> list[dict[str, float]]:
+    return [{"df_hz": df_hz, "over_s": over_s}, {"df_hz": 0.0, "over_s": over_s}]
+
+
+@pytest.mark.parametrize(
+    ("study", "start", "changes", "cleared_s"),
+    [
+        # The angle rests beyond the largest import, at the soft limit.
+        pytest.param("study", (1.264, 0.4, -0.16, -3.0), sag(0.7, 30.0), 0.5, id="beyond after a sag"),
+        pytest.param("study", (1.25, 0.32, -0.1, -0.64), ramp(0.5, 0.34), 0.7, id="beyond after a ramp"),
+        # The grid is a resistor while its voltage is away: P is above its reference at every angle.
+        pytest.param("study", (1.232, 0.313, -0.192, -2.841), sag(0.015, 30.0), 0.3, id="no angle"),
+        # The voltage of the bridge is at its limit, and the voltage loop winds up.
+        pytest.param("utility", (1.6, 0.4, 0.3, 5.0), ramp(-1.0, 0.5), 1.0, id="full bridge"),
+    ],
+)
+def test_a_weak_resistive_grid_does_not_keep_it(
+    study: str, start: tuple[float, ...], changes: list[dict[str, float]], cleared_s: float
+) -> None:
+    """Each has a rest within the limits, and was lost for good. Powers are references; the last change begins at
+    ``cleared_s``."""
+    system = load_study(f"studies/survival/{study}.toml")
+    (spec,) = [one for one in system.controllers if one.name == "angle_damped"]
+    first, last = (Event.of_pu(at_s, **change) for at_s, change in zip((0.0, cleared_s), changes, strict=True))
+    case = SurvivalCase(
+        group="weak",
+        start=GridState(**dict(zip(("scr", "x_over_r", "P_pu", "Q_pu"), start, strict=True))),
+        changes=(first, last),
+        cleared_s=cleared_s + last.over,
+        knowledge=GridKnowledge(silent_s=0.2),
+    )
+    verdict = run_case(Subject(study=system, spec=spec, limit_pu=1.2), case).verdict
+    assert verdict.status == "survived", verdict.reason
+
+
 @pytest.mark.parametrize(("V", "step", "end"), [(0.71, -50.0, 0.70), (1.29, 50.0, 1.30), (1.0, 5.0, 1.0 + 5.0 / 110.0)])
 def test_V_stays_between_its_limits(V: float, step: float, end: float) -> None:
     V_rms = V * REFS.V_n
@@ -213,10 +375,12 @@ def test_the_linear_model_has_the_modes_of_the_circular_limit_and_its_own_memory
     circular = linearise_full_order(with_limiter(build, "circular"), [cell])
     model = linearise_full_order(with_limiter(build, "projection"), [cell])
     count = len(circular.states)
-    assert model.states[count:] == tuple(f"limiter_{name}" for name in ("i_w_d", "i_w_q", "v_d", "v_q", "omega"))
+    assert model.states[count:] == tuple(
+        f"limiter_{name}" for name in ("i_w_d", "i_w_q", "v_d", "v_q", "omega", "beyond")
+    )
     np.testing.assert_array_equal(model.A[0][:count, :count], circular.A[0])
     np.testing.assert_array_equal(model.A[0][:count, count:], 0.0)  # its memory acts on nothing
     kept = 1.0 - with_limiter(build, "projection").controller_settings().limiter.smoothing_i
-    np.testing.assert_allclose(np.diag(model.A[0][count:, count:]), [kept, kept, kept, kept, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(np.diag(model.A[0][count:, count:]), [kept, kept, kept, kept, 0.0, 0.0], rtol=1e-12)
     after = np.array(model.map.step(model.z[0], model.p[0])[0])[:, 0]
     np.testing.assert_allclose(after, model.z[0], rtol=1e-9, atol=1e-9)

@@ -23,6 +23,9 @@ from vsgdesign.equations.limiter_interface import GridEstimate, IntegratorSteps,
 from vsgdesign.equations.power_filter import notch
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 
+AT_THE_LIMIT = 0.9999
+"""Share of the square of its limit from which on a bridge voltage is at it: more than the rounding takes away."""
+
 
 def power_stage(
     state: ControllerState, P: Any, Q: Any, refs: References, gains: PowerLoopGains, settings: ControllerSettings
@@ -100,6 +103,11 @@ def controller_sample(
         P=passed_P,
         Q=passed_Q,
         K_pv=inner_gains.K_pv,
+        full=1.0
+        * (
+            state.u_alpha * state.u_alpha + state.u_beta * state.u_beta
+            >= AT_THE_LIMIT * settings.v_max_pk * settings.v_max_pk
+        ),
     )
     sample = limiter.limit(state.limiter, view, grid, refs, power_gains, settings)
     xi_vd, xi_vq = voltage_integrators(

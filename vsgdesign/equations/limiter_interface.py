@@ -49,6 +49,8 @@ class LimiterView(NamedTuple):
     """Measured powers before their low-pass, and behind the notch if there is one, W and var."""
     K_pv: Any
     """Proportional gain of the voltage loop, A/V."""
+    full: Any
+    """1 where the bridge voltage of the last sample was at its limit, else 0."""
 
 
 class LimitedSample(NamedTuple):

@@ -278,6 +278,7 @@ typedef struct {
     vsg_real_t P;
     vsg_real_t Q;
     vsg_real_t K_pv; /* Proportional gain of the voltage loop, A/V. */
+    vsg_real_t full; /* 1 where the bridge voltage of the last sample was at its limit, else 0. */
 } vsg_limiter_view_t;
 
 /* Z_hat: the grid impedance that the controller's gains are made for, R_g in Ohm and L_g in H, at the PCC. */
@@ -376,6 +377,7 @@ typedef struct {
 #define VSG_TURN VSG_C(6.283185307179586)
 #define VSG_SPACE_VECTOR_POWER VSG_C(1.5)
 #define VSG_SQRT_2 VSG_C(1.4142135623730951)
+#define VSG_AT_THE_LIMIT VSG_C(0.9999)
 #define VSG_V_PLAUSIBLE VSG_C(5.0)
 #define VSG_I_PLAUSIBLE VSG_C(20.0)
 #define VSG_TIMES_NOMINAL VSG_C(10.0)
@@ -1421,9 +1423,11 @@ static inline void vsg_controller_sample(const vsg_controller_state_t *state, co
     vsg_real_t passed_Q, ripple_Q, mean_Q;
     vsg_notch(Q, state->ripple_Q, state->mean_Q, settings->notch_gain, settings->notch_step, settings->notch_back,
         &passed_Q, &ripple_Q, &mean_Q);
+    const vsg_real_t full = VSG_C(1.0) * ((state->u_alpha * state->u_alpha + state->u_beta
+        * state->u_beta >= VSG_AT_THE_LIMIT * settings->v_max_pk * settings->v_max_pk) ? VSG_C(1.0) : VSG_C(0.0));
     const vsg_limiter_view_t view = {.v_d = v_d, .v_q = v_q, .i_s_d = i_s_d, .i_s_q = i_s_q, .i_g_d = i_g_d,
         .i_g_q = i_g_q, .e_d = e_d, .e_q = e_q, .i_want_d = i_want_d, .i_want_q = i_want_q, .V = V_rms,
-        .omega_i = state->omega_i, .P = passed_P, .Q = passed_Q, .K_pv = inner_gains->K_pv};
+        .omega_i = state->omega_i, .P = passed_P, .Q = passed_Q, .K_pv = inner_gains->K_pv, .full = full};
     vsg_limited_sample_t sample;
     vsg_circular_limit(&view, grid, refs, power_gains, settings, &sample);
     vsg_real_t xi_vd, xi_vq;

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.controller_data import ControllerSettings
-from vsgdesign.equations.frames import peak_to_rms, rms_to_peak
+from vsgdesign.equations.frames import instantaneous_power, peak_to_rms, rms_to_peak
 from vsgdesign.equations.inner_loops import limit_length
 from vsgdesign.equations.limiter_interface import (
     GridEstimate,
@@ -30,6 +30,15 @@ from vsgdesign.equations.limiter_interface import (
 )
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 
+BEYOND_S = 0.1
+"""For how long the angle may stay beyond the largest power at the soft limit, s."""
+
+LOW_VOLTAGE = 3.0
+"""Voltage of the grid below which the power loops rest where no angle carries the power, of the gate's voltage."""
+
+WAY_BACK_S = 0.05
+"""Time constant with which the angle then goes back to that of the grid's voltage, s."""
+
 
 class ProjectionMemory(NamedTuple):
     """What the limiter remembers."""
@@ -42,6 +51,8 @@ class ProjectionMemory(NamedTuple):
     """Capacitor-node voltage behind the same low-pass, V peak."""
     omega: Any
     """Frequency of the last sample, rad/s."""
+    beyond: Any
+    """Time beyond the largest power at the soft limit, as a share of BEYOND_S; at 1 the angle is on its way back."""
 
 
 class ProjectionConstants(NamedTuple):
@@ -72,10 +83,14 @@ class ProjectionConstants(NamedTuple):
     R_2: Any
     L_2: Any
     """Grid side of the filter, Ω and H."""
+    beyond_step: Any
+    """T_s over BEYOND_S."""
+    back_share: Any
+    """1 − exp(−T_s/WAY_BACK_S): the share of the way back that θ goes in one sample."""
 
 
 class ProjectionNotes(NamedTuple):
-    """What one sample hands to ``projection_move``: test current and voltage behind their low-pass, and the pulls."""
+    """What one sample hands to ``projection_move``: the next memory, all but the frequency, and the pulls."""
 
     i_w_d: Any
     i_w_q: Any
@@ -87,6 +102,8 @@ class ProjectionNotes(NamedTuple):
     """rad"""
     V: Any
     """V rms"""
+    beyond: Any
+    """1"""
 
 
 def current_at_reference(view: LimiterView, R: Any, X: Any, Z_v: Any, omega_C: Any) -> tuple[Any, Any]:
@@ -123,6 +140,37 @@ def grid_voltage_gate(
     return np.minimum(np.maximum(np.minimum(behind - 1.0, 0.5 * least), 0.0), 1.0)
 
 
+def way_back(beyond: Any, soft: Any, across: Any, along: Any, turn_d: Any, turn_q: Any, step: Any) -> Any:
+    """How long the angle has been beyond the largest power at the soft limit; 1: it is on its way back
+    (:eq:`way-back`).
+
+    along and across are those of :func:`no_angle_carries`, turn the cosine and sine of the impedance angle. ``beyond``
+    is the answer of the last sample, ``soft`` whether the soft limit acts, and ``step`` what one sample adds.
+    """
+    slope = across * turn_d + along * turn_q
+    counted = soft * (1.0 * (slope < 0.0)) * np.minimum(beyond + step, 1.0)
+    # It ends half-way between the largest power and the angle of the grid: sin(δ + α) > sin(α/2).
+    half_way = 0.5 * (1.0 - turn_d) * (across * across + along * along)
+    arrived = 1.0 * (slope > 0.0) * (slope * slope > half_way)
+    return np.maximum(counted, 1.0 * (beyond >= 1.0) * (1.0 - arrived))
+
+
+def no_angle_carries(P: Any, v_d: Any, v_q: Any, along: Any, across: Any, Z: Any, turn_d: Any) -> Any:
+    """1 where the voltage v does not carry the power P at any angle to the grid's, else 0 (:eq:`no-angle`).
+
+    along + j across is v times the conjugate of the grid's voltage, counted as a three-phase power times one ohm, Z the
+    length of the impedance and turn_d the cosine of its angle.
+    """
+    own, _ = instantaneous_power(v_d, v_q, v_d, v_q)
+    missing = P * Z - own * turn_d
+    return 1.0 * (missing * missing > along * along + across * across)
+
+
+def low_voltage(v_d: Any, v_q: Any, V_pk: Any) -> Any:
+    """How low a voltage is: 1 up to V_pk, 0 from √2 V_pk on, between them by its square (:eq:`no-angle`). V peak."""
+    return np.minimum(np.maximum(2.0 - (v_d * v_d + v_q * v_q) / (V_pk * V_pk), 0.0), 1.0)
+
+
 def projection_limit(
     memory: ProjectionMemory,
     view: LimiterView,
@@ -132,7 +180,8 @@ def projection_limit(
     settings: ControllerSettings,
 ) -> LimitedSample:
     """Both limits of one sample: the projection of the voltage reference and the circular limit of the current
-    (:eq:`projection`, :eq:`turned-error`, :eq:`gate`, :eq:`one-sided-power`)."""
+    (:eq:`projection`, :eq:`turned-error`, :eq:`gate`, :eq:`one-sided-power`, :eq:`way-back`, :eq:`no-angle`,
+    :eq:`full-bridge`)."""
     c = settings.limiter
     R = grid.R_g + c.R_2
     X = refs.omega_0 * (grid.L_g + c.L_2)
@@ -165,7 +214,14 @@ def projection_limit(
     # P may not drive θ away from the admitted voltage.
     missing = refs.P_ref + gains.D_p * (refs.omega_0 - memory.omega) - view.P
     away = 1.0 * (u_q * missing < 0.0)
-    held = soft * (1.0 - gate)
+    # v times the conjugate of the grid's voltage has the angle δ. Beyond the largest power that the grid carries or
+    # gives, the power loops push the angle the wrong way, and where no angle carries the power, they push for ever.
+    along, across = instantaneous_power(v_d, v_q, v_d - v_Z_d, v_q - v_Z_q)
+    beyond = way_back(memory.beyond, soft, across, along, turn_d, turn_q, c.beyond_step)
+    returning = 1.0 * (beyond >= 1.0)
+    no_angle = no_angle_carries(view.P + missing, v_d, v_q, along, across, Z, turn_d)
+    low = low_voltage(v_d - v_Z_d, v_q - v_Z_q, LOW_VOLTAGE * c.v_gate_pk)
+    held = np.maximum(np.maximum(soft * (1.0 - gate), no_angle * np.maximum(1.0 - gate, low)), returning)
     share_P = np.maximum(away, held)
     missing_Q = refs.Q_ref + gains.D_q * (refs.V_n - view.V) - view.Q
 
@@ -173,11 +229,15 @@ def projection_limit(
     want_sq = view.i_want_d * view.i_want_d + view.i_want_q * view.i_want_q
     hard = 1.0 * (want_sq > settings.i_max_pk * settings.i_max_pk)
     # While both limits act, the integrators take up the turned error. The hard limit alone clips the crests of a
-    # distorted current: what it removed is given back, because the anti-windup would rectify it.
+    # distorted current: what it removed is given back, because the anti-windup would rectify it. Where the bridge is at
+    # its own limit, the voltage cannot be reached: nothing is given back, and V goes down to the voltage that there is.
     added_d = soft * (turn_d * view.e_d + turn_q * view.e_q - view.e_d)
     added_q = soft * (turn_d * view.e_q - turn_q * view.e_d - view.e_q)
-    back_d = (1.0 - soft) * (view.i_want_d - i_ref_d) / view.K_pv
-    back_q = (1.0 - soft) * (view.i_want_q - i_ref_q) / view.K_pv
+    short = hard * (1.0 - soft) * view.full
+    given_back = (1.0 - soft) * (1.0 - short)
+    back_d = given_back * (view.i_want_d - i_ref_d) / view.K_pv
+    back_q = given_back * (view.i_want_q - i_ref_q) / view.K_pv
+    V_made = peak_to_rms(np.sqrt(np.maximum(v_d * v_d + v_q * v_q, 1e-12 * v_ref * v_ref)))
     return LimitedSample(
         i_ref_d=i_ref_d,
         i_ref_q=i_ref_q,
@@ -185,14 +245,15 @@ def projection_limit(
         e_q=view.e_q + hard * (added_q + back_q),
         P=view.P + share_P * missing,
         Q=view.Q + held * missing_Q,
-        limited=np.maximum(soft, hard),
+        limited=np.maximum(np.maximum(soft, hard), 1.0 * (held > 0.0)),
         notes=ProjectionNotes(
             i_w_d=i_w_d,
             i_w_q=i_w_q,
             v_d=v_d,
             v_q=v_q,
-            theta=c.share * gate * angle,
-            V=soft * c.share * (V_wanted - view.V),
+            theta=c.share * gate * angle - returning * c.back_share * gate * np.arctan2(across, along),
+            V=c.share * (soft * (V_wanted - view.V) + short * np.minimum(V_made - view.V, 0.0)),
+            beyond=beyond,
         ),
     )
 
@@ -221,6 +282,7 @@ def projection_move(
         v_d=sample.notes.v_d,
         v_q=sample.notes.v_q,
         omega=omega,
+        beyond=sample.notes.beyond,
     )
 
 
@@ -228,7 +290,7 @@ def projection_at_rest(view: LimiterView, omega: Any, settings: ControllerSettin
     """The memory of a steady state, in which the voltage is at its reference. Returns (memory)."""
     i_w_d = view.i_g_d - settings.omega_C * view.v_q
     i_w_q = view.i_g_q + settings.omega_C * view.v_d
-    return ProjectionMemory(i_w_d=i_w_d, i_w_q=i_w_q, v_d=view.v_d, v_q=view.v_q, omega=omega)
+    return ProjectionMemory(i_w_d=i_w_d, i_w_q=i_w_q, v_d=view.v_d, v_q=view.v_q, omega=omega, beyond=0.0)
 
 
 def projection_constants(ratings: LimiterRatings, values: Mapping[str, float]) -> ProjectionConstants:
@@ -250,6 +312,8 @@ def projection_constants(ratings: LimiterRatings, values: Mapping[str, float]) -
         V_high=values["V_high_pu"] * V_rated,
         R_2=ratings.R_2,
         L_2=ratings.L_2,
+        beyond_step=T_s / BEYOND_S,
+        back_share=-math.expm1(-T_s / WAY_BACK_S),
     )
 
 

@@ -279,6 +279,7 @@ def _states_of(
         P=P,
         Q=Q,
         K_pv=inner.K_pv,
+        full=0.0,
     )
     memory = study.limiter.at_rest(view, paths.omega_g, settings)
     memory = type(memory)(*(np.full(V.shape, value, dtype=float) for value in memory))
