@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,13 @@ from tests.gain_tables import table
 from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.field import FieldAnswer
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.around import Around
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, REACTIVE, STEP, LaneCases, no_events
 from vsgdesign.simulation.lanes.learning import Learning
+from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.study import ControllerSpec, Study
@@ -109,6 +112,27 @@ def test_each_lane_has_a_background_and_sensors_of_its_own(around: str, chosen: 
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-9, err_msg=name)
     one_for_all = run_lanes(study, spec, NOTHING, drawn.take(np.array([0])))
     assert one_for_all.peak_pu[0] != lanes.peak_pu[0]
+
+
+def test_all_lanes_play_one_record(tmp_path: Path) -> None:
+    """A jump of the grid while a recorded voltage with harmonics is played."""
+    t_s = np.arange(30_000) / 10_000.0
+    x = 2.0 * np.pi * 50.03 * t_s - 2.0 * np.pi / 3.0 * np.arange(3)[:, None]
+    np.savez(tmp_path / "grid.npz", v=(np.cos(x) + 0.02 * np.cos(7.0 * x)).T, sampling_rate=1e4)
+    study, spec = field_study("closed_form", text=f'{FIELD}[replay]\nfile = "{tmp_path}/grid.npz"\nscale = "rated"\n')
+    drawn = cases().take(np.array([2]))
+    drawn.events.phase_jump[:] = 0.0
+    assert study.replay is not None
+    own = drawn.in_study(study)
+    assert (own.V_g_rms[0], own.omega_g[0]) == (study.replay.V_g_rms, study.replay.omega_g)
+    alone, lanes = run_alone(study, spec, NOTHING, own), run_lanes(study, spec, NOTHING, drawn)
+    assert lanes.status[0] == alone.status[0] == JUDGED
+    for name in ("recovery_s", "swing_rad", "first_peak_pu", "peak_pu", "limited_s"):
+        assert getattr(lanes, name)[0] == pytest.approx(getattr(alone, name)[0], abs=1e-9), name
+    with pytest.raises(InfeasibleStudyError, match="leave the source alone"):
+        run_lanes(study, spec, NOTHING, cases().take(np.array([3])))
+    with pytest.raises(InfeasibleStudyError, match="a case needs"):
+        run_lanes(study, spec, NOTHING, drawn.later(2.0))
 
 
 def random_answers(rng: np.random.Generator, count: int) -> FieldAnswer:

@@ -1,4 +1,4 @@
-"""What is around the cases of a batch besides their events: a distorted source, and sensors. Each case has its own."""
+"""What is around the cases of a batch besides their events: a distorted or recorded source, and sensors."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.simulation.segments import START_PHASE, Waves
 from vsgdesign.study.parameters.background import BackgroundSpec
+from vsgdesign.study.parameters.replay import ReplaySpec
 from vsgdesign.study.parameters.sensors import SensorSpec
 from vsgdesign.study.parameters.study import Study
 
@@ -26,6 +27,8 @@ class Around:
 
     backgrounds: tuple[BackgroundSpec, ...] | None = None
     sensors: tuple[SensorSpec, ...] | None = None
+    replay: ReplaySpec | None = None
+    """The recorded voltage that is the source of all cases; None: there is none."""
 
     @classmethod
     def drawn(cls, study: Study, seeds: Sequence[int]) -> Around:
@@ -40,16 +43,16 @@ class Around:
     @classmethod
     def of(cls, study: Study, count: int) -> Around:
         """Those of a study, the same for so many cases."""
-        return cls(_repeated(study.background, count), _repeated(study.sensors, count))
+        return cls(_repeated(study.background, count), _repeated(study.sensors, count), study.replay)
 
     @property
     def moves(self) -> bool:
         """Whether any source does more than turn with what is constant in it."""
-        return any(one.restless for one in self.backgrounds or ())
+        return self.replay is not None or any(one.restless for one in self.backgrounds or ())
 
     def distort(self, study: Study) -> bool:
         """Whether powers ripple at rest because a source has more than its fundamental."""
-        return bool(study.grid_source.components) or any(one.distorts for one in self.backgrounds or ())
+        return self.moves or bool(study.grid_source.components) or any(one.distorts for one in self.backgrounds or ())
 
     @property
     def act(self) -> bool:
@@ -59,11 +62,15 @@ class Around:
     @property
     def phase(self) -> Array | float:
         """Of the sources at the start, rad."""
+        if self.replay is not None:
+            return self.replay.phase
         own = 0.0 if self.backgrounds is None else np.array([one.phase for one in self.backgrounds])
         return START_PHASE + own
 
     def sources(self, V_g_rms: Array, omega_g: Array) -> tuple[Array, Array]:
-        """Voltages and frequencies of the sources as the backgrounds make them."""
+        """Voltages and frequencies of the sources as the backgrounds make them, or those with which a record begins."""
+        if self.replay is not None:
+            return np.full_like(V_g_rms, self.replay.V_g_rms), np.full_like(omega_g, self.replay.omega_g)
         if self.backgrounds is None:
             return V_g_rms, omega_g
         factor, offset = np.array([(one.voltage_factor, one.frequency_offset) for one in self.backgrounds]).T
@@ -92,7 +99,7 @@ class Around:
     def take(self, chosen: NDArray[Any]) -> Around:
         """Those of some cases, by index or by mask."""
         index = (np.flatnonzero(chosen) if chosen.dtype == bool else chosen).tolist()
-        return Around(_chosen(self.backgrounds, index), _chosen(self.sensors, index))
+        return Around(_chosen(self.backgrounds, index), _chosen(self.sensors, index), self.replay)
 
 
 def _repeated(one: _Spec | None, count: int) -> tuple[_Spec, ...] | None:

@@ -150,12 +150,14 @@ class LaneCases:
 
     def in_study(self, study: Study) -> LaneCases:
         """The cases in the background and with the sensors of a study, where they have none of their own."""
-        if self.around != NOTHING or (study.background is None and study.sensors is None):
+        if self.around != NOTHING or study.undisturbed is study:
             return self
         around = Around.of(study, len(self))
         V_g_rms, omega_g = around.sources(self.V_g_rms, self.omega_g)
-        per_event = around.sources(self.events.V_g_rms.T, self.events.omega_g.T)
-        events = replace(self.events, V_g_rms=per_event[0].T, omega_g=per_event[1].T)
+        events = self.events
+        if around.replay is None:  # a record says what its source does
+            per_event = around.sources(events.V_g_rms.T, events.omega_g.T)
+            events = replace(events, V_g_rms=per_event[0].T, omega_g=per_event[1].T)
         return replace(self, V_g_rms=V_g_rms, omega_g=omega_g, events=events, around=around.neutral)
 
     def later(self, by_s: float) -> LaneCases:

@@ -61,11 +61,11 @@ def run_lanes(
     same bits on every machine. A controller that estimates its grid in every sample runs its cases one by one with a
     switched bridge (:func:`vsgdesign.simulation.lanes.alone.run_alone`). Cases without a background and sensors of
     their own have those of the study. Raises InfeasibleStudyError where the study cannot be run in a batch: a load, a
-    fault or an open breaker at the start; a source that is recorded; a switched bridge whose intervals do not lie on
-    one slope of the carrier.
+    fault or an open breaker at the start; a record that is too short, or events that change its voltage; a switched
+    bridge whose intervals do not lie on one slope of the carrier.
     """
     own, cases = study.with_limit_of(spec), cases.in_study(study)
-    _refuse(own, bridge)
+    _refuse(own, cases, bridge)
     if alone_because(spec, bridge):
         return run_alone(study, spec, ready, cases, bridge=bridge)
     if (bridge != "pwm" and not cases.around.distort(study)) or len(cases) == 0:
@@ -118,12 +118,12 @@ def run_told(
     return results
 
 
-def _refuse(study: Study, bridge: str) -> None:
+def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
     only_a_grid(study.network, "a batch of runs")
-    if study.replay is not None:
+    given = np.isfinite([cases.events.V_g_rms, cases.events.omega_g]).any() or cases.events.phase_jump.any()
+    if study.replay is not None and given:
         raise InfeasibleStudyError(
-            "a batch of runs has sources whose fundamental is what the cases say: leave [replay] out, or simulate the "
-            "cases one by one."
+            "the source of a batch of runs is a record, [replay]: give cases whose events leave the source alone."
         )
     if bridge == "pwm" and study.converter.samples_per_carrier % 2:
         raise InfeasibleStudyError(
@@ -155,6 +155,9 @@ def parts_of(
     ripples = bridge == "pwm" or cases.around.distort(study)
     nominal = max(round(2.0 * math.pi / study.converter.omega_n / T_s), 1) if ripples else 0
     ends, cycle = ends_of(study, cases, segments, demand, bridge)
+    if study.replay is not None:
+        needed = float(ends.max(initial=0)) * T_s
+        study.replay.check_usable(needed, study.converter)
     parts = []
     ramped = cases.ramped
     judged_over = np.where(cases.kind == STEP, samples_of_mean(study) if listening else nominal, cycle)

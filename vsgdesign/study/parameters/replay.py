@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import clarke, peak_to_rms
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.fields import names, number, picked, text, values
 from vsgdesign.study.parameters.reader import TableReader
@@ -59,6 +60,15 @@ class ReplaySpec:
         """The space vector of the recorded voltage, V peak, at times of the simulation (s), increasing."""
         record = read_record(self.file, self.columns, self.rate)
         return self.scale * _vectors(record, self.omega_g, self.origin + t_s)
+
+    def check_usable(self, duration: float, converter: Converter) -> None:
+        """Raises InfeasibleStudyError where the record is too short for a run of ``duration`` s."""
+        needed = duration + 4.0 * converter.T_s + 0.5 * 2.0 * math.pi / (0.8 * converter.omega_n)
+        if needed > self.usable:
+            raise InfeasibleStudyError(
+                f"replay.file: the record has a voltage for {self.usable:.6g} s, and a case needs {needed:.6g} s. Take "
+                "a longer one, or begin earlier in it."
+            )
 
     def document(self) -> dict[str, Any]:
         """What the record was and what it says at the beginning."""
