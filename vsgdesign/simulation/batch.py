@@ -161,6 +161,11 @@ class Batch:
             self._cut.setdefault(one.sample, []).append(one)
         self._divide()
 
+    @property
+    def cut(self) -> list[CutSample]:
+        """The samples in whose intervals events fall."""
+        return [one for some in self._cut.values() for one in some]
+
     def log(self, *logs: Log) -> None:
         """What is logged from now on, one after the other."""
         self.logs = logs
@@ -185,11 +190,10 @@ class Batch:
         while at < end:
             stop = min(end, self._borders[bisect_right(self._borders, at)])
             here = None if fed is None else fed[:, at - begin : stop - begin]
-            after = [(one, self._after_cut(one, here)) for one in self._cut.get(at, ())]
+            after = [(one, self.after_cut(one, here)) for one in self._cut.get(at, ())]
             done = self._call(at, stop, here, groups)
             for one, state in after:
-                group, lane = self.lane(one.lane)
-                self.rows[group, : len(state), lane] = state
+                self.put_state(one.lane, state)
             at += done
             if done < stop - (at - done) or (after and self.spec.stop):
                 break
@@ -210,9 +214,9 @@ class Batch:
         own. ``log`` (groups, end − begin, n, L) gets what they log. ``together``: none of them has to wait."""
         groups = slice(first, first + len(program.done))
         made = loop_of(self.kind._replace(added=self._adds(fed), together=together), self.spec.logged, self.build)
-        given: dict[str, Any] = {}
+        given: dict[str, Any] = {"cyclic": self._cyclic, "cycle": self._cycle} if self.kind.bridge.slopes else {}
         if self.rings is not None and self.ring_length is not None:
-            given = {"rings": self.rings[groups], "ring_length": self.ring_length[groups]}
+            given |= {"rings": self.rings[groups], "ring_length": self.ring_length[groups]}
         if log is not None:
             given |= {"log": log, "every": 1, "log_begin": begin}
         made.loop(begin, end, self.rows[groups], self.uniform, program=program, fed=fed, **given)
@@ -247,8 +251,14 @@ class Batch:
             into.rows[:, first:last] = self.logs[number].rows[:, at, : into.rows.shape[2]]
         return done
 
-    def _after_cut(self, one: CutSample, fed: Array | None) -> Array:
-        """The state of a run after a sample in whose interval events fall."""
+    def put_state(self, run: int, state: Array) -> None:
+        """Sets the numbers that a sample moves of one run."""
+        group, lane = self.lane(run)
+        self.rows[group, : len(state), lane] = state
+
+    def after_cut(self, one: CutSample, fed: Array | None, at: int | None = None, first: int = 0) -> Array:
+        """The state of a run after a sample in whose interval events fall. ``at``: the sample of the loop, if it is
+        not that of the run; ``first``: the group with which ``fed`` begins."""
         k, (group, lane) = one.sample, self.lane(one.lane)
         own = loop_of(self.kind._replace(added=self._adds(fed), cut=one.slopes), (), self.build)
         now = self.rows[group, :, lane].copy()
@@ -267,13 +277,16 @@ class Batch:
                 begin = own.spans[name].start
                 rows[0, begin : begin + len(values)] = values[:, None]
         if self.rings is not None and self.ring_length is not None:
-            slot = k % int(self.ring_length[group])
+            slot = (k if at is None else at) % int(self.ring_length[group])
             names = (name for name, _ in self.spec.rings)
             for name, value in zip(names, self.rings[group, slot, :, lane], strict=True):
                 rows[0, own.place[name]] = value
+        if self.kind.waits:  # it does not stand still in this sample
+            rows[0, own.place["lock.closed"]] = 0.0
         given = None
         if fed is not None:
-            given = np.repeat(fed[group : group + 1, :1, :, lane : lane + 1], self.spec.width, axis=3)
+            own_fed = fed[group - first : group - first + 1, :1, :, lane : lane + 1]
+            given = np.repeat(own_fed, self.spec.width, axis=3)
         own.loop(k, k + 1, rows, self._uniform(own.spec.uniform), fed=given)
         return rows[0, : len(own.spec.state), 0]
 

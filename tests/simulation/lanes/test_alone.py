@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.simulation.lanes.alone import run_alone
 from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, no_events, segments_of, study_of_case
 from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from tests.gain_tables import table
+from tests.simulation.lanes.alone import run_alone
 from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.around import Around
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, REACTIVE, STEP, LaneCases, no_events
 from vsgdesign.simulation.lanes.learning import Learning
@@ -96,6 +96,18 @@ def test_lanes_are_single_runs(schedule: str, estimate: str, ready: Ready) -> No
     assert lanes.limited_s[3] > 0.01
     assert np.isfinite(lanes.overshoot[:2]).all()
     assert np.isfinite(lanes.swing_rad[2:]).all()
+
+
+def test_a_lane_waits_for_its_place_on_the_carrier() -> None:
+    """With a switched bridge and two samples in a carrier's period; the events of one lane fall inside an interval."""
+    study, spec = field_study("closed_form")
+    drawn = cases().take(np.array([2, 3]))
+    alone = run_alone(study, spec, NOTHING, drawn, bridge="pwm")
+    lanes = run_lanes(study, spec, NOTHING, drawn, bridge="pwm")
+    for name in ("recovery_s", "swing_rad", "first_peak_pu", "peak_pu", "limited_s"):
+        one, other = getattr(alone, name), getattr(lanes, name)
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-9, err_msg=name)
+    assert (lanes.status == JUDGED).all()
 
 
 @pytest.mark.parametrize(("around", "chosen"), [(AROUND, [0, 4]), (WANDERING, [2])], ids=["distorted", "wandering"])

@@ -22,7 +22,7 @@ from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.gains_of_run import ListedGains
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, LaneCases, no_events
-from vsgdesign.simulation.lanes.telling import Telling, alone_because, telling
+from vsgdesign.simulation.lanes.telling import Telling, telling
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
@@ -269,11 +269,8 @@ def test_some_lanes_go_on_alone(ready: Ready) -> None:
     np.testing.assert_array_equal(at_the_end(part, 3).shape, (8, 3))
 
 
-def test_what_cannot_run_in_lanes_says_so() -> None:
+def test_what_is_told_nothing_says_so() -> None:
     study, spec = study_of(SPECIFIED, estimate="field")
-    assert "one by one" in alone_because(spec, "pwm")
-    assert not alone_because(spec)
-    assert not alone_because(replace(spec, estimate="truth"), "pwm")
     with pytest.raises(ValueError, match="learns its grid"):
         telling(study, spec, NOTHING, random_cases(study, 2))
     with pytest.raises(InfeasibleStudyError, match=r"update_period = 0.02001 s is not a whole multiple"):

@@ -64,27 +64,33 @@ class LaneFeed:
             marks = source.marks[:-1]
             writer.put(np.full(len(marks), number), marks, self._batch.span("source").start, source.phasors(marks))
 
-    def given(self, begin: Samples, counts: Samples, first: int, groups: int) -> Array:
+    def given(self, begin: Samples, counts: Samples, first: int, groups: int, late: Samples | None = None) -> Array:
         """What ``groups`` groups from ``first`` on are given, (groups, most, n, L), each run from its own sample
-        ``begin`` (N,) on for ``counts`` (N,) samples. It is valid until the next call."""
-        width, most = self._rms.shape[2], int(counts.max())
+        ``begin`` (N,) on for ``counts`` (N,) samples, which come ``late`` (N,) samples later than the first; None: at
+        once. It is valid until the next call."""
+        late = np.zeros_like(counts) if late is None else late
+        width, most = self._rms.shape[2], int((counts + late).max())
         if self._room.shape[0] < groups or self._room.shape[1] < most:
             self._room = aligned_zeros((groups, most, self._columns, width))
         found = self._room[:groups, :most]
         for group in range(first, first + groups):
             lanes = range(group * width, min((group + 1) * width, len(self._batch)))
             if self._sensors:
-                self._add_noise(found[group - first], group, lanes, begin, counts)
+                self._add_noise(found[group - first], group, lanes, begin, counts, late)
             for lane in lanes if self._sources else ():
-                self._sources[lane].put(found[group - first, : counts[lane], :, lane % width], int(begin[lane]))
+                rows = slice(late[lane], late[lane] + counts[lane])
+                self._sources[lane].put(found[group - first, rows, :, lane % width], int(begin[lane]))
         return found
 
-    def _add_noise(self, found: Array, group: int, lanes: range, begin: Samples, counts: Samples) -> None:
+    def _add_noise(
+        self, found: Array, group: int, lanes: range, begin: Samples, counts: Samples, late: Samples
+    ) -> None:
         if self._normal.shape[1] < len(found):
             self._normal = np.zeros((self._normal.shape[0], len(found), len(CHANNELS)))
         normal = self._normal[:, : len(found)]
         for lane in lanes:
-            self._sensors[lane].draw(int(begin[lane]), self._normal[lane % len(normal), : counts[lane]])
+            rows = slice(late[lane], late[lane] + counts[lane])
+            self._sensors[lane].draw(int(begin[lane]), self._normal[lane % len(normal), rows])
         at = self._columns - len(CHANNELS) - (self._batch.kind.moved and self._batch.kind.watch == DISTURBANCE)
         np.multiply(normal.transpose(1, 2, 0), self._rms[group], out=found[:, at : at + len(CHANNELS)])
 

@@ -23,6 +23,7 @@ from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured
 from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
+from vsgdesign.simulation.circuit_program import CutSample
 from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, network_of, settings_of_study
 from vsgdesign.simulation.field_observer import conclusion_spec
 from vsgdesign.simulation.lanes.cases import LaneCases
@@ -173,6 +174,14 @@ class Listeners:
         count = np.diff(program.first)
         self._lane = np.repeat(np.arange(groups), count) * width + program.lane
         """Of each record of the program."""
+        self._period = max(len(part.kind.bridge.slopes), 1)
+        """Samples of a carrier's period."""
+        self._late = np.zeros(groups * width, dtype=np.int64)
+        """By how many samples each lane begins a cycle later than the loop."""
+        self._values = np.append(program.values, 0.0)
+        self._cut: dict[int, list[CutSample]] = {}
+        for one in part.cut:
+            self._cut.setdefault(one.lane, []).append(one)
         self._put(learning.gains)
 
     def run(self) -> None:
@@ -191,12 +200,13 @@ class Listeners:
         lanes = slice(0, groups * width)
         rows, lock = part.rows[:groups], self._rows[:groups, : self._lock.stop - self._lock.start]
         counts = self._samples_to_the_end(rows)
-        longest = int(counts.max())
+        late = self._wait_for_carrier(rows, lanes)
+        longest = int((counts + late).max())
         with interrupts_deferred():
-            self._move(groups, counts)
+            self._move(groups, counts, late)
         self._begun += longest
         self._samples[lanes] += counts
-        self._follow_rings(longest - counts)
+        self._follow_rings(longest - counts - late)
         lock[:] = rows[:, self._lock]
         self._conclusion(0, 1, self._rows[:groups], self._constants, log=self._log[:groups], every=1)
         rows[:, self._lock] = lock
@@ -205,36 +215,60 @@ class Listeners:
             said = self._networks.behind(said)
         self._answer(FieldAnswer(*(said[:, k].reshape(-1) for k in range(len(FieldAnswer._fields)))))
 
-    def _move(self, groups: int, counts: Samples) -> None:
+    def _wait_for_carrier(self, rows: Array, lanes: slice) -> Samples:
+        """By how many samples each lane begins its cycle later, so that it is where the loop is on the carrier. Until
+        then it stands still, as if its cycle had ended."""
+        late = (self._samples[lanes] - self._begun) % self._period
+        if late.any():
+            rows[:, self._part.place["lock.closed"]] = (late > 0).reshape(len(rows), -1)
+            self._follow_rings(late)
+        return late
+
+    def _move(self, groups: int, counts: Samples, late: Samples) -> None:
         """Moves the lanes of the first groups through their next samples. What they are given and what they log is kept
         for a few groups at once, so that it stays in the cache."""
-        part, program, begun = self._part, self._program(groups, counts), self._begun
+        part, program, begun = self._part, self._program(groups, counts, late), self._begun
         each = groups if part.feed is None and part.means is None else _GROUPS
+        width = part.rows.shape[2]
         for first in range(0, groups, each):
             count = min(each, groups - first)
             own = replace(program, first=program.first[first : first + count + 1], done=program.done[first:][:count])
-            fed = None if part.feed is None else part.feed.given(self._samples, counts, first, count)
-            log = self._means_of(first, count, counts)
-            width = part.rows.shape[2]
-            lanes = counts[first * width : (first + count) * width]
+            fed = None if part.feed is None else part.feed.given(self._samples, counts, first, count, late)
+            log = self._means_of(first, count, counts + late)
+            lanes = slice(first * width, (first + count) * width)
+            cut = self._cut_samples(lanes, counts, late)
             # Until the first cycle ends, no lane has to look whether it stands still: a quarter of the time.
-            ends = 0, int(lanes.min()), int(lanes.max())
-            for begin, end in itertools.pairwise(ends):
-                if end > begin:
-                    part.advance_with(
-                        own,
-                        begun + begin,
-                        begun + end,
-                        first=first,
-                        fed=None if fed is None else fed[:, begin:end],
-                        log=None if log is None else log[:, begin:end],
-                        together=begin == 0,
-                    )
+            together = int(late[lanes].max()), int((counts + late)[lanes].min())
+            ends = {0, *together, int((counts + late)[lanes].max()), *cut, *(at + 1 for at in cut)}
+            for begin, end in itertools.pairwise(sorted(ends)):
+                here = None if fed is None else fed[:, begin:end]
+                after = [(one.lane, part.after_cut(one, here, begun + begin, first)) for one in cut.get(begin, ())]
+                part.advance_with(
+                    own,
+                    begun + begin,
+                    begun + end,
+                    first=first,
+                    fed=here,
+                    log=None if log is None else log[:, begin:end],
+                    together=together[0] <= begin and end <= together[1],
+                )
+                for lane, state in after:
+                    part.put_state(lane, state)
             if log is not None:
-                self._keep(log, first, counts)
+                self._keep(log, first, counts, late)
+
+    def _cut_samples(self, lanes: slice, counts: Samples, late: Samples) -> dict[int, list[CutSample]]:
+        """The samples of some lanes in whose intervals events fall, by their place in this cycle of the loop."""
+        found: dict[int, list[CutSample]] = {}
+        for lane in range(lanes.start, lanes.stop) if self._cut else ():
+            for one in self._cut.get(lane, ()):
+                at = one.sample - int(self._samples[lane])
+                if 0 <= at < counts[lane]:
+                    found.setdefault(at + int(late[lane]), []).append(one)
+        return found
 
     def _means_of(self, first: int, groups: int, counts: Samples) -> Array | None:
-        """Room for what is logged of some groups; None: nothing is."""
+        """Room for what is logged of some groups over so many samples of the loop; None: nothing is."""
         means, width = self._part.means, self._part.rows.shape[2]
         lanes = slice(first * width, (first + groups) * width)
         if means is None or int((self._samples[lanes] + counts[lanes]).max()) <= means.begin:
@@ -244,7 +278,7 @@ class Listeners:
             self._logged = aligned_zeros((_GROUPS, most, len(means.names), width))
         return self._logged[:groups, :most]
 
-    def _keep(self, log: Array, first: int, counts: Samples) -> None:
+    def _keep(self, log: Array, first: int, counts: Samples, later: Samples) -> None:
         """Puts what some groups have logged where each lane keeps its own samples."""
         part, width = self._part, self._part.rows.shape[2]
         means = part.means
@@ -254,7 +288,7 @@ class Listeners:
             group, at = divmod(lane, width)
             begin = int(self._samples[lane]) - means.begin
             late = max(-begin, 0)
-            kept = log[group - first, late : counts[lane], :, at]
+            kept = log[group - first, later[lane] + late : later[lane] + counts[lane], :, at]
             slot = begin + late
             room = means.rows[group, slot : slot + len(kept), :, at]
             room[:] = kept[: len(room)]
@@ -277,26 +311,31 @@ class Listeners:
         counts[near] = np.where(over.any(axis=0), over.argmax(axis=0), most - 1)
         return counts.astype(np.int64) + 1
 
-    def _program(self, groups: int, counts: Samples) -> Program:
+    def _program(self, groups: int, counts: Samples, late: Samples) -> Program:
         """The records of this cycle, at the samples of the loop."""
         program, width = self._part.program, self._part.rows.shape[2]
         until = int(program.first[groups])
         lane, at = self._lane[:until], program.at[:until]
         since = at - self._samples[lane]
         chosen = np.flatnonzero((since >= 0) & (since < counts[lane]))
-        at = self._begun + since[chosen]
-        group = lane[chosen] // width
-        order = np.lexsort((at, group))
-        chosen, at, group = chosen[order], at[order], group[order]
-        first = np.searchsorted(group, np.arange(groups + 1)).astype(np.int64)
-        return replace(
-            program,
+        waiting = np.flatnonzero(late)
+        lane = np.concatenate([waiting, lane[chosen]])
+        at = self._begun + late[lane] + np.concatenate([np.zeros(len(waiting), dtype=np.int64), since[chosen]])
+        order = np.lexsort((at, lane // width))
+        # A lane that waits goes on where a zero is put into the place that says that its cycle has ended.
+        opened = np.full(len(waiting), self._part.place["lock.closed"], dtype=np.int64)
+        row = np.concatenate([opened, program.row[chosen]])
+        count = np.concatenate([np.ones_like(opened), program.count[chosen]])
+        source = np.concatenate([np.full_like(opened, len(self._values) - 1), program.source[chosen]])
+        first = np.searchsorted(lane[order] // width, np.arange(groups + 1)).astype(np.int64)
+        return Program(
             first=first,
-            at=at,
-            lane=program.lane[chosen],
-            row=program.row[chosen],
-            count=program.count[chosen],
-            source=program.source[chosen],
+            at=at[order],
+            lane=(lane % width)[order],
+            row=row[order],
+            count=count[order],
+            source=source[order],
+            values=self._values,
             done=first[:-1].copy(),
         )
 

@@ -19,7 +19,6 @@ from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, LATCHED_SHARE, SurvivalDemand
 from vsgdesign.runtime.of_study import gain_law
-from vsgdesign.simulation.lanes.alone import run_alone
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.learning import Listeners, before_learning, samples_of_mean
 from vsgdesign.simulation.lanes.own_rest import judge_steps, pieces, recovered
@@ -36,7 +35,7 @@ from vsgdesign.simulation.lanes.results import (
     Swings,
     swings_of,
 )
-from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, alone_because, learns, telling
+from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, learns, telling
 from vsgdesign.simulation.outcome import BOUND_PU
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
@@ -58,16 +57,13 @@ def run_lanes(
     """Runs every case with a controller of the study, and judges it.
 
     Events of a case are at least 5 ms apart. ``strict``: every operation rounds by itself, so that the results are the
-    same bits on every machine. A controller that estimates its grid in every sample runs its cases one by one with a
-    switched bridge (:func:`vsgdesign.simulation.lanes.alone.run_alone`). Cases without a background and sensors of
-    their own have those of the study. Raises InfeasibleStudyError where the study cannot be run in a batch: a load, a
-    fault or an open breaker at the start; a record that is too short, or events that change its voltage; a switched
-    bridge whose intervals do not lie on one slope of the carrier.
+    same bits on every machine. Cases without a background and sensors of their own have those of the study. Raises
+    InfeasibleStudyError where the study cannot be run in a batch: a load, a fault or an open breaker at the start; a
+    record that is too short, or events that change its voltage; a switched bridge whose intervals do not lie on one
+    slope of the carrier.
     """
     own, cases = study.with_limit_of(spec), cases.in_study(study)
     _refuse(own, cases, bridge)
-    if alone_because(spec, bridge):
-        return run_alone(study, spec, ready, cases, bridge=bridge)
     if (bridge != "pwm" and not cases.around.distort(study)) or len(cases) == 0:
         return _run_together(own, spec, ready, cases, bridge, strict)
     results = LaneResults.of_none(len(cases))

@@ -109,13 +109,6 @@ def told_controller(spec: ControllerSpec) -> ControllerSpec:
     return replace(spec, estimate="truth", update_period=spec.update_period or UPDATE_PERIOD)
 
 
-def alone_because(spec: ControllerSpec, bridge: str = "averaged") -> str:
-    """The reason why runs of a controller cannot share a loop with others; empty where they can."""
-    if learns(spec) and bridge == "pwm":
-        return f'estimate = "{spec.estimate}": with a switched bridge these cases run one by one.'
-    return ""
-
-
 def telling(
     study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases, said: ToldGrids | None = None
 ) -> Telling:

@@ -95,8 +95,7 @@ def verify(
     """
     from pathlib import Path
 
-    from vsgdesign.simulation.lanes.telling import alone_because
-    from vsgdesign.verbs.pipeline.verify import WORK, Asked, check_verifiable, merge_shards, verify_study, with_table
+    from vsgdesign.verbs.pipeline.verify import WORK, Asked, merge_shards, verify_study, with_table
 
     _check_options(file, study_file, shard is not None, merge, (controller, runs, seed, how.get("cluster")))
     study = load(file if study_file is None else study_file, left_tables=study_file is None)
@@ -107,9 +106,6 @@ def verify(
     asked = Asked(
         controller=controller, runs=runs, seed=seed, confidence=confidence, bridge=bridge, strict=strict, search=search
     )
-    if not merge and (reason := alone_because(check_verifiable(study, asked), bridge)):
-        click.echo(reason, err=True)
-
     with results_at(folder, lambda: kept_words(folder, WORK, "run")):
         with progress(quiet=as_json) as tell:
             if merge:

@@ -1,4 +1,4 @@
-"""Cases run one by one, for a controller that cannot share a loop: the same cases, the same figures."""
+"""Cases of a field estimator run one by one: what its lanes are compared with."""
 
 from __future__ import annotations
 
