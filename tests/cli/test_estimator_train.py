@@ -29,7 +29,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With a recipe and the weights of it."""
     folder = tmp_path_factory.mktemp("network")
     (folder / "few.toml").write_text(RECIPE, encoding="utf-8")
-    arguments = (study_file(folder), "--recipe", folder / "few.toml", "--seed", "2", "--hidden", "5")
+    arguments = (study_file(folder), "--recipe", folder / "few.toml", "--seed", "2", "--hidden", "5", "--workers", "1")
     result = call("estimator", "train", *arguments, "--out", folder / "w.json", "--windows", folder / "w.npz")
     assert result.exit_code == 0, result.output
     assert "w.json: recipe few" in result.stdout
@@ -50,6 +50,7 @@ def test_weights_say_what_they_are(folder: Path) -> None:
     assert weights.window.synchronised
     assert weights.training["converter"] == {"S_rated": 5000.0, "V_rated_rms": 110.0, "f_n": 50.0}
     arguments = (folder / "small.toml", "--recipe", folder / "few.toml", "--seed", "2", "--hidden", "5")
+    arguments += ("--workers", "1")  # that more of them make the same windows, tests/estimator sees
     study_file(folder)
     document = as_json("estimator", "train", *arguments, "--out", folder / "again.json")
     assert document["weights_sha256"] == weights.hash
