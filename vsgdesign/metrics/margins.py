@@ -124,11 +124,11 @@ def loop_margins_steps(S_grid: Complex, omega: Array, at: SensitivityAt, loop: i
     """:func:`loop_margins` for :func:`refined`."""
 
     def gain(S: Complex) -> Complex:
-        return 1.0 / S[:, loop, loop] - 1.0
+        return _loop_gain(S[:, loop, loop])
 
-    L = 1.0 / S_grid[:, :, loop, loop] - 1.0
+    L = _loop_gain(S_grid[:, :, loop, loop])
     count, omega = L.shape[0], _per_cell(omega, L)
-    of_one = _crossings(np.log(np.abs(L)), omega, at, lambda S: np.log(np.abs(gain(S))))
+    of_one = _crossings(_log_size(L), omega, at, lambda S: _log_size(gain(S)))
     of_axis = _crossings(L.imag, omega, at, lambda S: gain(S).imag)
     (cells, w), (on_axis, w_axis) = yield from _together([of_one, of_axis])
     phase = np.angle(-gain(at(cells, w)))  # distance to −1 along the unit circle
@@ -141,6 +141,16 @@ def loop_margins_steps(S_grid: Complex, omega: Array, at: SensitivityAt, loop: i
     cells, w, value = on_axis[on_negative], w_axis[on_negative], value[on_negative]
     GM, GM_at = _least_per_cell(np.abs(20.0 * np.log10(-value)), w, cells, count)
     return LoopMarginTable(GM, GM_at, PM, PM_at, DM, DM_at)
+
+
+def _loop_gain(S: Complex) -> Complex:
+    """L = 1/S − 1; infinite in both parts where a gain is so large that S is rounded to zero."""
+    return np.divide(1.0, S, out=np.full(S.shape, complex(np.inf, np.inf)), where=S != 0.0) - 1.0
+
+
+def _log_size(L: Complex) -> Array:
+    """ln |L|; that of the least number where a gain is so small that L is rounded to zero."""
+    return np.log(np.maximum(np.abs(L), np.finfo(float).tiny))
 
 
 class _Curves(NamedTuple):

@@ -19,16 +19,26 @@ _CELLS = 64
 """Cells whose powers are kept at once."""
 
 
+_FASTEST_GROWTH = 100.0
+"""ln of the largest growth of a response within one of its steps."""
+_STIFFEST = 1e14
+"""Largest norm of A·dt of which the exponential has digits left."""
+
+
 def reduced_step(model: CoupledModel, input_: str, output: str, t_end: float, dt: float) -> tuple[Array, Array]:
     """Unit step responses (N, K) of the reduced model at times (K,): exact at the samples.
 
-    The model is sampled by its matrix exponential over ``dt``, and its response is a sum over the modes.
+    The model is sampled by its matrix exponential over ``dt``, and its response is a sum over the modes. A cell that
+    grows by more than e^100 within ``dt``, or whose exponential is nothing but rounding, has no response: infinity.
     """
     column, row = INPUTS.index(input_), OUTPUTS.index(output)
-    A, b = transitions(model.A, model.B[:, :, [column]], dt)
-    parts = b, model.C[:, [row]], model.D[:, [row]][:, :, [column]]
     count = round(t_end / dt) + 1
-    return np.arange(count, dtype=np.float64) * dt, sampled_steps(A, *parts, 1, count)[..., 0, 0]
+    y = np.full((len(model.A), count), np.inf)
+    slow = np.linalg.eigvals(model.A).real.max(axis=1) * dt < _FASTEST_GROWTH
+    k = np.flatnonzero(slow & (np.abs(model.A).sum(axis=1).max(axis=1) * dt < _STIFFEST))
+    A, b = transitions(model.A[k], model.B[k][:, :, [column]], dt)
+    y[k] = sampled_steps(A, b, model.C[k][:, [row]], model.D[k][:, [row]][:, :, [column]], 1, count)[..., 0, 0]
+    return np.arange(count, dtype=np.float64) * dt, y
 
 
 def full_order_step(
@@ -90,12 +100,13 @@ def _stepped(A: Array, B: Array, C: Array, every: int, count: int) -> Array:
 def reduced_step_metrics(
     model: CoupledModel, input_: str, output: str, t_end: float = 12.0, dt: float = 1e-3
 ) -> list[ResponseMetrics | None]:
-    """Overshoot, settling and rise time of each cell relative to its own final value; None for an unstable cell."""
+    """Overshoot, settling and rise time of each cell relative to its own final value; None for an unstable cell and for
+    one without a response."""
     t, y = reduced_step(model, input_, output, t_end, dt)
     column, row = INPUTS.index(input_), OUTPUTS.index(output)
     found: list[ResponseMetrics | None] = []
     for k, A in enumerate(model.A):
-        if np.linalg.eigvals(A).real.max() >= 0.0:
+        if np.linalg.eigvals(A).real.max() >= 0.0 or not np.isfinite(y[k]).all():
             found.append(None)
             continue
         final = float(model.D[k, row, column] - model.C[k, row] @ np.linalg.solve(A, model.B[k, :, column]))
