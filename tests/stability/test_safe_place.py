@@ -25,7 +25,7 @@ from vsgdesign.linear.stability.safe_place import (
 )
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.of_study import ControllerGains
-from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.study.parameters import Study, load_study, study_from_text
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.study import ControllerSpec
 
@@ -149,6 +149,24 @@ def test_without_a_specification_there_is_none() -> None:
     bare = replace(study, specification=None)
     assert closed_form_place(bare, spec) is None
     assert table_safe_place(bare, table("angle_damped")) is None
+
+
+def test_where_no_grid_carries_a_power_it_is_the_middle() -> None:
+    """The powers that are asked for are above the limits on every grid: a design takes a share of them."""
+    study = study_from_text("""
+base = "case:lab_12kva_lcl"
+grid = { scr_basis = "impedance", scr = 20, x_over_r = 3 }
+simulation = { duration = "0.1 s", P_ref = "1 kW", Q_ref = "0 var" }
+controllers = [{ name = "a", kind = "scheduled", structure = "angle_damped" }]
+[specification]
+settling_time = "1.3 s"
+overshoot = "5 %"
+scr = [1.1, 1.2]
+x_over_r = [0.3, 0.5]
+P = ["24 kW", "25 kW"]
+""")
+    assert study.specification is not None
+    assert closed_form_place(study, study.controllers[0]) == middle_place(study.specification)
 
 
 def test_the_published_structure_waits_where_it_did() -> None:

@@ -145,7 +145,9 @@ def loop_margins_steps(S_grid: Complex, omega: Array, at: SensitivityAt, loop: i
 
 def _loop_gain(S: Complex) -> Complex:
     """L = 1/S − 1; infinite in both parts where a gain is so large that S is rounded to zero."""
-    return np.divide(1.0, S, out=np.full(S.shape, complex(np.inf, np.inf)), where=S != 0.0) - 1.0
+    inverse = np.full(S.shape, complex(np.inf, np.inf))
+    np.divide(1.0, S, out=inverse, where=S != 0.0)
+    return inverse - 1.0
 
 
 def _log_size(L: Complex) -> Array:

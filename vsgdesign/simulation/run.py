@@ -112,6 +112,15 @@ def simulate(
     return simulation_of(run, loop_seconds)
 
 
+def check_run(
+    study: Study, schedule: Sequence[GainChange] | OnlineScheduler | FieldScheduler, *, bridge: str | None = None
+) -> None:
+    """Prepares a run up to its first sample. Raises what :func:`simulate` raises until then."""
+    run = RunState(RunOf(study, schedule))
+    switched = (study.simulation.bridge if bridge is None else bridge) == "pwm"
+    _program([run], *begin_together([run], switched))
+
+
 def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress | None = None) -> float:
     """Takes runs of one kind to their ends, side by side. Returns the seconds inside the compiled loop."""
     (batch, circuits), marks, loop_seconds = begin_together(runs, switched), [], 0.0

@@ -108,18 +108,21 @@ def safe_place(study: Study, law: GainLaw) -> Place:
     ``law`` gives the gains for an assumed grid at measured powers. The impedances of the places have the angle that is
     least wrong on any grid, and their gains keep LEAST_DISK_MARGIN, or the margin of the middle of the grids if that is
     less. The reduced model orders the places; the full-order model decides. Where no place keeps the margin,
-    it is the middle. Raises ValueError without a specification.
+    or no grid carries one of the powers, it is the middle. Raises ValueError without a specification.
     """
     asked = study.specification
     if asked is None:
         raise ValueError("the study has no [specification]: there are no grids to be safe on")
     study = replace(study, scr_basis=asked.scr_basis, grid_source=_source(asked))
     middle, corners = middle_place(asked), _plants(study, asked, scrs=3, x_over_rs=3, Ps=3, Qs=2)
+    plants = _plants(study, asked, scrs=4, x_over_rs=4, Ps=5, Qs=2)
+    if not len(plants.P):
+        return middle
     of_middle, floor = place_figures(study, law, middle, corners), LEAST_DISK_MARGIN
     if of_middle.decay > 0.0:
         floor = min(floor, of_middle.disk_margin)
     places = _not_too_fast(study, law, _places(asked), corners, floor)
-    decays = reduced_decays(study, law, places, _plants(study, asked, scrs=4, x_over_rs=4, Ps=5, Qs=2))
+    decays = reduced_decays(study, law, places, plants)
     best, best_decay = middle, 0.0
     for k in np.argsort(-decays, kind="stable"):
         if not decays[k] > best_decay:

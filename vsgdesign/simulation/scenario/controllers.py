@@ -36,6 +36,7 @@ from vsgdesign.simulation.outcome import (
 )
 from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.scenario.checking import deaf_in_words
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
@@ -202,8 +203,8 @@ def _run_controllers(
         deaf = unanswered(own_study, run.gain_changes)
         events = tuple(replace(one, reason=one.reason or deaf.get(one.t_s)) for one in events)
         if warn is not None:
-            for t_s, text in deaf.items():
-                warn(f"{spec.name}, from {t_s:g} s on: {text}.")
+            for text in deaf_in_words(spec, deaf):
+                warn(text)
         logged = as_logged(run, own_study)
         results[spec.name] = ControllerResult(
             spec=spec,

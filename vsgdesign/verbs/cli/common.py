@@ -65,7 +65,7 @@ def echo_aside(sentence: str) -> None:
     click.echo(sentence, err=True)
 
 
-def _exit_code(error: VsgDesignError) -> int:
+def exit_code(error: VsgDesignError) -> int:
     from vsgdesign.errors import ArtifactError, StudyError
 
     return EXIT_WRONG_INPUT if isinstance(error, StudyError | ArtifactError) else EXIT_IMPOSSIBLE
@@ -91,7 +91,7 @@ def verb(function: Callable[..., None]) -> Callable[..., None]:
             if stop.number is not None:  # what a signal met on its way made something else of it
                 _end(end, f"{stop.word}: {end.words}", stop.exit_code)
             if isinstance(error, VsgDesignError):
-                _end(end, f"error: {error}", _exit_code(error))
+                _end(end, f"error: {error}", exit_code(error))
             if not isinstance(error, OSError) or not _of_the_disk(error):
                 raise
             _end(end, f"error: cannot write: {error.strerror}. Choose a place with enough space.", EXIT_WRONG_INPUT)

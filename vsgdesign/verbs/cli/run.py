@@ -12,11 +12,10 @@ import click
 from vsgdesign.errors import counted
 from vsgdesign.verbs.cli.common import (
     BRIDGE,
-    EXIT_IMPOSSIBLE,
-    EXIT_WRONG_INPUT,
     JSON,
     STUDY,
     WORKERS,
+    exit_code,
     keeping,
     load,
     print_json,
@@ -28,6 +27,7 @@ from vsgdesign.verbs.cli.common import (
 if TYPE_CHECKING:
     from vsgdesign.report.page.blocks import Block
     from vsgdesign.simulation.scenario import ScenarioResult
+    from vsgdesign.study.parameters import Study
 
 
 @click.command()
@@ -235,30 +235,52 @@ def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> Non
 
 @click.command()
 @STUDY
+@click.option("--deep", is_flag=True, help="Also find what a run would refuse, without a simulation.")
+@click.option("--out", default=None, metavar="DIR", help="With --deep: folder of the run.  [default: out/NAME]")
 @JSON
 @verb
-def validate(study_file: str, as_json: bool) -> None:
-    """Check a study and its files, and report all faults at once."""
-    from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
-    from vsgdesign.verbs.pipeline.opening import check_named_files, check_possible, check_study
+def validate(study_file: str, deep: bool, out: str | None, as_json: bool) -> None:
+    """Check a study and its files, and report all faults at once.
 
+    With --deep, everything that a run does before its first sample is done as well, and nothing is kept: gains, rests,
+    circuits and starts of all controllers, the cells of tables that are not built yet, and the C of those that are.
+    """
+    from vsgdesign.errors import Fault, StudyError, VsgDesignError
+
+    if out is not None and not deep:
+        raise click.UsageError("--out is the folder of the run that --deep looks at: give --deep, too")
     try:
-        study, inner_loops = check_study(study_file)
-        check_named_files(study, study_file)
-        check_possible(study)
-    except (StudyError, InfeasibleStudyError) as error:
+        study, inner_loops, said = _checked(study_file, deep, out)
+    except VsgDesignError as error:
         if not as_json:
             raise
-        impossible = [Fault("events", "", str(error))]
+        impossible = [Fault("events" if not deep else "run", "", str(error))]
         source, faults = (error.source, error.faults) if isinstance(error, StudyError) else (study_file, impossible)
         print_json({"valid": False, "source": source, "faults": [vars(fault) for fault in faults]})
-        sys.exit(EXIT_WRONG_INPUT if isinstance(error, StudyError) else EXIT_IMPOSSIBLE)
+        sys.exit(exit_code(error))
     if as_json:
-        document = {"valid": True, "study": study.name, "hash": study.hash}
-        print_json(document | ({"inner_loops": inner_loops} if inner_loops else {}))
+        document: dict[str, Any] = {"valid": True, "study": study.name, "hash": study.hash}
+        document |= {"inner_loops": inner_loops} if inner_loops else {}
+        print_json(document | ({"warnings": said} if deep else {}))
     else:
         counts = [(len(study.controllers), "controller"), (len(study.events), "event")]
         shown = ", ".join(counted(count, word) for count, word in counts)
-        click.echo(f"{study_file}: valid ({shown})")
+        for text in said:
+            _warn(text)
+        click.echo(f"{study_file}: valid ({shown}){', and a run would begin' if deep else ''}")
         if inner_loops:
             click.echo(inner_loops)
+
+
+def _checked(study_file: str, deep: bool, out: str | None) -> tuple[Study, str, list[str]]:
+    """The study, a sentence on its inner loops, and what a run would warn of."""
+    from vsgdesign.verbs.pipeline.opening import check_named_files, check_possible, check_study
+
+    study, inner_loops = check_study(study_file)
+    check_named_files(study, study_file)
+    check_possible(study)
+    if not deep:
+        return study, inner_loops, []
+    from vsgdesign.verbs.pipeline.checking import check_deep
+
+    return study, inner_loops, check_deep(study_file, out)[1]

@@ -61,6 +61,8 @@ class KeptInnerLoops:
     study_file: Path
     design: bool = True
     """Whether gains that were not kept are designed. Otherwise they are NaN, which is enough to check a study."""
+    keep: bool = True
+    """Whether gains that were designed are kept beside the study."""
     progress: Progress | None = None
     say: Say | None = None
     record: InnerLoopsRecord | None = None
@@ -82,7 +84,8 @@ class KeptInnerLoops:
             changes = ", ".join(differing_fields(stale.request, wanted))
             self._tell(f"The inner loops in {own} were designed for other data and are designed again: {changes}.")
         self.record = design_record(request, self.progress)
-        self._keep(own)
+        if self.keep:
+            self._keep(own)
         return self.record.gains, self.record.omega_t
 
     def _keep(self, path: Path) -> None:

@@ -190,6 +190,14 @@ def _write(
     return result, write_record(folder, document, verb)
 
 
+def export_tables(study: Study, ready: Ready, folder: Path, *, warn: Callable[[str], None] | None = None) -> None:
+    """Writes the gain tables and the network of a study to a folder, with their C, as a run does. Raises
+    ArtifactError."""
+    _write_made(ready, folder)
+    for wait in _exports(study, ready, folder, warn=warn):
+        wait()
+
+
 def _exports(
     study: Study,
     ready: Ready,

@@ -1,0 +1,49 @@
+"""Everything that a run would refuse, found without a simulation: the functions of a run, up to its first sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from vsgdesign.artifacts.folders import check_folder_target
+from vsgdesign.artifacts.network_weights import read_network_weights
+from vsgdesign.artifacts.ready import Ready, read_tables
+from vsgdesign.identification.registry import needs_network
+from vsgdesign.simulation.scenario.checking import check_scenario
+from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.pipeline.opening import KeptInnerLoops, check_named_files
+from vsgdesign.verbs.pipeline.run import export_tables
+from vsgdesign.verbs.pipeline.training import recipe_of, trains
+
+
+def check_deep(study_file: str | Path, out: str | Path | None = None) -> tuple[Study, list[str]]:
+    """The study of a file, and what a run of it would warn of.
+
+    Inner loops that are not designed yet are designed, which takes seconds, and not kept. A gain table that is not
+    built yet counts with the closed form of its structure, and a network that is not trained yet as the true grid.
+    Raises the error with which :func:`vsgdesign.verbs.pipeline.run.run_study` would end before its first sample, or
+    while it writes C.
+    """
+    study = load_study(study_file, KeptInnerLoops(Path(study_file), keep=False))
+    check_named_files(study, str(study_file))
+    check_folder_target(Path("out") / study.name if out is None else out, "vsgdesign run", study.input_files)
+    untrained, spec = trains(study), study.estimator
+    if untrained and spec is not None:
+        recipe_of(study, spec, None)
+    network = (
+        None if untrained or spec is None or spec.weights_file is None else read_network_weights(spec.weights_file)
+    )
+    ready = Ready(tables=read_tables(study), network=network)
+    controllers = []
+    for one in study.controllers:
+        if one.schedule == "table" and one.table_file is None:
+            one = replace(one, schedule="closed_form")
+        if untrained and needs_network(one.estimate):
+            one = replace(one, estimate="truth")
+        controllers.append(one)
+    said = check_scenario(replace(study, controllers=tuple(controllers)), ready)
+    with TemporaryDirectory(prefix="vsgdesign-") as folder:
+        export_tables(study, ready, Path(folder), warn=said.append)
+    return study, said
