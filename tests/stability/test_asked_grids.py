@@ -107,6 +107,18 @@ def test_a_grid_outside_is_shown_marked_and_not_judged(asked: StabilityResult, b
     assert np.all(a.between_grids[:, 0] <= 3.0)
 
 
+def test_the_design_point_is_asked_for_whatever_the_powers_of_the_box_are() -> None:
+    """Every cell was left out, and the headline said that gates were missed."""
+    narrow = BOX.replace('["0 kvar", "1 kvar"]', '["0 kvar"]')
+    text = FIXED.replace('Q = ["0 kvar"]\n{axes}', 'Q = ["0.5 kvar"]').format(specification=narrow)
+    design = '[power_loops]\nP_design = "2 kW"\nQ_design = "{} kvar"\n[stability]'
+    at, beside = (result_of(study_from_text(text.replace("[stability]", design.format(Q), 1))) for Q in ("0.5", "0.4"))
+    assert set(ours(at).values()) == {PASS}
+    assert left_out(at.assessments[0].reduced) == ([], 0)
+    assert not set(ours(beside).values()) & {PASS, FAIL}
+    assert stability_headline(beside).startswith("No gate of fixed is missed, but 11 of 11 could not be assessed: no")
+
+
 def test_without_a_box_the_axes_of_the_study_are_judged_and_the_line_says_where() -> None:
     result = result_of(study_of("scr = [2, 3, 20]\nx_over_r = [1]", specification=""))
     assert FAIL in ours(result).values()

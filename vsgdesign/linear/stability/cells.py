@@ -181,7 +181,10 @@ def _outside(study: Study, P: Array, Q: Array, V_rms: Array) -> list[str | None]
 
 
 def only_asked(study: Study, cells: CellSet) -> CellSet:
-    """The cells with a reason in ``outside`` where SCR, X/R, P or Q leave the box of the study's specification."""
+    """The cells with a reason in ``outside`` where SCR, X/R, P or Q leave the box of the study's specification.
+
+    The powers of a design point are asked for on every grid of the box: a design keeps its promises there, too.
+    """
     asked = study.specification
     if asked is None:
         return cells
@@ -192,10 +195,13 @@ def only_asked(study: Study, cells: CellSet) -> CellSet:
     limits = {"SCR": (scr, asked.scr, 1.0, ""), "X/R": (x_over_r, asked.x_over_r, 1.0, "")}
     limits |= {"P": (cells.P, asked.box.P, 1e3, " kW"), "Q": (cells.Q, asked.box.Q, 1e3, " kvar")}
     outside = list(cells.outside)
+    targets = [study.target, *(spec.target for spec in study.controllers)]
+    designed = np.any([(cells.P == target.P) & (cells.Q == target.Q) for target in targets], axis=0)
     for name, (values, allowed, unit, suffix) in limits.items():
         low, high = min(allowed), max(allowed)
         room = _ROUNDING * max(abs(low), abs(high))
-        for k in np.flatnonzero((values < low - room) | (values > high + room)):
+        beyond = (values < low - room) | (values > high + room)
+        for k in np.flatnonzero(beyond & ~designed if name in "PQ" else beyond):
             if outside[k] is None:
                 said = f"{values[k] / unit:.4g} outside {low / unit:g} to {high / unit:g}{suffix}"
                 outside[k] = f"{NOT_ASKED}: {name} {said}"

@@ -13,7 +13,16 @@ from vsgdesign.linear.stability.assessment import ControllerAssessment
 from vsgdesign.linear.stability.cells import full_order_cells
 from vsgdesign.linear.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes
 from vsgdesign.linear.stability.maps import MarginMap
-from vsgdesign.linear.stability.verdict import FAIL, OWN, PASS, Verdict, counted_rows, describe_cell
+from vsgdesign.linear.stability.verdict import (
+    FAIL,
+    NOT_ASSESSED,
+    NOTHING,
+    OWN,
+    PASS,
+    Verdict,
+    counted_rows,
+    describe_cell,
+)
 from vsgdesign.report.drawing import spark
 from vsgdesign.report.drawing.quantities import merged, number
 from vsgdesign.report.page.blocks import MET, MISSED, UNKNOWN, Answer, Cell, Row, counted
@@ -125,6 +134,8 @@ def stability_headline(result: StabilityResult) -> str:
     missed = {name: missed_gates(gates_of(result, name)) for name in names}
     good = [name for name in names if all(row.verdict == PASS for row in gates_of(result, name))]
     first = next((f" {name}: {rows[0]}." for name, rows in missed.items() if rows), "")
+    if not good and not first:  # a gate that nothing could be held against is not missed
+        return f"No gate of {' or '.join(names)} is missed, but {_not_assessed(result, names)}."
     if len(names) == 1:
         return f"{names[0]} {'meets' if good else 'does not meet'} all of its gates.{first}"
     if not good:
@@ -132,6 +143,13 @@ def stability_headline(result: StabilityResult) -> str:
     if good == names:
         return "Every controller meets all of its gates."
     return f"All gates are met by {', '.join(good)} only.{first}"
+
+
+def _not_assessed(result: StabilityResult, names: Sequence[str]) -> str:
+    """How many gates have no verdict, and why."""
+    own = [row for name in names for row in gates_of(result, name)]
+    count = sum(row.verdict == NOT_ASSESSED for row in own)
+    return f"{count} of {len(own)} could not be assessed" + (f": {NOTHING}" if count == len(own) else "")
 
 
 def missed_gates(own: Sequence[Verdict]) -> list[str]:
