@@ -26,8 +26,9 @@ TEXT_TOLERANCE = 2e-8
 """Relative: what a CSV file says has nine digits."""
 C_TOLERANCE = 2e-7
 """Relative: limits in C are rounded to single precision, outwards or inwards."""
-REST_TOLERANCE = 2e-5
-"""Relative: the rest of a run is that of the sampled controller, whose V differs from the power flow's by 1e-5."""
+REST_TOLERANCE = 5e-5
+"""Relative: the rest of a run is that of the sampled controller, whose V differs from the power flow's by 7e-6 (12.5
+kVA, 20 kHz) to 4e-5 (1 MVA, 6 kHz): the bridge's voltage stands while the frame turns on."""
 
 
 class Fact(NamedTuple):

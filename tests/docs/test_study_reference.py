@@ -106,6 +106,7 @@ fault = {}
 [stability]
 [stability.gates]
 [survival]
+[survival.protection]
 [verification]
 [verification.step]
 [verification.grid]

@@ -25,13 +25,14 @@ NOT_AT_REST = "not at rest"
 SLIPPED = "slipped"
 LATCHED = "latched"
 DIVERGED = "diverged"
+TRIPPED = "tripped"
 NOT_KNOWN = "not known"
 NO_REST = "no rest"
 OVER_LIMIT = "rest over limit"
-STATUSES = (SURVIVED, NOT_AT_REST, SLIPPED, LATCHED, DIVERGED, NOT_KNOWN, NO_REST, OVER_LIMIT)
-"""All results of the judge. The first five are verdicts. The last three say why there is none."""
+STATUSES = (SURVIVED, NOT_AT_REST, SLIPPED, LATCHED, DIVERGED, TRIPPED, NOT_KNOWN, NO_REST, OVER_LIMIT)
+"""All results of the judge. The first six are verdicts. The last three say why there is none."""
 
-VERDICTS = STATUSES[:5]
+VERDICTS = STATUSES[:6]
 
 SETTLING_TIMES, GRACE_S = 2.0, 0.2
 """The new rest must be reached within SETTLING_TIMES · T + GRACE_S after the clearing."""

@@ -33,7 +33,8 @@ def survival_blocks(document: dict[str, Any]) -> list[Block]:
     title = f"{document['title']}: limit {document['limit_pu']:g} pu"
     rows = tuple(_row(name, one) for name, one in document["variants"].items())
     lines = [line for name, one in document["variants"].items() for line in _lost(name, one)]
-    return [Table(title, head, rows, on=Where.TERMINAL), words(*lines, on=Where.TERMINAL)]
+    same = 'The same verdict on random disturbances, with a bound: vsgdesign verify, in its rows "Survival".'
+    return [Table(title, head, rows, on=Where.TERMINAL), words(*lines, same, on=Where.TERMINAL)]
 
 
 def _row(name: str, one: dict[str, Any]) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import pytest
 
 from tests.simulation.survival.subjects import TEXT, subject
 from vsgdesign.campaigns.survival.together import share_a_loop, verdicts_of
-from vsgdesign.metrics.survival import LATCHED, NO_REST, NOT_AT_REST, OVER_LIMIT, SLIPPED, SURVIVED
+from vsgdesign.metrics.survival import LATCHED, NO_REST, NOT_AT_REST, OVER_LIMIT, SLIPPED, SURVIVED, TRIPPED
 from vsgdesign.simulation.survival import (
     FOR_EVER,
     GridKnowledge,
@@ -20,6 +20,7 @@ from vsgdesign.simulation.survival import (
     run_case,
 )
 from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.stability import ProtectionLimits
 
 START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.5, Q_pu=0.0)
 
@@ -43,6 +44,19 @@ CASES = (
     case(Event.of_pu(0.0, P_pu=5.0)),
     case(Event.of_pu(0.0, P_pu=0.9), start=replace(START, V_g_pu=0.97, df_hz=0.1), silent_s=0.2),
 )
+
+
+def test_the_protection_of_the_study_is_judged_in_runs_of_their_own() -> None:
+    """Two jumps of the grid are survived; that from SCR 20 to 1.5 moves the frequency by more than 3 Hz/s."""
+    one = subject()
+    limits = ProtectionLimits(rocof=3.0, rocof_window=0.1)
+    guarded = replace(one, study=replace(one.study, survival=replace(one.study.survival, protection=limits)))
+    assert share_a_loop(one)
+    assert not share_a_loop(guarded)
+    free, found = (verdicts_of(each, CASES[:2]) for each in (one, guarded))
+    assert [verdict.status for verdict in free] == [SURVIVED, SURVIVED]
+    assert [verdict.status for verdict in found] == [TRIPPED, SURVIVED]
+    assert "limit 3 Hz/s" in str(found[0].reason)
 
 
 def same(one: Subject, cases: tuple[SurvivalCase, ...]) -> set[str]:

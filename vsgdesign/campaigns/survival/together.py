@@ -38,7 +38,8 @@ def verdicts_of(subject: Subject, cases: Sequence[SurvivalCase]) -> list[Surviva
 
 def share_a_loop(subject: Subject) -> bool:
     """Whether runs of a subject can share a loop: averaged, in a clean grid, with told or fixed gains."""
-    alone = subject.in_the_field or subject.learns or not subject.study.network.plain
+    study = subject.study
+    alone = subject.in_the_field or subject.learns or not study.network.plain or study.protection is not None
     return subject.bridge == "averaged" and not alone
 
 

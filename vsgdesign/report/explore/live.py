@@ -18,7 +18,7 @@ from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, UNSTABLE, EventMetrics
 from vsgdesign.metrics.met import OVERSHOOT_ROOM, overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, loads_of
+from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, TRIPPED, loads_of
 from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
 from vsgdesign.report.explore.events import LEAD_S, SHOWN_S, after_s, event_s, events_of, length_s, study_of
 from vsgdesign.report.explore.scene import Scene, scene_of
@@ -196,6 +196,7 @@ _VERDICTS = {
     DIVERGED: "It is lost: the run diverges.",
     SLIPPED: "It is lost: the angle slips by a turn.",
     LATCHED: "It is lost: it stays in its current limit.",
+    TRIPPED: "It is lost: its protection trips.",
     NOT_AT_REST: "It is not at rest in time.",
     "no rest": "There is no steady state after the event.",
     "rest over limit": "The steady state after the event needs more current than the limiter leaves.",

@@ -119,6 +119,7 @@ def verification_page(document: Mapping[str, Any], figures: Sequence[WrittenFigu
             "The bound is exact for independent draws. It says nothing about one particular grid, and nothing about "
             "what was not drawn.",
             "The promises are kept by the simulated model. What the model leaves out, the page cannot know.",
+            "Survival is the verdict of vsgdesign survive, which gives it on a fixed set of disturbances.",
             style=BULLETS,
         ),
         Heading("Cost", numbered=True),

@@ -121,6 +121,11 @@ def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
         raise InfeasibleStudyError(
             "the source of a batch of runs is a record, [replay]: give cases whose events leave the source alone."
         )
+    if study.protection is not None and (cases.kind == DISTURBANCE).any():
+        raise InfeasibleStudyError(
+            "a batch of runs does not watch the protection: leave [survival.protection] out, draw steps alone, or use "
+            "vsgdesign survive, comply or simulate, which judge it."
+        )
     if bridge == "pwm" and study.converter.samples_per_carrier % 2:
         raise InfeasibleStudyError(
             f"a batch of runs with a switched bridge needs an even number of samples in a carrier period, not "

@@ -10,15 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.identification import estimator_kind
 from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
+from vsgdesign.metrics.protection import first_trip
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import (
     DIVERGED,
     NO_REST,
     OVER_LIMIT,
+    TRIPPED,
     ExpectedRest,
     Survival,
     SurvivalDemand,
@@ -179,6 +183,7 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
         rest = own_rest_of(rest, record, demand)
     instants = case.instants_s
     verdict = judge_survival(record, instants, case.lead_s + case.cleared_s, rest, demand)
+    verdict = with_protection(verdict, study, simulation, instants[0])
     return CaseRun(
         case=case,
         study=study,
@@ -262,6 +267,21 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
         limited=np.diff(counted, prepend=counted[:1]) / every,
         diverged=simulation.divergence is not None,
     )
+
+
+def with_protection(verdict: Survival, study: Study, simulation: Simulation, since_s: float) -> Survival:
+    """The verdict on a run with the protection of its study: a run that survives is tripped where a limit is reached
+    after the first event (``since_s``)."""
+    limits = study.protection
+    if limits is None or not verdict.survived:
+        return verdict
+    c, log, circuit = study.converter, simulation.log, study.circuit()
+    v = np.hypot(*(capacitor_node_voltage(log[:, k], log[:, 2 + k], log[:, 4 + k], circuit) for k in (0, 1)))
+    V_pu, f_hz = v / rms_to_peak(c.V_rated_rms), simulation.column("omega") / (2.0 * math.pi)
+    trip = first_trip(simulation.t_s, f_hz, V_pu, limits, since_s, 2.0 * math.pi / c.omega_n)
+    if trip is None:
+        return verdict
+    return replace(verdict, status=TRIPPED, reason=f"the protection trips at {trip.t_s:.4g} s: {trip.reason}")
 
 
 def _feed(

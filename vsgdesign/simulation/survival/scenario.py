@@ -22,7 +22,7 @@ from vsgdesign.metrics.survival import (
 from vsgdesign.simulation.feeds import STALE_S, Told, knowledge_of, told_at, told_of
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.survival.demand import demand_of, held_fault, silent_s_of
-from vsgdesign.simulation.survival.running import Subject, own_rest_of, record_of, rest_on
+from vsgdesign.simulation.survival.running import Subject, own_rest_of, record_of, rest_on, with_protection
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.source import GridSource
@@ -37,6 +37,21 @@ project's choice."""
 
 
 def judge_scenario(
+    study: Study,
+    spec: ControllerSpec,
+    ready: Ready,
+    simulation: Simulation,
+    bridge: str = "averaged",
+    *,
+    own_rest: bool = False,
+) -> Survival:
+    """:func:`judged_by_rest`, and whether the protection of the study trips (``[survival.protection]``)."""
+    verdict = judged_by_rest(study, spec, ready, simulation, bridge, own_rest=own_rest)
+    first_s = min(event.t_s for event in study.events if event.t_s > 0.0)
+    return with_protection(verdict, study, simulation, first_s)
+
+
+def judged_by_rest(
     study: Study,
     spec: ControllerSpec,
     ready: Ready,

@@ -39,7 +39,6 @@ from vsgdesign.study.parameters.fields import (
     fields_of,
     number,
     picked,
-    read,
     subtable,
     text,
     values,
@@ -60,7 +59,13 @@ from vsgdesign.study.parameters.scenario import (
 from vsgdesign.study.parameters.sensors import SENSORS, SensorSpec, read_sensors
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.specification import SPECIFICATION, read_specification
-from vsgdesign.study.parameters.stability import StabilitySpec, SurvivalSpec, default_axes, read_stability
+from vsgdesign.study.parameters.stability import (
+    StabilitySpec,
+    SurvivalSpec,
+    default_axes,
+    read_stability,
+    read_survival,
+)
 from vsgdesign.study.parameters.study import Event, InnerLoopRequest, Study
 from vsgdesign.study.parameters.targets import POWER_LOOPS, Filters, read_target
 from vsgdesign.study.parameters.verification import read_verification, verification_fields
@@ -208,7 +213,7 @@ def build_study(
         root.fault(
             "estimator.probe", None, "no controller has a field estimator", 'Set estimate = "field", or leave it.'
         )
-    survival = read(SurvivalSpec, root.child("survival"))
+    survival = read_survival(root.child("survival"))
     maps = _axes_given(root, stability)
     verification = read_verification(root.child("verification"), scope, converter, source_, specification, maps, basis)
     background, sensors = read_background(root.child("background")), read_sensors(root.child("sensors"))

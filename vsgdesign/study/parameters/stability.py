@@ -109,10 +109,41 @@ def _axis(usual: Sequence[float], low: float, high: float) -> tuple[float, ...]:
 
 
 @section
+class ProtectionLimits:
+    """Limits at which the protection of the converter trips. One that is not given never does."""
+
+    rocof: float | None = number("Hz/s", 0.05, 100.0, default=None)
+    """Largest rate of change of the converter's frequency."""
+    rocof_window: float = number("s", 0.02, 5.0, default=0.5)
+    """The rate is the change over this time, divided by it."""
+    V_high_pu: float | None = number("1", 1.0, 3.0, default=None)
+    """Largest voltage at the control point, pu of the rated voltage, as a mean over one nominal cycle."""
+    V_high_time: float = number("s", 0.0, 60.0, default=0.1)
+    """For so long the voltage may be above it without interruption."""
+    V_low_pu: float | None = number("1", 0.0, 1.0, default=None)
+    """Least voltage there, pu."""
+    V_low_time: float = number("s", 0.0, 60.0, default=0.5)
+    """For so long the voltage may be below it without interruption."""
+
+    @property
+    def given(self) -> bool:
+        """Whether there is any limit."""
+        return any(limit is not None for limit in (self.rocof, self.V_high_pu, self.V_low_pu))
+
+
+@section
 class SurvivalSpec:
-    """Random disturbances beside the systematic ones."""
+    """Random disturbances beside the systematic ones, and the protection."""
 
     random: int = whole(0, 1_000_000, default=600)
     """Number of random disturbances."""
     seed: int = whole(0, SEEDS, default=1)
     """Seed of their draw."""
+    protection: ProtectionLimits | None = subtable(ProtectionLimits, default=None, shown="none")
+    """Limits at which a converter that survives otherwise is tripped."""
+
+
+def read_survival(table: TableReader | None) -> SurvivalSpec:
+    """The section, or its defaults."""
+    limits = table.child("protection") if table else None
+    return read(SurvivalSpec, table, protection=None if limits is None else read(ProtectionLimits, limits))

@@ -22,7 +22,7 @@ from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.network import PLAIN, Network
 from vsgdesign.study.parameters.scenario import SimulationSpec
 from vsgdesign.study.parameters.source import GridSource
-from vsgdesign.study.parameters.stability import SurvivalSpec
+from vsgdesign.study.parameters.stability import ProtectionLimits, SurvivalSpec
 from vsgdesign.study.parameters.targets import NOTCH_DAMPING, ClosedFormTarget
 
 if TYPE_CHECKING:
@@ -155,10 +155,17 @@ class Study:
 
     @property
     def undisturbed(self) -> Study:
-        """The study with the source that its events say and with ideal sensors."""
-        if self.background is None and self.sensors is None and self.replay is None:
+        """The study with the source that its events say, with ideal sensors and without a protection."""
+        if self.background is None and self.sensors is None and self.replay is None and self.protection is None:
             return self
-        return replace(self, background=None, sensors=None, replay=None)
+        survival = replace(self.survival, protection=None)
+        return replace(self, background=None, sensors=None, replay=None, survival=survival)
+
+    @property
+    def protection(self) -> ProtectionLimits | None:
+        """The limits at which a protection trips; None where there is none."""
+        limits = self.survival.protection
+        return limits if limits is not None and limits.given else None
 
     def with_changes(self, **sections: Any) -> Study:
         """A study with sections changed as a study file would say it, checked by the same reader.

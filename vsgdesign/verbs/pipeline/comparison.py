@@ -206,7 +206,7 @@ def named(figures: dict[str, Any] | None, model: str) -> dict[str, Any] | None:
 
 def _grid(grid: GridFigures) -> dict[str, Any]:
     sides = {"exact": "reduced", "wrong": "reduced", "real_exact": "full_order", "real_wrong": "full_order"}
-    whole = asdict(grid) | {"state": grid.state, "ideal_state": grid.ideal_state}
+    whole: dict[str, Any] = asdict(grid) | {"state": grid.state, "ideal_state": grid.ideal_state}
     return whole | {side: named(whole[side], model) for side, model in sides.items()}
 
 

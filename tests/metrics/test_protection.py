@@ -1,0 +1,102 @@
+"""Protection limits: signals whose trips are known in closed form, and what a study's verdict makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vsgdesign.errors import InfeasibleStudyError, StudyError
+from vsgdesign.metrics.protection import first_trip
+from vsgdesign.simulation.lanes.cases import DISTURBANCE, no_events
+from vsgdesign.simulation.lanes.cases import STEP as STEP_OF_REFERENCE
+from vsgdesign.simulation.lanes.run import _refuse
+from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.stability import ProtectionLimits
+from vsgdesign.study.parameters.study import Study
+
+STEP, CYCLE = 1e-3, 0.02
+T = np.arange(0.0, 3.0, STEP)
+FLAT = np.full(len(T), 50.0), np.ones(len(T))
+
+
+def test_a_ramp_trips_when_its_mean_rate_reaches_the_limit() -> None:
+    """2 Hz/s from 1 s on, over 0.5 s: the rate is 4 (t − 1) Hz/s until 1.5 s, so 1 Hz/s is passed at 1.25 s."""
+    f = 50.0 + 2.0 * np.clip(T - 1.0, 0.0, 0.6)
+    found = first_trip(T, f, FLAT[1], ProtectionLimits(rocof=1.0, rocof_window=0.5), 1.0, CYCLE)
+    assert found is not None
+    assert found.t_s == pytest.approx(1.25, abs=1.5 * STEP)
+    assert "limit 1 Hz/s" in found.reason
+    assert first_trip(T, f, FLAT[1], ProtectionLimits(rocof=2.01), 1.0, CYCLE) is None
+    assert first_trip(T, f, FLAT[1], ProtectionLimits(rocof=1.0), 2.2, CYCLE) is None  # it was before the first event
+
+
+@pytest.mark.parametrize(("length", "trips"), [(0.13, False), (0.19, True)])
+def test_a_voltage_trips_when_its_mean_is_beyond_for_too_long(length: float, trips: bool) -> None:
+    """A sag to 0.4 pu: the mean of a cycle is below 0.7 pu from half a cycle after it begins to half a cycle after it
+    ends, so for as long as the sag."""
+    V = np.where((T >= 1.0) & (1.0 + length > T), 0.4, 1.0)
+    limits = ProtectionLimits(V_low_pu=0.7, V_low_time=0.15)
+    found = first_trip(T, FLAT[0], V, limits, 0.5, CYCLE)
+    assert (found is not None) == trips
+    if found is not None:
+        assert found.t_s == pytest.approx(1.0 + 0.5 * CYCLE + 0.15, abs=3.0 * STEP)
+    above = first_trip(T, FLAT[0], 2.0 - V, ProtectionLimits(V_high_pu=1.3, V_high_time=0.15), 0.5, CYCLE)
+    assert (above is not None) == trips
+    twice = np.where((T > 1.1) & (T < 1.15), 1.0, V)  # an interruption begins it anew
+    assert first_trip(T, FLAT[0], twice, limits, 0.5, CYCLE) is None
+
+
+RAMP = """
+base = "case:lab_12kva_lcl"
+grid = {{ scr = 5, x_over_r = 4, scr_basis = "impedance" }}
+power_loops = {{ structure = "angle_damped" }}
+controllers = [{{ name = "a", kind = "scheduled" }}]
+simulation = {{ duration = "4 s", P_ref = "2 kW", Q_ref = 0, survival = true }}
+events = [{{ time = "0.2 s", f_g = "49.5 Hz", over = "0.25 s" }}]
+{more}
+"""
+
+
+def judged(more: str = "") -> Any:
+    found = run_scenario(study_from_text(RAMP.format(more=more))).controllers[0].survival
+    assert found is not None
+    return found
+
+
+def test_a_study_without_limits_has_the_verdict_of_before() -> None:
+    assert judged().survived
+    assert judged() == judged("[survival.protection]\nV_low_pu = 0.5\n")
+
+
+def test_a_converter_that_survives_is_tripped_by_its_protection() -> None:
+    """The grid falls by 2 Hz/s for a quarter of a second: 1 Hz/s over the half second of the window."""
+    slow = judged("[survival.protection]\nrocof = 1.3\n")
+    assert slow.survived
+    fast = judged("[survival.protection]\nrocof = 0.8\n")
+    assert (fast.status, fast.survived, fast.judged) == ("tripped", False, True)
+    assert "the protection trips at 0." in fast.reason
+    assert fast.recovery_s == slow.recovery_s
+
+
+def test_a_batch_refuses_what_it_does_not_watch() -> None:
+    study: Study = study_from_text(RAMP.format(more="[survival.protection]\nrocof = 1\n"))
+    for kind in (DISTURBANCE, STEP_OF_REFERENCE):
+        cases: Any = SimpleNamespace(kind=np.array([kind]), events=no_events(1))
+        _refuse(study.undisturbed, cases, "averaged")
+        if kind == STEP_OF_REFERENCE:
+            _refuse(study, cases, "averaged")
+            continue
+        with pytest.raises(InfeasibleStudyError, match=r"does not watch the protection: leave \[survival.protection\]"):
+            _refuse(study, cases, "averaged")
+    assert study.protection == ProtectionLimits(rocof=1.0)
+    assert replace(study, survival=replace(study.survival, protection=ProtectionLimits())).protection is None
+
+
+def test_a_limit_outside_of_its_range_is_a_fault() -> None:
+    with pytest.raises(StudyError, match=r"survival\.protection\.V_low_pu"):
+        study_from_text(RAMP.format(more="[survival.protection]\nV_low_pu = 1.2\n"))
