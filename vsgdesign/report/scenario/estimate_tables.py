@@ -11,6 +11,7 @@ import numpy as np
 from vsgdesign.errors import counted, share_percent
 from vsgdesign.identification import GUESS_SCR, Estimator, estimator_kind
 from vsgdesign.identification.registry import needs_network
+from vsgdesign.linear.stability.table_figures import CARRIED
 from vsgdesign.metrics.estimation import FOUND_PCT
 from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
@@ -52,6 +53,8 @@ def network_table(result: ScenarioResult, trained: TrainedEstimator | None) -> T
         ),
         ("Weights", weights.hash[:12] + (f" from {spec.weights_file}" if spec.weights_file else "")),
     ]
+    if spec.weights_file:
+        rows.append((f"{CARRIED[:1].upper()}{CARRIED[1:]}", "the values of the weights, the recipe and the seed"))
     if trained is not None:
         rows.append(
             ("Training", f"{counted(trained.epochs, 'epoch')} on {counted(trained.components, 'principal component')}")
