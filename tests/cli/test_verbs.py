@@ -19,6 +19,7 @@ from tests.gain_tables import table as gain_table
 from vsgdesign import __version__
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.design.study_design import design_study
+from vsgdesign.equations.placing import placed_poles
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.terminal import print_terminal
 from vsgdesign.report.stability.design import design_blocks
@@ -147,8 +148,8 @@ def test_design_shows_every_controller_every_gain_and_what_the_grid_sees(tmp_pat
     assert found["guessing"]["gains"] == found["damped"]["gains"]  # those of the true grid
     (missing,) = document["missing"]
     assert missing.startswith("tabled: its gain table is not built yet.")
-    for name, k_1 in (("published", 16.0), ("decoupled", 21.3)):
-        # Whatever the coupling, H is A ω_0/(2 S k_1); the published k_1 is (4/T)².
+    for name, k_1 in (("published", 16.0), ("decoupled", placed_poles(0.99 * 0.97).k_1)):
+        # Whatever the coupling, H is A ω_0/(2 S k_1); the published k_1 is (4/T)², the other one placed for T_d.
         H = found[name]["point"]["A"] * 100.0 * np.pi / (2.0 * 5e3 * k_1)
         assert found[name]["inertia_s"] == pytest.approx(H, rel=1e-9)
     for d in found.values():

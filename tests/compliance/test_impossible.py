@@ -128,7 +128,7 @@ def converter(limit: float, P_droop: float = 0.06, Q_droop: float = 0.1) -> Subj
 
 
 def test_an_inductive_island_above_the_nominal_frequency_is_possible() -> None:
-    """It was called impossible at 1.2 pu. It rests at 1.13 pu, 0.90 pu of voltage and 52.2 Hz, with a silent limiter:
+    """It was called impossible at 1.2 pu. It ends at 1.12 pu, 0.90 pu of voltage and 52.2 Hz, with a silent limiter:
     X_2 and a higher frequency leave less current."""
     opens = Event.of_pu(0.0, breaker="open", load=Load(L_parallel=1.0 / 1.5))
     test, own = suite_test(opens, P_pu=0.9, criteria=RESTS), converter(1.2)
@@ -136,7 +136,7 @@ def test_an_inductive_island_above_the_nominal_frequency_is_possible() -> None:
     run = run_test(own, test)
     assert run.survival.status == "survived"
     assert run.trace is not None
-    assert float(np.mean(run.trace.i_s_pu[-100:])) == pytest.approx(1.1285, abs=2e-3)
+    assert float(np.mean(run.trace.i_s_pu[-100:])) == pytest.approx(1.1234, abs=2e-3)
     assert float(run.trace.limited[-100:].sum()) == 0.0
 
 

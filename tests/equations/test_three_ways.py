@@ -92,9 +92,9 @@ Python, tests/simulation/test_limiters.py the compiled loop."""
 
 
 BRANCHING = tuple(
-    f"vsgdesign.equations.{name}" for name in ("field", "scheduled_gains", "estimate_guards", "scheduling")
+    f"vsgdesign.equations.{name}" for name in ("field", "scheduled_gains", "estimate_guards", "scheduling", "placing")
 )
-"""Never traced (test_field_recursions.py and test_scheduling.py beside this)."""
+"""Never traced (test_field_recursions.py, test_scheduling.py and test_placing.py beside this)."""
 
 
 def all_functions() -> Iterator[tuple[str, Callable[..., Any]]]:

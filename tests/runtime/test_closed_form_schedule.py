@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vsgdesign.equations.placing import PLACED
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.runtime import ClosedFormSchedule, closed_form_schedule
 from vsgdesign.study.parameters import Grid, load_study, study_from_text
@@ -110,8 +111,9 @@ def test_the_grid_side_inductor_is_part_of_the_path() -> None:
 def test_built_from_a_study() -> None:
     study = study_from_text(STUDY)
     built = closed_form_schedule(study, study.controllers[0].target)
-    # The droops belong to the other structures, the rating to the other law: this one does not look at them.
-    assert replace(built, D_p=0.0, D_q=0.0, S_rated=1.0) == schedule()
+    # Droops and poles belong to the other structures, the rating to the other law: this one does not look at them.
+    other = {"D_p": 0.0, "D_q": 0.0, "S_rated": 1.0, **PLACED._asdict()}
+    assert replace(built, **other) == schedule()
     assert built.gains(study.grid.R_g, study.grid.L_g) == schedule().gains(3.63, 3.63 / OMEGA)
 
 

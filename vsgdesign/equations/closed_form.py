@@ -2,25 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-
-class Poles(NamedTuple):
-    """Poles of the power loops for a settling time of 1 s: s² + d_1 s + k_1 for δ and s + k_2 for V.
-
-    k_1 is in 1/s², d_1 and k_2 are in 1/s.
-    """
-
-    k_1: float
-    d_1: float
-    k_2: float
-
-
-EQUAL_TIMES = Poles(21.3, 8.24, 3.91)
-"""Default poles of the closed forms. Both step responses reach 98 % after 1 s, so any weighted mean of the two does so
-as well. The derivation stands beside :eq:`voltage-row`: k_2 is ln 50, and k_1 and d_1 make δ reach 98 % then, too."""
+from vsgdesign.equations.placing import Poles
 
 LEAST_BANDWIDTH = Poles(15.8, 6.6, 4.0)
 """Poles at which a search begins. ω_n = 3.97 rad/s and ξ = 0.83 settle in 1 s with 1 % overshoot and the least

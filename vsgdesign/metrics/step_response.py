@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vsgdesign.equations.placing import SETTLING_BAND
 
-SETTLING_BAND = 0.02
-"""Half the width of the band of the settling time, over the step or the rating."""
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.equations.closed_form import EQUAL_TIMES
+from vsgdesign.equations.placing import PLACED
 from vsgdesign.equations.structures import STRUCTURES, ClosedFormAim, NormalisedGains
 from vsgdesign.runtime.schedule import Schedule
 
@@ -26,9 +26,9 @@ class ClosedFormSchedule(Schedule):
     settling_time: float
     damping_ratio: float
     droop_ratio: float
-    k_1: float = EQUAL_TIMES.k_1
-    d_1: float = EQUAL_TIMES.d_1
-    k_2: float = EQUAL_TIMES.k_2
+    k_1: float = PLACED.k_1
+    d_1: float = PLACED.d_1
+    k_2: float = PLACED.k_2
     share_P: float = 1.0
     share_Q: float = 1.0
     H: float = 5.0

@@ -15,6 +15,7 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.study.parameters.controllers import mean_time, poles_to_write
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.grid import GridEstimate
 from vsgdesign.study.parameters.loading import FILES, study_from_document
@@ -163,6 +164,7 @@ def controller_document(
         found.pop("estimate", None)
     if table is not None:
         found["table"] = table
+    found |= poles_to_write(spec, mean_time((spec,), study.converter))
     if spec.kind == "fixed" and spec.gains is None and spec.design_grid is not None:
         at = spec.design_grid
         found["design_grid"] = {"scr_basis": study.scr_basis, "R_g": at.R_g, "L_g": at.L_g}

@@ -80,7 +80,7 @@ def check_full_order(
 
     ``target`` None: the angle-damped closed form for ``settling_time`` s. ``grids`` None: a lattice over the box.
     """
-    target = target or angle_damped_target(settling_time)
+    target = target or angle_damped_target(settling_time, converter.omega_n)
     study = study_of(converter, filter_, gains, omega_t, box, target=target)
     points = lattice(box, *CHECKED) if grids is None else tuple(grids)
     requested, where = [], []

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vsgdesign.equations.closed_form import EQUAL_TIMES, paced
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.placing import settling_margin
 from vsgdesign.equations.structures import ANGLE_DAMPED
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.linear.operating_point.plants import state_matrices
@@ -98,10 +98,9 @@ POWER_FILTER = 5e-3
 """s, of the power loops that the gains are checked with."""
 
 
-def angle_damped_target(settling_time: float) -> ClosedFormTarget:
+def angle_damped_target(settling_time: float, omega_n: float) -> ClosedFormTarget:
     """The angle-damped closed form, without coupling, at the present references (:eq:`angle-damped-gains`)."""
-    k_1, d_1, k_2 = paced(*EQUAL_TIMES, 1.0 / settling_time)
-    return ClosedFormTarget(
+    target = ClosedFormTarget(
         settling_time=settling_time,
         damping_ratio=1.0,
         droop_ratio=0.01,
@@ -109,10 +108,8 @@ def angle_damped_target(settling_time: float) -> ClosedFormTarget:
         Q=0.0,
         structure=ANGLE_DAMPED.name,
         follow_references=True,
-        k_1=k_1,
-        d_1=d_1,
-        k_2=k_2,
     )
+    return target.placed(2.0 * math.pi / omega_n, settling_margin(0.0))
 
 
 def study_of(
@@ -130,7 +127,7 @@ def study_of(
     ``gains`` in SI, ``omega_t`` in rad/s, ``tau`` in s. Its hash is empty: it is no file's.
     """
     box = box or GridBox()
-    target = target or angle_damped_target(1.0)
+    target = target or angle_damped_target(1.0, converter.omega_n)
     c = converter
     return Study(
         name="inner_loops",

@@ -43,6 +43,9 @@ LEAST_DISK_MARGIN = 0.3
 """Disk margin that the gains of the safe place keep on every grid, or that of the middle of the grids if this is
 less."""
 
+LOWEST_DISK_MARGIN = 0.25
+"""What they keep even where the middle has less: with 0.07, jumps to the strongest grids ring for seconds."""
+
 _SCRS = 64
 """Places that are compared, by their SCR."""
 
@@ -107,8 +110,9 @@ def safe_place(study: Study, law: GainLaw) -> Place:
 
     ``law`` gives the gains for an assumed grid at measured powers. The impedances of the places have the angle that is
     least wrong on any grid, and their gains keep LEAST_DISK_MARGIN, or the margin of the middle of the grids if that is
-    less. The reduced model orders the places; the full-order model decides. Where no place keeps the margin,
-    or no grid carries one of the powers, it is the middle. Raises ValueError without a specification.
+    less, but at least LOWEST_DISK_MARGIN. The reduced model orders the places; the full-order model decides. Where no
+    place keeps the margin, or no grid carries one of the powers, it is the middle. Raises ValueError without a
+    specification.
     """
     asked = study.specification
     if asked is None:
@@ -120,7 +124,7 @@ def safe_place(study: Study, law: GainLaw) -> Place:
         return middle
     of_middle, floor = place_figures(study, law, middle, corners), LEAST_DISK_MARGIN
     if of_middle.decay > 0.0:
-        floor = min(floor, of_middle.disk_margin)
+        floor = max(min(floor, of_middle.disk_margin), LOWEST_DISK_MARGIN)
     places = _not_too_fast(study, law, _places(asked), corners, floor)
     decays = reduced_decays(study, law, places, plants)
     best, best_decay = middle, 0.0

@@ -16,6 +16,7 @@ from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import OWN, State
 from vsgdesign.simulation.steps import references_at
+from vsgdesign.study.parameters.controllers import mean_time, poles_to_write
 from vsgdesign.study.parameters.loading import study_from_document
 from vsgdesign.study.parameters.study import Study, StudyOrigin
 from vsgdesign.study.parameters.toml_file import toml_text
@@ -155,6 +156,7 @@ def _controller(
     known = state.error_R, state.error_X, state.silent_s
     if one.spec.kind == "scheduled" and any(known):
         found["knowledge"] = dict(zip(("error_R", "error_X", "silent"), known, strict=True))
+    found |= poles_to_write(one.spec, mean_time((), study.converter))  # nothing estimates in the file
     table = ready.table(one.spec)
     if table is not None:
         found |= _table(study, one.name, table, files, notes)

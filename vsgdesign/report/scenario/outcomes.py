@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from vsgdesign.equations.closed_form import overshoot_of
+from vsgdesign.equations.placing import OVERSHOOT_PCT, settling_factor
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.metrics import EventMetrics, step_response
+from vsgdesign.metrics import EventMetrics
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.metrics.met import RULE as MET_WITHIN
@@ -24,8 +23,9 @@ _AT_REST = 0.02
 """Drift over the last cycle before a step, relative to the step, up to which the signal was at rest."""
 
 RULE = (
-    "Each controller is held to what it was asked for: a table to its specification, a closed form to its "
-    "settling_time and to the overshoot of its own poles (none from ξ = 1 on, and none for the first-order Q loop), "
+    "Each controller is held to what it was asked for: a table to its specification; a closed form to settling_time "
+    f"and to {OVERSHOOT_PCT:g} % of overshoot, or to that of poles that the study gives where it is more; a "
+    "closed form of the published structure to the overshoot of its ξ (none from ξ = 1 on, and none for the Q loop); "
     "gains that are given to the study's gates, which limit the settling time and no overshoot. A target counts as met "
     f"{MET_WITHIN}."
 )
@@ -209,20 +209,3 @@ def uncoupled_Q(K_iq: float, D_q: float, D: float) -> UncoupledResponse:
     """The Q loop s + K_iq·(D + D_q)."""
     rate = K_iq * (D + D_q)
     return UncoupledResponse(rate, None, math.log(1.0 / SETTLING_BAND) / rate, 0.0)
-
-
-def settling_factor(damping_ratio: float) -> float:
-    """ω_n times the 2 % settling time of a second-order loop without zero; infinite without damping."""
-    if damping_ratio <= 0.0:
-        return math.inf
-    x = np.linspace(0.0, 12.0 * max(1.0 / damping_ratio, 2.0 * damping_ratio), 40_001)
-    settled = step_response(x, _unit_step(x, damping_ratio), 0.0, 1.0).settling_time_s
-    return math.inf if settled is None else settled
-
-
-def _unit_step(x: np.ndarray, damping_ratio: float) -> np.ndarray:
-    root = np.sqrt(complex(damping_ratio * damping_ratio - 1.0))
-    if abs(root) < 1e-4:
-        return 1.0 - np.exp(-x) * (1.0 + x)
-    fast, slow = -damping_ratio - root, -damping_ratio + root
-    return (1.0 - (slow * np.exp(fast * x) - fast * np.exp(slow * x)) / (slow - fast)).real

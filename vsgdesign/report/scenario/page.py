@@ -35,6 +35,7 @@ from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
 from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
 from vsgdesign.report.scenario.outcomes import step_outcomes
+from vsgdesign.report.scenario.placing import placing_text
 from vsgdesign.report.scenario.verdict import explanation, survival_sentence, verdict
 from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
@@ -87,6 +88,7 @@ def scenario_page(
         Heading("System"),
         Side((converter_table(result), filter_table(result))),
         tables.controllers_table(result),
+        words(placing_text(result)),
         tables.events_table(result) if study.events else None,
         *_with_heading("Gain tables", _of_tables(result)),
         *([] if inner is None else _inner(inner)),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from vsgdesign.equations.placing import settling_factor
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics.events import UNSTABLE
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing.quantities import number, percent, plain
-from vsgdesign.report.scenario.outcomes import StepOutcome, settling_factor
+from vsgdesign.report.scenario.outcomes import StepOutcome
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.simulation.scenario.promises import CLOSED_FORM
 

@@ -39,6 +39,7 @@ from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario.checking import deaf_in_words
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.study.parameters.controllers import cycles_of_mean
 from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 Array = NDArray[np.float64]
@@ -87,9 +88,8 @@ class ControllerResult:
 
 
 def mean_cycles(study: Study) -> int:
-    """Nominal cycles over which the ripple of P and Q is averaged out: one, or two where a field estimator sends its
-    probe, whose lines lie half-way between the harmonics."""
-    return 2 if any(samples_itself(controller.estimate) for controller in study.controllers) else 1
+    """Nominal cycles over which the ripple of P and Q is averaged out."""
+    return cycles_of_mean(study.controllers)
 
 
 def samples_per_mean(study: Study, t_s: Array) -> int:

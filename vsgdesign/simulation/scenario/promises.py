@@ -14,6 +14,7 @@ import numpy as np
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.closed_form import overshoot_of
+from vsgdesign.equations.placing import OVERSHOOT_PCT
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, reduced_cells
@@ -47,7 +48,7 @@ class Promises:
 
 
 def promises_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> Promises:
-    """A table is held to its specification; a closed form, fixed on its design grid or scheduled, to its own poles and
+    """A table is held to its specification; a closed form, fixed on its design grid or scheduled, to its own target and
     the study's gates; gains that are given to the gates, which limit no overshoot."""
     gates, target = study.stability.gates, spec.target
     margins = {
@@ -75,7 +76,7 @@ def promises_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> P
         )
     if STRUCTURES[target.structure].uncoupled:  # Q is a first-order loop there
         return Promises(CLOSED_FORM, target.settling_time, overshoot_of(target.damping_ratio), 0.0, **margins)
-    own = overshoot_of(0.5 * target.d_1 / math.sqrt(target.k_1))
+    own = max(OVERSHOOT_PCT, overshoot_of(0.5 * target.d_1 / math.sqrt(target.k_1)))  # of poles that the study gives
     return Promises(CLOSED_FORM, target.settling_time, own, own, **margins)
 
 

@@ -7,6 +7,7 @@ The limits of all fields are plausibility limits: wide enough for any real conve
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,11 @@ import numpy as np
 from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import LIMITERS
+from vsgdesign.equations.placing import settling_margin
 from vsgdesign.errors import Fault
 from vsgdesign.identification.registry import ESTIMATORS
 from vsgdesign.study.parameters.background import BACKGROUND, BackgroundSpec, read_background
-from vsgdesign.study.parameters.controllers import CONTROLLER, read_controllers, read_limiter
+from vsgdesign.study.parameters.controllers import CONTROLLER, mean_time, read_controllers, read_limiter
 from vsgdesign.study.parameters.converter import (
     CONVERTER,
     FILTER,
@@ -227,6 +229,11 @@ def build_study(
     if inner_gains is None:
         request = request_of(inner, converter, filter_, basis, target, specification)
         inner_gains, omega_t = _designed(request, inner_loops, faults)
+    if not faults:
+        error = 0.0 if specification is None else specification.error
+        placing = mean_time(controllers, converter), settling_margin(error)
+        target = target.placed(*placing)
+        controllers = tuple(replace(one, target=one.target.placed(*placing)) for one in controllers)
     return Study(
         **identity,
         **filters,

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from vsgdesign.equations.limiters import LIMITERS, KnownRatings, Limiter
+from vsgdesign.equations.placing import Poles
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.identification.registry import ESTIMATORS, needs_network
+from vsgdesign.equations.structures import STRUCTURES
+from vsgdesign.identification.registry import ESTIMATORS, needs_network, samples_itself
 from vsgdesign.identification.sampling import window_of_rate
 from vsgdesign.study.parameters.converter import Converter, Filter, current_limit, limiter_ratings
 from vsgdesign.study.parameters.fields import (
@@ -130,6 +133,27 @@ def read_limiter(
             advice = f'current_limiter = "{limiter.name}" {limiter.has_parameters}.'
             table.fault(field, None, "unknown parameter", advice)
     return tuple((name, value) for name, value in values.items() if table.has(name) or name in dict(inherited))
+
+
+def cycles_of_mean(controllers: Sequence[ControllerSpec]) -> int:
+    """Nominal cycles over which the ripple of P and Q is averaged out where steps are judged: one, or two where a field
+    estimator sends its probe, whose lines lie half-way between the harmonics."""
+    return 2 if any(samples_itself(controller.estimate) for controller in controllers) else 1
+
+
+def mean_time(controllers: Sequence[ControllerSpec], converter: Converter) -> float:
+    """The same in s."""
+    return cycles_of_mean(controllers) * 2.0 * math.pi / converter.omega_n
+
+
+def poles_to_write(spec: ControllerSpec, mean_s: float) -> dict[str, float]:
+    """The poles that another study has to give to a controller, to keep those that it has, where the steps of that
+    study are judged by a mean over ``mean_s`` (s)."""
+    if spec.schedule == "table" or spec.gains is not None or STRUCTURES[spec.target.structure].uncoupled:
+        return {}
+    there = spec.target.placed(mean_s, spec.target.margin)
+    poles = {name: float(getattr(spec.target, name)) for name in Poles._fields}
+    return {name: value for name, value in poles.items() if value != getattr(there, name)}
 
 
 _OF_WINDOWS = "an estimator answers at the end of each of its windows, which are whole cycles of the grid"

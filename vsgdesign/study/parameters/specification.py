@@ -109,6 +109,11 @@ class Specification:
     box: DesignBox
 
     @property
+    def error(self) -> float:
+        """The largest relative error of an estimate of the grid that is asked for."""
+        return max(self.box.errors)
+
+    @property
     def settles(self) -> bool:
         """Whether settling time and overshoot are promises."""
         return self.aim == "settling"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from vsgdesign.equations.closed_form import EQUAL_TIMES, paced
+from dataclasses import field, replace
+
+from vsgdesign.equations.closed_form import paced
+from vsgdesign.equations.placing import PLACED, Poles, placed_poles, placing_time
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED, STRUCTURES
 from vsgdesign.study.parameters.fields import S_RATED, Scope, fields_of, number, picked, section, values, word
@@ -33,11 +36,11 @@ class ClosedFormTarget:
     """Reactive power of this operating point."""
     structure: str = word(lambda: tuple(STRUCTURES), default=PUBLISHED.name)
     """Control law."""
-    k_1: float = number("1/s²", 1e-3, 1e6, default=EQUAL_TIMES.k_1, shown="scaled: 21.3/T_set²")
+    k_1: float = number("1/s²", 1e-3, 1e6, default=PLACED.k_1, shown=f"scaled: {PLACED.k_1:.4g}/T_d²")
+    """Pole placement of δ: s² + d_1 s + k_1, for the T_d of (:eq:`placed-poles`)."""
+    d_1: float = number("1/s", 1e-3, 1e4, default=PLACED.d_1, shown=f"scaled: {PLACED.d_1:.4g}/T_d")
     """Pole placement of δ: s² + d_1 s + k_1."""
-    d_1: float = number("1/s", 1e-3, 1e4, default=EQUAL_TIMES.d_1, shown="scaled: 8.24/T_set")
-    """Pole placement of δ: s² + d_1 s + k_1."""
-    k_2: float = number("1/s", 1e-3, 1e4, default=EQUAL_TIMES.k_2, shown="scaled: 3.91/T_set")
+    k_2: float = number("1/s", 1e-3, 1e4, default=PLACED.k_2, shown=f"scaled: {PLACED.k_2:.4g}/T_d")
     """Pole placement of V: s + k_2."""
     P_droop: float = number("1", 0.0, 1.0, default=0.05)
     """Frequency deviation, pu, that rated power answers; 0: none. `decoupled` has the droop that its damping needs."""
@@ -56,6 +59,23 @@ class ClosedFormTarget:
     )
     """Where a closed form takes the Jacobian: at `P_design`, `Q_design`, or at the measured P, Q and V, which follow
     the references. A table always takes the measured ones."""
+    given: tuple[str, ...] = field(default=(), compare=False)
+    """The poles that the study gives. The others are placed, with the next two."""
+    mean_s: float = 0.0
+    """Time of the mean with which steps are judged, s."""
+    margin: float = 0.0
+    """Share m of the time that the placing leaves."""
+
+    @property
+    def placing_time(self) -> float:
+        """T_d in s (:eq:`placed-poles`)."""
+        return placing_time(self.settling_time, self.mean_s, self.margin)
+
+    def placed(self, mean_s: float, margin: float) -> ClosedFormTarget:
+        """With the poles that the study does not give placed for this mean and this margin (:eq:`placed-poles`)."""
+        to_place = replace(self, mean_s=mean_s, margin=margin)
+        poles = placed_poles(to_place.placing_time)._asdict()
+        return replace(to_place, **{name: value for name, value in poles.items() if name not in self.given})
 
 
 class Filters:
@@ -121,7 +141,8 @@ def read_target(table: TableReader, scope: Scope, default: ClosedFormTarget | No
     k_1, d_1, k_2 = paced(before.k_1, before.d_1, before.k_2, before.settling_time / settling_time)
     defaults |= {"k_1": k_1, "d_1": d_1, "k_2": k_2, "operating_point": _operating_point(before, structure)}
     rest = values(_TARGET[1:], table, scope, defaults)
-    return ClosedFormTarget(structure=structure, settling_time=settling_time, **rest)
+    given = tuple(name for name in Poles._fields if name in before.given or table.has(name))
+    return ClosedFormTarget(structure=structure, settling_time=settling_time, given=given, **rest)
 
 
 def _operating_point(default: ClosedFormTarget, structure: str) -> str:

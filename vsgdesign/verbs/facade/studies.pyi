@@ -404,6 +404,17 @@ class SurvivalTable(TypedDict, total=False):
 
     random: int
     seed: int
+    protection: SurvivalProtectionTable | Mapping[str, Any]
+
+class SurvivalProtectionTable(TypedDict, total=False):
+    """The fields of [survival.protection]."""
+
+    rocof: Quantity
+    rocof_window: Quantity
+    V_high_pu: Quantity
+    V_high_time: Quantity
+    V_low_pu: Quantity
+    V_low_time: Quantity
 
 class VerificationTable(TypedDict, total=False):
     """The fields of [verification]."""
@@ -723,12 +734,12 @@ def controller(
         P_design: Active power of the operating point at which A and D are taken (±2 S_rated in W; default of
         `[power_loops]`).
         Q_design: Reactive power of this operating point (±2 S_rated in var; default of `[power_loops]`).
-        k_1: Pole placement of δ: s² + d_1 s + k_1 (0.001 to 1e6 in 1/s²; default of `[power_loops]`, scaled:
-        21.3/T_set²).
+        k_1: Pole placement of δ: s² + d_1 s + k_1, for the T_d of (:eq:`placed-poles`) (0.001 to 1e6 in 1/s²;
+        default of `[power_loops]`, scaled: 24.21/T_d²).
         d_1: Pole placement of δ: s² + d_1 s + k_1 (0.001 to 1e4 in 1/s; default of `[power_loops]`, scaled:
-        8.24/T_set).
+        9.053/T_d).
         k_2: Pole placement of V: s + k_2 (0.001 to 1e4 in 1/s; default of `[power_loops]`, scaled:
-        3.91/T_set).
+        3.912/T_d).
         P_droop: Frequency deviation, pu, that rated power answers; 0: none. `decoupled` has the droop that
         its damping needs (0 to 1; default of `[power_loops]`).
         Q_droop: Voltage deviation, pu, that rated power answers; 0: none (0 to 1; default of
