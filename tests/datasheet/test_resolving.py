@@ -284,8 +284,8 @@ def test_rows_of_no_use_are_named_and_left_out() -> None:
 
 
 def test_notes_on_what_will_be_hard() -> None:
-    assert of(carrier="16 kHz").notes == ()
+    assert len(of(carrier="16 kHz").notes) == 1  # the bound of the current after a phase jump, which is always told
     slow = of(carrier="3 kHz", sampling="once")
     assert "times in a period of the filter's highest resonance" in slow.notes[0]
-    assert of(carrier="3 kHz", sampling="once", delay="0").notes == ()
+    assert len(of(carrier="3 kHz", sampling="once", delay="0").notes) == 1
     assert "at most 1.06 times the rated voltage" in of(dc_link="600 V").notes[0]

@@ -54,6 +54,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "goal_scr": (1.0, 20.0), "left_scr": (1.0, 20.0), "r_over_x": (0.05, 3.0), "goal_r_over_x": (0.05, 3.0),
     "beyond": (0.0, 1.5), "soft": (0.0, 1.0), "across": (-6e4, 6e4), "along": (-6e4, 6e4), "turn_d": (0.0, 1.0),
     "turn_q": (0.0, 1.0), "full": (0.0, 1.0),
+    "phase": (0.0, 3.0), "turn": (0.01, 0.1), "X_1": (0.05, 0.5),
     "left_r_over_x": (0.05, 3.0), "X_g": (0.1, 2.0), "G_load": (0.0, 0.5), "B_load": (-0.3, 0.3),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 
 class FilterGrid(NamedTuple):
     """The circuit between the bridge and the grid source, SI."""
@@ -46,3 +48,12 @@ def pcc_voltage(i_s: Any, v_c: Any, i_g: Any, v_g: Any, circuit: FilterGrid) -> 
     inductive = circuit.L_g * v_node + circuit.L_2 * v_g
     resistive = (circuit.R_g * circuit.L_2 - circuit.R_2 * circuit.L_g) * i_g
     return (inductive + resistive) / (circuit.L_2 + circuit.L_g)
+
+
+def largest_current_after_jump(limit: Any, phase: Any, turn: Any, X_1: Any) -> Any:
+    """Bound of the converter current after a jump of the grid's phase, by hand (:eq:`phase-jump-bound`).
+
+    ``limit``: the current limit, pu. ``phase``: the jump, 0 to π rad. ``turn``: the angle by which the grid turns
+    until the bridge answers a measurement, ω (d + 1) T_s, rad. ``X_1``: the converter-side reactance, pu. Returns pu.
+    """
+    return limit + 2.0 * np.sin(0.5 * phase) * turn / X_1

@@ -67,14 +67,16 @@ def write_report(
     out_path: str | Path,
     trained: TrainedEstimator | None = None,
     inner: dict[str, Any] | None = None,
+    jumps: dict[str, Any] | None = None,
 ) -> Path:
     """Write the report of a scenario: one HTML file that contains the text, the tables and the given figures.
 
-    ``inner`` says what designed inner loops keep (results.json of the verb ``inner``).
+    ``inner`` says what designed inner loops keep, and ``jumps`` what current phase jumps make (results.json of the verb
+    ``inner`` and its ``phase_jumps``).
     """
     from vsgdesign.report.scenario.page import write_page
 
-    return write_page(result, figures, Path(out_path), trained, inner)
+    return write_page(result, figures, Path(out_path), trained, inner, jumps)
 
 
 def write_stability_figures(result: StabilityResult, folder: str | Path) -> list[WrittenFigure]:
@@ -91,14 +93,16 @@ def write_stability_report(
     out_path: str | Path,
     explorer: ExplorerFile | None = None,
     pdf: Path | None = None,
+    jumps: dict[str, Any] | None = None,
 ) -> Path:
     """Write the stability report: one HTML file with text, tables and the given figures; with ``pdf`` this file, too.
 
     Its links lead to the CSV files of the same folder, and a frame shows the page of the ``explorer`` there.
+    ``jumps`` is what current phase jumps make (``phase_jumps`` in results.json).
     """
     from vsgdesign.report.stability.page import write_stability_page
 
-    return write_stability_page(result, figures, Path(out_path), explorer, pdf)
+    return write_stability_page(result, figures, Path(out_path), explorer, pdf, jumps)
 
 
 def write_table_figures(table: GainTable, folder: str | Path) -> list[WrittenFigure]:

@@ -26,6 +26,7 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.html import print_html
+from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.study.parameters.inner_loops import ENOUGH_SAMPLING
 
 _SHOWN = 7
@@ -153,6 +154,7 @@ def inner_page(document: dict[str, Any], figures: Sequence[WrittenFigure] = (), 
         Heading("Gains", numbered=True),
         gains,
         _score_table(document),
+        *phase_jump_blocks(document["phase_jumps"], numbered=True),
         Heading("Each promise over the grids", numbered=True),
         *drawings(figures, 1),
         Heading("Limits of validity", numbered=True),

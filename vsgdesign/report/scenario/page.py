@@ -31,6 +31,7 @@ from vsgdesign.report.page.blocks import (
 )
 from vsgdesign.report.page.converter import converter_table, filter_table, known_grid
 from vsgdesign.report.page.html import print_html
+from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
 from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
@@ -53,9 +54,10 @@ def write_page(
     out_path: Path,
     trained: TrainedEstimator | None = None,
     inner: dict[str, Any] | None = None,
+    jumps: dict[str, Any] | None = None,
 ) -> Path:
     """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
-    return print_html(scenario_page(result, figures, trained, inner), out_path)
+    return print_html(scenario_page(result, figures, trained, inner, jumps), out_path)
 
 
 def scenario_page(
@@ -63,6 +65,7 @@ def scenario_page(
     figures: Sequence[WrittenFigure] = (),
     trained: TrainedEstimator | None = None,
     inner: dict[str, Any] | None = None,
+    jumps: dict[str, Any] | None = None,
 ) -> Page:
     """The page: the answer, all figures, what was asked for, the system, and the response to each event."""
     study = result.study
@@ -92,6 +95,7 @@ def scenario_page(
         tables.events_table(result) if study.events else None,
         *_with_heading("Gain tables", _of_tables(result)),
         *([] if inner is None else _inner(inner)),
+        *phase_jump_blocks(jumps),
         Heading("Operating points"),
         tables.rests_table(result),
         *_estimate(result, judged, trained),

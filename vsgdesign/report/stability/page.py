@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -33,6 +34,7 @@ from vsgdesign.report.page.blocks import (
 )
 from vsgdesign.report.page.converter import converter_table, filter_table, specs_table
 from vsgdesign.report.page.html import print_html, text_file
+from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.report.stability import tables as made
 from vsgdesign.report.stability.frequency import frequency_figures
 from vsgdesign.report.stability.hover import hover_json
@@ -72,12 +74,13 @@ def write_stability_page(
     out_path: Path,
     explorer: ExplorerFile | None = None,
     pdf: Path | None = None,
+    jumps: dict[str, Any] | None = None,
 ) -> Path:
     """Write the page of a stability assessment, with the figures' SVG text as it lies on disk, perhaps as a PDF, too.
 
     ``explorer`` is a page in the same folder, which this page shows in a frame. With None nothing is said of it.
     """
-    page = stability_page(result, figures, explorer)
+    page = stability_page(result, figures, explorer, jumps)
     if pdf is not None:
         from vsgdesign.report.page.pdf import print_pdf
 
@@ -86,7 +89,10 @@ def write_stability_page(
 
 
 def stability_page(
-    result: StabilityResult, figures: Sequence[WrittenFigure], explorer: ExplorerFile | None = None
+    result: StabilityResult,
+    figures: Sequence[WrittenFigure],
+    explorer: ExplorerFile | None = None,
+    jumps: dict[str, Any] | None = None,
 ) -> Page:
     """The page: the answer, the clause matrix, the model, margins over the grids, modes, loops and small steps."""
     study, rest = result.study, figures[1:]
@@ -117,6 +123,7 @@ def stability_page(
         *drawings(rest, 7, otherwise="No small step was simulated, so there are no responses to show."),
         made.steps_table(result),
         *([Note(f"Not simulated: {'; '.join(missing)}.")] if (missing := unsimulated(result)) else []),
+        *phase_jump_blocks(jumps, numbered=True),
         *_explorer(result, explorer),
         Heading("Files", numbered=True),
         words(_ABOUT_FILES),

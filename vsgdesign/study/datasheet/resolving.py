@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from vsgdesign.equations.filters import largest_current_after_jump
 from vsgdesign.equations.frames import base_impedance, linear_modulation_limit, ll_to_phase, rms_to_peak
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.datasheet.circuit import (
@@ -40,6 +41,7 @@ from vsgdesign.study.parameters.units import format_quantity
 INDUCTOR_X_OVER_R = 30.0
 """X/R of an inductor whose resistance is not given: large, so that it adds little damping to the loops."""
 
+_JUMP_DEG = 60.0
 _LITTLE_HEADROOM = 1.1
 """Smallest ratio of the bridge voltage to the rated voltage."""
 
@@ -115,7 +117,10 @@ def resolve(sheet: Sheet) -> Datasheet:
         title=title, source=source, S_rated=S, V_rated_ll_rms=V, f_n=f_n, V_dc=V_dc, f_sw=f_sw,
         samples_per_carrier=samples, delay_samples=delay, modulation=modulation, current_limit_pu=limit,
         L_1=L_1, R_1=R_1, C=C, R_c=R_c, L_2=L_2, R_2=R_2, scr=scr, x_over_r=x_over_r,
-        notes=_notes(V, V_dc, modulation, f_sw * samples, delay, L_1, C, outer),
+        notes=(
+            *_notes(V, V_dc, modulation, f_sw * samples, delay, L_1, C, outer),
+            _jump_note(limit, omega * (delay + 1) / (f_sw * samples), omega * L_1 / Z),
+        ),
         remarks=rows.remarks, assumptions=tuple(rows.assumptions), unused=tuple(rows.unused),
     )  # fmt: skip
 
@@ -140,6 +145,15 @@ def _notes(
             f"the bridge makes at most {headroom:.3g} times the rated voltage; weak grids and inductive power need more"
         )
     return tuple(notes)
+
+
+def _jump_note(limit_pu: float, turn: float, X_1: float) -> str:
+    """What a jump of the grid's phase may do, by hand. ``turn``: ω (d + 1) T_s, rad; ``X_1`` in pu."""
+    bound = float(largest_current_after_jump(limit_pu, math.radians(_JUMP_DEG), turn, X_1))
+    return (
+        f"a phase jump of {_JUMP_DEG:g} deg may make a current of up to {bound:.3g} pu by hand, beside a limit of "
+        f"{limit_pu:.3g} pu: its voltage drives it through L_1 until the bridge answers; vsgdesign inner simulates this"
+    )
 
 
 def faults_of(sheet: Sheet) -> list[Fault]:

@@ -14,6 +14,7 @@ from vsgdesign.study.parameters.inner_loops import Reading, request_of
 from vsgdesign.study.parameters.study import InnerLoopRequest, Study
 
 if TYPE_CHECKING:  # the compiled scores are loaded by who asks for them
+    from vsgdesign.campaigns.phase_jumps import PhaseJumps
     from vsgdesign.design.inner import Alternative, FullOrderCheck, InnerScore
 
 VERB = "vsgdesign inner"
@@ -32,6 +33,8 @@ class InnerAssessment:
     """Highest resonance of filter and grid in the box."""
     alternatives: tuple[Alternative, ...] | None
     """The improvement by another sampling, delay or L_2. None if it was not asked for."""
+    jumps: PhaseJumps | None = None
+    """The current after phase jumps; None where no controller limits it, or if it was not asked for."""
 
     @property
     def designed(self) -> bool:
@@ -44,18 +47,21 @@ class InnerAssessment:
         return self.score.t >= 1.0 and self.full_order.passed
 
 
-def assess_inner_loops(study: Study, *, what_if: bool = True, progress: Progress | None = None) -> InnerAssessment:
+def assess_inner_loops(
+    study: Study, *, what_if: bool = True, jumps: bool = True, progress: Progress | None = None
+) -> InnerAssessment:
     """Scores the study's inner gains on the grids that they serve; with ``what_if`` also alternatives that may be
-    better.
+    better, with ``jumps`` also the current after phase jumps.
 
     The grids are those of the study's request. For given gains they are those of its specification, or SCR 1.2 to 20
     and X/R 0.3 to 20 without one. This takes about one second, and some seconds more for each alternative.
     """
+    from vsgdesign.campaigns.phase_jumps import phase_jumps
     from vsgdesign.design.inner import GridBox, check_full_order, score_inner_loops, what_would_help
     from vsgdesign.design.inner.grids import highest_resonance
 
     tell = progress or silent
-    request = study.inner_request or _as_if_asked(study)
+    request = asked_of(study)
     converter, filter_ = study.converter, study.filter
     box = GridBox(request.scr, request.x_over_r, request.scr_basis)
     tell("score the inner loops", 0.0)
@@ -66,6 +72,7 @@ def assess_inner_loops(study: Study, *, what_if: bool = True, progress: Progress
         converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
     )
     tell("score the inner loops", 1.0)
+    found = phase_jumps(study) if jumps else None
     alternatives = None
     if what_if:
         alternatives = tuple(
@@ -81,11 +88,12 @@ def assess_inner_loops(study: Study, *, what_if: bool = True, progress: Progress
             )
         )
     resonance_hz = highest_resonance(converter, filter_, box) / (2.0 * math.pi)
-    return InnerAssessment(study, request, score, check, resonance_hz, alternatives)
+    return InnerAssessment(study, request, score, check, resonance_hz, alternatives, found)
 
 
-def _as_if_asked(study: Study) -> InnerLoopRequest:
-    return request_of(
+def asked_of(study: Study) -> InnerLoopRequest:
+    """The grids and the settling time for which inner loops are designed, or would be where gains are given."""
+    return study.inner_request or request_of(
         Reading(None, math.nan), study.converter, study.filter, study.scr_basis, study.target, study.specification
     )
 
@@ -137,6 +145,7 @@ def inner_document(found: InnerAssessment) -> dict[str, Any]:
             "highest_resonance_hz": found.resonance_hz,
             "ratio": 1.0 / (study.converter.T_s * found.resonance_hz),
         },
+        "phase_jumps": None if found.jumps is None else found.jumps.document(),
         "map": {"scr": score.scr, "x_over_r": score.x_over_r, "score": score.t_map.tolist()},
         "alternatives": None
         if found.alternatives is None

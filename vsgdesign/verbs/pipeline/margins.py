@@ -128,6 +128,7 @@ def write_stability(
 def _write(
     result: StabilityResult, folder: Path, pdf: bool, explorer: bool, workers: int | None, tell: Progress
 ) -> dict[str, Any]:
+    from vsgdesign.campaigns.phase_jumps import phase_jumps
     from vsgdesign.report import write_stability_figures, write_stability_report
 
     begin = time.perf_counter()
@@ -137,9 +138,12 @@ def _write(
         figures = write_stability_figures(result, folder / "figures")
         tell("draw figures", 1.0)
         page = None if explored is None else _write_explorer(explored, folder, tell)
-    write_stability_report(result, figures, folder / "report.html", page, folder / "report.pdf" if pdf else None)
+    found = phase_jumps(result.study)
+    jumps = None if found is None else found.document()
+    paper = folder / "report.pdf" if pdf else None
+    write_stability_report(result, figures, folder / "report.html", page, paper, jumps)
     result.timing_s["report"] = time.perf_counter() - begin
-    return write_record(folder, stability_document(result), VERB)
+    return write_record(folder, stability_document(result) | {"phase_jumps": jumps}, VERB)
 
 
 @contextmanager

@@ -155,7 +155,7 @@ def _write(
             write_csv(folder / f"{controller.spec.name}.estimates.csv", controller.estimates.series(), 0.0)
     tell("write time series", 1.0)
     timing["write"] = time.perf_counter() - begin
-    inner = inner_document(assess_inner_loops(study, what_if=False)) if study.inner_request is not None else None
+    inner, jumps = _inner_loops(study), None
     drawn: Callable[[], list[WrittenFigure]] | None = None
     if report:
         from vsgdesign.report import begin_figures
@@ -163,6 +163,7 @@ def _write(
         begin = time.perf_counter()
         tell("draw figures", 0.0)
         drawn = begin_figures(result, folder / "figures", trained, have.executor)
+        jumps = _phase_jumps(study)
         timing["report"] = time.perf_counter() - begin
     result = replace(result, ready=have.verified())
     _write_made(result.ready, folder)
@@ -173,7 +174,7 @@ def _write(
         begin = time.perf_counter()
         figures = drawn()
         tell("draw figures", 1.0)
-        write_report(result, figures, folder / "report.html", trained, inner)
+        write_report(result, figures, folder / "report.html", trained, inner, jumps)
         timing["report"] += time.perf_counter() - begin
     for wait in exports:
         wait()
@@ -181,6 +182,8 @@ def _write(
     for name, sha256 in have.made_from.items():
         if sha256:
             document["controllers"][name]["table"]["made_from"] = sha256
+    if jumps is not None:
+        document["phase_jumps"] = jumps
     if inner is not None:
         document["inner_loops"] = inner
     if network is not None:
@@ -196,6 +199,21 @@ def export_tables(study: Study, ready: Ready, folder: Path, *, warn: Callable[[s
     _write_made(ready, folder)
     for wait in _exports(study, ready, folder, warn=warn):
         wait()
+
+
+def _inner_loops(study: Study) -> dict[str, Any] | None:
+    """What designed inner loops keep."""
+    if study.inner_request is None:
+        return None
+    document = inner_document(assess_inner_loops(study, what_if=False, jumps=False))
+    return {name: value for name, value in document.items() if name != "phase_jumps"}
+
+
+def _phase_jumps(study: Study) -> dict[str, Any] | None:
+    from vsgdesign.campaigns.phase_jumps import phase_jumps
+
+    found = phase_jumps(study)
+    return None if found is None else found.document()
 
 
 def _exports(
