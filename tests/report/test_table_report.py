@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -23,7 +24,9 @@ from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.panels import surface_scale
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.maps import varies
-from vsgdesign.report.gain_table.page import margins_table, table_figures, verdict_of
+from vsgdesign.report.gain_table.page import margins_table, table_figures, table_page, verdict_of
+from vsgdesign.report.gain_table.stiffness import stiffness
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.verbs.pipeline.table import report_table
 
 UNIT = re.compile(r"\[[^\]]+\]$")
@@ -54,6 +57,37 @@ def rich() -> GainTable:
     status[1, 1], active[1, 1], active[2, 0] = "relaxed", "overshoot", "disk margin"
     price = np.where(made.valid, np.arange(9.0).reshape(3, 3), np.nan)
     return replace(made, margins=margins, status=status, active=active, price=price)
+
+
+def test_the_page_shows_the_slope_of_the_power_at_the_rest_of_each_node() -> None:
+    """dP/dδ from a difference of complex powers, over 3VV_g/|Z|; the least one is at the import of a resistive grid."""
+    made = rich()
+    base, (at_design, least) = made.base, stiffness(made)
+    Z_base = 3.0 * base.V_rated_rms**2 / base.S_rated
+    assert base.scr_basis == "impedance"
+    places = np.argwhere(np.isfinite(at_design))
+    assert 3 < len(places) < at_design.size
+    for row, column in places:
+        scr, x_over_r = made.scr[row], made.x_over_r[column]
+        Z = Z_base / scr * np.exp(1j * np.arctan(x_over_r)) + complex(base.R_2, base.omega_n * base.L_2)
+        slopes = []
+        for P, Q in ((made.P_design, made.Q_design), *itertools.product(made.validity.P, made.validity.Q)):
+            v = complex(base.V_g_rms)
+            for _ in range(500):  # the fixed point is the root of high voltage
+                v = base.V_g_rms + Z * (complex(P, Q) / (3.0 * v)).conjugate()
+            power = [3.0 * (u * ((u - base.V_g_rms) / Z).conjugate()).real for u in (v, v * np.exp(1e-6j))]
+            slope = (power[1] - power[0]) / 1e-6 * abs(Z) / (3.0 * abs(v) * base.V_g_rms)
+            sound = 3.0 * abs(v) ** 2 >= 1.3 * abs(complex(P, Q) * Z)
+            slopes.append(slope if sound and made.validity.V_rms[0] <= abs(v) <= made.validity.V_rms[1] else np.inf)
+        assert at_design[row, column] == pytest.approx(slopes[0], rel=1e-4)
+        lowest = min(slopes[1:])
+        assert (
+            np.isnan(least[row, column]) if np.isinf(lowest) else least[row, column] == pytest.approx(lowest, rel=1e-4)
+        )
+    assert np.isnan(at_design[0, 0])
+    (shown,) = [one for one in table_page(made).blocks if isinstance(one, Table) and "dP/dδ" in one.title]
+    assert shown.rows[0][1] == "–"
+    assert float(shown.rows[2][3].split()[0]) == pytest.approx(at_design[2, 2], rel=0.05)
 
 
 @functools.cache

@@ -34,6 +34,7 @@ from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.inside import inside_figure, inside_sentence
 from vsgdesign.report.gain_table.maps import gain_surfaces, in_order, margin_figures, margin_keys
 from vsgdesign.report.gain_table.regions import certificate_figure, constraint_figures, stale_figures
+from vsgdesign.report.gain_table.stiffness import ABOUT_STIFFNESS, stiffness_table
 from vsgdesign.report.gain_table.words import PROOF_CARRIED, flattened, marked, specification_rows
 from vsgdesign.report.page.blocks import (
     BULLETS,
@@ -154,6 +155,8 @@ def table_page(table: GainTable, figures: Sequence[WrittenFigure] = (), checked:
         *drawings(rest, 3),
         Heading("Active constraints", numbered=True),
         *([causes, words(_ABOUT_CAUSES)] if causes.rows else []),
+        stiffness_table(table),
+        words(ABOUT_STIFFNESS),
         *drawings(rest, 4),
         Heading("Certificate and verification", numbered=True),
         words(certificate_sentence(table.certificate), inside_sentence(table, shipped_errors())),
