@@ -21,6 +21,7 @@ from vsgdesign.report.page.html import print_fragment
 from vsgdesign.report.scenario import tables
 from vsgdesign.report.scenario.answer import MOST_STEPS, scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.outcomes import step_outcomes
+from vsgdesign.report.scenario.verdict import survival_text
 from vsgdesign.simulation.outcome import Outcome
 from vsgdesign.simulation.scenario.judging import judge_estimates
 from vsgdesign.simulation.scenario.promises import promises_kept
@@ -175,6 +176,19 @@ def test_survival_is_the_headline_where_no_step_is_judged(short):
             answer = scenario_answer(result, [], (), ())
             assert cell(answer, "CVSG", "Survival") == Cell(MET, "survived", "at rest after 0.4 s")
             assert cell(answer, "AVSG", "Survival") == Cell(MISSED, "not survived", "slipped")
+
+
+def test_a_current_that_no_hardware_carries_is_told_beside_survived(short):
+    first = replace(short.result.controllers[0], events=())
+    for peak_pu, mark, detail in (
+        (1.99, MET, "at rest after 0.4 s"),
+        (39.0, FACT, "at rest after 0.4 s; 39 pu, more than hardware carries"),
+    ):
+        verdict = Survival(status="survived", recovery_s=0.4, peak_pu=peak_pu)
+        study = replace(short.study, events=())
+        result = replace(short.result, study=study, controllers=(replace(first, survival=verdict),))
+        assert cell(scenario_answer(result, [], (), ()), "CVSG", "Survival") == Cell(mark, "survived", detail)
+        assert ("Hardware of this rating" in survival_text(result)) == (peak_pu > 2.0)
 
 
 @pytest.mark.parametrize(("limit", "mark", "words"), [(9.0, MET, "within the limit"), (0.7, MISSED, "above the limit")])

@@ -54,6 +54,11 @@ END_S = 0.3
 
 LATCHED_SHARE = 0.5
 
+HARDWARE_PU = 2.0
+"""Current later than FIRST_S after an event, pu of the rated peak, that no hardware of this rating is taken to carry.
+Semiconductors carry twice their rated current for a millisecond; that they are rated as the converter is, is our
+choice."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SurvivalRecord:
@@ -182,6 +187,11 @@ class Survival:
     def survived(self) -> bool:
         """Whether the converter survived."""
         return self.status == SURVIVED
+
+    @property
+    def beyond_hardware(self) -> bool:
+        """Whether the current is more than hardware carries (HARDWARE_PU), whatever the verdict is."""
+        return self.peak_pu is not None and self.peak_pu > HARDWARE_PU
 
     @property
     def judged(self) -> bool:

@@ -186,7 +186,10 @@ def _survival(verdict: Survival | None) -> Cell:
         return Cell(UNKNOWN, "not judged", verdict.reason or verdict.status)
     if not verdict.survived:
         return Cell(MISSED, "not survived", verdict.status)
-    return Cell(MET, "survived", "" if verdict.recovery_s is None else f"at rest after {plain(verdict.recovery_s)} s")
+    detail = "" if verdict.recovery_s is None else f"at rest after {plain(verdict.recovery_s)} s"
+    if verdict.beyond_hardware and verdict.peak_pu is not None:
+        return Cell(FACT, "survived", f"{detail}; {plain(verdict.peak_pu)} pu, more than hardware carries".lstrip("; "))
+    return Cell(MET, "survived", detail)
 
 
 def _estimate(judged: Judgement | None) -> Cell:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from vsgdesign.equations.placing import settling_factor
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics.events import UNSTABLE
-from vsgdesign.metrics.survival import Survival
+from vsgdesign.metrics.survival import HARDWARE_PU, Survival
 from vsgdesign.report.drawing.quantities import number, percent, plain
 from vsgdesign.report.scenario.outcomes import StepOutcome
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
@@ -276,6 +276,11 @@ def survival_sentence(name: str, verdict: Survival) -> str:
             said = f"{said[:-1]}: {_ended(verdict.reason)}"
     if verdict.peak_pu is not None:
         said += f" Its largest current later than 5 ms after an event is {plain(verdict.peak_pu)} pu of the rated peak."
+    if verdict.beyond_hardware:
+        said += (
+            f" Hardware of this rating does not carry more than about {plain(HARDWARE_PU)} pu: it trips or breaks, and "
+            "the verdict is about the control loops alone. Set current_limit_pu."
+        )
     return said
 
 
