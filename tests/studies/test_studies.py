@@ -56,13 +56,13 @@ def shortened(study: Study, duration: float) -> Study:
 
 
 def small_tables(study: Study, folder: Path) -> dict[str, GainTable]:
-    """Tables of two by one nodes where a study asks for tables: enough to run, not to promise anything."""
+    """Tables of two by two nodes where a study asks for tables: enough to run, not to promise anything."""
     if study.specification is None:
         return {}
     c = study.converter
     load = {"P": (0.4 * c.S_rated,), "Q": (0.1 * c.S_rated,)}
     box = replace(study.specification.box, error_R=0.0, error_X=0.0, **load)
-    small = replace(study, specification=replace(study.specification, scr=(4.0, 8.0), x_over_r=(4.0,), box=box))
+    small = replace(study, specification=replace(study.specification, scr=(4.0, 8.0), x_over_r=(3.0, 5.0), box=box))
     return {
         spec.name: build_table(small, spec, folder, smoothings=0, refinements=0, points=20, certificate=False).table
         for spec in study.controllers

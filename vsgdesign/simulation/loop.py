@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import functools
 import typing
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -108,7 +110,7 @@ class KindLoop(NamedTuple):
     spec: LoopSpec
     place: dict[str, int]
     """Row of every number of the state and of every constant."""
-    spans: dict[str, slice]
+    spans: Mapping[str, slice]
     """Rows of every record among them, which are beside each other, and of every number."""
 
 
@@ -211,7 +213,8 @@ def _uniform_names(kind: Kind) -> list[str]:
     return found + ([*names_of(FieldSettings, "field"), "V_rated_rms", "allowed"] if kind.field else [])
 
 
-def spans_of(names: tuple[str, ...]) -> dict[str, slice]:
+@functools.lru_cache(maxsize=256)
+def spans_of(names: tuple[str, ...]) -> Mapping[str, slice]:
     """Where the numbers of every record stand, and of every record within one."""
     found: dict[str, slice] = {}
     for row, name in enumerate(names):
@@ -219,7 +222,7 @@ def spans_of(names: tuple[str, ...]) -> dict[str, slice]:
         for length in range(1, len(parts) + 1):
             record = ".".join(parts[:length])
             found[record] = slice(found[record].start if record in found else row, row + 1)
-    return found
+    return MappingProxyType(found)
 
 
 def carrier_part(begin: Any, end: Any) -> CarrierPart:
