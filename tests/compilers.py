@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import re
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -33,6 +34,9 @@ GCC_AND_CLANG = ["gcc", pytest.param("clang", marks=needs("clang"))]
 """For parametrize: gcc is required, clang is wanted."""
 
 
+_INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"', re.MULTILINE)
+
+
 def digest_of(words: Sequence[str], files: Sequence[Path]) -> str:
     """Of words, and of the names and texts of files."""
     found = hashlib.sha256(repr(tuple(words)).encode())
@@ -52,8 +56,20 @@ def objects_of(command: Sequence[str], sources: Sequence[Path], headers: Sequenc
     texts = [path for folder in headers for path in sorted(folder.glob("*.h"))]
     found = []
     for source in sources:
-        made = Path(_objects().name) / f"{digest_of(command, [source, *texts])}.o"
+        made = Path(_objects().name) / f"{digest_of(command, [source, *_included(source, texts)])}.o"
         if not made.exists():
             run_compiler([*command, *(f"-I{folder}" for folder in headers), "-c", str(source), "-o", str(made)])
         found.append(str(made))
+    return found
+
+
+def _included(source: Path, headers: Sequence[Path]) -> list[Path]:
+    """Those of the headers that a source includes, or that one of these does."""
+    found: list[Path] = []
+    waiting = [source]
+    while waiting:
+        names = set(_INCLUDE.findall(waiting.pop().read_text(encoding="utf-8")))
+        new = [path for path in headers if path.name in names and path not in found]
+        found += new
+        waiting += new
     return found
