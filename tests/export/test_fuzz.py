@@ -87,7 +87,8 @@ def test_no_input_spoils_the_controller(limiter: str, double: bool, tmp_path: Pa
     "broken_lines",
     [
         {
-            "&c->settings) > VSG_C(0.5));": "&c->settings) <= VSG_C(1.0));",
+            "vsg_finite(size) && (vsg_plausible(": "(vsg_finite(size) <= 1) && (vsg_plausible(",
+            "&c->settings) > VSG_C(0.5)));\n    uint16_t used": "&c->settings) <= VSG_C(1.0)));\n    uint16_t used",
             "vsg_bounded(&following) != 0U": "vsg_bounded(&following) <= 1U",
             "&c->settings) > VSG_C(0.5)));": "&c->settings) <= VSG_C(1.0)));",
         },
