@@ -19,6 +19,7 @@ from vsgdesign.report.explore.events import LEAD_S, study_of
 from vsgdesign.report.explore.live import SIGNALS, emt_answer
 from vsgdesign.report.explore.scene import scene_of
 from vsgdesign.report.explore.state import state_of
+from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.study import Study
@@ -141,6 +142,21 @@ def test_the_figures_are_those_of_a_run() -> None:
         for name, value in expected.items():
             assert row[name] == (None if value is None else pytest.approx(value, rel=1e-9, abs=1e-9)), (k, name)
     assert good >= 0.75 * 10 * TIMES
+
+
+def test_a_step_ends_at_the_rest_of_the_run_off_nominal() -> None:
+    """At 50.15 Hz and 1.03 pu both droops move the rest: P_ref + 0.1 pu is not where the power ends."""
+    study = structures()
+    document = {"scr": 4.0, "x_over_r": 2.0, "P_pu": 0.3, "Q_pu": -0.05, "V_g_pu": 1.03, "f_hz": 50.15}
+    for name in ("published", "decoupled", "angle_damped"):
+        state = state_of(document | {"event": {"kind": "step", "size": 0.1}, "controllers": [name]}, study)
+        answer = emt_answer(study, NOTHING, state)
+        assert answer is not None
+        (row,) = answer.header["controllers"]
+        result = run_scenario(study_of(scene_of(study, NOTHING, state), NOTHING, state, 0))
+        step = next(one for one in step_outcomes(result) if one.metrics.signal == "P_pcc")
+        assert row["settling_s"] == pytest.approx(step.settling_time_s, rel=1e-9)
+        assert row["overshoot"] == pytest.approx((step.measured_overshoot_pct or 0.0) / 100.0, rel=1e-9)
 
 
 def test_curves_begin_at_the_states_powers_and_keep_their_extremes() -> None:
