@@ -145,7 +145,7 @@ def loop_margins_steps(S_grid: Complex, omega: Array, at: SensitivityAt, loop: i
 
 def _loop_gain(S: Complex) -> Complex:
     """L = 1/S − 1; infinite in both parts where a gain is so large that S is rounded to zero."""
-    inverse = np.full(S.shape, complex(np.inf, np.inf))
+    inverse: Complex = np.full(S.shape, complex(np.inf, np.inf), dtype=np.complex128)
     np.divide(1.0, S, out=inverse, where=S != 0.0)
     return inverse - 1.0
 
