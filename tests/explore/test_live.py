@@ -129,8 +129,8 @@ def test_the_figures_are_those_of_a_run() -> None:
             signal = f"{document['event'].get('signal', 'P')}_pcc"
             event = next(one for one in result.events if one.signal == signal)
             assert row["status"] == {"measured": "settled"}.get(event.status, event.status)
-            expected = {"settling_s": event.raw.settling_time_s}
-            over = event.raw.overshoot_pct
+            expected = {"settling_s": event.cycle_mean.settling_time_s}
+            over = event.cycle_mean.overshoot_pct
             expected["overshoot"] = None if over is None else over / 100.0
         else:
             verdict = result.survival

@@ -114,7 +114,7 @@ def test_a_run_says_what_the_verb_says(run: vd.Run, tmp_path: Path) -> None:
         assert ours[key] == printed[key], key
     (name,) = printed["controllers"]
     assert ours["controllers"][name]["events"] == printed["controllers"][name]["events"]
-    assert run.events()[0].raw.overshoot_pct == printed["controllers"][name]["events"][0]["overshoot_pct"]
+    assert run.events()[0].cycle_mean.overshoot_pct == printed["controllers"][name]["events"][0]["overshoot_pct"]
     assert run.series()["P_pcc"].shape == run.series("AVSG")["t_s"].shape
     with pytest.raises(KeyError, match="AVSG"):
         run.controller("CVSG")

@@ -130,15 +130,17 @@ def test_ripple_of_a_cycle_is_gone_from_the_mean_and_not_from_the_raw() -> None:
 
 
 def test_a_window_shorter_than_the_response_has_no_figure() -> None:
-    """First order: settled after τ ln 50 = 0.782 s, and not a moment before that can it be said."""
-    y, settled = first_order(2.0, 2000.0, 2500.0), TAU * math.log(50.0)
+    """First order: the mean over a cycle settles after τ ln 50 + 10 ms = 0.792 s, and not a moment before that can it
+    be said."""
+    y, settled = first_order(2.0, 2000.0, 2500.0), TAU * math.log(50.0) + 0.5 * PER_CYCLE * DT
     short, enough = measure(2.0, 2.0 + settled - 0.01, y), measure(2.0, 2.0 + settled + 0.01, y)
     assert (short.status, enough.status) == (TOO_SHORT, MEASURED)
     for figures in (short.raw, short.cycle_mean):
         assert (figures.final, figures.overshoot_pct, figures.settling_time_s) == (2500.0, None, None)
     assert short.needs_s == pytest.approx(settled, abs=1e-3)
-    assert short.reason == "the window is too short: 0.772 s after the step, the slowest mode needs 0.783 s"
-    assert enough.raw.settling_time_s == pytest.approx(settled, abs=1e-4)
+    assert short.reason == "the window is too short: 0.782 s after the step, the slowest mode needs 0.793 s"
+    assert enough.cycle_mean.settling_time_s == pytest.approx(settled, abs=5e-4)
+    assert enough.raw.settling_time_s == pytest.approx(TAU * math.log(50.0), abs=1e-4)
 
 
 def test_a_critically_damped_step_seen_for_a_second() -> None:

@@ -96,12 +96,14 @@ def run_one(study: Study, spec: ControllerSpec, ready: Ready, cases: LaneCases, 
 
 
 def step_of(study: Study, run: Simulation, cases: LaneCases, k: int, final: float) -> tuple[float, float]:
-    """Overshoot as a share and settling time in s of the step of a case."""
+    """Overshoot as a share and settling time in s of the mean over one nominal cycle after the step of a case."""
     signal = "P_pcc" if cases.signal[k] == ACTIVE else "Q_pcc"
     series = derive_series(study, run)[signal]
     begin = int(np.searchsorted(run.t_s, cases.events.t_s[k, 0] - 0.5 * study.converter.T_s))
-    initial = float(series[begin - 100 : begin].mean())
-    found = step_response(run.t_s[begin:] - cases.events.t_s[k, 0], series[begin:], initial, final)
+    cycle = round(2.0 * math.pi / study.converter.omega_n / study.converter.T_s)
+    mean = np.convolve(series, np.full(cycle, 1.0 / cycle), "valid")  # its first row is that of sample cycle - 1
+    at = begin - cycle + 1
+    found = step_response(run.t_s[begin:] - cases.events.t_s[k, 0], mean[at:], float(mean[at - 1]), final)
     settled = math.inf if found.settling_time_s is None else found.settling_time_s
     return (found.overshoot_pct or 0.0) / 100.0, settled
 

@@ -29,11 +29,11 @@ def steps() -> dict[str, dict[str, list[tuple[float, float]]]]:
         result = run_scenario(load_study(ROOT / "studies" / name / "study.toml"), NOTHING)
         found[name] = {
             controller.spec.name: [
-                (event.raw.overshoot_pct, event.raw.settling_time_s)
+                (event.cycle_mean.overshoot_pct, event.cycle_mean.settling_time_s)
                 for event in controller.events
                 if event.kind == "step"
-                and event.raw.overshoot_pct is not None
-                and event.raw.settling_time_s is not None
+                and event.cycle_mean.overshoot_pct is not None
+                and event.cycle_mean.settling_time_s is not None
             ]
             for controller in result.controllers
         }

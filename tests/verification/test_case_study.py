@@ -119,7 +119,7 @@ def test_a_run_of_the_file_has_the_figures_of_the_batch() -> None:
         if name == "step":
             assert verdict is None
             signal = "P_pcc" if cases.signal[k] == 0 else "Q_pcc"
-            step = next(event.raw for event in run.controllers[0].events if event.signal == signal)
+            step = next(event.cycle_mean for event in run.controllers[0].events if event.signal == signal)
             assert step.overshoot_pct == pytest.approx(100.0 * found.overshoot[k], abs=1e-6)
             assert step.settling_time_s == pytest.approx(found.settling_s[k], abs=1e-6)
             continue

@@ -1,4 +1,8 @@
-"""Results for every event of a run, from the raw signal and from its mean over whole cycles, or why there are none."""
+"""Results for every event of a run, from the mean of a signal over whole cycles and from the raw signal, or why there
+are none.
+
+The mean is the signal that is judged everywhere (docs/definitions.md).
+"""
 
 from __future__ import annotations
 
@@ -80,7 +84,9 @@ class EventMetrics:
     kind: str
     """``step``: the signal's own reference was stepped; ``disturbance``: something else changed."""
     raw: ResponseMetrics
+    """Of the instantaneous signal."""
     cycle_mean: ResponseMetrics
+    """Of its mean over whole cycles: these figures are shown and judged."""
     peak_current_pu: float | None
     """None where the simulation diverged."""
     status: str = MEASURED
@@ -132,8 +138,8 @@ def measure_event(
     elif not end.decay > 0.0:
         status, reason = UNSTABLE, end.obstacle
     else:
-        tested, share = (y[begin:stop], 1.0) if end.final is not None else (mean, _SHARE_OF_BAND)
-        error = np.abs(tested - final) / reference
+        share = 1.0 if end.final is not None else _SHARE_OF_BAND
+        error = np.abs(mean - final) / reference
         moved_s = max(end.changed_s - window.t_s, 0.0)
         needed = time_needed(since, error, end.decay, moved_s, share)
         if needed > observed:

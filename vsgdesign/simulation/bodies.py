@@ -19,9 +19,8 @@ from vsgdesign.simulation.axes import PEAK, RISING, Axes, headed, states_of, two
 from vsgdesign.simulation.circuit_sample import CarrierPart, Coefficients, EdgeRow, PlantRow
 from vsgdesign.simulation.ramp_sample import with_ramp
 
-STEP, MEAN_STEP, DISTURBANCE = "step", "mean step", "disturbance"
-"""What is watched of a run: a step of a reference, judged by the power or by its mean over some samples because that
-ripples; anything else."""
+STEP, DISTURBANCE = "step", "disturbance"
+"""What is watched of a run: a step of a reference, judged by the mean of its power over some samples; anything else."""
 
 LARGEST_DEGREE = len(Coefficients._fields) - 1
 """Of an edge polynomial of a circuit whose axes are alike. A stiffer one goes the way of two axes."""
@@ -57,7 +56,7 @@ class Kind(NamedTuple):
     waves: int = 0
     """So many components of the source turn in the loop itself (:class:`vsgdesign.simulation.segments.Waves`)."""
     watch: str = ""
-    """What is watched: STEP, MEAN_STEP, DISTURBANCE or nothing."""
+    """What is watched: STEP, DISTURBANCE or nothing."""
     own_rest: bool = False
     """Whether it is judged by the rest to which it comes, which is known at its end alone: the means of its powers are
     logged until then."""
@@ -94,14 +93,13 @@ class Kind(NamedTuple):
     @property
     def rings(self) -> tuple[tuple[str, str], ...]:
         """Powers that are read again some samples later: (input, output)."""
-        return {MEAN_STEP: (("power_ago", "power"),), DISTURBANCE: (("P_ago", "said.P"), ("Q_ago", "said.Q"))}.get(
+        return {STEP: (("power_ago", "power"),), DISTURBANCE: (("P_ago", "said.P"), ("Q_ago", "said.Q"))}.get(
             self.watch, ()
         )
 
 
 _WATCHES: dict[str, tuple[Any, Any]] = {
     STEP: (watched_sample.StepWatch, watched_sample.StepDemand),
-    MEAN_STEP: (watched_sample.MeanStepWatch, watched_sample.MeanStepDemand),
     DISTURBANCE: (watched_sample.DisturbanceWatch, watched_sample.DisturbanceDemand),
 }
 
@@ -281,7 +279,7 @@ def watch(kind: Kind) -> Block | None:
     if not kind.watch:
         return None
     if kind.watch != DISTURBANCE:
-        own = flat_block(watched_sample.watched_step if kind.watch == STEP else watched_sample.watched_mean_step)
+        own = flat_block(watched_sample.watched_step)
         if not kind.second_inductor and kind.sensors:  # the PCC is the capacitor node
             at_node = Part(headed(flat_block(watched_sample.power_at_node), P="P_pcc", Q="Q_pcc"))
             return joined(at_node, Part(headed(own)))

@@ -50,27 +50,7 @@ class LoadDemand(NamedTuple):
 
 
 class StepWatch(NamedTuple):
-    """Of a step of a reference."""
-
-    most: Any
-    """Largest share of the step that was reached."""
-    entry: Entry
-    load: Load
-
-
-class StepDemand(NamedTuple):
-    """What is watched of a step: the signal before it, one over its size, the band as a share of the step, and the
-    shares of P and Q in the signal, of which one is 1 and the other 0."""
-
-    initial: Any
-    per_step: Any
-    band: Any
-    of_P: Any
-    of_Q: Any
-
-
-class MeanStepWatch(NamedTuple):
-    """Of a step of a reference whose power is judged by its mean, because a probe or a switched bridge ripples it."""
+    """Of a step of a reference, whose power is judged by its mean."""
 
     most: Any
     """Largest share of the step that the mean reached."""
@@ -84,9 +64,9 @@ class MeanStepWatch(NamedTuple):
     """Sum of the power since it was last set to zero, W or var: a switched bridge rests where this leads to."""
 
 
-class MeanStepDemand(NamedTuple):
+class StepDemand(NamedTuple):
     """What is watched of it: the mean before the step and the power after it, the band as a share of the step, one over
-    the samples of the mean, and the rest as in :class:`StepDemand`."""
+    the samples of the mean, and the shares of P and Q in the power, of which one is 1 and the other 0."""
 
     initial: Any
     final: Any
@@ -161,20 +141,8 @@ def power_at_node(true: Measurement) -> Any:
 
 
 def watched_step(
-    watch: StepWatch, of: StepDemand, load_of: LoadDemand, x: PlantState, P_pcc: Any, Q_pcc: Any, k: Any
-) -> StepWatch:
-    """What is known of a step after a sample: the power at the PCC against its step. Returns (watched)."""
-    progress = (of.of_P * P_pcc + of.of_Q * Q_pcc - of.initial) * of.per_step
-    return StepWatch(
-        most=np.maximum(watch.most, progress),
-        entry=entered(watch.entry, np.abs(progress - 1.0), of.band, k),
-        load=loaded(watch.load, load_of, x),
-    )
-
-
-def watched_mean_step(
-    watch: MeanStepWatch,
-    of: MeanStepDemand,
+    watch: StepWatch,
+    of: StepDemand,
     load_of: LoadDemand,
     x: PlantState,
     P_pcc: Any,
@@ -182,13 +150,13 @@ def watched_mean_step(
     power_ago: Any,
     k: Any,
 ) -> Any:
-    """What is known of a step by its mean; ``power_ago`` is the power, W or var, of the sample that leaves the mean.
+    """What is known of a step; ``power_ago`` is the power, W or var, of the sample that leaves the mean.
     Returns (watched, power): the last is the power that is stepped."""
     power = of.of_P * P_pcc + of.of_Q * Q_pcc
     total = watch.sum + (power - power_ago)
     mean = total * of.per_cycle
     progress = (mean - of.initial) / (of.final - of.initial)
-    after = MeanStepWatch(
+    after = StepWatch(
         most=np.maximum(watch.most, progress),
         entry=entered(watch.entry, np.abs(progress - 1.0), of.band, k),
         load=loaded(watch.load, load_of, x),

@@ -76,12 +76,12 @@ def _figures(study: Study, controller: ControllerResult, omega_end: float) -> di
     step = next((event for event in controller.events if event.kind == "step"), None)
     if step is None or step.status not in (MEASURED, NOT_SETTLED, TOO_SHORT):
         return {}
-    figures = step.cycle_mean if controller.ripples else step.raw
+    figures = step.cycle_mean
     if step.status == TOO_SHORT:
         # Too short for the slowest mode to die away: a run has no figures then, but the batch has those of this time.
         t, y = controller.series["t_s"], controller.series[step.signal]
         begin = int(np.searchsorted(t, step.t_s - 0.5 * (t[1] - t[0])))
-        mean = cycle_mean(y, samples_per_mean(study, t)) if controller.ripples else y
+        mean = cycle_mean(y, samples_per_mean(study, t))
         final = figures.final
         if final is None:
             final = late_mean(y[begin:], max(round(2.0 * math.pi / omega_end / float(t[1] - t[0])), 1))

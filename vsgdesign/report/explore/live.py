@@ -249,7 +249,7 @@ def _of_step(study: Study, state: State, run: Simulation, rests: Sequence[Rest])
         return {"status": TOO_SHORT, "why": "", "needs_s": event.needs_s}
     if event.status != MEASURED:
         return {"status": event.status, "why": event.reason or "", "overshoot": _share(event)}
-    return {"status": SETTLED, "why": "", "overshoot": _share(event), "settling_s": event.raw.settling_time_s}
+    return {"status": SETTLED, "why": "", "overshoot": _share(event), "settling_s": event.cycle_mean.settling_time_s}
 
 
 def _beside(value: float, limit: float | None, met: bool, decimals: int) -> str:
@@ -258,7 +258,7 @@ def _beside(value: float, limit: float | None, met: bool, decimals: int) -> str:
 
 
 def _share(event: EventMetrics) -> float | None:
-    percent = event.raw.overshoot_pct
+    percent = event.cycle_mean.overshoot_pct
     return None if percent is None else percent / 100.0
 
 

@@ -283,11 +283,9 @@ def steps_answer(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> Ans
     )
     left = len(steps) - len(shown)
     more = f" {left} more step{'s are' if left > 1 else ' is'} in the table below." if left else ""
-    ripples = any(controller.ripples for controller in result.controllers)
     said = (
-        f"Power after each step of its reference{', the mean over whole cycles' if ripples else ''}; one scale in each "
-        "column. Dashed: the value at which the response ends. Dotted: the settling time that was asked for. Circle: "
-        "settled within 2 %."
+        "Power after each step of its reference, the mean over whole cycles; one scale in each column. Dashed: the "
+        "value at which the response ends. Dotted: the settling time that was asked for. Circle: settled within 2 %."
     )
     return Answer("Each step", tuple(step.title for step in shown), rows, notes=(said + more,), pictures=True)
 
@@ -301,7 +299,7 @@ def _pictures(result: ScenarioResult, step: _Step, signal: Signal) -> Callable[[
     span = min(max(interesting_time(result, event, step.t_s + available), *needed), available)
     window = (step.t_s - _BEFORE * span, step.t_s + span)
     traces = [trace.between(*window) for trace in signal.traces]
-    curves = [trace.mean if c.ripples else trace.y for trace, c in zip(traces, result.controllers, strict=True)]
+    curves = [trace.mean for trace in traces]
     # Controllers with droop end apart: each is drawn about its own end, or about its last value, all on one scale.
     finals = {name: one.metrics.raw.final for name, one in step.outcomes.items()}
     for index, controller in enumerate(result.controllers):

@@ -60,13 +60,13 @@ class StepOutcome:
 
     @property
     def settling_time_s(self) -> float | None:
-        """On the instantaneous signal, or on its mean over whole cycles where ripple leaves any 2 % band."""
-        return self._measured().settling_time_s
+        """Of the mean over whole cycles."""
+        return self.metrics.cycle_mean.settling_time_s
 
     @property
     def measured_overshoot_pct(self) -> float | None:
-        """On the same signal as the settling time; None if there is no value."""
-        return self._measured().overshoot_pct
+        """Of the same signal as the settling time; None if there is no value."""
+        return self.metrics.cycle_mean.overshoot_pct
 
     @property
     def overshoot_pct(self) -> float:
@@ -125,9 +125,6 @@ class StepOutcome:
     def coupling(self) -> float | None:
         """c = BC/(AD) at the rest after the step."""
         return None if self.rest is None else coupling(self.rest)
-
-    def _measured(self):
-        return self.metrics.cycle_mean if self.controller.ripples else self.metrics.raw
 
 
 def coupling(rest: Rest) -> float | None:

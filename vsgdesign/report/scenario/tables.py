@@ -210,7 +210,8 @@ def _met(outcome: StepOutcome, met: bool) -> str:
 
 
 def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table:
-    """Figures of every event of one controller, on the instantaneous signal and on its mean over whole cycles."""
+    """Figures of every event of one controller, on the mean over whole cycles, which is judged, and on the
+    instantaneous signal."""
     starts = sorted({event.t_s for event in result.study.events})
     ends = dict(zip(starts, [*starts[1:], result.study.simulation.duration], strict=False))
     largest = max((abs(event.raw.peak_deviation or 0.0) for event in controller.events), default=1.0)
@@ -223,23 +224,20 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
                 f"{plain(event.t_s, 5)} s",
                 event.name,
                 _signal(event),
-                *_figures(event, event.raw, window, factor),
                 *_figures(event, event.cycle_mean, window, factor),
+                *_figures(event, event.raw, window, factor),
                 number(event.peak_current_pu),
             )
         )
     part = ("Overshoot [%]", "Settling [s]", "Rise [s]", f"Peak deviation [{prefix}W, {prefix}var]", "ITAE [s²]")
     head = ("Time", "Event", "Signal", *part, *part, "Peak current [pu]")
-    groups = (("", 3), ("Instantaneous", 5), (mean_in_words(mean_cycles(result.study)).capitalize(), 5), ("", 1))
+    groups = (("", 3), (mean_in_words(mean_cycles(result.study)).capitalize(), 5), ("Instantaneous", 5), ("", 1))
     notes = tuple(_reasons(controller.events))
     return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=3, groups=groups, notes=notes)
 
 
 def responses_table(result: ScenarioResult) -> Table:
-    """The figures of every step and disturbance for a terminal: of the raw signal, or of its mean over whole cycles
-    where the grid source is distorted or a controller sends a probe."""
-    cycles = mean_cycles(result.study)
-    means = cycles > 1 or any(controller.distorted for controller in result.controllers)
+    """The figures of every step and disturbance for a terminal: of the mean over whole cycles."""
     rows: list[tuple[str, ...]] = []
     reasons: dict[str, list[str]] = {}
     for controller in result.controllers:
@@ -247,13 +245,13 @@ def responses_table(result: ScenarioResult) -> Table:
         for event in controller.events:
             if event.reason is not None:
                 reasons.setdefault(event.reason, []).append(f"{name}, {event.t_s:g} s, {event.signal}")
-            figures = event.cycle_mean if means else event.raw
+            figures = event.cycle_mean
             if event.kind == "disturbance" and figures.settling_time_s == 0.0:
                 continue  # the other signal never left its band: nothing to see
             rows.append((name, f"{plain(event.t_s, 5)} s", event.name, event.signal, *_short(event, figures)))
     head = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
     notes = tuple(f"{'; '.join(who)}: {reason}" for reason, who in reasons.items())
-    title = result.study.title + (f" ({mean_in_words(cycles)}s)" if means else "")
+    title = f"{result.study.title} ({mean_in_words(mean_cycles(result.study))}s)"
     return Table(title, head, tuple(rows), texts=4, notes=notes, on=Where.TERMINAL)
 
 

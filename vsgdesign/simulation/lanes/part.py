@@ -16,7 +16,7 @@ from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, SurvivalDemand
 from vsgdesign.simulation.batch import Batch, Log
-from vsgdesign.simulation.bodies import DISTURBANCE, MEAN_STEP, Kind
+from vsgdesign.simulation.bodies import DISTURBANCE, Kind
 from vsgdesign.simulation.bodies import STEP as STEP_WATCHED
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, ProgramWriter
 from vsgdesign.simulation.circuits import Circuits
@@ -135,7 +135,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     """A part of the cases of one kind, which are ``cases`` with their ``rests`` and ends, and ``index`` in the batch.
 
     ``demand``: what is asked of a disturbance, with the cycle of these cases, or that over which the power of a step is
-    judged where it ripples: where a field estimator is ``listening``, or with a switched bridge.
+    judged. ``listening``: a field estimator does.
     """
     order = np.argsort(-ends, kind="stable")
     cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
@@ -149,7 +149,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
         lines = [build_timeline(one) for one in studies]
         circuits = Circuits(study, lines, switched=bridge == "pwm")
         segments = segments_of_timelines(lines, circuits.place)
-    watch = (MEAN_STEP if listening or own_rest else STEP_WATCHED) if step else DISTURBANCE
+    watch = STEP_WATCHED if step else DISTURBANCE
     kind = kind_of(study, switched=bridge == "pwm", axes=None if circuits is None else circuits.axes)
     kind = kind._replace(ramped=ramped and not moved, moved=moved, watch=watch, own_rest=own_rest)
     kind = kind._replace(sensors=sensors, field=listening, waits=listening)
@@ -263,13 +263,9 @@ def _watch_step(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rest
     """A step is watched from its event on."""
     place, T_s = part.place, part.study.converter.T_s
     active = cases.signal == ACTIVE
-    initial = np.where(active, rests.P_start, rests.Q_start)
-    part.put("of.initial", initial)
-    final = np.where(active, rests.P_end, rests.Q_end)
     if "of.final" in place:
-        part.put("of.final", final)
-    else:
-        part.put("of.per_step", 1.0 / (final - initial))
+        part.put("of.initial", np.where(active, rests.P_start, rests.Q_start))
+        part.put("of.final", np.where(active, rests.P_end, rests.Q_end))
     part.put("of.of_P", active.astype(float))
     part.put("of.of_Q", (~active).astype(float))
     lanes, t_s = np.arange(len(cases)), cases.events.t_s[:, 0]
@@ -277,8 +273,7 @@ def _watch_step(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rest
     if part.means is None:
         _entry_anew(part, writer, lanes, at)
         writer.put(lanes, at, place["watch.most"], np.zeros(len(lanes)))
-        if "watch.mean" in place:
-            writer.copy(lanes, at, place["of.initial"], 1, place["watch.mean"])
+        writer.copy(lanes, at, place["of.initial"], 1, place["watch.mean"])
     else:
         writer.copy(lanes, at, part.kept["initial"], 1, place["watch.mean"])
         late = part.ends - late_rows(part.ends - at, part.cycle_at_end)

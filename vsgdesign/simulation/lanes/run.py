@@ -149,12 +149,11 @@ def parts_of(
     """The cases in parts of one kind, of one cycle and with or without ramps. ``listening``: a field estimator does.
     ``target``: the processor for which the loops are compiled (:func:`vsgdesign.codegen.llvm.compiled_loop`).
 
-    A step is judged by the mean of its power over a nominal cycle where the bridge ripples it, and over the samples of
-    :func:`samples_of_mean` where a probe does.
+    A step is judged by the mean of its power over a nominal cycle, or over the samples of :func:`samples_of_mean` where
+    a field estimator listens.
     """
     T_s = study.converter.T_s
-    ripples = bridge == "pwm" or cases.around.distort(study)
-    nominal = max(round(2.0 * math.pi / study.converter.omega_n / T_s), 1) if ripples else 0
+    nominal = max(round(2.0 * math.pi / study.converter.omega_n / T_s), 1)
     ends, cycle = ends_of(study, cases, segments, demand, bridge)
     if study.replay is not None:
         needed = float(ends.max(initial=0)) * T_s
@@ -165,7 +164,7 @@ def parts_of(
     keys = np.stack([cases.kind == DISTURBANCE, ramped, judged_over], axis=1).astype(np.int64)
     for key in np.unique(keys[good], axis=0):
         index = good[(keys[good] == key).all(axis=1)]
-        own = replace(demand, cycle_s=max(int(key[2]), 1) * T_s)
+        own = replace(demand, cycle_s=int(key[2]) * T_s)
         part = make_part(
             study,
             cases.take(index),

@@ -78,7 +78,7 @@ class ControllerResult:
 
     @property
     def ripples(self) -> bool:
-        """Whether P and Q ripple at rest, so that targets are judged on their means over :func:`mean_cycles`."""
+        """Whether P and Q ripple at rest, so that the curves of their means are drawn as well."""
         return self.bridge == "pwm" or self.distorted or samples_itself(self.spec.estimate)
 
     @property
@@ -88,7 +88,7 @@ class ControllerResult:
 
 
 def mean_cycles(study: Study) -> int:
-    """Nominal cycles over which the ripple of P and Q is averaged out."""
+    """Nominal cycles over which the mean of P and Q is taken that is judged."""
     return cycles_of_mean(study.controllers)
 
 

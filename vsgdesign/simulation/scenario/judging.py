@@ -14,11 +14,7 @@ from vsgdesign.simulation.scenario.controllers import ControllerResult, Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class StepAgainstTruth:
-    """One reference step of a controller with the estimate, and of the same controller with the truth.
-
-    On the instantaneous power, or on its mean over whole cycles where the power ripples: a switched bridge, a distorted
-    source, a probe.
-    """
+    """One reference step of a controller with the estimate, and of the same controller with the truth."""
 
     t_s: float
     name: str
@@ -105,7 +101,7 @@ def _against(controller: ControllerResult, twin: ControllerResult) -> tuple[Step
         of_twin = [one for one in twin.events if (one.kind, one.signal) == (ours.kind, ours.signal)]
         if ours.kind == "step" and of_twin:
             theirs = min(of_twin, key=lambda one: abs(one.t_s - ours.t_s))
-            a, b = (e.cycle_mean if controller.ripples else e.raw for e in (ours, theirs))
+            a, b = (e.cycle_mean for e in (ours, theirs))
             steps.append(
                 StepAgainstTruth(
                     t_s=ours.t_s,

@@ -363,11 +363,12 @@ def _event(event: EventMetrics, cycles: int) -> dict[str, Any]:
         "t_s": event.t_s,
         "signal": event.signal,
         "kind": event.kind,
-        **asdict(event.raw),
+        **asdict(event.cycle_mean),
         "peak_current_pu": event.peak_current_pu,
         "status": event.status,
         "reason": event.reason,
         "needs_s": event.needs_s,
+        "instantaneous": asdict(event.raw),
         "cycle_mean": asdict(event.cycle_mean),
         **({"one_cycle_mean": asdict(event.cycle_mean)} if cycles == 1 else {}),
     }
