@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,6 +35,7 @@ from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.executors import Each
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.workers import WorkerPool
 from vsgdesign.linear.operating_point.equilibrium import static_limits
 from vsgdesign.linear.stability.safe_place import table_safe_place
 from vsgdesign.runtime.table import table_schedule
@@ -98,9 +99,10 @@ def build_table(
             "the study has no [specification]. Add one: it gives the requirements and their box."
         )
     with one_thread():
+        ahead: list[Future[None]] = []
         if certificate and executor is not None:
             # One worker compiles this while the others compile what designs need, instead of all of them the same.
-            executor.submit(compiled_ahead)
+            ahead = [executor.submit(compiled_ahead)]
         job = TableJob(
             study=study,
             controller=controller,
@@ -116,6 +118,8 @@ def build_table(
         if not certificate:
             return built
         job.tell("certify", 0.0)
+        if isinstance(executor, WorkerPool):
+            wait(ahead)  # or this process would compile it as well
         table = replace(built.table, certificate=table_certificate(study, controller, built.table, job.each))
         job.tell("certify", 1.0)
         return replace(built, table=table)
