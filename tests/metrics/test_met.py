@@ -16,6 +16,7 @@ from vsgdesign.campaigns.compliance.rows import PASS
 from vsgdesign.campaigns.compliance.suite import Criterion
 from vsgdesign.campaigns.verification.promises import verified_promises
 from vsgdesign.design.evaluation import Figures, shortfalls
+from vsgdesign.linear.stability.table_claims import claim_faults
 from vsgdesign.metrics.events import EventMetrics
 from vsgdesign.metrics.met import overshoot_met, settling_met
 from vsgdesign.metrics.step_response import no_figures
@@ -98,7 +99,18 @@ def of_the_explorer(settled_s: float, share: float, signal: str) -> bool:
     return settled_s <= most["settling_s"] and share <= most["overshoot"]
 
 
-USERS = (of_the_page, of_verify, of_comply, of_a_design, of_the_explorer)
+def of_a_check(settled_s: float, share: float, signal: str) -> bool:
+    """``table check``: a node that is met keeps the specification of its table."""
+    figures = {"worst_settling_P_s": settled_s, "worst_overshoot_P_pct": 100.0 * share}
+    if signal == "Q_pcc":
+        figures = {name.replace("_P_", "_Q_"): value for name, value in figures.items()}
+    table = READY.table(SPEC)
+    assert table is not None
+    changed = replace(table, margins={name: np.full(table.status.shape, value) for name, value in figures.items()})
+    return not any("the specification asks for" in fault for fault in claim_faults(changed))
+
+
+USERS = (of_the_page, of_verify, of_comply, of_a_design, of_the_explorer, of_a_check)
 
 
 @pytest.mark.parametrize("user", USERS)

@@ -17,6 +17,7 @@ from vsgdesign.artifacts.gain_table import GainTable, fill_outside
 from vsgdesign.artifacts.guarded_file import is_number
 from vsgdesign.artifacts.table_text import CAUSES
 from vsgdesign.linear.stability.table_figures import FIGURES, WORST, figure_of, limit_of
+from vsgdesign.metrics.met import most_overshoot, most_settling_time
 
 _SLACK = 1e-6
 """Relative: the design compares exactly, a file has the same numbers."""
@@ -102,8 +103,16 @@ def _judged(table: GainTable) -> Iterator[tuple[str, Any, float, Any]]:
         if limit is None or key not in figures:
             continue
         values = figures[key]
-        kept = values <= limit * (1.0 + _SLACK) if figure.smaller_is_better else values >= limit * (1.0 - _SLACK)
+        smaller = figure.smaller_is_better
+        kept = values <= _most(figure.asked, limit, figure.factor) if smaller else values >= limit * (1.0 - _SLACK)
         yield key, values, limit, ~kept
+
+
+def _most(asked: str, limit: float, factor: float = 1.0) -> float:
+    """The largest value that keeps the limit of a field of the specification. ``factor``: the limit over the field."""
+    if asked == "settling_time":
+        return float(most_settling_time(limit))
+    return factor * float(most_overshoot(limit / factor)) if asked == "overshoot" else limit * (1.0 + _SLACK)
 
 
 def _met_faults(table: GainTable) -> Iterator[str]:
@@ -193,6 +202,6 @@ def _missed_faults(asked: Mapping[str, Any], cause: Mapping[str, Any], name: str
             limit = asked.get(key)
             if key not in _LIMITED or not is_number(limit) or not is_number(value):
                 continue
-            larger, smaller = value > limit * (1.0 + _SLACK), value < limit * (1.0 - _SLACK)
+            larger, smaller = value > _most(key, limit), value < limit * (1.0 - _SLACK)
             if (larger if key in _SMALLER else smaller) is within:
                 yield f"{name}.{part}.{key} {says} with {shown(value)}, but the specification asks for {limit:g}"
