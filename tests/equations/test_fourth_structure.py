@@ -100,7 +100,7 @@ def test_a_study_names_it_and_an_unknown_name_is_told_with_all_that_are_known() 
 
 
 def test_no_name_is_taken_for_another_one() -> None:
-    unknown = "structure = 'fifth': must be one of published, decoupled, angle_damped, damped_diagonal."
+    unknown = "structure = 'fifth': must be one of published, decoupled, angle_damped, fast_voltage, damped_diagonal."
     with pytest.raises(UnknownNameError) as caught:
         STRUCTURES["fifth"]
     assert str(caught.value) == unknown

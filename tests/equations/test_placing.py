@@ -20,6 +20,7 @@ from vsgdesign.equations.placing import (
     settling_factor,
     settling_margin,
 )
+from vsgdesign.simulation.scenario.promises import promises_of
 from vsgdesign.study.parameters import study_from_text
 
 
@@ -99,6 +100,17 @@ def test_a_study_places_the_poles_that_it_does_not_give(old: str, new: str, T_d:
     assert target.d_1 == pytest.approx(PLACED.d_1 / T_d, rel=1e-12)
     assert target.k_2 == pytest.approx(math.log(50.0) / T_d, rel=1e-12)
     assert target.settling_time == (0.5 if "0.5 s" in new else 1.0)
+
+
+def test_a_fast_V_loop_has_a_k_2_of_its_own() -> None:
+    for T in (1.0, 0.5):
+        text = STUDY.replace('"angle_damped"', f'"fast_voltage", settling_time = {T}')
+        target = study_from_text(text).controllers[0].target
+        assert target.k_2 == pytest.approx(20.0 / T, rel=1e-12)
+        assert target.k_1 == pytest.approx(PLACED.k_1 / (0.97 * (T - 0.01)) ** 2, rel=1e-12)
+        assert target.follow_references
+    promises = promises_of(study_from_text(text), study_from_text(text).controllers[0])
+    assert (promises.overshoot_pct, promises.overshoot_Q_pct) == (2.0, 50.0)
 
 
 def test_poles_that_a_study_gives_stay_and_are_scaled_for_a_controller() -> None:

@@ -23,6 +23,7 @@ from vsgdesign.equations.structures import (
     angle_damped_gains,
     decoupled_gains,
     decoupling,
+    effective_inertia,
 )
 
 OMEGA_0, V_N = 314.0, 110.0
@@ -137,6 +138,26 @@ def test_decoupling_places_the_poles_without_P_f_droop_of_its_own(
     assert gains.K_ip * gains.D_p == pytest.approx(D_1, rel=1e-12)
     found = np.sort_complex(closed_loop(P, Q, R, X, gains))
     assert np.abs(found - np.sort_complex(wanted())).max() < 1e-4
+
+
+@pytest.mark.parametrize("grid", random_grids(12, seed=7))
+def test_a_very_fast_V_loop_places_the_poles_of_P_with_four_gains(grid: tuple[float, float, float, float]) -> None:
+    """At k_2 = 10⁴/s, V is at rest beside δ: what is left of its pole in the two others is of the order of d_1/k_2."""
+    P, Q, R, X = grid
+    J = jacobian_from_powers(P, Q, operating_point(P, Q, V_N, R, X)[0], R, X)
+    normalised = NormalisedGains(K_1, D_1, 1e4, 0.01, 0.0, 0.0)
+    gains = STRUCTURES["fast_voltage"].gains(*J, normalised, 0.0, 0.0, *POLES)
+    assert (gains.K_pq, gains.K_qp, gains.k_P, gains.k_Q) == (0.0, 0.0, 0.0, 0.0)
+    found = closed_loop(P, Q, R, X, gains)
+    slow = found[np.argsort(np.abs(found))[:2]]
+    assert np.sort_complex(slow) == pytest.approx(np.sort_complex(np.roots([1.0, D_1, K_1])), rel=2e-2)
+    assert found[np.argmax(np.abs(found))] == pytest.approx(-1e4, rel=2e-2)
+
+
+def test_inertia_asked_of_a_fast_V_loop_is_that_of_its_gains() -> None:
+    normalised = NormalisedGains(5.0, 0.7, 20.0, 0.01, 0.0, 0.0)
+    gains = STRUCTURES["fast_voltage"].gains(8348.0, 91.9, -4840.0, 68.7, normalised, 0.0, 0.0, 5e3, OMEGA_0, True)
+    assert effective_inertia(gains, 5e3, OMEGA_0) == pytest.approx(5.0, rel=1e-12)
 
 
 def test_the_published_structure_is_the_law_with_four_gains() -> None:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.study.parameters import load_study
 
 
-@pytest.mark.parametrize("name", ["published", "decoupled", "angle_damped"])
+@pytest.mark.parametrize("name", list(STRUCTURES))
 def test_gains_of_floats_have_the_bits_of_arrays(name: str) -> None:
     study = load_study("studies/structures/study.toml")
-    schedule = gain_law(study, next(spec for spec in study.controllers if spec.name == name)).schedule
+    spec = study.controllers[0]
+    schedule = gain_law(study, replace(spec, target=replace(spec.target, structure=name))).schedule
     rng = np.random.default_rng(8)
     R_g, L_g = rng.uniform(0.0, 20.0, 200), rng.uniform(1e-4, 0.1, 200)
     P, Q, V = rng.uniform(-6e3, 6e3, 200), rng.uniform(-3e3, 3e3, 200), rng.uniform(20.0, 200.0, 200)

@@ -121,5 +121,8 @@ def test_the_damped_controller_keeps_its_current_limit(published: tuple[Study, R
         assert np.ptp(found.simulation.column("limited_samples")[after]) > 100
     steps = {(e.t_s, e.signal): e.cycle_mean for e in found.events}
     for place in ((10.0, "P_pcc"), (30.0, "P_pcc"), (50.0, "Q_pcc")):
-        assert steps[place].settling_time_s == pytest.approx(1.0, abs=0.05)
-        assert steps[place].overshoot_pct == pytest.approx(0.0, abs=0.8)
+        settled, overshoot = steps[place].settling_time_s, steps[place].overshoot_pct
+        assert settled is not None
+        assert overshoot is not None
+        assert 0.85 < settled <= 1.005  # 1.014 s and 0.45 % with poles for 1 s
+        assert 0.0 <= overshoot <= 0.25

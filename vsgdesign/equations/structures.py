@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.closed_form import closed_form_poles
+from vsgdesign.equations.placing import OVERSHOOT_PCT
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import UnknownNameError
 
@@ -161,6 +162,31 @@ def angle_damped_gains(
     return PowerLoopGains(k_1 * w11, D_p, k_2 * v2, droop, k_1 * w12, k_2 * v1, k_d * w11, k_d * w12)
 
 
+def fast_voltage_gains(
+    A: Any,
+    B: Any,
+    C: Any,
+    D: Any,
+    normalised: NormalisedGains,
+    D_p: Any,  # noqa: ARG001 - every structure's gains take the same arguments
+    D_q: Any,
+    S_rated: Any,
+    omega_0: Any,
+    by_inertia: bool,
+) -> PowerLoopGains:
+    """The published law with a fast V loop (:eq:`fast-voltage-gains`): its four gains, for P as it is with Q held.
+
+    While V follows δ at once, P sees A − BC/(D + D_q), which is 1/w11 of the decoupled structure. D_p is not used,
+    because the damping determines it. Law ``inertia`` alone uses S_rated (VA) and omega_0 (rad/s).
+    """
+    k_1, d_1 = normalised.k_1_or_H, normalised.d_1_or_zeta
+    droop = D_q + normalised.q * D
+    w11, _, _, _ = decoupling(A, B, C, D, droop, 1.0, 1.0)
+    if by_inertia:
+        k_1, d_1 = poles_of_inertia(1.0 / w11, k_1, d_1, S_rated, omega_0)
+    return PowerLoopGains(k_1 * w11, d_1 / (k_1 * w11), normalised.k_2 / (D + droop), droop, 0.0, 0.0, 0.0, 0.0)
+
+
 def published_closed_form(aim: ClosedFormAim) -> NormalisedGains:
     """Normalised gains of the published structure from settling time, damping ratio and q (:eq:`closed-form-gains`)."""
     k_1, d_1, k_2 = closed_form_poles(aim.settling_time, aim.damping_ratio)
@@ -170,6 +196,11 @@ def published_closed_form(aim: ClosedFormAim) -> NormalisedGains:
 def placed_closed_form(aim: ClosedFormAim) -> NormalisedGains:
     """Normalised gains of a structure that cancels the coupling. They are the poles and shares that are asked for."""
     return NormalisedGains(aim.k_1, aim.d_1, aim.k_2, 0.0, aim.share_P, aim.share_Q)
+
+
+def fast_voltage_closed_form(aim: ClosedFormAim) -> NormalisedGains:
+    """Normalised gains of the published law with a fast V loop: the poles and q that are asked for."""
+    return NormalisedGains(aim.k_1, aim.d_1, aim.k_2, aim.droop_ratio, 0.0, 0.0)
 
 
 StructureGains = Callable[
@@ -221,6 +252,11 @@ class Structure:
     safe_in_the_middle: bool = False
     """Whether gains of a grid between the others are stable on all of them, so that a schedule may wait for an estimate
     at a place that is searched (:eq:`safe-place`). Otherwise it waits at the strongest grid."""
+    fast_V: float | None = None
+    """k_2 times the settling time where a study gives no k_2 and V is to be faster than δ. None: V is as fast as δ."""
+    overshoot_pct: tuple[float, float] = (OVERSHOOT_PCT, OVERSHOOT_PCT)
+    """Overshoot of a step of P_ref and of one of Q_ref that a closed form promises, in per cent of the step, where its
+    own poles do not overshoot by more. A structure that is designed without the coupling promises that of its loops."""
     follows_references: bool = True
     """The default point for the Jacobian of the closed form: the measured P, Q and V, or the design point."""
 
@@ -335,5 +371,19 @@ ANGLE_DAMPED = Structure(
 )
 """The coupling is cancelled, both droops are free, and the measured powers damp through the angle."""
 
-STRUCTURES = Structures((PUBLISHED, DECOUPLED, ANGLE_DAMPED))
+FAST_VOLTAGE = Structure(
+    name="fast_voltage",
+    gains=fast_voltage_gains,
+    closed_form=fast_voltage_closed_form,
+    free=PUBLISHED.free,
+    tuned=PUBLISHED.tuned,
+    start_share=0.0,
+    P_droop=False,
+    Q_droop=False,
+    fast_V=20.0,
+    overshoot_pct=(2.0, 50.0),
+)
+"""The published law and its four gains, designed for P with a V loop that is five times as fast."""
+
+STRUCTURES = Structures((PUBLISHED, DECOUPLED, ANGLE_DAMPED, FAST_VOLTAGE))
 """Power-loop structures that a study or a table may name."""

@@ -69,6 +69,10 @@ def _placed(spec: ControllerSpec) -> bool:
     return _closed_form(spec) and not STRUCTURES[spec.target.structure].uncoupled
 
 
+def _with_q(spec: ControllerSpec) -> bool:
+    return _closed_form(spec) and any(one.name == "q" for one in STRUCTURES[spec.target.structure].free)
+
+
 def _with_P_droop(spec: ControllerSpec) -> bool:
     return _closed_form(spec) and STRUCTURES[spec.target.structure].P_droop
 
@@ -106,7 +110,7 @@ _PER_CENT, _MS, _PU = ("%", 100.0), ("ms", 1e3), ("pu", 1.0)
 STUDY_FIELDS = (
     _row("power_loops.settling_time", "Target settling", ("s", 1.0), (0.2, 5.0, 0.05), DESIGN, _closed_form),
     _row("power_loops.damping_ratio", "Damping ratio ζ", ("", 1.0), (0.3, 2.0, 0.01), DESIGN, _published),
-    _row("power_loops.droop_ratio", "Droop ratio q", ("", 1.0), (0.0, 1.0, 0.005), DESIGN, _published),
+    _row("power_loops.droop_ratio", "Droop ratio q", ("", 1.0), (0.0, 1.0, 0.005), DESIGN, _with_q),
     _row("power_loops.k_1", "Angle polynomial k_1", ("1/s²", 1.0), (2.0, 400.0, 0.1), DESIGN, _placed),
     _row("power_loops.d_1", "Angle polynomial d_1", ("1/s", 1.0), (1.0, 60.0, 0.05), DESIGN, _placed),
     _row("power_loops.k_2", "Voltage pole k_2", ("1/s", 1.0), (0.5, 60.0, 0.05), DESIGN, _placed),

@@ -6,8 +6,10 @@ import math
 from dataclasses import replace
 
 from vsgdesign.equations.placing import OVERSHOOT_PCT, Poles, damping_of, placed_poles
-from vsgdesign.equations.structures import STRUCTURES, effective_inertia
-from vsgdesign.report.drawing.quantities import number, plain, plain_quantity
+from vsgdesign.equations.structures import STRUCTURES, effective_inertia, steady_droops
+from vsgdesign.linear.stability.cells import cell_set, full_order_cells
+from vsgdesign.linear.stability.step_responses import full_order_settling
+from vsgdesign.report.drawing.quantities import number, percent, plain, plain_quantity
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.study.parameters.study import ControllerSpec, Study
@@ -25,7 +27,7 @@ def placing_text(result: ScenarioResult) -> str:
         said.append(
             f"{spec.name}: the closed form for T = {plain(target.settling_time)} s places{but} for T_d = "
             f"(T − {plain_quantity(0.5 * target.mean_s, 's')})(1 − m) = {number(target.placing_time)} s with "
-            f"m = {plain(target.margin)}{_inertia(result.study, controller)}."
+            f"m = {plain(target.margin)}{_inertia(result.study, controller)}.{_price(result.study, controller)}"
         )
     if not said:
         return ""
@@ -50,6 +52,22 @@ def _inertia(study: Study, controller: ControllerResult) -> str:
     if not math.isfinite(H) or not math.isfinite(without):
         return ""
     return f"; at its first rest H is {number(H)} s, and poles for T itself would give {number(without)} s"
+
+
+def _price(study: Study, controller: ControllerResult) -> str:
+    """What a fast V loop costs: overshoot of Q and droop at the first rest; empty for other structures."""
+    rest = next((rest for rest in controller.rests if rest.point is not None), None)
+    target = controller.spec.target
+    if STRUCTURES[target.structure].fast_V is None or rest is None or rest.point is None:
+        return ""
+    c, gains = study.converter, rest.gains
+    own = replace(study.with_limit_of(controller.spec), grid_source=rest.source)
+    model = full_order_cells(own, cell_set(own, rest.grid.R_g, rest.grid.L_g, rest.point.P, rest.point.Q, gains))
+    _, overshoot = full_order_settling(model, "Q_ref", "Q")
+    droop = 100.0 * float(steady_droops(gains, c.S_rated, c.omega_n, c.V_rated_rms)[0])
+    stable = len(overshoot) and math.isfinite(overshoot[0])
+    of_Q = f"a small step of Q_ref overshoots by {percent(100.0 * overshoot[0])} %" if stable else "it is unstable"
+    return f" Its V loop has k_2 = {plain(target.k_2)} 1/s: there {of_Q}, and the P–f droop is {percent(droop)} %."
 
 
 def _H(study: Study, spec: ControllerSpec, point: tuple[float, ...]) -> float:

@@ -14,7 +14,6 @@ import numpy as np
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.closed_form import overshoot_of
-from vsgdesign.equations.placing import OVERSHOOT_PCT
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, reduced_cells
@@ -76,8 +75,9 @@ def promises_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> P
         )
     if STRUCTURES[target.structure].uncoupled:  # Q is a first-order loop there
         return Promises(CLOSED_FORM, target.settling_time, overshoot_of(target.damping_ratio), 0.0, **margins)
-    own = max(OVERSHOOT_PCT, overshoot_of(0.5 * target.d_1 / math.sqrt(target.k_1)))  # of poles that the study gives
-    return Promises(CLOSED_FORM, target.settling_time, own, own, **margins)
+    own = overshoot_of(0.5 * target.d_1 / math.sqrt(target.k_1))  # more than is promised only with poles of a study
+    of_P, of_Q = (max(own, pct) for pct in STRUCTURES[target.structure].overshoot_pct)
+    return Promises(CLOSED_FORM, target.settling_time, of_P, of_Q, **margins)
 
 
 def not_promised(table: GainTable | None, study: Study, rest: Rest | None) -> str:

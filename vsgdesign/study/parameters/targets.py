@@ -74,7 +74,9 @@ class ClosedFormTarget:
     def placed(self, mean_s: float, margin: float) -> ClosedFormTarget:
         """With the poles that the study does not give placed for this mean and this margin (:eq:`placed-poles`)."""
         to_place = replace(self, mean_s=mean_s, margin=margin)
-        poles = placed_poles(to_place.placing_time)._asdict()
+        poles, fast_V = placed_poles(to_place.placing_time)._asdict(), STRUCTURES[self.structure].fast_V
+        if fast_V is not None:
+            poles["k_2"] = fast_V / self.settling_time
         return replace(to_place, **{name: value for name, value in poles.items() if name not in self.given})
 
 

@@ -155,7 +155,7 @@ class PowerLoopsTable(TypedDict, total=False):
     tau_Q: Quantity
     power_filter: Literal["low_pass", "notch"]
     notch_damping: Quantity
-    structure: Literal["published", "decoupled", "angle_damped"] | str
+    structure: Literal["published", "decoupled", "angle_damped", "fast_voltage"] | str
     settling_time: Quantity
     damping_ratio: Quantity
     droop_ratio: Quantity
@@ -189,7 +189,7 @@ class ControllersTable(TypedDict, total=False):
 
     name: str
     kind: Literal["fixed", "scheduled"]
-    structure: Literal["published", "decoupled", "angle_damped"] | str
+    structure: Literal["published", "decoupled", "angle_damped", "fast_voltage"] | str
     settling_time: Quantity
     damping_ratio: Quantity
     droop_ratio: Quantity
@@ -695,7 +695,7 @@ def controller(
     name: str,
     kind: Literal["fixed", "scheduled"] = 'scheduled',
     *,
-    structure: Literal["published", "decoupled", "angle_damped"] | str = ...,
+    structure: Literal["published", "decoupled", "angle_damped", "fast_voltage"] | str = ...,
     settling_time: Quantity = ...,
     damping_ratio: Quantity = ...,
     droop_ratio: Quantity = ...,
