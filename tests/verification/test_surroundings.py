@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.gain_tables import table
 from tests.simulation.lanes.test_learning import AROUND, WANDERING
 from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING
@@ -19,7 +20,7 @@ from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.pipeline.verify import Asked, check_verifiable, job_of
+from vsgdesign.verbs.pipeline.verify import Asked, check_verifiable, job_of, verified_table
 
 KINDS = ("step", "grid", "sag", "ramp")
 
@@ -86,7 +87,10 @@ def test_the_file_of_a_case_repeats_its_surroundings(tmp_path: Path) -> None:
     ("around", "said"),
     [(WANDERING, "wanders"), ('[sensors]\nlevel = "typical"\n', "rests beside the model")],
 )
-def test_what_leaves_no_rest_to_judge_by_is_refused(around: str, said: str) -> None:
+def test_what_leaves_no_rest_to_judge_by_is_refused(around: str, said: str, tmp_path: Path) -> None:
+    study = a_study(around)
     with pytest.raises(StudyError, match=said):
-        check_verifiable(a_study(around), Asked())
+        check_verifiable(study, Asked())
+    with pytest.raises(StudyError, match=said):  # as a run with [verification] with_run does it
+        verified_table(study, study.controllers[0], table(), 8, tmp_path)
     check_verifiable(a_study(AROUND), Asked())

@@ -269,6 +269,8 @@ def verified_table(
     from vsgdesign.campaigns.verification.document import counts_document
     from vsgdesign.execution.journal import Journal, run_job
 
+    if faults := _faults_around(study):
+        raise StudyError(study.name, faults)
     # A table may be built for a controller of the study that does not follow one.
     spec = replace(spec, kind="scheduled", schedule="table", gains=None, design_grid=None)
     job, confidence = job_of(study, spec, Ready(tables={spec.name: table}), Asked(runs=runs))
