@@ -10,6 +10,7 @@ import pytest
 
 from tests.parameters.documents import MISSING, build, case_document, changed, faults_of, the_fault
 from vsgdesign.errors import StudyError
+from vsgdesign.study.parameters import study_from_text
 
 Z_BASE = 3.0 * 110.0**2 / 5000.0
 OMEGA = 2.0 * math.pi * 50.0
@@ -207,3 +208,15 @@ def test_just_inside_the_rules() -> None:
         )
     )
     assert build(changed("simulation.log_interval", "50 us")).simulation.log_interval == 50e-6
+
+
+@pytest.mark.parametrize("f_g", [48.0, 72.0])
+def test_a_limit_in_times_of_the_frequency_is_a_round_one(f_g: float) -> None:
+    """2π times 60 Hz over 2π is not 60 Hz, and 72 Hz is 1.2 times 60 Hz."""
+    study = study_from_text(f"""
+base = "case:utility_1mva_60hz"
+simulation = {{ duration = 1, P_ref = 0, Q_ref = 0 }}
+controllers = [{{ name = "a", kind = "fixed" }}]
+events = [{{ time = 0.1, f_g = {f_g} }}]
+""")
+    assert study.events[0].omega_g == 2.0 * math.pi * f_g

@@ -213,7 +213,7 @@ def scope_of(converter: Converter, reference_limit_pu: float = math.nan) -> dict
         V_MAX.of: converter.V_max_pu,
         S_RATED.of: converter.S_rated,
         V_RATED.of: converter.V_rated_rms,
-        F_N.of: omega / (2.0 * math.pi),
+        F_N.of: float(f"{omega / (2.0 * math.pi):.15g}"),  # 60 Hz, which 2π and back makes 59.99999999999999
         T_S.of: converter.T_s,
         Z_BASE.of: Z,
         L_BASE.of: Z / omega,
