@@ -77,7 +77,8 @@ def _figures(event: Mapping[str, Any], series: Series, c: Converter, pwm: bool, 
     peak = np.sqrt(2.0 / 3.0 * (i**2).sum(axis=0)).max() / (np.sqrt(2.0) * c.S_rated / (3.0 * c.V_rated_rms))
     yield from _apart(f"{where}: peak current", event["peak_current_pu"], float(peak), 1e-9)
     mean = trailing_mean(y[max(begin - cycle, 0) : stop], cycle)[-(stop - begin) :]
-    for words, figures, signal in (("raw", event, y[begin:stop]), ("mean", event["cycle_mean"], mean)):
+    kinds = (("mean", event, mean), ("instantaneous", event["instantaneous"], y[begin:stop]))
+    for words, figures, signal in kinds:
         yield from _response(f"{where}, {words}", event, figures, since, signal, initial, final, c)
 
 

@@ -50,7 +50,7 @@ events = [{ time = "0.1 s", P_ref = "2 kW" }]
 BENT = {
     "overshoot": lambda d: d["controllers"]["a"]["events"][0].update(overshoot_pct=0.1),
     "settling time": lambda d: d["controllers"]["a"]["events"][0].update(settling_time_s=0.25),
-    "of the mean": lambda d: d["controllers"]["a"]["events"][1]["cycle_mean"].update(settling_time_s=0.01),
+    "instantaneous": lambda d: d["controllers"]["a"]["events"][1]["instantaneous"].update(settling_time_s=0.01),
     "peak": lambda d: d["controllers"]["a"]["events"][0].update(peak_current_pu=0.5),
     "final": lambda d: d["controllers"]["a"]["events"][0].update(final=2100.0),
     "rest": lambda d: d["operating_points"][1].update(P=2100.0),
