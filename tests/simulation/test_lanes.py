@@ -127,7 +127,8 @@ def test_a_switched_bridge_with_events_inside_its_intervals() -> None:
             rest = own_rest_of(rest, record, replace(demand, cycle_s=2.0 * np.pi / omega_end))
             verdict, _ = verdict_of(own, run, cases, k, rest, T, omega_end)
             assert verdict.recovery_s is not None
-            assert beside != pytest.approx(verdict.recovery_s, abs=1e-5)  # it has a rest of its own
+            # It has a rest of its own: a batch without one would be wrong by a hundred times what it is allowed.
+            assert beside != pytest.approx(verdict.recovery_s, abs=1e-6)
             assert results.recovery_s[k] == pytest.approx(verdict.recovery_s, abs=1e-8)
             assert results.peak_pu[k] == pytest.approx(verdict.peak_pu, abs=1e-9)
             assert results.limited_s[k] == pytest.approx(verdict.limited_s, abs=1e-12)
