@@ -243,6 +243,17 @@ def place(document: Document, rng: Random) -> str:
     return "safe_place"
 
 
+def scale(document: Document, rng: Random) -> str:
+    document["certificate"]["scale"][int(rng.integers(3))] *= float(rng.uniform(1.5, 3.0))
+    return "certificate.scale"
+
+
+def word(document: Document, rng: Random) -> str:
+    section, name = (("filter", "L_1"), ("converter", "V_dc"), ("grid", "omega_g"))[int(rng.integers(3))]
+    document["design_inputs"][section][name] = "much"
+    return f"design_inputs.{section}.{name}"
+
+
 TABLE = (
     Mutation("gain of a node", gain),
     Mutation("column of a node", column),
@@ -258,6 +269,7 @@ TABLE = (
     Mutation("sampled decay", of_certificate("sampled", 1.5, 60.0)),
     Mutation("largest eigenvalue", of_certificate("largest", 5.0, 60.0)),
     Mutation("Lyapunov function", lyapunov),
+    Mutation("scale of the Lyapunov function", scale),
     Mutation("region of the certificate", region),
     Mutation("static limit", static_limit),
     Mutation("certified step", step),
@@ -267,6 +279,7 @@ TABLE = (
     Mutation("validity", validity),
     Mutation("base", base),
     Mutation("inputs of the design", inputs),
+    Mutation("word in place of an input", word),
     Mutation("node of an axis", node),
     Mutation("unstable with real inner loops", unstable),
     Mutation("negative price", negative_price),

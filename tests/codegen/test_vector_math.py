@@ -79,9 +79,10 @@ def test_every_function_of_the_language_has_a_plain_one() -> None:
 @pytest.mark.parametrize("name", PLAIN)
 def test_right_to_the_last_digits(name: str) -> None:
     function, inputs, allowed = CASES[name]
+    plain = twin(function)
     for given in inputs:
         expected = function(*given)
-        found = np.array([twin(function)(*row) for row in np.transpose(given).tolist()])
+        found = np.array([plain(*row) for row in np.transpose(given).tolist()])
         error = np.abs(found - expected)
         assert np.all(error <= allowed * np.abs(expected)), given[0][np.argmax(error - allowed * np.abs(expected))]
         np.testing.assert_array_equal(compiled_values(function, given, strict=True), found)

@@ -67,7 +67,10 @@ def moved_matrix(s: Situation, column: int, step: float) -> Array:
 
     y = z_0 / scale
     for _ in range(8):
-        y = y - np.linalg.solve(slope(y), residual(y))
+        change = np.linalg.solve(slope(y), residual(y))
+        y = y - change
+        if np.abs(change).max() < 1e-15 * np.abs(y).max():
+            break
     assert np.abs(residual(y)).max() < 1e-12
     return np.array(s.model.map.linear(y * scale, p)[0])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,20 +12,10 @@ from vsgdesign.metrics.estimation import ChangeSeen, RestError
 from vsgdesign.report.scenario.estimate_tables import network_table, worst_text
 
 
-@dataclass(frozen=True)
-class _Any:
-    """Fields that a text reads of a result."""
-
-    fields: dict[str, Any] = field(default_factory=dict)
-
-    def __getattr__(self, name: str) -> Any:
-        return self.fields[name]
-
-
 @pytest.mark.parametrize(("file", "carried"), [("mine.json", True), ("", False)])
 def test_what_a_file_of_weights_states_alone_is_marked(file: str, carried: bool) -> None:
-    spec, ready = _Any({"weights_file": file}), _Any({"network": random_weights()})
-    result: Any = _Any({"study": _Any({"estimator": spec}), "ready": ready})
+    study = SimpleNamespace(estimator=SimpleNamespace(weights_file=file))
+    result: Any = SimpleNamespace(study=study, ready=SimpleNamespace(network=random_weights()))
     assert any(row[0] == "Carried, not checked" for row in network_table(result, None).rows) is carried
 
 
@@ -33,10 +23,10 @@ def test_the_worst_single_answer_is_said_beside_the_mean() -> None:
     rest = RestError(
         begin_s=1.0, end_s=2.0, R_g=1.0, L_g=1e-3, R_mean_pct=1.0, L_mean_pct=-2.0, R_worst_pct=3.0, L_worst_pct=22.0
     )
-    judged: Any = _Any({"rest": (rest,), "changes": (ChangeSeen(1.0, 1, None, 61.0),)})
+    judged: Any = SimpleNamespace(rest=(rest,), changes=(ChangeSeen(1.0, 1, None, 61.0),))
     assert (
         worst_text(judged)
         == " A single answer is off by up to 22 % at rest and by up to 61 % after a change of the grid."
     )
-    nothing: Any = _Any({"rest": (), "changes": ()})
+    nothing: Any = SimpleNamespace(rest=(), changes=())
     assert worst_text(nothing) == ""

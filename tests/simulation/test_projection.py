@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -226,19 +227,23 @@ def gate_of(v: complex, drop: complex) -> Any:
 
 
 @pytest.mark.parametrize("grid", [GRID, GridEstimate(4.0, 4e-3)])
-@pytest.mark.parametrize("beyond", [0.0, 0.4])
+@pytest.mark.parametrize("beyond", [0.0, 0.4, 0.9999])
 def test_the_time_beyond_the_largest_power_counts_at_the_soft_limit_alone(grid: GridEstimate, beyond: float) -> None:
-    """dP/dδ < 0, from the curve P(δ) of the circuit; where it is not, or where no limit acts, the count begins anew."""
+    """dP/dδ < 0, from the curve P(δ) of the circuit. Where no limit acts the time counts back, and where P rises with δ
+    it begins anew."""
     Z, counted = complex(grid.R_g, REFS.omega_0 * grid.L_g), []
     delta, P = angles_of(V_PK, V_PK, Z)
     for place in range(500, 20_000, 700):
         v_g = V_PK * cmath.exp(-1j * delta[place])
         i_g = (V_PK - v_g) / Z
         _, _, memory = answers(complex(V_PK), i_g, P=float(P[place]), beyond=beyond, grid=grid)
-        acts = abs(i_g) > OWN.i_soft_pk and P[place + 1] < P[place - 1]
-        assert memory.beyond == (pytest.approx(beyond + SETTINGS.T_s / 0.1) if acts else 0.0)
-        counted.append(acts)
-    assert 5 < sum(counted) < len(counted) - 5
+        sign = 1.0 if abs(i_g) > OWN.i_soft_pk else -1.0
+        falls = P[place + 1] < P[place - 1]
+        expected = min(max(beyond + sign * SETTINGS.T_s / 0.1, 0.0), 1.0) if falls else 0.0
+        assert memory.beyond == pytest.approx(expected, rel=1e-12, abs=1e-15)
+        counted.append((falls, sign))
+    assert min(Counter(counted).values()) > 1
+    assert len(set(counted)) > 2
 
 
 @pytest.mark.parametrize("degrees", [-130.0, -60.0, -25.0, -5.0, 20.0, 100.0, 150.0])

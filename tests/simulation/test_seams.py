@@ -44,7 +44,8 @@ def circuit_loop(kind: Kind, lanes: int) -> LoopSpec:
     moved, own = {name for name, _ in state}, products(kind)
     matrix = [name for product in own for name in product.matrix]
     results = {name for product in own for name in product.results}
-    constant = [*matrix, *(name for name in body.inputs if name not in moved | results | set(matrix))]
+    placed = moved | results | set(matrix)
+    constant = [*matrix, *(name for name in body.inputs if name not in placed)]
     return LoopSpec(
         bodies=(body,), state=tuple(state), constant=tuple(constant), products=own, lanes=lanes, strict=True
     )

@@ -13,7 +13,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.files import plain
-from vsgdesign.artifacts.guarded_file import content_hash
+from vsgdesign.artifacts.guarded_file import content_hash, is_number
 from vsgdesign.equations.structures import STRUCTURES
 
 if TYPE_CHECKING:
@@ -112,6 +112,8 @@ def contradictions(table: GainTable) -> list[str]:
     """Where the fields of a table differ from the inputs of its design that it keeps, or from its specification, one
     sentence each."""
     inputs = dict(_flat("", table.design_inputs))
+    if wrong := [f"design_inputs.{key} is {inputs[key]!r}, must be a number" for key in _no_numbers(inputs)]:
+        return _first(wrong)
     pairs: list[tuple[str, Any, str, Any]] = []
     if inputs:
         pairs += [(name, attrgetter(name)(table), key, inputs.get(key)) for name, key in _SAME.items()]
@@ -135,21 +137,35 @@ def _first(lines: list[str]) -> list[str]:
     return lines if more <= 0 else [*lines[:_SHOWN], f"and {more} more fields differ"]
 
 
+def _no_numbers(inputs: Mapping[str, Any]) -> list[str]:
+    """Inputs of a design that are no numbers, although everything in these sections is one but a few words."""
+    sections = ("converter.", "filter.", "grid.", "inner_loops.", "power_loops.", "controller.")
+    named = [key for key in inputs if key.startswith(sections) and key not in _WORDS]
+    return [key for key in named if not is_number(inputs[key])]
+
+
+_WORDS = ("controller.structure", "converter.zero_sequence", "filter.kind")
+
+
 def _of_specification(table: GainTable) -> Iterator[tuple[str, Any, str, Any]]:
     """Fields of a table that repeat its specification, where it has one with a box."""
     asked, v = table.specification, table.validity
     box = asked.get("box")
     if not isinstance(box, dict):
         return
+    for name, value in box.items():
+        if not all(map(is_number, value if isinstance(value, list) and not name.startswith("error") else [value])):
+            yield f"specification.box.{name}", value, "the format", "a number or numbers"
+            return
     for name in ("P", "Q"):
-        if powers := box.get(name):
+        if isinstance(powers := box.get(name), list) and powers:
             limits = [min(powers), max(powers)]
             yield f"validity.{name}", list(getattr(v, name)), f"specification.box.{name}", limits
     errors = [box.get(name, 0.0) for name in ("error_R", "error_X")]
     yield "validity.error", v.error, "specification.box", max(errors)
     yield "validity.error_Z", v.error_Z, "specification.box.error_Z", box.get("error_Z", 0.0)
     for name in ("scr", "x_over_r"):
-        if nodes := asked.get(name):
+        if isinstance(nodes := asked.get(name), list) and nodes:
             its = [float(value) for value in getattr(table, name) if value in nodes]
             yield name, its, f"specification.{name}", nodes
     if asked.get("aim") == "settling":

@@ -99,7 +99,7 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
     for name, choices in (("structure", tuple(STRUCTURES)), ("law", tuple(COLUMNS))):
         if getattr(table, name) not in choices:
             yield name, f"{getattr(table, name)!r} is unknown; must be one of {', '.join(choices)}"
-    if table.base.scr_basis not in SCR_BASES:
+    if table.base.scr_basis not in tuple(SCR_BASES):
         yield "base.scr_basis", f"{table.base.scr_basis!r} is unknown; must be one of {', '.join(SCR_BASES)}"
     least: dict[str, float] = dict.fromkeys(
         ("base.S_rated", "base.V_rated_rms", "base.omega_n", "base.V_g_rms", "time_scale"), _TINY
@@ -263,16 +263,23 @@ def largest_fed_back(table: GainTable) -> tuple[float, dict[str, float]]:
     scr, ratio, P, Q, V_rms = np.meshgrid(*axes, indexing="ij")
     Z_base = base_impedance(base.S_rated, base.V_rated_rms)
     R_g, L_g = SCR_BASES[base.scr_basis].grid(scr, 1.0 / ratio, Z_base, base.omega_n)
-    J = scheduled_jacobian(P, Q, V_rms, R_g + base.R_2, base.omega_n * (L_g + base.L_2))
-    normalised = NormalisedGains(*(values[:, :, None, None, None] for values in columns))
-    ratings = table.D_p, table.D_q, base.S_rated, base.omega_n, table.law == "inertia"
-    gains = STRUCTURES[table.structure].gains(*J, normalised, *ratings)
-    found = np.broadcast_to(np.asarray(gains.k_P * gains.D_p + 0.0 * columns[0][:, :, None, None, None]), scr.shape)
+    with np.errstate(all="ignore"):  # a voltage of zero has no gains
+        found = _fed_back(table, (P, Q, V_rms), (R_g, L_g), columns)
     if not np.isfinite(found).any():
         return -np.inf, {}
     at = np.unravel_index(np.nanargmax(found), found.shape)
     place = {"scr": scr[at], "x_over_r": 1.0 / ratio[at], "P": P[at], "Q": Q[at], "V_rms": V_rms[at]}
     return float(found[at]), {name: float(value) for name, value in place.items()}
+
+
+def _fed_back(table: GainTable, at: tuple[Array, ...], grid: tuple[Array, Array], columns: list[Array]) -> Array:
+    """k_P D_p over SCR, R/X, P, Q and V."""
+    base, (P, Q, V_rms), (R_g, L_g) = table.base, at, grid
+    J = scheduled_jacobian(P, Q, V_rms, R_g + base.R_2, base.omega_n * (L_g + base.L_2))
+    normalised = NormalisedGains(*(values[:, :, None, None, None] for values in columns))
+    ratings = table.D_p, table.D_q, base.S_rated, base.omega_n, table.law == "inertia"
+    gains = STRUCTURES[table.structure].gains(*J, normalised, *ratings)
+    return np.broadcast_to(np.asarray(gains.k_P * gains.D_p + 0.0 * columns[0][:, :, None, None, None]), P.shape)
 
 
 def fed_back_fault(table: GainTable) -> str | None:
@@ -363,12 +370,15 @@ def _count_faults(record: Mapping[str, Any]) -> Iterator[str]:
 
 def _is_family(family: Any) -> bool:
     promises = family.get("promises") if isinstance(family, Mapping) else None
-    return isinstance(promises, Mapping) and all(_is_promise(promise) for promise in promises.values())
+    if not isinstance(promises, Mapping) or not all(_is_promise(promise) for promise in promises.values()):
+        return False
+    return all(type(family.get(name, 0)) is int for name in ("drawn", "judged"))
 
 
 def _is_promise(promise: Any) -> bool:
     if not isinstance(promise, Mapping):
         return False
     counts = all(type(promise.get(name)) is int for name in ("broken", "judged"))
-    known = {"share", "bound", "one_in", "worst"} <= promise.keys()
-    return counts and known and is_number(promise.get("limit"))
+    known = ("share", "bound", "one_in", "worst")
+    figures = all(name in promise and (promise[name] is None or is_number(promise[name])) for name in known)
+    return counts and figures and is_number(promise.get("limit"))

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.certificate_record import CertificateRecord, StaticLimits, StepRow, StepStatement
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.guarded_file import is_number
 from vsgdesign.certificate.lyapunov import Motion, residual
-from vsgdesign.certificate.region import Region, System, nodes, point_of, random_points
+from vsgdesign.certificate.region import STATES, Region, System, nodes, point_of, random_points, region_faults
 from vsgdesign.certificate.results import GAP_FREE, GRIDDED
 from vsgdesign.certificate.step_terms import STEPS, ActingLimits, LevelShape, rest_current_pu, step_sizes
 from vsgdesign.equations.power_flow import POWER_MARGIN
@@ -60,28 +61,47 @@ def check_certificate(table: GainTable) -> CertificateCheck:
     record = table.certificate
     if record is None:
         return CertificateCheck((), ())
-    region, ground = _region(record), _ground(table)
-    faults = [*_word_faults(record), *_limit_faults(table, record)]
+    ground, region = _ground(table), _region(record)
+    if ground is None:
+        return CertificateCheck((), ("certificate (design_inputs has what is no number)",))
+    faults = [*_word_faults(record), *_limit_faults(table, record, ground)]
+    if region is not None:
+        faults += [f"certificate.region: {fault}" for fault in region_faults(region)]
+    if faults:  # what follows is about a region that is there
+        return CertificateCheck(tuple(faults), ("certificate",))
     if region is None:
-        return CertificateCheck(tuple(faults), ("certificate (it does not state its region)",))
+        return CertificateCheck((), ("certificate (it does not state its region)",))
     limits = record.region.limits or StaticLimits(
         V_low=table.validity.V_rms[0] / table.base.V_rated_rms,
         V_high=table.validity.V_rms[1] / table.base.V_rated_rms,
         power_transfer=POWER_MARGIN,
     )
     if ground.filter.L_1 == 0.0 and (limits.current is not None or limits.bridge_voltage is not None):
-        return CertificateCheck(tuple(faults), ("certificate (the table does not keep the filter)",))
+        return CertificateCheck((), ("certificate (the table does not keep the filter)",))
     system = System(ground, table_schedule(table), region, limits)
-    if not record.certified:
-        carried = ("certificate.reason",) if record.cell is None else ()
-        return CertificateCheck((*faults, *_cell_faults(system, record)), carried)
-    if record.decay is None or "P" not in record.document:
-        return CertificateCheck(tuple(faults), ("certificate (it does not state its function)",))
+    if record.certified:
+        return _proof_check(table, record, system)
+    return CertificateCheck(tuple(_cell_faults(system, record)), ("certificate.reason",) * (record.cell is None))
+
+
+def _proof_check(table: GainTable, record: CertificateRecord, system: System) -> CertificateCheck:
+    """The inequality of a certificate, and its steps."""
+    region, document = system.region, record.document
+    if region is None or record.decay is None or "P" not in document:
+        return CertificateCheck((), ("certificate (it does not state its function)",))
     points, A = system.matrices(_points(table, region, record.proof == GAP_FREE), partial=True)
+    if not len(points):
+        return CertificateCheck(("certificate.region has no cell within certificate.static_limits",), ())
+    made = {"scale": system.scale.tolist(), "states": list(STATES)}
+    faults = [
+        f"certificate.{name} is {document[name]}, the function is over {value}"
+        for name, value in made.items()
+        if document.get(name) not in (None, value)
+    ]
     faults += _decay_faults(record, Motion(region, bool(np.isfinite(region.rate))), points, A)
     carried = [f"certificate between {counted(len(points), 'point')}"]
     if record.steps is not None and record.steps.rows:
-        if ground.filter.C > 0.0:
+        if system.study.filter.C > 0.0:
             system = replace(system, region=replace(region, rate=np.inf))
             faults += _step_faults(table, system, record.steps, points, A)
         else:
@@ -96,9 +116,13 @@ def _region(record: CertificateRecord) -> Region | None:
     return Region(at.scr, at.x_over_r, at.P, at.Q, at.error, at.rate, at.error_Z)
 
 
-def _ground(table: GainTable) -> _Ground:
+def _ground(table: GainTable) -> _Ground | None:
+    """None where the inputs of the design are not those of a converter."""
     base, kept = table.base, table.design_inputs
     c, f, source = (_section(kept, name) for name in ("converter", "filter", "grid"))
+    numbers = [*(c.get(name, 1.0) for name in _OF_CONVERTER), *(f.get(name, 0.0) for name in _OF_FILTER)]
+    if not all(is_number(value) and value >= 0.0 for value in (*numbers, source.get("omega_g", 1.0))):
+        return None
     converter = Converter(
         S_rated=base.S_rated,
         V_rated_rms=base.V_rated_rms,
@@ -110,9 +134,12 @@ def _ground(table: GainTable) -> _Ground:
         V_min_pu=table.validity.V_rms[0] / base.V_rated_rms,
         V_max_pu=table.validity.V_rms[1] / base.V_rated_rms,
     )
-    parts = {name: f.get(name, 0.0) for name in ("L_1", "R_1", "C", "R_c")}
+    parts = {name: f.get(name, 0.0) for name in _OF_FILTER}
     at = GridSource(base.V_g_rms, source.get("omega_g", base.omega_n))
     return _Ground(converter, Filter(**parts, L_2=base.L_2, R_2=base.R_2), at, base.scr_basis)
+
+
+_OF_CONVERTER, _OF_FILTER = ("V_dc", "f_sw", "current_limit_pu"), ("L_1", "R_1", "C", "R_c")
 
 
 def _section(kept: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -145,9 +172,9 @@ def _word_faults(record: CertificateRecord) -> Iterator[str]:
         yield f"certificate.gap.share is {share:g}, but certificate.proof is {record.proof}"
 
 
-def _limit_faults(table: GainTable, record: CertificateRecord) -> Iterator[str]:
+def _limit_faults(table: GainTable, record: CertificateRecord, ground: _Ground) -> Iterator[str]:
     """A certificate covers the box of its table, within the static limits of the converter, and no more."""
-    v, region, limits = table.validity, record.region, record.region.limits
+    v, region = table.validity, record.region
     for name in ("scr", "x_over_r", "P", "Q"):
         its, box = getattr(region, name), getattr(v, name)
         if record.certified and its is not None and (its[0] < box[0] or its[1] > box[1]):
@@ -157,28 +184,34 @@ def _limit_faults(table: GainTable, record: CertificateRecord) -> Iterator[str]:
         its, box = getattr(region, name), getattr(v, name)
         if record.certified and its is not None and its > box:
             yield f"certificate.region.{name} is {its:g}, beyond validity.{name}, {box:g}"
-    if limits is None:
-        return
-    ground = _ground(table)
-    c, kept = ground.converter, bool(_section(table.design_inputs, "converter"))
-    current = c.current_limit_pu
-    of = limits_of_converter(c, np.inf if current is None else current * c.I_rated_pk)
+    if region.limits is not None:
+        yield from _static_faults(record, region.limits, ground, bool(_section(table.design_inputs, "converter")))
+
+
+def _static_faults(record: CertificateRecord, limits: StaticLimits, ground: _Ground, kept: bool) -> Iterator[str]:
+    """``kept``: whether the table keeps the converter of its design."""
+    c = ground.converter
+    most = c.current_limit_pu
+    of = limits_of_converter(c, np.inf if most is None else most * c.I_rated_pk)
     for name in ("V_low", "V_high", "power_transfer", *(("bridge_voltage",) if kept else ())):
         its, made = getattr(limits, name), getattr(of, name)
         if its is None or abs(its - made) > _ROUNDING * made:
             yield f"certificate.static_limits.{name} is {_shown(its)}, the converter of the table has {made:.6g}"
-    if kept and (limits.current is None) != (of.current is None):
-        yield f"certificate.static_limits.current is {_shown(limits.current)}, the converter has {_shown(of.current)}"
-    elif kept and limits.current is not None and of.current is not None:
-        if limits.current > of.current * (1.0 + _ROUNDING):
-            yield f"certificate.static_limits.current is {limits.current:.6g}, the converter has {of.current:.6g}"
-        acting = None if record.steps is None else record.steps.current_pu
-        share = of.current / (current or 1.0)
-        if acting is not None and abs(limits.current - share * acting) > _ROUNDING * limits.current:
-            yield (
-                f"certificate.steps.current_pu is {acting:.6g}, certificate.static_limits.current of "
-                f"{limits.current:.6g} belongs to {limits.current / share:.6g}"
-            )
+    if not kept:
+        return
+    if limits.current is None or of.current is None or most is None:
+        if limits.current is not of.current:
+            stated, made = _shown(limits.current), _shown(of.current)
+            yield f"certificate.static_limits.current is {stated}, the converter has {made}"
+        return
+    if limits.current > of.current * (1.0 + _ROUNDING):
+        yield f"certificate.static_limits.current is {limits.current:.6g}, the converter has {of.current:.6g}"
+    acting, share = None if record.steps is None else record.steps.current_pu, of.current / most
+    if acting is not None and abs(limits.current - share * acting) > _ROUNDING * limits.current:
+        yield (
+            f"certificate.steps.current_pu is {acting:.6g}, certificate.static_limits.current of "
+            f"{limits.current:.6g} belongs to {limits.current / share:.6g}"
+        )
 
 
 def _shown(value: float | None) -> str:
@@ -190,20 +223,20 @@ def _decay_faults(record: CertificateRecord, motion: Motion, points: Array, A: A
     if P is None or P.shape != wanted:
         yield f"certificate.P has the shape {None if P is None else P.shape}, must have {wanted}"
         return
-    if not len(points):
-        yield "certificate.region has no cell within certificate.static_limits"
-        return
     family = motion.family(points)
     least = min(float(np.linalg.eigvalsh(np.tensordot(corner, P, 1))[0]) for corner in family.corners)
     if not least > 0.0 or not np.allclose(P, np.swapaxes(P, 1, 2), rtol=1e-9, atol=0.0):
         yield f"certificate.P is not symmetric and positive definite (its least eigenvalue is {least:.3g})"
         return
     found = residual(A, family, P, 0.0)
+    stated = {name: record.document.get(name) for name in ("decay", "sampled", "largest")}
+    for name, value in stated.items():
+        if value is not None and not is_number(value):
+            yield f"certificate.{name} is {value!r}, must be a number"
+            return
     for name in ("decay", "sampled"):
-        stated = record.document.get(name)
-        yield from _too_fast(f"certificate.{name}", stated, found, points)
-    largest = record.document.get("largest")
-    worst = float(found.max()) + 2.0 * (record.decay or 0.0)
+        yield from _too_fast(f"certificate.{name}", stated[name], found, points)
+    largest, worst = stated["largest"], float(found.max()) + 2.0 * (record.decay or 0.0)
     if largest is not None and not worst <= largest + _ROUNDING * abs(largest) + 1e-9:
         yield f"certificate.largest is {largest:.6g} 1/s, at these points it is {worst:.6g} 1/s"
 
@@ -269,7 +302,8 @@ def _row_faults(
     region: Any = system.region
     for key in ("scr", "P", "Q"):
         its, whole = getattr(row, key), getattr(region, key)
-        if its[0] < whole[0] - _ROUNDING * abs(whole[0]) or its[1] > whole[1] + _ROUNDING * abs(whole[1]):
+        low, high = whole[0] - _ROUNDING * abs(whole[0]), whole[1] + _ROUNDING * abs(whole[1])
+        if not low <= its[0] <= its[1] <= high:
             yield f"{name}.{key} is {its[0]:g} to {its[1]:g}, beyond the region's {whole[0]:g} to {whole[1]:g}"
             return
     part = replace(region, scr=row.scr, P=row.P, Q=row.Q)

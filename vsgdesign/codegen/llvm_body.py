@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from vsgdesign.codegen.expressions import Expression, Number, Numbers, Operation, Variable
 from vsgdesign.codegen.flat import Block, needed_lets
@@ -57,6 +58,24 @@ class Surroundings:
     stretch: Scope
     once: Kept
     lanes: Kept
+
+    @cached_property
+    def places(self) -> dict[str, tuple[str, int, bool]]:
+        """Where the value of every input is in memory: behind which pointer, how many doubles, and whether there is one
+        for each lane."""
+        spec = self.spec
+        rings = tuple(ring for ring, _ in spec.rings)
+        found: dict[str, tuple[str, int, bool]] = {}
+        for names, pointer, wide in (
+            (spec.rows, "%base", True),
+            (spec.uniform, "%uniform", False),
+            (spec.cyclic, "%cyclic_now", False),
+            (spec.fed, "%fed_now", True),
+            (rings, "%ring", True),
+            (spec.multiplied, "%products", True),
+        ):
+            found |= {name: (pointer, at * (spec.width if wide else 1), wide) for at, name in enumerate(names)}
+        return found
 
 
 class Body:
@@ -179,17 +198,9 @@ class Body:
             return Value(printer.load(scope, kept.pointer, kept.place(made), made.wide), made.wide, sound=made.sound)
         if name == spec.index:
             return Value("%index", False, sound=True)
-        for names, pointer, wide in (
-            (spec.rows, "%base", True),
-            (spec.uniform, "%uniform", False),
-            (spec.cyclic, "%cyclic_now", False),
-            (spec.fed, "%fed_now", True),
-            (tuple(ring for ring, _ in spec.rings), "%ring", True),
-            (spec.multiplied, "%products", True),
-        ):
-            if name in names:
-                at = names.index(name) * (spec.width if wide else 1)
-                return Value(printer.load(scope, pointer, at, wide), wide, sound=pointer == "%uniform")
+        if name in around.places:
+            pointer, at, wide = around.places[name]
+            return Value(printer.load(scope, pointer, at, wide), wide, sound=pointer == "%uniform")
         raise ValueError(f"input {name}: has no place.")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -112,9 +113,7 @@ class LoopSpec:
         known |= {name for product in self.products for name in product.matrix}
         read = {name for body in self.bodies for name in inputs_read(body)}
         faults = [
-            f"input {name} has {places.count(name)} places: give it one"
-            for name in dict.fromkeys(places)
-            if places.count(name) > 1
+            f"input {name} has {count} places: give it one" for name, count in Counter(places).items() if count > 1
         ]
         faults += [f"{name} is no input of a body: leave it out" for name in dict.fromkeys(places) if name not in known]
         faults += [

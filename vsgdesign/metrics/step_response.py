@@ -48,20 +48,16 @@ def no_figures(initial: float, final: float | None = None) -> ResponseMetrics:
     )
 
 
-def cycle_mean(y: Array, samples_per_cycle: int, every: int = 1) -> Array:
-    """Mean over the cycle, or the whole cycles, that end at each sample; before the first end, over what there is.
-
-    ``every``: at each so-many-th sample alone.
-    """
+def cycle_mean(y: Array, samples_per_cycle: int) -> Array:
+    """Mean over the cycle, or the whole cycles, that end at each sample; before the first end, over what there is."""
     if samples_per_cycle <= 1:
-        return y[::every].copy()
+        return y.copy()
     n = min(samples_per_cycle, len(y))
     total = np.cumsum(y - y[0])
-    mean = np.empty(-(-len(y) // every))
-    first = -(-n // every)
-    np.divide(total[:n:every], np.arange(1, n + 1, every), out=mean[:first])
-    np.subtract(total[first * every :: every], total[first * every - n : -n : every], out=mean[first:])
-    mean[first:] /= n
+    mean = np.empty(len(y))
+    np.divide(total[:n], np.arange(1, n + 1), out=mean[:n])
+    np.subtract(total[n:], total[:-n], out=mean[n:])
+    mean[n:] /= n
     mean += y[0]
     return mean
 
@@ -138,10 +134,10 @@ def settling_times(dt: Array, error: Array, band: float) -> Array:
 
 def first_crossing(t: Array, y: Array, level: float) -> float | None:
     """The first time at which y reaches a level from below, interpolated; None if it does not."""
-    above = np.flatnonzero(y >= level)
-    if above.size == 0:
+    above = y >= level
+    k = int(np.argmax(above))
+    if not above[k]:
         return None
-    k = int(above[0])
     if k == 0:
         return float(t[0])
     return float(t[k - 1] + (level - y[k - 1]) / (y[k] - y[k - 1]) * (t[k] - t[k - 1]))

@@ -51,22 +51,25 @@ def as_logged(run: Simulation, study: Study) -> Simulation:
 
 
 class SignalsAtPcc(NamedTuple):
-    """What figures are taken from: time (s), powers at the PCC (W, var) and the length of the current's vector there
-    (A peak), (n,) each."""
+    """What figures are taken from: time (s), powers at the PCC (W, var), and the lengths of the current's vector there
+    and of that of the converter over the rated peak, (n,) each."""
 
     t_s: Array
     P_pcc: Array
     Q_pcc: Array
-    i_pk: Array
+    i_pu: Array
+    i_s_pu: Array
 
 
 def signals_at_pcc(study: Study, run: Simulation) -> SignalsAtPcc:
     """Powers and current at the PCC in all rows of a run's log."""
     at_pcc, t_s = AtPcc(study, run.timeline), run.t_s
-    found = SignalsAtPcc(t_s, *(np.empty(len(t_s)) for _ in range(3)))
+    found = SignalsAtPcc(t_s, *(np.empty(len(t_s)) for _ in range(4)))
     for first in range(0, len(t_s), _ROWS):
         rows = slice(first, first + _ROWS)
-        v, i = at_pcc.rows(t_s[rows], np.asfortranarray(run.log[rows, :8]), run.circuit_log[rows])
+        log = np.asfortranarray(run.log[rows, :8])
+        v, i = at_pcc.rows(t_s[rows], log, run.circuit_log[rows])
         found.P_pcc[rows], found.Q_pcc[rows] = instantaneous_power(*v.T, *i.T)
-        found.i_pk[rows] = np.sqrt(i[:, 0] ** 2 + i[:, 1] ** 2)
+        for lengths, vector in ((found.i_pu, i), (found.i_s_pu, log[:, :2])):
+            lengths[rows] = np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2) / study.converter.I_rated_pk
     return found

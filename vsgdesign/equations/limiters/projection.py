@@ -148,7 +148,8 @@ def way_back(beyond: Any, soft: Any, across: Any, along: Any, turn_d: Any, turn_
     is the answer of the last sample, ``soft`` whether the soft limit acts, and ``step`` what one sample adds.
     """
     slope = across * turn_d + along * turn_q
-    counted = soft * (1.0 * (slope < 0.0)) * np.minimum(beyond + step, 1.0)
+    # A converter that is held at the soft limit touches it in most samples and not in all: the time counts back then.
+    counted = 1.0 * (slope < 0.0) * np.minimum(np.maximum(beyond + step * (2.0 * soft - 1.0), 0.0), 1.0)
     # It ends half-way between the largest power and the angle of the grid: sin(δ + α) > sin(α/2).
     half_way = 0.5 * (1.0 - turn_d) * (across * across + along * along)
     arrived = 1.0 * (slope > 0.0) * (slope * slope > half_way)

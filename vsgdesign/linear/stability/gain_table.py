@@ -158,7 +158,7 @@ def check_table(table: GainTable, study: Study | None = None) -> TableCheck:
         stored, made, figure = figures[name], found[name], checked[name]
         both = valid & np.isfinite(stored)
         difference = np.where(both, np.abs(stored - made), 0.0)
-        largest[name] = float(np.nanmax(difference))
+        largest[name] = float(np.max(difference, initial=0.0, where=np.isfinite(difference)))
         allowed = figure.tolerance * np.abs(made) if figure.relative else figure.tolerance
         bad = both & ~(difference <= allowed)
         if bad.any():

@@ -26,6 +26,7 @@ from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.outcome import (
+    RESTING_S,
     Divergence,
     LimitedEnd,
     Outcome,
@@ -224,7 +225,7 @@ def _run_controllers(
             if study.simulation.survival
             else None,
             found=found_events(study, own_study),
-            late_peak_pu=_late_peak_pu(own_study, run),
+            late_peak_pu=_late_peak_pu(own_study, seen),
         )
     return results, unstable
 
@@ -232,24 +233,23 @@ def _run_controllers(
 def _means(study: Study, seen: SignalsAtPcc) -> dict[str, Array]:
     """Means of the powers in the rows of the study's log."""
     per_mean, rows = samples_per_mean(study, seen.t_s), rows_apart(study)
-    return {name: cycle_mean(getattr(seen, name), per_mean, rows) for name in ("P_pcc", "Q_pcc")}
+    return {name: cycle_mean(getattr(seen, name), per_mean)[::rows].copy() for name in ("P_pcc", "Q_pcc")}
 
 
-def _late_peak_pu(study: Study, run: Simulation) -> float | None:
+def _late_peak_pu(study: Study, seen: SignalsAtPcc) -> float | None:
     """The current that a limit is held against, as ``vsgdesign verify`` does it: no sampled loop can act at once, and
     the limiter does not see the current of the filter capacitor."""
-    instants = sorted({event.t_s for event in study.events if 0.0 < event.t_s < run.t_s[-1]})
-    if not instants:
-        return None
-    length_sq = run.column("i_s_alpha") ** 2 + run.column("i_s_beta") ** 2
-    peak_sq = peaks_of(run.t_s, length_sq, instants)[1]
-    return None if peak_sq is None else math.sqrt(peak_sq) / study.converter.I_rated_pk
+    instants = sorted({event.t_s for event in study.events if 0.0 < event.t_s < seen.t_s[-1]})
+    return peaks_of(seen.t_s, seen.i_s_pu, instants)[1] if instants else None
 
 
 def rest_at_limit(study: Study, run: Simulation, seen: SignalsAtPcc) -> LimitedEnd | None:
     """The end of a run in which limits act; None where none does."""
     last_s = max((event.t_s + event.over for event in study.events), default=0.0)
-    return limited_end(study, run.t_s, seen.P_pcc, seen.Q_pcc, limited_samples(study, run), last_s)
+    # The end of the run, and one row before it, from which its first row counts.
+    end = slice(max(int(np.searchsorted(run.t_s, run.t_s[-1] - RESTING_S)) - 1, 0), None)
+    acting = limited_samples(study, replace(run, t_s=run.t_s[end], log=run.log[end]))
+    return limited_end(study, run.t_s[end], seen.P_pcc[end], seen.Q_pcc[end], acting, last_s)
 
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
@@ -318,7 +318,6 @@ def measure_events(
     t_s = seen.t_s
     if not study.events or len(t_s) < 2:
         return ()
-    current_pu = seen.i_pk / study.converter.I_rated_pk
     per_mean = samples_per_mean(study, t_s)
     interval = float(t_s[1] - t_s[0])
     metrics = []
@@ -336,5 +335,5 @@ def measure_events(
             end = rest.end_state(signal, ripples, interval)
             if rest.end_s - rest.t_s > 4.0 * interval:
                 y, rating = getattr(seen, signal), study.converter.S_rated
-                metrics.append(measure_event(window, signal, t_s, y, current_pu, rating, per_mean, end))
+                metrics.append(measure_event(window, signal, t_s, y, seen.i_pu, rating, per_mean, end))
     return tuple(metrics)

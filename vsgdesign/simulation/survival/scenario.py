@@ -82,12 +82,12 @@ def judged_by_rest(
         silent_s=silent_s_of(spec),
         cycle_s=None if alone else 2.0 * math.pi / timeline.source_at(end_s).omega,
     )
-    found = rests_of_scenario(subject, study, timeline)
+    found = rests_of_scenario(subject, study, timeline, (end_s,) if own_rest else (0.0, end_s))
     record = _while_connected(record_of(study, simulation), timeline)
     refused: list[tuple[str, str] | None] = [None if rest is None else subject.refused(rest) for rest in found]
     if refused[0] is not None and not own_rest:
         return Survival(status=refused[0][0], reason=f"before the events: {refused[0][1]}")
-    rest, beyond = found[1], refused[1]
+    rest, beyond = found[-1], refused[-1]
     if beyond is not None and not own_rest:
         return Survival(status=beyond[0], reason=f"after the events: {beyond[1]}")
     if rest is None or beyond is not None:
@@ -109,14 +109,16 @@ def judged_by_rest(
     return judge_survival(record, instants, cleared_s, rest, demand)
 
 
-def rests_of_scenario(subject: Subject, study: Study, timeline: Timeline) -> tuple[ExpectedRest | None, ...]:
-    """Where a converter rests before and after the events of a study, with its current limit out of the way; None where
-    there is a fault or an open breaker."""
+def rests_of_scenario(
+    subject: Subject, study: Study, timeline: Timeline, instants_s: tuple[float, ...]
+) -> tuple[ExpectedRest | None, ...]:
+    """Where a converter rests at instants before and after the events of a study, with its current limit out of the
+    way; None where there is a fault or an open breaker."""
     knowledge = knowledge_of(subject.spec, timeline)
     told = None if knowledge is None else told_of(study, knowledge, timeline)
     found: list[ExpectedRest | None] = []
     before = None
-    for t_s in (0.0, study.simulation.duration):
+    for t_s in instants_s:
         source, grid, network = timeline.source_at(t_s), timeline.grid_at(t_s), timeline.network_at(t_s)
         if network.fault is not None or not network.connected:
             found.append(None)
