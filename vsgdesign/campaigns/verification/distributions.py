@@ -49,11 +49,10 @@ def _lines(study: Study, spec: ControllerSpec, bridge: str) -> Iterator[tuple[st
         yield (
             "Bridge",
             f"switched; each case runs for {SWITCHED_WINDOW:g} settling times before its event, and is judged by the "
-            f"rest to which it comes and, in a step, by the mean of its power over {2 if learns else 1} "
-            f"cycle{'s' if learns else ''}",
+            "rest to which it comes",
         )
-    elif learns:
-        yield "Probe", "the power of a step is judged by its mean over 2 cycles"
+    over = "2 nominal cycles, because of the probe" if learns else "one nominal cycle"
+    yield "Figures of a step", f"of the mean of its power over {over}"
     if study.background is not None:
         yield "Background", f"{study.background.level}, with a draw of its own in every case{_judged_in(study, bridge)}"
     if study.sensors is not None:
@@ -70,10 +69,10 @@ def _lines(study: Study, spec: ControllerSpec, bridge: str) -> Iterator[tuple[st
 
 
 def _judged_in(study: Study, bridge: str) -> str:
-    """How powers are judged that ripple because of the source alone."""
+    """By which rest a case is judged whose powers ripple because of the source alone."""
     if study.background is None or not study.background.distorts or bridge == "pwm":
         return ""
-    return "; a case is judged by means over cycles and by the rest to which it comes"
+    return "; a case is judged by the rest to which it comes"
 
 
 def _step(name: str, ranges: dict[str, Range]) -> str:
