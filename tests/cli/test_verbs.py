@@ -52,7 +52,7 @@ def test_help_of_each_verb(verb: str) -> None:
     assert result.exit_code == 0
     assert "STUDY.toml" in result.stdout
     assert "--json" in result.stdout
-    assert ("--out DIR" in result.stdout) == (verb in ("run", "simulate", "design"))
+    assert ("--out DIR" in result.stdout) == (verb in ("run", "simulate", "design", "validate"))
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ class ClosedFormTarget:
     structure: str = word(lambda: tuple(STRUCTURES), default=PUBLISHED.name)
     """Control law."""
     k_1: float = number("1/s²", 1e-3, 1e6, default=PLACED.k_1, shown=f"scaled: {PLACED.k_1:.4g}/T_d²")
-    """Pole placement of δ: s² + d_1 s + k_1, for the T_d of (:eq:`placed-poles`)."""
+    """Pole placement of δ: s² + d_1 s + k_1, for T_d (:eq:`placed-poles`)."""
     d_1: float = number("1/s", 1e-3, 1e4, default=PLACED.d_1, shown=f"scaled: {PLACED.d_1:.4g}/T_d")
     """Pole placement of δ: s² + d_1 s + k_1."""
     k_2: float = number("1/s", 1e-3, 1e4, default=PLACED.k_2, shown=f"scaled: {PLACED.k_2:.4g}/T_d")

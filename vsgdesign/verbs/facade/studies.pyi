@@ -734,7 +734,7 @@ def controller(
         P_design: Active power of the operating point at which A and D are taken (±2 S_rated in W; default of
         `[power_loops]`).
         Q_design: Reactive power of this operating point (±2 S_rated in var; default of `[power_loops]`).
-        k_1: Pole placement of δ: s² + d_1 s + k_1, for the T_d of (:eq:`placed-poles`) (0.001 to 1e6 in 1/s²;
+        k_1: Pole placement of δ: s² + d_1 s + k_1, for T_d (:eq:`placed-poles`) (0.001 to 1e6 in 1/s²;
         default of `[power_loops]`, scaled: 24.21/T_d²).
         d_1: Pole placement of δ: s² + d_1 s + k_1 (0.001 to 1e4 in 1/s; default of `[power_loops]`, scaled:
         9.053/T_d).
