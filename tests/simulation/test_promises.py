@@ -79,8 +79,11 @@ def test_closed_forms_have_their_target_and_given_gains_the_gates() -> None:
     form = promises_of(study, controller(study))
     target = controller(study).target
     assert (form.source, form.settling_time) == (CLOSED_FORM, target.settling_time)
-    zeta = 0.5 * target.d_1 / np.sqrt(target.k_1)
-    assert form.overshoot_pct == pytest.approx(100.0 * np.exp(-np.pi * zeta / np.sqrt(1.0 - zeta**2)))
+    assert (form.overshoot_pct, form.overshoot_Q_pct) == (0.2, 0.2)  # its poles overshoot by less
+    zeta = 0.6
+    own = replace(controller(study), target=replace(target, d_1=2.0 * zeta * np.sqrt(target.k_1)))
+    expected = 100.0 * np.exp(-np.pi * zeta / np.sqrt(1.0 - zeta**2))
+    assert promises_of(study, own).overshoot_pct == pytest.approx(expected)
     assert form.M_s == study.stability.gates.M_s
     given = replace(controller(study), kind="fixed", gains=PowerLoopGains(1e-3, 300.0, 0.01, 10.0))
     assert promises_of(study, given).source == GATES
