@@ -21,9 +21,10 @@ from vsgdesign.study.parameters.network import Load, Network
 
 
 @functools.cache
-def mapped(controller: int = 2) -> Mapped:
+def mapped(controller: int = 2, limiter: str | None = None) -> Mapped:
     study = load_study("studies/survival/study.toml")
-    return Mapped(study=study, spec=study.controllers[controller], ready=Ready())
+    spec = dataclasses.replace(study.controllers[controller], current_limiter=limiter)
+    return Mapped(study=study, spec=spec, ready=Ready())
 
 
 @functools.cache
@@ -31,9 +32,11 @@ def drawn(kind: str, controller: int = 2) -> SurvivalMap:
     return survival_map(kind, mapped(controller))
 
 
-def alone(scr: float, x_over_r: float, *changes: Event, controller: int = 2) -> tuple[str, float]:
+def alone(
+    scr: float, x_over_r: float, *changes: Event, controller: int = 2, limiter: str | None = None
+) -> tuple[str, float]:
     """Status and recovery time of one case, by the runs of :mod:`vsgdesign.simulation.survival`."""
-    one = mapped(controller)
+    one = mapped(controller, limiter)
     case = SurvivalCase(
         group="cell",
         start=GridState(scr=scr, x_over_r=x_over_r, P_pu=0.5, Q_pu=0.0),
@@ -66,12 +69,14 @@ def test_a_phase_jump_is_the_run_of_its_cell(row: int, column: int) -> None:
 
 
 def test_a_fault_of_the_critical_length_is_survived_and_a_longer_one_is_not() -> None:
-    times, refused = clearing_times_of(mapped(), np.array([1.2]), np.array([20.0]), maps.LOADED_PU)
+    """With the hybrid limiter: the projection limiter survives every length that is tried."""
+    limiter = "hybrid"
+    times, refused = clearing_times_of(mapped(2, limiter), np.array([1.2]), np.array([20.0]), maps.LOADED_PU)
     assert refused == ("",)
     assert times.bounded.all()
     longest = float(times.longest_s[0])
     for length, expected in ((longest, True), (longest + 0.005, False)):
-        status, _ = alone(1.2, 20.0, Event.of_pu(0.0, V_g_pu=0.0), Event.of_pu(length, V_g_pu=1.0))
+        status, _ = alone(1.2, 20.0, Event.of_pu(0.0, V_g_pu=0.0), Event.of_pu(length, V_g_pu=1.0), limiter=limiter)
         assert (status == SURVIVED) is expected
 
 

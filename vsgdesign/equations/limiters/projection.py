@@ -33,6 +33,9 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 BEYOND_S = 0.1
 """For how long the angle may stay beyond the largest power at the soft limit, s."""
 
+CARRIED = 1.1
+"""Share of the largest power up to which a rest is taken to exist, because the estimate of the grid may be wrong."""
+
 LOW_VOLTAGE = 3.0
 """Voltage of the grid below which the power loops rest where no angle carries the power, of the gate's voltage."""
 
@@ -167,6 +170,18 @@ def no_angle_carries(P: Any, v_d: Any, v_q: Any, along: Any, across: Any, Z: Any
     return 1.0 * (missing * missing > along * along + across * across)
 
 
+def rest_exists(P: Any, v_ref: Any, v_g_d: Any, v_g_q: Any, Z: Any, turn_d: Any) -> Any:
+    """1 where some angle carries the power P with the voltage at its reference v_ref, else 0 (:eq:`way-back`).
+
+    v_g is the grid's voltage, V peak, Z the length of the impedance and turn_d the cosine of its angle. The estimate
+    may be wrong, so that a tenth more than the largest power counts as carried.
+    """
+    own, _ = instantaneous_power(v_ref, 0.0, v_ref, 0.0)
+    across_sq, _ = instantaneous_power(v_g_d, v_g_q, v_g_d, v_g_q)
+    missing = P * Z - own * turn_d
+    return 1.0 * (missing * missing <= CARRIED * CARRIED * own * across_sq)
+
+
 def low_voltage(v_d: Any, v_q: Any, V_pk: Any) -> Any:
     """How low a voltage is: 1 up to V_pk, 0 from √2 V_pk on, between them by its square (:eq:`no-angle`). V peak."""
     return np.minimum(np.maximum(2.0 - (v_d * v_d + v_q * v_q) / (V_pk * V_pk), 0.0), 1.0)
@@ -218,7 +233,9 @@ def projection_limit(
     # v times the conjugate of the grid's voltage has the angle δ. Beyond the largest power that the grid carries or
     # gives, the power loops push the angle the wrong way, and where no angle carries the power, they push for ever.
     along, across = instantaneous_power(v_d, v_q, v_d - v_Z_d, v_q - v_Z_q)
-    beyond = way_back(memory.beyond, soft, across, along, turn_d, turn_q, c.beyond_step)
+    # With a power that no angle carries, even with the voltage at its reference, there is no rest to go back to.
+    carried = rest_exists(view.P + missing, v_ref, v_d - v_Z_d, v_q - v_Z_q, Z, turn_d)
+    beyond = carried * way_back(memory.beyond, soft, across, along, turn_d, turn_q, c.beyond_step)
     returning = 1.0 * (beyond >= 1.0)
     no_angle = no_angle_carries(view.P + missing, v_d, v_q, along, across, Z, turn_d)
     low = low_voltage(v_d - v_Z_d, v_q - v_Z_q, LOW_VOLTAGE * c.v_gate_pk)
