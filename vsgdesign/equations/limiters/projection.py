@@ -33,7 +33,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 BEYOND_S = 0.1
 """For how long the angle may stay beyond the largest power at the soft limit, s."""
 
-CARRIED = 1.1
+CARRIED = 1.3
 """Share of the largest power up to which a rest is taken to exist, because the estimate of the grid may be wrong."""
 
 LOW_VOLTAGE = 3.0
@@ -174,7 +174,7 @@ def rest_exists(P: Any, v_ref: Any, v_g_d: Any, v_g_q: Any, Z: Any, turn_d: Any)
     """1 where some angle carries the power P with the voltage at its reference v_ref, else 0 (:eq:`way-back`).
 
     v_g is the grid's voltage, V peak, Z the length of the impedance and turn_d the cosine of its angle. The estimate
-    may be wrong, so that a tenth more than the largest power counts as carried.
+    may be wrong, so that three tenths more than the largest power count as carried.
     """
     own, _ = instantaneous_power(v_ref, 0.0, v_ref, 0.0)
     across_sq, _ = instantaneous_power(v_g_d, v_g_q, v_g_d, v_g_q)
