@@ -276,8 +276,8 @@ def test_without_the_one_sided_power_a_counterexample_is_found() -> None:
 
 
 def test_an_unstable_rest_within_the_limit_is_a_counterexample_and_keeps_the_angle() -> None:
-    """A weak resistive grid: from beyond the unstable rest the angle goes on to where the soft limit acts, beyond the
-    largest import, and only the way back leads it home."""
+    """A weak resistive grid: from beyond the unstable rest the angle does not come back. Without filter and low-pass it
+    rests at the very edge of the disc, where no way back begins."""
     region = Region((1.5, 1.6), (0.36, 0.42), (-0.1 * S, -0.05 * S), (0.15 * S, 0.25 * S))
     (part,) = swing_statement(STUDY, SPEC, region, parts=(1, 1), budget=100_000).parts
     assert (part.grade, part.undecided) == ("counterexample", "rest")
@@ -287,15 +287,9 @@ def test_an_unstable_rest_within_the_limit_is_a_counterexample_and_keeps_the_ang
     away = math.copysign(0.02, other - loops.rest)
     _, inside = energy_along(loops, other - away, 0.0, 1.2)
     assert abs(inside.delta - loops.rest) < 0.05
-    run, furthest = Controller(loops, other + away, 0.0), 0.0
-    while run.beyond < 1.0:
-        run.step()
-        furthest = max(furthest, abs(run.delta - loops.rest))
-        assert abs(run.delta - loops.rest) > abs(other - loops.rest)
-    for _ in range(6000):
-        run.step()
-    assert furthest < 1.0
-    assert abs(run.delta - loops.rest) < 0.05
+    _, outside = energy_along(loops, other + away, 0.0, 1.2)
+    assert abs(outside.delta - loops.rest) > abs(other - loops.rest)
+    assert outside.longest < 0.5  # the soft limit acts in less than half of the samples
 
 
 @pytest.mark.parametrize("speed", [-8.0, -1.0, 3.0])
