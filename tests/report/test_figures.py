@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -24,6 +25,8 @@ from vsgdesign.report.drawing.time_axis import event_labels, time_unit
 from vsgdesign.report.scenario.bode_figures import loops_on_grids
 from vsgdesign.report.scenario.figures import all_figures, choose_zooms, signal_figure
 from vsgdesign.report.scenario.signals import power_signals, signals
+from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.parameters import study_from_text
 
 NAMES = ["active_power", "reactive_power", "voltage", "frequency", "grid_impedance", "gains", "bode_P"]
 SVG = "{http://www.w3.org/2000/svg}"
@@ -195,3 +198,16 @@ def test_importing_the_room_loads_no_heavy_library():
     code = "import sys, vsgdesign.report; print([m for m in ('matplotlib', 'jinja2', 'control') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_loop_without_a_corner_has_none() -> None:
+    """Gains without sense may leave a constant."""
+    study = study_from_text("""
+base = "case:hoang2025_5kva"
+simulation = { duration = "0.02 s", P_ref = "1 kW", Q_ref = "0 var" }
+controllers = [{ name = "a", kind = "fixed" }]
+""")
+    result = run_scenario(study)
+    loop = loops_on_grids(result, result.controllers[0])[0]
+    assert loop.corner_rad_s > 0.0
+    assert replace(loop, denominator=np.array([0.0, 0.0, 1.0])).corner_rad_s == 0.0

@@ -112,7 +112,8 @@ def _draw(magnitude: Any, phase: Any, omega: Any, loops: Sequence[LoopOnGrid]) -
         response = loop.response(omega)
         # Broad below, narrow above: scheduled gains give the same loop on every grid, one line upon the other.
         style = {**line_style(index), "linewidth": 2.1 - 1.2 * index / max(len(loops) - 1, 1)}
-        magnitude.semilogx(omega, 20.0 * np.log10(np.abs(response)), zorder=3 + 0.01 * index, **style)
+        size = np.where(response == 0.0, np.nan, np.abs(response))  # gains that close no loop have no curve
+        magnitude.semilogx(omega, 20.0 * np.log10(size), zorder=3 + 0.01 * index, **style)
         phase.semilogx(omega, np.rad2deg(np.unwrap(np.angle(response))), zorder=3 + 0.01 * index, **style)
     for index, loop in enumerate(loops):
         crossover, margin = loop.margins.crossover_rad_s, loop.margins.phase_margin_deg
@@ -161,8 +162,8 @@ class LoopOnGrid:
 
     @property
     def corner_rad_s(self) -> float:
-        """The loop's fastest corner; K_ip·D_p for the published structure."""
-        return float(np.abs(np.roots(self.denominator)).max())
+        """The loop's fastest corner; K_ip·D_p for the published structure. 0 without any."""
+        return float(np.abs(np.roots(self.denominator)).max(initial=0.0))
 
     def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Frequency response at angular frequencies in rad/s."""
