@@ -292,7 +292,7 @@ def test_an_unstable_rest_within_the_limit_is_a_counterexample_and_keeps_the_ang
     assert outside.longest < 0.5  # the soft limit acts in less than half of the samples
 
 
-@pytest.mark.parametrize("speed", [-8.0, -1.0, 3.0])
+@pytest.mark.parametrize("speed", [-8.0, -1.0, 1.0])
 def test_on_the_way_back_an_energy_falls(speed: float) -> None:
     """mΔ²/2 + g∫s dδ, where s follows both pulls. The angle of the voltage ends half-way between the largest import and
     that of the grid."""
