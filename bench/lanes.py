@@ -14,7 +14,7 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
 from vsgdesign.codegen.llvm import compiled_loop
 from vsgdesign.codegen.machine_code import instruction_set
-from vsgdesign.simulation.bodies import MEAN_STEP, STEP
+from vsgdesign.simulation.bodies import STEP
 from vsgdesign.simulation.lanes.cases import LaneCases, segments_of
 from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import rests_of
@@ -61,6 +61,11 @@ def closed_form(name: str) -> Study:
     return replace(study, controllers=(forms[-1],))
 
 
+def without_limit(study: Study) -> Study:
+    """The study without a current limit."""
+    return replace(study, converter=replace(study.converter, current_limit_pu=None), current_limiter="circular")
+
+
 def nanoseconds(part: Part) -> list[float]:
     """CPU time of a lane and sample, ns: the loop alone."""
     values = []
@@ -75,7 +80,7 @@ def nanoseconds(part: Part) -> list[float]:
 def loop() -> list[Row]:
     """The loop of the lanes with everything that it watches, on one core."""
     rows = []
-    plain, limited = closed_form("table"), closed_form("survival")
+    plain, limited = without_limit(closed_form("table")), closed_form("survival")
     kinds = (
         ("averaged, no limit", plain, "step", "averaged", False, 4500.0),
         ("averaged, projection limiter", limited, "grid", "averaged", False, 3500.0),
@@ -98,7 +103,7 @@ def loop() -> list[Row]:
 
 def instruction_sets() -> list[Row]:
     """The averaged loop compiled for older processors."""
-    rows, plain, limited = [], closed_form("table"), closed_form("survival")
+    rows, plain, limited = [], without_limit(closed_form("table")), closed_form("survival")
     kinds = (("no limit", plain, "step", {"avx2": 3500.0}), ("projection limiter", limited, "grid", {}))
     for (what, study, family, asked), target in itertools.product(kinds, ("avx2", "sse2")):
         part = prepared(study, family, "averaged", target=target)
@@ -110,13 +115,13 @@ def instruction_sets() -> list[Row]:
 
 def compilation() -> list[Row]:
     """Both bridges' loops of the lanes from nothing, in this process."""
-    study, values = closed_form("table"), []
+    study, values = without_limit(closed_form("table")), []
     for _ in range(3):
         for cached in (loop_of, spec_of, compiled_loop):
             cached.cache_clear()
         begin = time.process_time()
-        for switched, watch in ((False, STEP), (True, MEAN_STEP)):
-            loop_of(kind_of(study, switched=switched)._replace(watch=watch), (), side_by_side(strict=False))
+        for switched in (False, True):
+            loop_of(kind_of(study, switched=switched)._replace(watch=STEP), (), side_by_side(strict=False))
         values.append(time.process_time() - begin)
     return [Row("lanes", "compile the lanes' loops, both bridges", figure(values), "s", limit="LLVM")]
 

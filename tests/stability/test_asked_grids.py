@@ -96,7 +96,7 @@ def test_a_grid_outside_is_shown_marked_and_not_judged(asked: StabilityResult, b
     a = beyond.assessments[0]
     for field in (a.reduced, a.full_order):
         for row in map_rows(field):
-            scr, x_over_r, reason = row[0], row[1], row[-1]
+            scr, x_over_r, reason = float(str(row[0])), float(str(row[1])), row[-1]
             inside = 2.0 <= scr <= 3.0 and 1.0 <= x_over_r <= 1.5
             assert (reason is None) == inside
             assert inside or str(reason).startswith(NOT_ASKED)
