@@ -106,7 +106,7 @@ class Hardware(NamedTuple):
 
 
 def phase_jumps(study: Study) -> PhaseJumps | None:
-    """Runs phase jumps of four angles at two SCRs in EMT (averaged bridge): a second at most.
+    """Runs phase jumps of four angles at two SCRs in EMT (averaged bridge): one to two seconds of CPU time.
 
     The power loops are those of the closed form, told the new grid 20 ms late; the limiter is that of the last
     controller of the study that has a limit. None if no controller limits its current.
