@@ -66,6 +66,24 @@ def test_a_table_is_judged_by_its_own_specification() -> None:
     assert step.misses
 
 
+def test_a_miss_that_the_table_announced_is_told_with_its_nodes() -> None:
+    """The grid of SCR 5 and X/R 2 lies between all four nodes; a node that gives up another promise excuses nothing."""
+    result = soft_step()
+    ready = study_with({**ASKED, "overshoot": 0.002})[1]
+
+    def said(missed: Mapping[str, float]) -> str:
+        cause = {"scr": 6.0, "x_over_r": 3.0, "cause": "inner loops", "missed": missed}
+        told = replace(result, ready=Ready(tables={"table": replace(ready.tables["table"], causes=[cause])}))
+        (step,) = step_outcomes(told)
+        assert step.misses
+        return " ".join(verdict(told, [step]))
+
+    other, same = said({"settling_time": 1.6}), said({"overshoot": 0.021})
+    assert "gives up" not in other
+    assert "on every step: where it misses, its table gives up the promise." in same
+    assert "gives up the overshoot there: up to 2.1 % at SCR 6, X/R 3, because of inner loops" in same
+
+
 def test_constant_inertia_promises_no_settling_time() -> None:
     study, ready = study_with({**ASKED, "aim": "inertia"})
     promises = promises_of(study, study.controllers[0], ready)

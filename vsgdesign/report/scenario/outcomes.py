@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.placing import OVERSHOOT_PCT, settling_factor
@@ -17,7 +17,7 @@ from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.drawing.quantities import number, percent
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
-from vsgdesign.simulation.scenario.promises import Promises, not_promised, promises_of
+from vsgdesign.simulation.scenario.promises import Promises, given_up, not_promised, promises_of
 
 _AT_REST = 0.02
 """Drift over the last cycle before a step, relative to the step, up to which the signal was at rest."""
@@ -47,6 +47,8 @@ class StepOutcome:
     """Whether the signal was at rest when the step came; otherwise its results mix two transients."""
     excuse: str = ""
     """Why a table promises nothing for this step; empty if it does."""
+    given_up: str = ""
+    """Where and why its table has given up a promise that this step misses; empty where it has not."""
 
     @property
     def target_settling_time_s(self) -> float | None:
@@ -150,19 +152,28 @@ def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
                 promises = promises_of(result.study, controller.spec, result.ready)
                 excuse = not_promised(result.ready.table(controller.spec), result.study, rest)
                 window = ends[metrics.t_s] - metrics.t_s
-                outcomes.append(
-                    StepOutcome(
-                        controller=controller,
-                        metrics=metrics,
-                        window_s=window,
-                        rest=rest,
-                        uncoupled=uncoupled,
-                        promises=promises,
-                        at_rest=_was_at_rest(metrics),
-                        excuse=excuse,
-                    )
+                step = StepOutcome(
+                    controller=controller,
+                    metrics=metrics,
+                    window_s=window,
+                    rest=rest,
+                    uncoupled=uncoupled,
+                    promises=promises,
+                    at_rest=_was_at_rest(metrics),
+                    excuse=excuse,
                 )
+                outcomes.append(replace(step, given_up=_given_up(result, step)))
     return outcomes
+
+
+def _given_up(result: ScenarioResult, step: StepOutcome) -> str:
+    """Of a step whose every miss is one that its table has announced."""
+    if not step.misses or step.unstable:
+        return ""
+    missed = {"settling_time": not step.settles, "overshoot": not step.stays_below}
+    table = result.ready.table(step.controller.spec)
+    said = [given_up(table, result.study, step.rest, name) for name, is_missed in missed.items() if is_missed]
+    return "; ".join(said) if all(said) else ""
 
 
 def _was_at_rest(metrics: EventMetrics) -> bool:

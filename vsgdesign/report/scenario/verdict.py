@@ -54,8 +54,11 @@ def _summary(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> str:
         return "No reference step can be held to its target."
     left = _left_out([outcome for outcome in outcomes if outcome.controller.spec.name in good], len(names) > 1)
     if len(names) == 1:
-        meets = "does not meet" if failed else "meets"
-        return f"{names[0]} {meets} its settling time and overshoot on every step{left}."
+        if failed:
+            missed = [outcome for outcome in judged if outcome.misses]
+            said = ": where it misses, its table gives up the promise" if all(m.given_up for m in missed) else ""
+            return f"{names[0]} does not meet its settling time and overshoot on every step{said}."
+        return f"{names[0]} meets its settling time and overshoot on every step{left}."
     if not good:
         return "No controller meets its settling time and overshoot on every reference step."
     if not failed:
@@ -136,6 +139,8 @@ def _miss(outcome: StepOutcome) -> str:
         parts.append(f"{outcome.overshoot_text} % overshoot{beyond}")
     if not outcome.at_rest:
         parts.append("not at rest when the step came")
+    if outcome.given_up:
+        parts.append(outcome.given_up)
     return f"{_step_name(outcome)}: {', '.join(parts)}"
 
 

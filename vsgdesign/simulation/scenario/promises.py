@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.definitions import in_words
+from vsgdesign.artifacts.gain_table import Array, GainTable
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -102,6 +103,39 @@ def not_promised(table: GainTable | None, study: Study, rest: Rest | None) -> st
         if not low - 1e-6 * abs(low) <= value <= high + 1e-6 * abs(high)
     ]
     return "; ".join(left)
+
+
+def given_up(table: GainTable | None, study: Study, rest: Rest | None, promise: str) -> str:
+    """Where and why a table has given up a promise around the grid of a rest; empty where it has not, or does not say.
+
+    ``promise``: a name of its figures, ``settling_time`` or ``overshoot``. The nodes are those that the gains are
+    interpolated from.
+    """
+    if table is None or rest is None:
+        return ""
+    scr = _around(table.scr, rest.grid.scr(study.converter, table.base.scr_basis))
+    ratio = _around(table.x_over_r, rest.grid.x_over_r(study.converter.omega_n))
+    nodes = [
+        cause
+        for cause in table.causes
+        if cause["missed"].get(promise) is not None and cause["scr"] in scr and cause["x_over_r"] in ratio
+    ]
+    if not nodes:
+        return ""
+    worst = max(nodes, key=lambda cause: float(cause["missed"][promise]))
+    what, reached = in_words(promise), float(worst["missed"][promise])
+    value = f"{100.0 * reached:.3g} %" if promise == "overshoot" else f"{reached:.3g} s"
+    because = ", ".join(dict.fromkeys(str(cause["cause"]) for cause in nodes))
+    at = f"SCR {worst['scr']:g}, X/R {worst['x_over_r']:g}"
+    return f"its table gives up the {what} there: up to {value} at {at}, because of {because}"
+
+
+def _around(axis: Array, value: float) -> tuple[float, ...]:
+    """The one or two nodes of an axis between which a value lies; the last one outside of the axis."""
+    if value in axis:
+        return (float(value),)
+    after = int(np.searchsorted(axis, value))
+    return tuple(float(node) for node in axis[max(after - 1, 0) : after + 1])
 
 
 @dataclass(frozen=True, kw_only=True)
