@@ -395,3 +395,21 @@ def test_what_a_living_process_writes_is_not_swept(tmp_path: Path) -> None:
         assert folder.is_dir()
         write_record(folder, {"text": "1"}, VERB)
     assert text_of(tmp_path / "out") == "1"
+
+
+@pytest.mark.parametrize("windows", [False, True])
+def test_a_lock_goes_with_its_folder(windows: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While it is held, so that nobody takes it in between; but Windows removes no file that is open."""
+    monkeypatch.setattr(staging, "WINDOWS", windows)
+    open_then: list[bool] = []
+
+    def tidy() -> None:
+        with staging.locked_by_the_dead(tmp_path / "lock") as dead:
+            open_then.append(not dead)
+
+    with staging.locked(tmp_path / "lock", tidy), pytest.raises(staging.LockedError), staging.locked(tmp_path / "lock"):
+        pytest.fail("it is held")
+    assert open_then == [not windows]
+    write_run(tmp_path / "out", "1")
+    write_run(tmp_path / "out", "2")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lock", "out"]

@@ -8,18 +8,15 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from types import ModuleType
 
 from vsgdesign.errors import ArtifactError
 
-fcntl: ModuleType | None
-try:
-    import fcntl
-except ImportError:  # not POSIX: nothing is locked there, and nothing is taken for dead
-    fcntl = None
+WINDOWS = os.name == "nt"
+"""There no open file can be removed: a lock is given back before its file goes, and elsewhere after it."""
 
 _SUFFIX = ".part"
 _NEW, _OLD, _LOCK = "new", "old", "lock"
@@ -116,14 +113,11 @@ def _space(target: Path) -> Iterator[Path]:
         while True:
             space = Path(tempfile.mkdtemp(_SUFFIX, hidden_prefix(target), target.parent))
             try:
-                held.enter_context(locked(space / _LOCK))
+                held.enter_context(locked(space / _LOCK, partial(_remove, space)))
                 break
             except (LockedError, FileNotFoundError):
                 continue  # somebody swept it between its making and its locking
-        try:
-            yield space
-        finally:
-            _remove(space)
+        yield space
 
 
 def _sweep(target: Path) -> None:
@@ -134,6 +128,8 @@ def _sweep(target: Path) -> None:
                 with suppress(OSError):
                     _put_back(space, target)
                     _remove(space)
+        if dead and WINDOWS:  # the lock was open until here
+            _remove(space)
 
 
 def _remove(space: Path) -> None:
@@ -166,21 +162,24 @@ class LockedError(Exception):
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold the lock file ``path`` within this block; it is made where it is missing, and stays.
+def locked(path: Path, tidy: Callable[[], object] | None = None) -> Iterator[None]:
+    """Hold the lock file ``path`` within this block; it is made where it is missing, and stays unless ``tidy``, which
+    is called at the end, removes it.
 
     The kernel gives the lock back when the process ends, also when it is killed; a process that only started
     beside it is never taken for it, as a process number could be. Raises LockedError at once where another holds it,
     OSError where the file cannot be made. A file system without locks has none: the block is entered.
     """
-    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
+    with ExitStack() as end:
+        stream = end.enter_context(path.open("ab"))
         # The one who held it may have removed the file in between: then what was locked is no longer this path.
-        if _lock(handle) is False or not _is(handle, path):
+        if _lock(stream.fileno()) is False or not _is(stream.fileno(), path):
             raise LockedError(str(path))
+        if tidy is not None:
+            end.callback(tidy)
+        if WINDOWS:
+            end.callback(stream.close)  # comes before
         yield
-    finally:
-        os.close(handle)
 
 
 @contextmanager
@@ -190,27 +189,22 @@ def locked_by_the_dead(path: Path) -> Iterator[bool]:
     No where there is no such file, and where the file system cannot say.
     """
     try:
-        handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        stream = path.open("r+b")
     except OSError:
         yield False
         return
-    try:
-        yield _lock(handle) is True and _is(handle, path)
-    finally:
-        os.close(handle)
+    with stream:
+        yield _lock(stream.fileno()) is True and _is(stream.fileno(), path)
 
 
 def _lock(handle: int) -> bool | None:
     """Yes, no, or None where the file system has no locks."""
-    if fcntl is None:
-        return None
+    from filelock import lock_descriptor  # here, because the runtime reads files with NumPy alone, and locks none
+
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
+        return lock_descriptor(handle, blocking=False)
     except OSError:
         return None
-    return True
 
 
 def _is(handle: int, path: Path) -> bool:

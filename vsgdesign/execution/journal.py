@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic
 
@@ -221,7 +222,7 @@ def work_folder(
         try:
             held.enter_context(parents_made(folder.parent))
             folder.mkdir(exist_ok=True)
-            held.enter_context(locked(folder / _LOCK))
+            held.enter_context(locked(folder / _LOCK, partial(_remove_finished, folder)))
         except (LockedError, FileNotFoundError):
             what = what or f'"{out}"'
             raise ArtifactError(
@@ -230,18 +231,19 @@ def work_folder(
             ) from None
         except OSError as error:
             raise cannot_write(folder, error) from error
-        try:
-            everything = (f"*{_LINES}", f".*{_LINES}.*", *_OF_JOBS, *_OF_VERSIONS_BEFORE)
-            if fresh and own:
-                _remove(folder, everything)
-            yield folder
-            _remove(folder, everything if own else _OF_JOBS)
-        finally:
-            # The lock goes with its folder, and while it is held: whoever comes next sees that it was another's.
-            if next(folder.glob(f"*{_LINES}"), None) is None:
-                (folder / _LOCK).unlink(missing_ok=True)
-                with suppress(OSError):  # something of somebody else's is in it
-                    folder.rmdir()
+        everything = (f"*{_LINES}", f".*{_LINES}.*", *_OF_JOBS, *_OF_VERSIONS_BEFORE)
+        if fresh and own:
+            _remove(folder, everything)
+        yield folder
+        _remove(folder, everything if own else _OF_JOBS)
+
+
+def _remove_finished(folder: Path) -> None:
+    """The lock goes with its folder, and while it is held: whoever comes next sees that it was another's."""
+    if next(folder.glob(f"*{_LINES}"), None) is None:
+        with suppress(OSError):  # something of somebody else's is in it, or, on Windows, another has the lock
+            (folder / _LOCK).unlink(missing_ok=True)
+            folder.rmdir()
 
 
 def _remove(folder: Path, patterns: tuple[str, ...]) -> None:
