@@ -3,8 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
+SPAWNED := tests/execution tests/verification/test_pipeline.py tests/cli/test_run_quick.py \
+	tests/artifacts/test_gain_table_file.py tests/codegen/test_every_equation.py
 
-.PHONY: paper test lint bench evidence docs docs-test clean
+.PHONY: paper test test-spawn lint bench evidence docs docs-test clean
 
 paper: $(VENV)/.train
 	$(BIN)/vsgdesign run studies/published/study.toml --out $(OUT)/published
@@ -12,6 +14,10 @@ paper: $(VENV)/.train
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest
+
+# As on Windows: no process is forked, and no text is UTF-8 by itself.
+test-spawn: $(VENV)/.dev
+	PYTHONUTF8=0 LC_ALL=C $(BIN)/python -m pytest -p tests.spawned $(SPAWNED)
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -84,8 +84,8 @@ def travel(number: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         try:
-            Path("sheet.csv").write_text(sheet(np.random.default_rng([SEED, number])))
-            Path("closed.toml").write_text(ABOVE)
+            Path("sheet.csv").write_text(sheet(np.random.default_rng([SEED, number])), encoding="utf-8")
+            Path("closed.toml").write_text(ABOVE, encoding="utf-8")
             for arguments in (
                 ["new", "--from", "sheet.csv"],
                 ["validate", "closed.toml"],

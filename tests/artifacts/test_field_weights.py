@@ -50,11 +50,11 @@ def test_every_changed_byte_and_every_cut_is_refused(file: Path) -> None:
 
 def rewritten(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
     """The file with another content and the right hash for it, as a faulty writer would make it."""
-    document = json.loads(path.read_text())
+    document = json.loads(path.read_text(encoding="utf-8"))
     del document["sha256"]
     change(document)
     document["sha256"] = content_hash(document)
-    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 @pytest.mark.parametrize(

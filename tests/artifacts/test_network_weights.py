@@ -83,11 +83,11 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 def rewritten(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
     """The file with another content and the right hash for it, as a foreign or faulty writer would make it."""
-    document = json.loads(path.read_text())
+    document = json.loads(path.read_text(encoding="utf-8"))
     del document["sha256"]
     change(document)
     document["sha256"] = content_hash(document)
-    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_nan_is_neither_written_nor_read(file: Path, tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="b_1: holds what is not a number"):
         write_network_weights(replace(weights, network=replace(weights.network, b_1=b_1)), tmp_path / "new.json")
     assert not (tmp_path / "new.json").exists()
-    file.write_text(file.read_text().replace('"samples": 4', '"samples": NaN'))
+    file.write_text(file.read_text(encoding="utf-8").replace('"samples": 4', '"samples": NaN'), encoding="utf-8")
     with pytest.raises(ArtifactError, match="holds NaN"):
         read_network_weights(file)
 

@@ -17,7 +17,7 @@ from vsgdesign.errors import ArtifactError
 
 
 def ours(path: Path) -> bool:
-    return path.read_text().startswith("ours")
+    return path.read_text(encoding="utf-8").startswith("ours")
 
 
 def write(target: Path, text: str) -> None:

@@ -183,7 +183,7 @@ def test_the_verb_says_what_the_file_says(study: Path, tmp_path: Path) -> None:
 def test_given_gains_are_judged_alike(study: Path) -> None:
     """The published current loop of the laboratory case, on the same grids."""
     own = "[inner_loops]\ndesign = true\nscr = [2, 10]\nx_over_r = [0.5, 5]\n"
-    study.write_text(TEXT.replace(own, ""))
+    study.write_text(TEXT.replace(own, ""), encoding="utf-8")
     document = json.loads(call("inner", study, "--no-what-if", "--json").stdout)
     assert document["designed"] is False
     assert document["request"]["scr"] == [1.2, 20.0]
@@ -193,7 +193,7 @@ def test_given_gains_are_judged_alike(study: Path) -> None:
 
 
 def test_faults_are_told_before_anything_is_designed(study: Path) -> None:
-    study.write_text(TEXT.replace('"2 kW"', '"2 kV"').replace("[0.5, 5]", "[5, 0.5]"))
+    study.write_text(TEXT.replace('"2 kW"', '"2 kV"').replace("[0.5, 5]", "[5, 0.5]"), encoding="utf-8")
     text = failure(2, "inner", study)
     assert "simulation.P_ref" in text
     assert "inner_loops.x_over_r" in text

@@ -150,7 +150,7 @@ def test_a_signal_before_and_after_the_verb(moment: str, code: int, says: str, t
 
 def test_a_full_standard_output(tmp_path: Path) -> None:
     study_file(tmp_path)
-    with Path("/dev/full").open("w") as full:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
         command = [*COMMAND, "validate", "small.toml"]
         done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
     assert done.returncode == 2

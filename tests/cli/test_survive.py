@@ -122,7 +122,7 @@ def test_limiters_stand_beside_each_other(study: Path, tmp_path: Path, few: tupl
 
 
 def test_every_fault_at_once(study: Path, tmp_path: Path) -> None:
-    study.write_text(TEXT.replace("current_limit_pu = 1.2", ""))
+    study.write_text(TEXT.replace("current_limit_pu = 1.2", ""), encoding="utf-8")
     message = failure(2, "survive", str(study), "--controller", "nobody", "--limiter", "square")
     for word in ("converter.current_limit_pu", '"nobody"', '"square"', "projection"):
         assert word in message
@@ -130,7 +130,7 @@ def test_every_fault_at_once(study: Path, tmp_path: Path) -> None:
 
 
 def test_a_wrong_section(study: Path) -> None:
-    study.write_text(TEXT.replace("random = 2", "random = -2\nsize = 3"))
+    study.write_text(TEXT.replace("random = 2", "random = -2\nsize = 3"), encoding="utf-8")
     message = failure(2, "survive", str(study))
     assert "survival.random" in message
     assert "survival.size" in message

@@ -63,7 +63,7 @@ def test_show_prints_columns_that_vary(tmp_path: Path) -> None:
 
 
 def test_show_as_json_is_the_file(written: Path) -> None:
-    assert as_json("table", "show", written) == json.loads(written.read_text())
+    assert as_json("table", "show", written) == json.loads(written.read_text(encoding="utf-8"))
 
 
 def test_check(written: Path) -> None:

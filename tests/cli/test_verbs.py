@@ -118,7 +118,8 @@ def test_design_in_words(tmp_path: Path) -> None:
 def test_design_says_that_it_leaves_a_load_out(tmp_path: Path) -> None:
     path = study_file(tmp_path)
     assert "warning" not in call("design", path).stderr
-    Path(path).write_text(Path(path).read_text(encoding="utf-8") + "\n[network]\nload = { P_pu = 0.5 }\n")
+    text = Path(path).read_text(encoding="utf-8") + "\n[network]\nload = { P_pu = 0.5 }\n"
+    Path(path).write_text(text, encoding="utf-8")
     result = call("design", path)
     assert result.exit_code == 0
     assert "warning: [network] is left out" in result.stderr

@@ -211,7 +211,7 @@ if __name__ == "__main__":
 def runs(pid: int) -> bool:
     """Whether a process is there and is no zombie that waits for its parent."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
 

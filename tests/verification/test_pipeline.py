@@ -49,7 +49,7 @@ def whole(tmp_path: Path) -> Path:
 
 
 def test_the_folder_says_what_was_counted(whole: Path) -> None:
-    document = json.loads((whole / "results.json").read_text())
+    document = json.loads((whole / "results.json").read_text(encoding="utf-8"))
     assert document["runs"] == RUNS
     step = document["families"]["step"]
     assert step["drawn"] == step["judged"] + sum(step["left_out"].values())
@@ -119,7 +119,8 @@ def test_shards_merge_into_the_whole(whole: Path, tmp_path: Path) -> None:
         shard(tmp_path / "parts", number, 3)
     merge_shards(STUDY, [tmp_path / "parts"], tmp_path / "merged", Asked(search=0), workers=1)
     assert counts(tmp_path / "merged") == counts(whole)
-    results = [json.loads((folder / "results.json").read_text()) for folder in (whole, tmp_path / "merged")]
+    files = [folder / "results.json" for folder in (whole, tmp_path / "merged")]
+    results = [json.loads(file.read_bytes()) for file in files]
     varying = {"timing_s", "shards", "workers", "files", "sha256"}
     one, other = ({key: value for key, value in found.items() if key not in varying} for found in results)
     assert one == other

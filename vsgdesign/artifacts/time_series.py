@@ -55,7 +55,7 @@ def write_csv(path: str | Path, series: Mapping[str, Array], interval_s: float) 
     header = ",".join(f"{name} [{UNITS[name]}]" for name in series)
     columns = [_texts(name, np.array(values[::step], dtype=float)) for name, values in series.items()]
     row = ",".join(form for form, _ in columns) + "\n"
-    with Path(path).open("w", encoding="utf-8") as stream:
+    with Path(path).open("w", encoding="utf-8", newline="\n") as stream:
         stream.write(header + "\n")
         stream.writelines(row % values for values in zip(*(values for _, values in columns), strict=True))
 

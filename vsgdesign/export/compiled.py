@@ -61,7 +61,7 @@ def sources_of(folder: Path) -> list[Path]:
 
 def run_compiler(command: Sequence[str], text: str | None = None) -> str:
     """Runs a compiler and returns its output. Raises ArtifactError with its error message."""
-    done = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, input=text, capture_output=True, encoding="utf-8", errors="replace", check=False)
     if done.returncode != 0:
         raise ArtifactError(f"{command[0]} failed with {done.returncode}:\n{done.stderr.strip()[:2000]}")
     return done.stdout

@@ -8,16 +8,12 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.files import plain
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 LENGTH_BYTES = 4
 """Bytes before the header; they contain its length."""

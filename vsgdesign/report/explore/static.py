@@ -61,7 +61,7 @@ def write_static(
             raise ArtifactError(
                 f"{path}: {_too_large(size)} Show fewer controllers: --state takes the state of a link."
             )
-        staged.write_text(text, encoding="utf-8")
+        staged.write_text(text, encoding="utf-8", newline="\n")
     return size
 
 
