@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
@@ -16,11 +16,13 @@ from vsgdesign.campaigns.compliance.rows import PASS
 from vsgdesign.campaigns.compliance.suite import Criterion
 from vsgdesign.campaigns.verification.promises import verified_promises
 from vsgdesign.design.evaluation import Figures, shortfalls
+from vsgdesign.design.inner.promises import PromiseReached
 from vsgdesign.linear.stability.table_claims import claim_faults
 from vsgdesign.metrics.events import EventMetrics
-from vsgdesign.metrics.met import overshoot_met, settling_met
+from vsgdesign.metrics.met import overshoot_met, score_met, settling_met
 from vsgdesign.metrics.step_response import no_figures
 from vsgdesign.report.explore.info import most_allowed
+from vsgdesign.report.inner.page import GAIN_TEXTS, inner_tables
 from vsgdesign.report.scenario.outcomes import StepOutcome
 from vsgdesign.simulation.lanes.cases import ACTIVE, REACTIVE
 from vsgdesign.simulation.scenario.promises import promises_of
@@ -140,3 +142,15 @@ def test_a_step_of_Q_has_its_own_overshoot() -> None:
     most = overshoot.most_of(np.array([ACTIVE, REACTIVE], dtype=np.int8))
     assert most[0] == pytest.approx(np.exp(-np.pi * 0.7 / np.sqrt(1.0 - 0.49)) + 5e-4, rel=1e-9)
     assert most[1] == pytest.approx(5e-4, rel=1e-9)
+
+
+def test_a_share_of_the_inner_loops_is_reached_within_a_thousandth() -> None:
+    """The verdict and the coloured rows of the page agree at the edge; what has no value is not reached."""
+    document: dict[str, Any] = {"promises": [], "gains": {name: 1.0 for name, _, _ in GAIN_TEXTS}}
+    shares = (1.0, 0.9991, 0.9989, None)
+    for share in shares:
+        reached = PromiseReached("tolerance", 0.15, 0.15, np.nan if share is None else share, 1.5, 15.0)
+        assert reached.kept is score_met(share)
+        document["promises"].append(asdict(reached) | {"score": share})
+    assert [score_met(share) for share in shares] == [True, True, False, False]
+    assert inner_tables(document)[0].flagged == {2, 3}

@@ -187,13 +187,14 @@ def test_the_explorer_is_a_part_of_its_own(plain: Made, tmp_path) -> None:
     text = write_stability_report(
         plain.result, plain.figures, tmp_path / "page.html", ExplorerFile("explorer.html", 1_620_000)
     ).read_text(encoding="utf-8")
-    parts = re.split(r'<h2 id="part-(\d)">', text)
-    assert parts[1::2] == list("123456789")
+    parts = re.split(r'<h2 id="part-(\d)">|<h2 id="explorer">', text)
+    assert parts[1::2] == [*"1234567", None, "9"]
     assert text.count("src=") == 1  # nothing else is fetched
     assert '<iframe src="explorer.html" title="Explorer: Small, &lt;short&gt; &amp; sweet"' in parts[16]
     assert "(1.6 MB)" in parts[16]
     assert "Hold the gains" in parts[16]
-    assert set(re.findall(r'href="#(part-\d)"', text)) == {f"part-{k}" for k in range(1, 10)}
+    assert set(re.findall(r'href="#(part-\d)"', text)) == {f"part-{k}" for k in (*range(1, 8), 9)}
+    assert text.count('href="#explorer"') == 2  # at the top, and in the contents
 
 
 def test_why_there_is_no_explorer_is_said(plain: Made, tmp_path) -> None:
@@ -203,7 +204,7 @@ def test_why_there_is_no_explorer_is_said(plain: Made, tmp_path) -> None:
     )
     assert "<iframe" not in text
     assert "There is no explorer. P must be a number between −10 and 10 kW, not 12." in text
-    assert 'href="#part-8">part 8' not in text
+    assert "you can drag" not in text
 
 
 def test_two_builds_are_identical(plain: Made, tmp_path) -> None:

@@ -14,6 +14,9 @@ SETTLING_ROOM = 1.005
 OVERSHOOT_ROOM = 5e-4
 """An overshoot is met up to this share of the step above the one that was asked for: 0.05 percentage points."""
 
+MARGIN_ROOM = 1e-3
+"""A margin within a thousandth of its limit keeps it: an optimizer stops on the limit, and not always above it."""
+
 _ROUNDING = 1.0 + 1e-12
 """A percentage of a share, and a share of a percentage, may differ in the last digit."""
 
@@ -37,6 +40,11 @@ def most_overshoot(asked: Any, noise: Any = 0.0) -> Any:
 def settling_met(settling_time_s: float | None, asked_s: float) -> bool:
     """Whether a settling time (s) meets the one asked for. None, and what is no number: it did not settle."""
     return settling_time_s is not None and bool(settling_time_s <= most_settling_time(asked_s))
+
+
+def score_met(score: float | None) -> bool:
+    """Whether a share of what is asked of the inner loops, 1 where it is just reached, counts as reached."""
+    return score is not None and bool(score >= 1.0 - MARGIN_ROOM)
 
 
 def overshoot_met(overshoot: float, asked: float, noise: float = 0.0) -> bool:

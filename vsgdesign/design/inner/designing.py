@@ -25,6 +25,7 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.metrics.met import score_met
 from vsgdesign.metrics.modes import least_damping, to_continuous
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
@@ -164,7 +165,7 @@ class InnerDesign:
     @property
     def kept(self) -> bool:
         """Whether every promise is kept on every grid, and the full order is stable wherever it was analysed."""
-        return self.t >= 1.0 and self.full_order.passed
+        return score_met(self.t) and self.full_order.passed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +185,7 @@ class Alternative:
     @property
     def kept(self) -> bool:
         """Whether everything is kept with it."""
-        return self.t >= 1.0
+        return score_met(self.t)
 
 
 def design_inner_loops(
@@ -308,17 +309,17 @@ def alternatives(converter: Converter, filter_: Filter) -> list[tuple[str, str, 
     rate = 2.0 / converter.T_s
     if converter.samples_per_carrier == 1:
         twice = replace(converter, samples_per_carrier=2)
-        options.append(("sampling", f"sampling twice a carrier period ({rate:.6g} Hz)", twice, filter_))
+        options.append(("sampling", f"sampling twice a carrier period ({1e-3 * rate:.6g} kHz)", twice, filter_))
     else:
         twice = replace(converter, f_sw=2.0 * converter.f_sw)
-        words = f"twice the carrier ({twice.f_sw:.6g} Hz, sampled at {rate:.6g} Hz)"
+        words = f"twice the carrier ({1e-3 * twice.f_sw:.6g} kHz, sampled at {1e-3 * rate:.6g} kHz)"
         options.append(("sampling", words, twice, filter_))
     if converter.delay_samples:
         options.append(("no_delay", "no computation delay", replace(converter, delay_samples=0), filter_))
     if filter_.L_2 > 0.0:
         larger = replace(filter_, L_2=2.0 * filter_.L_2)
-        options.append(("L_2", f"twice the L_2 ({larger.L_2:.4g} H)", converter, larger))
+        options.append(("L_2", f"twice the L_2 ({1e3 * larger.L_2:.4g} mH)", converter, larger))
     else:
         larger = replace(filter_, L_2=L_2_PU * converter.Z_base / converter.omega_n)
-        options.append(("L_2", f"an L_2 of {L_2_PU:g} pu ({larger.L_2:.4g} H)", converter, larger))
+        options.append(("L_2", f"an L_2 of {L_2_PU:g} pu ({1e3 * larger.L_2:.4g} mH)", converter, larger))
     return options

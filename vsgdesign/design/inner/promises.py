@@ -16,6 +16,7 @@ from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.threads import one_thread
+from vsgdesign.metrics.met import score_met
 from vsgdesign.metrics.modes import least_damping
 from vsgdesign.study.parameters.converter import Converter, Filter
 
@@ -193,7 +194,7 @@ class PromiseReached:
     @property
     def kept(self) -> bool:
         """Whether it is kept on every grid."""
-        return self.score >= 1.0
+        return score_met(self.score)
 
 
 @dataclass(frozen=True)

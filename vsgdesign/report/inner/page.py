@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.artifacts.definitions import DEFINITIONS
+from vsgdesign.metrics.met import MARGIN_ROOM, score_met
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.quantities import number, plain, plain_quantity
@@ -95,6 +96,8 @@ def _map(
         missing=missing.T,
         partial=nowhere,
     )
+    near = (values < target) != at_most  # on the worse side, and drawn on the limit where it counts as reached
+    values = np.where(near & (abs(values / target - 1.0) <= MARGIN_ROOM), target, values)
     known = values[np.isfinite(values) & ~unstable]
     high = float(known.max()) if len(known) else 2.0 * target
     low = min(0.0, float(known.min())) if len(known) else 0.0
@@ -113,7 +116,7 @@ def _map(
 
 def inner_tables(document: dict[str, Any], on: Where = Where.PAGE) -> tuple[Table, Table]:
     """Requirements and gains, from results.json."""
-    missed = frozenset(k for k, one in enumerate(document["promises"]) if not (one["score"] or 0.0) >= 1.0)
+    missed = frozenset(k for k, one in enumerate(document["promises"]) if not score_met(one["score"]))
     promises = Table(
         "What the inner loops keep, at the worst grid",
         PROMISE_HEAD,

@@ -240,7 +240,7 @@ def _left_out(part: Sequence[tuple[int, ControllerAssessment]]) -> str:
         for fault in field.faults
         if fault
     )
-    text = f" Crosses: {'; '.join(reasons)}." if reasons else ""
+    text = f" Crosses: {'; '.join(reasons).rstrip('.')}." if reasons else ""
     if any(not field.cells.inside[field.analysed].all() for _, a in part for field in (a.reduced, a.full_order)):
         text += f" {CIRCLES}"
     return text

@@ -247,14 +247,14 @@ def _to_the_explorer(explorer: ExplorerFile | None) -> Block | None:
     if explorer is None or not explorer.name:
         return None
     watch = " you can drag the grid yourself, and watch modes, margins and EMT responses."
-    return words(("In ", Span("part 8", link="#part-8"), watch))
+    return words(("In ", Span("the explorer", link="#explorer"), watch))
 
 
 def _explorer(result: StabilityResult, explorer: ExplorerFile | None) -> list[Block]:
     """The explorer in a frame, or why there is none."""
     if explorer is None:
         return []
-    heading = Heading("Explorer", numbered=True)
+    heading = Heading("Explorer", numbered=True, anchor="explorer")
     if not explorer.name:
         return [heading, words(f"There is no explorer. {explorer.why}")]
     link = quote(explorer.name)

@@ -19,14 +19,13 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, reduced_cells
 from vsgdesign.linear.stability.margins import MarginTable, full_order_margins, reduced_margins
+from vsgdesign.metrics.met import MARGIN_ROOM
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario.controllers import ControllerResult, ScenarioResult
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 TABLE, CLOSED_FORM, GATES = "its table's specification", "its closed form's target", "the study's gates"
-_SLACK = 1e-3
-"""A figure within a thousandth of its limit keeps it: the optimizer stops on the limit."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +171,7 @@ class Kept:
     def _keeps(self, value: float) -> bool:
         if not math.isfinite(value):  # an infinite margin is kept, an unstable loop keeps nothing
             return math.isinf(value) and (value > 0.0) == self.at_least
-        return value >= self.limit * (1.0 - _SLACK) if self.at_least else value <= self.limit * (1.0 + _SLACK)
+        return value >= self.limit * (1.0 - MARGIN_ROOM) if self.at_least else value <= self.limit * (1.0 + MARGIN_ROOM)
 
 
 def promises_kept(result: ScenarioResult) -> tuple[Kept, ...]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.metrics.met import score_met
 from vsgdesign.study.parameters.inner_loops import Reading, request_of
 from vsgdesign.study.parameters.study import InnerLoopRequest, Study
 
@@ -44,7 +45,7 @@ class InnerAssessment:
     @property
     def kept(self) -> bool:
         """Whether every promise is kept on every grid and the full order is stable wherever it was analysed."""
-        return self.score.t >= 1.0 and self.full_order.passed
+        return score_met(self.score.t) and self.full_order.passed
 
 
 def assess_inner_loops(

@@ -22,6 +22,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.execution.progress import Progress
 from vsgdesign.identification.registry import needs_network
+from vsgdesign.metrics.met import score_met
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.loading import base_files
@@ -99,7 +100,7 @@ class KeptInnerLoops:
             return
         self.file = path
         self._tell(f"The inner loops were designed and are kept in {path} (score {plain(record.score, 3)}).")
-        if record.score < 1.0:
+        if not score_met(record.score):
             inner = f"vsgdesign inner {shlex.quote(str(self.study_file))}"
             self._tell(
                 "The score is below 1: not every requirement of the inner loops is kept. "
