@@ -15,6 +15,7 @@ from website.staging import ROOT
 PAGE = ROOT / "docs" / "verbs.md"
 GUIDES = {
     "certify": "[certificate](theory/certificate.md)",
+    "cite": "[results](how-to/results.md)",
     "compare": "[comparison](comparison.md)",
     "comply": "[grid-code tests](how-to/comply.md)",
     "design": "[tutorial](tutorial.md)",

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vsgdesign import __version__
 
-_LIBRARIES = ("casadi", "control", "numba", "numpy", "scipy")
+_LIBRARIES = ("casadi", "clarabel", "cmaes", "control", "cvxpy", "llvmlite", "numba", "numpy", "scipy")
 
 
 def provenance() -> dict[str, str]:

@@ -10,6 +10,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     import click
 
     from vsgdesign import __version__
+    from vsgdesign.verbs.cli.cite import cite
     from vsgdesign.verbs.cli.common import streams_can_print
     from vsgdesign.verbs.cli.comply import comply
     from vsgdesign.verbs.cli.diff import diff
@@ -47,7 +48,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
 
     for _verb in (
         *(run, simulate, design, margins, report, certify, validate),
-        *(compare, comply, diff, estimator, explore, export, inner, new, survive, table, verify),
+        *(cite, compare, comply, diff, estimator, explore, export, inner, new, survive, table, verify),
     ):
         main.add_command(_verb)
 

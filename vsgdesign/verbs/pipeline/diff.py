@@ -89,7 +89,7 @@ def compare_results(a: str | Path, b: str | Path) -> Comparison:
     Raises ArtifactError for a file that is no result, and for results of two verbs.
     """
     files = [Path(path) / RESULTS if Path(path).is_dir() else Path(path) for path in (a, b)]
-    documents = [_read(file) for file in files]
+    documents = [read_result(file) for file in files]
     kinds = [document["kind"] for document in documents]
     if kinds[0] != kinds[1]:
         both = " and ".join(f'"{file}" is a result of "{kind}"' for file, kind in zip(files, kinds, strict=True))
@@ -168,7 +168,8 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_result(path: Path) -> dict[str, Any]:
+    """The document of a results.json. Raises ArtifactError."""
     try:
         document = json.loads(read_given(path, RESULT_BYTES))
     except (OSError, ValueError, RecursionError) as error:
