@@ -53,6 +53,20 @@ def test_the_sentence_of_a_promise_that_is_broken() -> None:
     assert said.startswith("Damping: 1 of 10 steps below 0.5 (10 %)")
 
 
+def test_currents_that_no_hardware_carries_are_told_beside_survived() -> None:
+    survival = promise(0, 500, figure="recovery_s", survival=True, limit=2.8)
+    beyond = {"above_pu": 2.0, "survived": 12, "largest_pu": 39.2, "cases": list(range(100, 112))}
+    said = promise_sentences(
+        {"confidence": 0.99, "families": {"sag": {"promises": {"survival": survival}, "beyond_hardware": beyond}}}
+    )
+    assert said[1:] == [
+        "Survived, but above 2 pu, more than hardware carries: 12 sags (up to 39.2 pu: cases 100, 101, 102, 103, 104, "
+        "105, 106, 107, …)."
+    ]
+    none = {"promises": {"survival": survival}, "beyond_hardware": beyond | {"survived": 0, "cases": []}}
+    assert len(promise_sentences({"confidence": 0.99, "families": {"sag": none}})) == 1
+
+
 def test_nothing_is_known_of_what_was_not_judged() -> None:
     said = promise_sentence("own_kind", {}, "overshoot", promise(0, 0), 0.99)
     assert said == "Overshoot: no cases of own kind were judged, so nothing is known."

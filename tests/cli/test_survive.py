@@ -11,6 +11,7 @@ import pytest
 
 from tests.cli.small_studies import call, failure
 from vsgdesign.campaigns.survival import many
+from vsgdesign.report.terminals import survival_blocks
 from vsgdesign.simulation import survival
 from vsgdesign.simulation.survival import GridState, SurvivalCase
 from vsgdesign.study.parameters.event import Event
@@ -117,7 +118,15 @@ def test_an_interruption_is_continued(
 
 def test_limiters_stand_beside_each_other(study: Path, tmp_path: Path, few: tuple[SurvivalCase, ...]) -> None:
     result = survive(study, "--out", str(tmp_path / "out"), "--limiter", "none", "--limiter", "circular", "--json")
-    assert list(json.loads(result.stdout)["variants"]) == ["scheduled, none", "scheduled, circular"]
+    document = json.loads(result.stdout)
+    assert list(document["variants"]) == ["scheduled, none", "scheduled, circular"]
+    free = document["variants"]["scheduled, none"]["beyond_hardware"]
+    assert min(one["peak_pu"] for one in free) > 2.0
+    assert "overload" in {one["group"] for one in free}
+    assert document["variants"]["scheduled, circular"]["beyond_hardware"] == []
+    said = [repr(block) for block in survival_blocks(document) if "but above" in repr(block)]
+    worst = f"{len(free)} cases, up to {free[0]['peak_pu']:.3g} pu"
+    assert f"but above 2 pu, more than hardware carries: {worst}" in said[0]
     assert len(few) == 4
 
 

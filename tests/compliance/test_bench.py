@@ -261,7 +261,10 @@ def test_the_summary_counts_each_verdict_and_whose_limits_are_kept() -> None:
         row("x", FAIL, "latched", ("survived", FAIL, "ours"), quick),
         row("y", FAIL, "no rest", ("survived", FAIL, "ours"), csv=None),
     ]
+    rows[1] |= {"peak_pu": 2.1}
+    rows[4] |= {"peak_pu": 9.0}
     x, y = summary_of(rows)
+    assert (x["beyond_hardware"], y["beyond_hardware"]) == (1, 0)
     assert (x["pass"], x["pass_source"], x["pass_ours"], x["pass_user"]) == (3, 1, 1, 1)
     assert (x["fail"], x["not_applicable"], x["not_begun"], x["survived"], x["judged"]) == (1, 1, 0, 3, 4)
     assert (y["controller"], y["fail"], y["not_begun"], y["judged"], y["deadline_s"]) == ("y", 1, 1, 0, 2.2)

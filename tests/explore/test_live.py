@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -273,3 +274,13 @@ def test_an_estimator_of_its_own_does_not_run() -> None:
     assert row["why"].startswith("after the events")
     assert row["peak_pu"] < 1.4
     assert "no steady state after the event" in row["verdict"]
+
+
+def test_a_current_that_no_hardware_carries_is_told_beside_survived() -> None:
+    state: Any = SimpleNamespace(event=SimpleNamespace(kind="phase"))
+    said = {}
+    for peak_pu in (1.9, 2.1):
+        found = live.NOTHING | {"status": "survived", "recovery_s": 0.5, "peak_pu": peak_pu, "why": ""}
+        said[peak_pu] = live._verdict(found, structures(), state)
+    assert said[1.9].endswith("The current reaches 1.90 pu.")
+    assert said[2.1].endswith("The current reaches 2.10 pu, more than hardware carries.")

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from types import SimpleNamespace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from vsgdesign.errors import InfeasibleStudyError, StudyError
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.campaigns.verification.case_study import case_study
+from vsgdesign.campaigns.verification.draws import cases_of, uniforms_of
+from vsgdesign.errors import StudyError
 from vsgdesign.metrics.protection import first_trip
-from vsgdesign.simulation.lanes.cases import DISTURBANCE, no_events
-from vsgdesign.simulation.lanes.cases import STEP as STEP_OF_REFERENCE
-from vsgdesign.simulation.lanes.run import _refuse
+from vsgdesign.simulation.lanes.results import STATUSES
+from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.stability import ProtectionLimits
-from vsgdesign.study.parameters.study import Study
 
 STEP, CYCLE = 1e-3, 0.02
 T = np.arange(0.0, 3.0, STEP)
@@ -83,18 +83,42 @@ def test_a_converter_that_survives_is_tripped_by_its_protection() -> None:
     assert fast.recovery_s == slow.recovery_s
 
 
-def test_a_batch_refuses_what_it_does_not_watch() -> None:
-    study: Study = study_from_text(RAMP.format(more="[survival.protection]\nrocof = 1\n"))
-    for kind in (DISTURBANCE, STEP_OF_REFERENCE):
-        cases: Any = SimpleNamespace(kind=np.array([kind]), events=no_events(1))
-        _refuse(study.undisturbed, cases, "averaged")
-        if kind == STEP_OF_REFERENCE:
-            _refuse(study, cases, "averaged")
-            continue
-        with pytest.raises(InfeasibleStudyError, match=r"does not watch the protection: leave \[survival.protection\]"):
-            _refuse(study, cases, "averaged")
-    assert study.protection == ProtectionLimits(rocof=1.0)
-    assert replace(study, survival=replace(study.survival, protection=ProtectionLimits())).protection is None
+DRAWN = """
+base = "case:lab_12kva_lcl"
+converter = { current_limit_pu = 1.2, current_limiter = "projection" }
+grid = { scr = 5, x_over_r = 4, scr_basis = "impedance" }
+power_loops = { structure = "angle_damped", settling_time = "0.5 s" }
+controllers = [{ name = "a", kind = "scheduled" }]
+simulation = { duration = "1 s", P_ref = "2 kW", Q_ref = 0 }
+inner_loops = { K_pv = 0.054, K_iv = 29.5, K_pc = 22.2, K_ic = 630, current_feedforward = 0.841, \
+  transient_resistance_pu = 0.271, transient_reactance_pu = 0.15, transient_corner = "31.5 Hz", \
+  current_prediction = 1.43 }
+survival = { protection = { rocof = 4, rocof_window = "0.1 s", V_low_pu = 0.8, V_low_time = "0.15 s" } }
+[verification]
+grid.weight = 0
+step.weight = 0
+phase.weight = 1
+sag.weight = 1
+ramp.weight = 1
+"""
+
+
+@pytest.mark.parametrize(("bridge", "count"), [("averaged", 9), ("pwm", 3)])
+def test_a_batch_trips_as_its_cases_do_alone(bridge: str, count: int, tmp_path: Path) -> None:
+    """Random disturbances: the verdict of the batch is that of ``simulate`` on the study of each case."""
+    study = study_from_text(DRAWN)
+    (spec,) = study.controllers
+    cases, _ = cases_of(study, spec, uniforms_of(3, 0, count))
+    found = run_lanes(study, spec, NOTHING, cases, bridge=bridge)
+    alone = []
+    for k in range(count):
+        one, text = case_study(study, spec, cases, k, folder=tmp_path, bridge=bridge)
+        assert "[survival.protection]" in text
+        verdict = run_scenario(one).controllers[0].survival
+        assert verdict is not None
+        alone.append("judged" if verdict.survived else verdict.status)
+    assert [STATUSES[status] for status in found.status] == alone
+    assert {"judged", "tripped"} <= set(alone)
 
 
 def test_a_limit_outside_of_its_range_is_a_fault() -> None:

@@ -188,7 +188,7 @@ def test_a_current_that_no_hardware_carries_is_told_beside_survived(short):
         study = replace(short.study, events=())
         result = replace(short.result, study=study, controllers=(replace(first, survival=verdict),))
         assert cell(scenario_answer(result, [], (), ()), "CVSG", "Survival") == Cell(mark, "survived", detail)
-        assert ("Hardware of this rating" in survival_text(result)) == (peak_pu > 2.0)
+        assert ("This is more than hardware carries" in survival_text(result)) == (peak_pu > 2.0)
 
 
 @pytest.mark.parametrize(("limit", "mark", "words"), [(9.0, MET, "within the limit"), (0.7, MISSED, "above the limit")])

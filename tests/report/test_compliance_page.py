@@ -220,6 +220,9 @@ def test_what_is_asked_and_found_in_words() -> None:
     assert (asked_words(lived), value_words(lived)) == ("yes", "no")
     judged = {"settling_time_s": 0.5, "deadline_s": 1.2}
     assert value_words(lived | {"value": 1.0}, judged) == "yes (T 0.500 s, deadline 1.20 s)"
+    heavy = value_words(lived | {"value": 1.0}, judged | {"peak_pu": 2.5})
+    assert heavy == "yes (T 0.500 s, deadline 1.20 s); 2.50 pu, more than hardware carries"
+    assert value_words(lived, {"peak_pu": 2.5}) == "no"
     assert value_words(check) == "−0.500 pu"
     assert value_words(check | {"value": None, "why": "it diverged"}) == "not known: it diverged"
     assert value_words(check | {"unit": "1", "value": 0.0}) == "0"

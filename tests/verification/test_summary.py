@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tests.verification import stand_in
+from vsgdesign.campaigns.verification import counting
 from vsgdesign.campaigns.verification.blocks import VerificationJob
 from vsgdesign.campaigns.verification.counting import judged_values, last_grids
 from vsgdesign.campaigns.verification.promises import FIGURES
@@ -105,6 +106,24 @@ def test_every_number_is_that_of_a_plain_count(whole: Summary) -> None:
             assert sum(promise.bins.values()) == judged[name]
     assert (whole.families["jump"].judged_map == grid_map).all()
     assert whole.families["step"].broken == sum(case.family == "step" for case in whole.broken)
+
+
+def test_survived_cases_with_more_current_than_hardware_carries_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A limit of 1.14 pu instead of 2, which some currents of the stand-in exceed; the oracle counts case by case."""
+    monkeypatch.setattr(counting, "HARDWARE_PU", 1.14)
+    found = JOB.run(0).merged(JOB.run(1))
+    cases, family = stand_in.draw(STUDY, JOB.spec, 0, 256)
+    results = stand_in.run(STUDY, JOB.spec, None, cases, bridge="averaged", strict=False)
+    for number, name in enumerate(stand_in.FAMILIES):
+        expected = [
+            (-results.peak_pu[k], k)
+            for k in range(256)
+            if family[k] == number and STATUSES[results.status[k]] == "judged" and results.peak_pu[k] > 1.14
+        ]
+        one = found.families[name]
+        assert one.beyond == len(expected) > WORST
+        assert [case.number for case in one.beyond_worst] == [k for _, k in sorted(expected)[:WORST]]
+    assert text(summary_of(json.loads(text(found)))) == text(found)
 
 
 def test_the_order_of_merging_does_not_matter(blocks: list[Summary], whole: Summary) -> None:

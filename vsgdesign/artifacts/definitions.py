@@ -10,6 +10,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+MORE_THAN_HARDWARE = "more than hardware carries"
+"""What is said beside "survived" of a current above :data:`vsgdesign.metrics.survival.HARDWARE_PU`."""
+
 
 @dataclass(frozen=True)
 class Definition:

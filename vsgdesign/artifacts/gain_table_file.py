@@ -306,7 +306,7 @@ def _three(pair: tuple[float, float]) -> Array:
 
 
 _KEPT = ("study", "controller", "seed", "confidence", "runs", "judged", "instruction_set", "strict")
-_OF_FAMILY = ("title", "noun", "drawn", "judged", "left_out", "lost")
+_OF_FAMILY = ("title", "noun", "drawn", "judged", "left_out", "lost", "beyond_hardware")
 _OF_PROMISE = (
     "figure",
     "survival",

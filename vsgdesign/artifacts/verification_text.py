@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.errors import share_percent
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 
@@ -37,6 +38,9 @@ FIGURES = {
     "swing_rad": FigureWords("Swing of the angle", "rad", 1.0),
 }
 """Figures of a case by their names in the document."""
+
+_CASES = 8
+"""Numbers of cases that a sentence names."""
 
 _NOTHING = 1e-5
 """Values up to this are shown as zero: 0.001 % or 10 µs are nothing beside any limit."""
@@ -211,12 +215,27 @@ def confidence_text(confidence: float) -> str:
 
 
 def promise_sentences(document: Document) -> list[str]:
-    """One sentence for each family and promise."""
-    return [
-        promise_sentence(family_name, family, promise_name, promise, document["confidence"])
-        for family_name, family in families_of(document)
-        for promise_name, promise in promises_of(family)
-    ]
+    """One sentence for each family and promise, and one for each family with currents that hardware does not carry."""
+    found = []
+    for family_name, family in families_of(document):
+        for promise_name, promise in promises_of(family):
+            found.append(promise_sentence(family_name, family, promise_name, promise, document["confidence"]))
+            found += filter(None, [beyond_hardware_text(family_name, family) if promise.get("survival") else ""])
+    return found
+
+
+def beyond_hardware_text(name: str, family: Document) -> str:
+    """How many cases of a family are survived with a current that hardware does not carry, and which; empty without."""
+    beyond = family.get("beyond_hardware") or {}
+    if not beyond.get("survived"):
+        return ""
+    count, cases = int(beyond["survived"]), beyond["cases"][:_CASES]
+    more = ", …" if count > len(cases) else ""
+    return (
+        f"Survived, but above {beyond['above_pu']:g} pu, {MORE_THAN_HARDWARE}: {counted_of(count)} "
+        f"{family_noun(name, family)} (up to {value_text('peak_pu', beyond['largest_pu'])}: "
+        f"case{'s' if count > 1 else ''} {', '.join(map(str, cases))}{more})."
+    )
 
 
 def headline(document: Document) -> str:

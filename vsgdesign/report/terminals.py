@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.errors import counted, share_percent
-from vsgdesign.report.drawing.quantities import DASH
+from vsgdesign.metrics.survival import HARDWARE_PU
+from vsgdesign.report.drawing.quantities import DASH, plain
 from vsgdesign.report.page.blocks import Block, Table, Where, words
 
 _LONGEST = 60
@@ -32,7 +34,7 @@ def survival_blocks(document: dict[str, Any]) -> list[Block]:
     )
     title = f"{document['title']}: limit {document['limit_pu']:g} pu"
     rows = tuple(_row(name, one) for name, one in document["variants"].items())
-    lines = [line for name, one in document["variants"].items() for line in _lost(name, one)]
+    lines = [line for name, one in document["variants"].items() for line in (*_lost(name, one), *_beyond(name, one))]
     same = 'The same verdict on random disturbances, with a bound: vsgdesign verify, in its rows "Survival".'
     return [Table(title, head, rows, on=Where.TERMINAL), words(*lines, same, on=Where.TERMINAL)]
 
@@ -62,6 +64,17 @@ def _lost(name: str, one: dict[str, Any]) -> list[str]:
     lines += [f"  {case['case']}: {case['status']}: {case['reason']}" for case in one["lost"][:_SHOWN]]
     more = len(one["lost"]) - _SHOWN
     return [*lines, f"  … and {more} more in cases.csv"] if more > 0 else lines
+
+
+def _beyond(name: str, one: dict[str, Any]) -> list[str]:
+    """What is survived with currents that hardware does not carry."""
+    beyond = one["beyond_hardware"]
+    if not beyond:
+        return []
+    return [
+        f"{name} survives, but above {plain(HARDWARE_PU)} pu, {MORE_THAN_HARDWARE}: {counted(len(beyond), 'case')}, up "
+        f"to {beyond[0]['peak_pu']:.3g} pu ({beyond[0]['case']})"
+    ]
 
 
 def _share(figures: dict[str, Any]) -> str:

@@ -108,6 +108,9 @@ def test_figures_over_results() -> None:
     assert found.statuses == {SURVIVED: 2, NOT_AT_REST: 1, NO_REST: 1}
     assert (found.peak_pu, found.first_peak_pu, found.swing_rad) == (1.3, 1.5, 3.0)
     assert found.peak_kept == pytest.approx(2.0 / 3.0)
+    assert found.beyond_hardware == 0
+    heavy = result(SURVIVED, peak_pu=2.1), result(NOT_AT_REST, peak_pu=9.0)
+    assert figures_of(heavy, settling_time=2.0).beyond_hardware == 1
     assert found.peak_median_pu == 1.25
     assert found.peak_99_pu == pytest.approx(1.299)  # 98 % of the way from the second of three to the third
     assert (found.recovery_median, found.recovery_worst) == (1.0, 1.5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from vsgdesign.campaigns.compliance.applies import impossible, not_applicable
@@ -74,6 +75,7 @@ def judge(subject: Subject, suite: Suite, run: TestRun) -> Judged:
         limits += [] if limit is None else [limit]
     verdict = _of_checks(checks)
     row = _row(subject, suite, test, verdict, _why(run, checks), tuple(checks), survival.status)
+    row = replace(row, peak_pu=survival.peak_pu)
     return Judged(row, Evidence(trace=run.trace, limits=tuple(limits)))
 
 

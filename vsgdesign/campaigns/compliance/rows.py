@@ -9,7 +9,7 @@ from typing import Any
 
 from vsgdesign.campaigns.compliance.suite import OURS, SOURCE, USER
 from vsgdesign.equations.frames import phase_to_ll
-from vsgdesign.metrics.survival import SURVIVED
+from vsgdesign.metrics.survival import HARDWARE_PU, SURVIVED
 from vsgdesign.metrics.survival import VERDICTS as JUDGED
 from vsgdesign.study.parameters.event import BASIS
 from vsgdesign.study.parameters.study import Study
@@ -62,6 +62,8 @@ class Row:
     """The settling time T with which the judge has judged it, s."""
     deadline_s: float | None = None
     """By when it had to be at rest after the disturbance, s."""
+    peak_pu: float | None = None
+    """Largest current later than 5 ms after an event, pu of the rated peak."""
     source: dict[str, str]
     """document, edition, confidence, note."""
     csv: str | None = None
@@ -94,7 +96,8 @@ def summary_of(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
     ``pass_source``, ``pass_ours`` and ``pass_user``: whose limits those that pass keep. ``not_begun``: rows among those
     that fail or are informational whose test could not begin. ``judged``: runs with a verdict on survival;
-    ``survived``: those that survived. ``settling_time_s`` and ``deadline_s``: the largest with which they were judged.
+    ``survived``: those that survived, ``beyond_hardware`` those of them with a current that hardware does not carry
+    (HARDWARE_PU). ``settling_time_s`` and ``deadline_s``: the largest with which they were judged.
     """
     found: dict[tuple[str, str], dict[str, Any]] = {}
     for row in rows:
@@ -102,7 +105,7 @@ def summary_of(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         if key not in found:
             counts = dict.fromkeys((verdict.replace(" ", "_") for verdict in VERDICTS), 0)
             counts |= dict.fromkeys((*(f"pass_{whose}" for whose in LIMITS), "not_begun", "survived", "judged"), 0)
-            counts |= {"settling_time_s": 0.0, "deadline_s": 0.0}
+            counts |= {"beyond_hardware": 0, "settling_time_s": 0.0, "deadline_s": 0.0}
             found[key] = {"suite": key[0], "controller": key[1], **counts}
         found[key][row["verdict"].replace(" ", "_")] += 1
         if row["verdict"] == PASS:
@@ -110,6 +113,7 @@ def summary_of(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         found[key]["not_begun"] += not_begun(row)
         found[key]["judged"] += row["status"] in JUDGED
         found[key]["survived"] += row["status"] == SURVIVED
+        found[key]["beyond_hardware"] += row["status"] == SURVIVED and (row.get("peak_pu") or 0.0) > HARDWARE_PU
         for name in ("settling_time_s", "deadline_s"):
             found[key][name] = max(found[key][name], row[name] or 0.0)
     return list(found.values())

@@ -52,6 +52,9 @@ def case_study(
     """
     document, origin = base_document(study, spec, folder, name or f"{study.name}_case", title)
     document["grid"] = _grid(study, drawn, index)
+    protection = study.origin.document.get("survival", {}).get("protection") if study.origin else None
+    if protection is not None:
+        document["survival"] = {"protection": dict(protection)}
     for name, section in _AROUND:
         if (specs := getattr(drawn.around, name)) is not None:
             document[section] = specs[index].document()

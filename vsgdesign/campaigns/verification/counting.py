@@ -25,6 +25,7 @@ from vsgdesign.campaigns.verification.summary import (
 )
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.linear.operating_point.many import FAULTS
+from vsgdesign.metrics.survival import HARDWARE_PU
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STATUSES
 from vsgdesign.study.parameters.converter import Converter
@@ -135,11 +136,16 @@ def count_block(
         most = {p.name: p.most_of(cases.signal[asked]) for p in held}
         misses = {p.name: ~(found[p.name] <= most[p.name]) for p in held}
         any_broken = np.any(list(misses.values()), axis=0) if held else np.zeros(len(asked), bool)
+        survives = any(promise.survival for promise in held)
+        peaks = figures[asked, tuple(FIGURES).index("peak_pu")]
+        beyond = asked[(peaks > HARDWARE_PU) & (status[asked] == JUDGED)] if survives else asked[:0]
         families[name] = FamilyCount(
             drawn=int(drawn.sum()),
             judged=len(asked),
             left_out=_reasons(status[drawn & ~judged], np.asarray(results.fault)[drawn & ~judged]),
             lost=_counts(status[asked][status[asked] != JUDGED]),
+            beyond=len(beyond),
+            beyond_worst=_beyond(first + beyond, figures[beyond]),
             broken=int(any_broken.sum()),
             promises={
                 p.name: _promise(found[p.name], most[p.name], first + asked, status[asked], figures[asked], bins[asked])
@@ -158,6 +164,13 @@ def count_block(
         families=dict(sorted(families.items())),
         broken=tuple(sorted(broken)[:BROKEN]),
     )
+
+
+def _beyond(numbers: NDArray[np.intp], figures: Array) -> tuple[CaseFigures, ...]:
+    """Those survived cases with the largest currents, which hardware does not carry."""
+    peaks = figures[:, tuple(FIGURES).index("peak_pu")] / HARDWARE_PU
+    rows = zip(numbers.tolist(), peaks.tolist(), figures.tolist(), strict=True)
+    return worst_of(CaseFigures(number, peak, STATUSES[JUDGED], tuple(own)) for number, peak, own in rows)
 
 
 def _promise(

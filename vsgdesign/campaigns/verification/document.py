@@ -9,6 +9,7 @@ from typing import Any
 from vsgdesign.campaigns.verification.blocks import VerificationJob
 from vsgdesign.campaigns.verification.promises import FIGURES, Promise
 from vsgdesign.campaigns.verification.summary import QUANTILE_ERROR, FamilyCount, PromiseCount, Summary, quantile
+from vsgdesign.metrics.survival import HARDWARE_PU
 
 CONFIDENCE = 0.99
 """Where nothing is said."""
@@ -124,6 +125,12 @@ def _family(job: VerificationJob, family: FamilyCount, confidence: float) -> dic
         "judged": family.judged,
         "left_out": dict(family.left_out),
         "lost": dict(family.lost),
+        "beyond_hardware": {
+            "above_pu": HARDWARE_PU,
+            "survived": family.beyond,
+            "largest_pu": HARDWARE_PU * family.beyond_worst[0].severity if family.beyond else None,
+            "cases": [case.number for case in family.beyond_worst],
+        },
         **_share(family.broken, family.judged, confidence),
         "promises": {
             promise.name: {

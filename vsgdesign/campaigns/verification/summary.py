@@ -114,6 +114,10 @@ class FamilyCount:
     """Cases that are not asked for, by the reason."""
     lost: Mapping[str, int] = field(default_factory=dict)
     """Judged cases that were not survived, by the status."""
+    beyond: int = 0
+    """Cases that were survived with a current above HARDWARE_PU, which hardware does not carry."""
+    beyond_worst: tuple[CaseFigures, ...] = ()
+    """Up to WORST of them, the largest current first; the severity is the current over HARDWARE_PU."""
     broken: int = 0
     """Cases that break at least one promise."""
     promises: Mapping[str, PromiseCount] = field(default_factory=dict)
@@ -128,6 +132,8 @@ class FamilyCount:
             judged=self.judged + other.judged,
             left_out=_sums(self.left_out, other.left_out),
             lost=_sums(self.lost, other.lost),
+            beyond=self.beyond + other.beyond,
+            beyond_worst=worst_of((*self.beyond_worst, *other.beyond_worst)),
             broken=self.broken + other.broken,
             promises={
                 name: self.promises.get(name, nothing).merged(other.promises.get(name, nothing))
@@ -197,16 +203,15 @@ def summary_document(summary: Summary) -> dict[str, Any]:
                 "judged": family.judged,
                 "left_out": dict(family.left_out),
                 "lost": dict(family.lost),
+                "beyond": family.beyond,
+                "beyond_worst": _cases_document(family.beyond_worst),
                 "broken": family.broken,
                 "judged_map": family.judged_map.ravel().tolist(),
                 "broken_map": family.broken_map.ravel().tolist(),
                 "promises": {
                     key: {
                         "broken": one.broken,
-                        "worst": [
-                            [case.number, _said(case.severity), case.status, [_said(x) for x in case.figures]]
-                            for case in one.worst
-                        ],
+                        "worst": _cases_document(one.worst),
                         "bins": [[k, count] for k, count in one.bins.items()],
                         "worst_map": [_said(x) for x in one.worst_map.ravel().tolist()],
                     }
@@ -233,16 +238,15 @@ def summary_of(document: Mapping[str, Any]) -> Summary:
                 judged=family["judged"],
                 left_out=dict(family["left_out"]),
                 lost=dict(family["lost"]),
+                beyond=family["beyond"],
+                beyond_worst=_cases_of(family["beyond_worst"]),
                 broken=family["broken"],
                 judged_map=np.array(family["judged_map"], np.int64).reshape(MAP),
                 broken_map=np.array(family["broken_map"], np.int64).reshape(MAP),
                 promises={
                     key: PromiseCount(
                         broken=one["broken"],
-                        worst=tuple(
-                            CaseFigures(index, float(severity), status, tuple(map(float, figures)))
-                            for index, severity, status, figures in one["worst"]
-                        ),
+                        worst=_cases_of(one["worst"]),
                         bins=dict(one["bins"]),
                         worst_map=np.array(list(map(float, one["worst_map"]))).reshape(MAP),
                     )
@@ -255,6 +259,17 @@ def summary_of(document: Mapping[str, Any]) -> Summary:
             BrokenCase(index, family, tuple(promises), status, tuple(map(float, figures)))
             for index, family, promises, status, figures in document["broken"]
         ),
+    )
+
+
+def _cases_document(cases: Iterable[CaseFigures]) -> list[list[Any]]:
+    return [[case.number, _said(case.severity), case.status, [_said(x) for x in case.figures]] for case in cases]
+
+
+def _cases_of(rows: Iterable[Any]) -> tuple[CaseFigures, ...]:
+    return tuple(
+        CaseFigures(index, float(severity), status, tuple(map(float, figures)))
+        for index, severity, status, figures in rows
     )
 
 

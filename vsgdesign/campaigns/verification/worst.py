@@ -205,6 +205,7 @@ _LOST = {
     "slipped": "The angle slips by a turn.",
     "latched": "The controller stays in its current limit.",
     "not at rest": "It is not at rest in time.",
+    "tripped": "Its protection trips.",
 }
 """What became of a case that was not survived, by its status."""
 

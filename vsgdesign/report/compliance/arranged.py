@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.campaigns.compliance.evidence import slug
 from vsgdesign.campaigns.compliance.measures import MEASURES
 from vsgdesign.campaigns.compliance.rows import (
@@ -20,6 +21,7 @@ from vsgdesign.campaigns.compliance.rows import (
     passes_against,
 )
 from vsgdesign.campaigns.compliance.suite import OURS, SOURCE, USER
+from vsgdesign.metrics.survival import HARDWARE_PU
 from vsgdesign.report.drawing.quantities import number, plain
 
 Document = Mapping[str, Any]
@@ -252,14 +254,17 @@ def asked_words(check: RowDict) -> str:
 
 def value_words(check: RowDict, row: RowDict | None = None) -> str:
     """The value with its unit, or why it is not known. ``row``: that of the check; what it says anyway is left out, and
-    beside "survived" it gives the settling time and the deadline of the judge."""
+    beside "survived" it gives the settling time and the deadline of the judge, and a current that hardware does not
+    carry."""
     value, row = check["value"], row or {}
     if value is None:
         why = check.get("why")
         return f"not known: {why}" if why and why not in row.get("why", "") else "not known"
     if check["measure"] in YES_OR_NO:
         asked = f" ({deadline_words(row)})" if row.get("deadline_s") is not None else ""
-        return ("yes" if value else "no") + asked
+        peak = row.get("peak_pu") or 0.0
+        beyond = f"; {number(peak)} pu, {MORE_THAN_HARDWARE}" if value and peak > HARDWARE_PU else ""
+        return ("yes" if value else "no") + asked + beyond
     spread = check.get("plus_minus") or 0.0
     about = f" ± {number(spread, 1)}" if spread >= _SPREAD_SHOWN * abs(value) > 0.0 else ""
     words = number(value) + about + _with_space(check["unit"])

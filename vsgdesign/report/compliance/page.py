@@ -8,8 +8,10 @@ from typing import Any
 
 from markupsafe import Markup
 
+from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.campaigns.compliance.evidence import MOST_FIGURES, figure_path
 from vsgdesign.campaigns.compliance.rows import FAIL
+from vsgdesign.metrics.survival import HARDWARE_PU
 from vsgdesign.report.compliance.answer import (
     ABOUT_STRIPS,
     MOST_FAILING,
@@ -25,6 +27,7 @@ from vsgdesign.report.compliance.figures import Drawn, Traces, draw
 from vsgdesign.report.compliance.heat import LEGEND, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
 from vsgdesign.report.compliance.matrix import Matrix, draw_matrix, draw_strips, matrix_html
+from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.sketch import svg_file
 from vsgdesign.report.page.blocks import (
     BULLETS,
@@ -224,6 +227,12 @@ _COUNTS = {
 """Columns of a terminal, and the names of the counts in the summary."""
 
 
+def _beyond(counts: Mapping[str, Any]) -> str:
+    """How many of the survivors have a current that hardware does not carry; empty where none has."""
+    count = counts["beyond_hardware"]
+    return f"; {count} above {plain(HARDWARE_PU)} pu, {MORE_THAN_HARDWARE}" if count else ""
+
+
 def terminal_blocks(document: Mapping[str, Any]) -> list[Block]:
     """The answer for each suite and controller, the failing rows with their reasons, and what could not be tested."""
     summary = document["summary"]
@@ -234,7 +243,7 @@ def terminal_blocks(document: Mapping[str, Any]) -> list[Block]:
             one["suite"],
             one["controller"],
             *(str(one[name]) for name in shown.values()),
-            f"{one['survived']} of {one['judged']}",
+            f"{one['survived']} of {one['judged']}{_beyond(one)}",
             deadline_words(one),
         )
         for one in summary

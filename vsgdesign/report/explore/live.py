@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak
@@ -18,7 +19,7 @@ from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, UNSTABLE, EventMetrics
 from vsgdesign.metrics.met import OVERSHOOT_ROOM, overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, TRIPPED, loads_of
+from vsgdesign.metrics.survival import HARDWARE_PU, LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, TRIPPED, loads_of
 from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
 from vsgdesign.report.explore.events import LEAD_S, SHOWN_S, after_s, event_s, events_of, length_s, study_of
 from vsgdesign.report.explore.scene import Scene, scene_of
@@ -299,5 +300,6 @@ def _verdict(found: dict[str, Any], study: Study, state: State) -> str:
     if found["peak_pu"] is not None and status != DIVERGED:
         said += f" The current reaches {max(found['peak_pu'], found['first_peak_pu'] or 0.0):.2f} pu"
         limited = found["limited_s"] or 0.0
+        said += f", {MORE_THAN_HARDWARE}" * (status == SURVIVED and found["peak_pu"] > HARDWARE_PU)
         said += "." if limited < 5e-4 else f", and its limiter acts for {limited:.3g} s."
     return said

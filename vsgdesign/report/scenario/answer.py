@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.campaigns.verification.promises import LIMIT_ROOM
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
@@ -188,7 +189,8 @@ def _survival(verdict: Survival | None) -> Cell:
         return Cell(MISSED, "not survived", verdict.status)
     detail = "" if verdict.recovery_s is None else f"at rest after {plain(verdict.recovery_s)} s"
     if verdict.beyond_hardware and verdict.peak_pu is not None:
-        return Cell(FACT, "survived", f"{detail}; {plain(verdict.peak_pu)} pu, more than hardware carries".lstrip("; "))
+        beyond = f"{plain(verdict.peak_pu)} pu, {MORE_THAN_HARDWARE}"
+        return Cell(FACT, "survived", f"{detail}; {beyond}".lstrip("; "))
     return Cell(MET, "survived", detail)
 
 

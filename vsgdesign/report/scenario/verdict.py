@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.equations.placing import settling_factor
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics.events import UNSTABLE
@@ -283,8 +284,8 @@ def survival_sentence(name: str, verdict: Survival) -> str:
         said += f" Its largest current later than 5 ms after an event is {plain(verdict.peak_pu)} pu of the rated peak."
     if verdict.beyond_hardware:
         said += (
-            f" Hardware of this rating does not carry more than about {plain(HARDWARE_PU)} pu: it trips or breaks, and "
-            "the verdict is about the control loops alone. Set current_limit_pu."
+            f" This is {MORE_THAN_HARDWARE}: hardware of this rating trips or breaks above about {plain(HARDWARE_PU)} "
+            "pu, and the verdict is about the control loops alone. Set current_limit_pu."
         )
     return said
 

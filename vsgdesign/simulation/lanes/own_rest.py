@@ -17,7 +17,7 @@ from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.simulation.batch import Log
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
-from vsgdesign.simulation.lanes.part import Part, first_judged
+from vsgdesign.simulation.lanes.part import PROTECTION_COLUMNS, Part, first_judged
 from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.results import LaneResults, LastEntry
 from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, OWN_REST_PU
@@ -35,16 +35,23 @@ _ROWS = 2048
 """Rows of a log that are looked at together."""
 
 
-def pieces(ends: Samples, cases: LaneCases, T_s: float) -> Iterator[NDArray[np.intp]]:
-    """The cases, which run for ``ends`` samples, in pieces whose logs have room in LOG_BYTES together, by index."""
-    first = first_judged(cases, T_s)
+def pieces(
+    ends: Samples, cases: LaneCases, T_s: float, *, own_rest: bool = True, guarded: bool = False
+) -> Iterator[NDArray[np.intp]]:
+    """The cases, which run for ``ends`` samples, in pieces whose logs have room in LOG_BYTES together, by index.
+
+    ``own_rest``: whether the means of the powers are logged; ``guarded``: whether disturbances are judged by a
+    protection, too.
+    """
+    first = np.where(guarded & (cases.kind != STEP), 0, first_judged(cases, T_s))
     order = np.lexsort((first, cases.kind))
     begin = 0
     while begin < len(order):
         left = order[begin:]
         left = left[cases.kind[left] == cases.kind[left[0]]]
         slots = np.maximum.accumulate(ends[left]) + 1 - first[left[0]]
-        logged = 1 if cases.kind[left[0]] == STEP else 2
+        step = cases.kind[left[0]] == STEP
+        logged = max((1 if step else 2) * own_rest + PROTECTION_COLUMNS * (guarded and not step), 1)
         room = int(np.searchsorted(8 * logged * slots * np.arange(1, len(left) + 1), LOG_BYTES, side="right"))
         count = min(max(room // _LANES, 1) * _LANES, len(left))
         yield left[:count]
@@ -101,11 +108,8 @@ def _logged(part: Part) -> Log:
 
 
 def _groups(part: Part) -> Iterator[tuple[slice, Array]]:
-    """The lanes of each group of a part, with their log (S, n, W)."""
-    width = part.spec.width
-    for k, log in enumerate(_logged(part).rows):
-        lanes = slice(k * width, min((k + 1) * width, len(part)))
-        yield lanes, log[:, :, : lanes.stop - lanes.start]
+    """The lanes of each group of a part, with their log of the means (S, n, W)."""
+    return part.logged(slice(-PROTECTION_COLUMNS if part.guarded else None))
 
 
 def _cut(log: Array, begin: Samples, end: Samples) -> None:

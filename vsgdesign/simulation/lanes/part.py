@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ from vsgdesign.study.parameters.study import Study
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
 
+PROTECTION_COLUMNS = 3
+"""Numbers of a sample that are logged where a protection is judged: frequency, and both components of the voltage."""
+
 _SLACK = 1e-3
 """Share of a sample by which a row may lie before an event and is still after it: as the judge of survival has it."""
 
@@ -54,7 +57,13 @@ class Part(Batch):
         """``cases`` (n) run for ``ends`` samples (n,), and ``index`` (n,) says which of the batch they are; ``cycle``:
         samples over which means are taken."""
         means = ("watched.sum_P", "watched.sum_Q") if kind.watch == DISTURBANCE else ("watched.mean",)
-        logged = means if kind.own_rest else ()
+        means = means if kind.own_rest else ()
+        node = "true" if kind.sensors else "measured"
+        guarded = ("said.omega", f"{node}.v_alpha", f"{node}.v_beta")
+        self.guarded = study.protection is not None and kind.watch == DISTURBANCE
+        """Whether the protection of the study is judged: its columns are logged after those of the means, from the
+        first sample on."""
+        logged = (*means, *(guarded if self.guarded else ()))
         kept = {"watch": len(watched_names(kind)), "limited": 1, "late": 1, "initial": 1, "limited_at_end": 1}
         kept |= dict.fromkeys(("first", "least", "most"), cases.events.count)
         super().__init__(kind, study, len(cases), build, logged=logged, kept=kept, shared=shared)
@@ -63,7 +72,7 @@ class Part(Batch):
         """Samples of a cycle of the grid at the end, (n,)."""
         if logged:
             groups, _, width = self.rows.shape
-            begin = int(first_judged(cases, study.converter.T_s).min())
+            begin = 0 if self.guarded else int(first_judged(cases, study.converter.T_s).min())
             slots = self.end - begin
             if kind.waits:  # each lane logs samples of its own, one after the other
                 rows = np.zeros((groups, width, len(logged), slots)).transpose(0, 3, 2, 1)
@@ -81,7 +90,14 @@ class Part(Batch):
     @property
     def means(self) -> Log | None:
         """Where a rest of its own is judged, the means of the powers, or their sums."""
-        return self.logs[0] if self.logs else None
+        return self.logs[0] if self.kind.own_rest else None
+
+    def logged(self, columns: slice) -> Iterator[tuple[slice, Array]]:
+        """The lanes of each group, with some columns of their log (S, n, W)."""
+        width = self.spec.width
+        for k, log in enumerate(self.logs[0].rows if self.logs else ()):
+            lanes = slice(k * width, min((k + 1) * width, len(self)))
+            yield lanes, log[:, columns, : lanes.stop - lanes.start]
 
     def run(self, begin: int, end: int) -> None:
         """Runs the samples from ``begin`` up to before ``end`` of every group that is not over."""

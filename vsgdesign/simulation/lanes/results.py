@@ -14,8 +14,8 @@ from vsgdesign.metrics.survival import either_way
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
 
-NO_REST, OVER_LIMIT, JUDGED, DIVERGED, SLIPPED, LATCHED, NOT_AT_REST = range(7)
-STATUSES = ("no rest", "rest over limit", "judged", "diverged", "slipped", "latched", "not at rest")
+NO_REST, OVER_LIMIT, JUDGED, DIVERGED, SLIPPED, LATCHED, NOT_AT_REST, TRIPPED = range(8)
+STATUSES = ("no rest", "rest over limit", "judged", "diverged", "slipped", "latched", "not at rest", "tripped")
 """What became of a case. The first two have no verdict. ``judged`` means survived for a disturbance, and that there
 are figures for a step."""
 

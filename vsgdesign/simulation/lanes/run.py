@@ -22,7 +22,7 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.learning import Listeners, before_learning, samples_of_mean
 from vsgdesign.simulation.lanes.own_rest import judge_steps, pieces, recovered
-from vsgdesign.simulation.lanes.part import Part, make_part
+from vsgdesign.simulation.lanes.part import PROTECTION_COLUMNS, Part, make_part
 from vsgdesign.simulation.lanes.rests import Rests, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import (
     DIVERGED,
@@ -30,6 +30,7 @@ from vsgdesign.simulation.lanes.results import (
     LATCHED,
     NOT_AT_REST,
     SLIPPED,
+    TRIPPED,
     LaneResults,
     LastEntry,
     Swings,
@@ -39,6 +40,7 @@ from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, learns, tell
 from vsgdesign.simulation.outcome import BOUND_PU
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
+from vsgdesign.simulation.survival.running import trip_of
 from vsgdesign.study.parameters.network import only_a_grid
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -64,11 +66,14 @@ def run_lanes(
     """
     own, cases = study.with_limit_of(spec), cases.in_study(study)
     _refuse(own, cases, bridge)
-    if (bridge != "pwm" and not cases.around.distort(study)) or len(cases) == 0:
+    own_rest = bridge == "pwm" or cases.around.distort(study)
+    guarded = own.protection is not None and bool((cases.kind == DISTURBANCE).any())
+    if not (own_rest or guarded) or len(cases) == 0:
         return _run_together(own, spec, ready, cases, bridge, strict)
     results = LaneResults.of_none(len(cases))
     demand = demand_of(own.converter, settling_time_of(spec, ready))
-    for some in pieces(ends_of(own, cases, segments_of(cases), demand, bridge)[0], cases, own.converter.T_s):
+    ends, _ = ends_of(own, cases, segments_of(cases), demand, bridge)
+    for some in pieces(ends, cases, own.converter.T_s, own_rest=own_rest, guarded=guarded):
         results.fill(some, _run_together(own, spec, ready, cases.take(some), bridge, strict))
     return results
 
@@ -120,11 +125,6 @@ def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
     if study.replay is not None and given:
         raise InfeasibleStudyError(
             "the source of a batch of runs is a record, [replay]: give cases whose events leave the source alone."
-        )
-    if study.protection is not None and (cases.kind == DISTURBANCE).any():
-        raise InfeasibleStudyError(
-            "a batch of runs does not watch the protection: leave [survival.protection] out, draw steps alone, or use "
-            "vsgdesign survive, comply or simulate, which judge it."
         )
     if bridge == "pwm" and study.converter.samples_per_carrier % 2:
         raise InfeasibleStudyError(
@@ -281,7 +281,22 @@ def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResult
     kind = part.cases.kind[bad]
     found.settling_s[bad] = np.where(kind == STEP, np.inf, np.nan)
     found.recovery_s[bad] = np.where(kind == STEP, np.nan, np.inf)
+    if part.guarded:
+        _trip(part, found)
     results.fill(part.index, found)
+
+
+def _trip(part: Part, found: LaneResults) -> None:
+    """Trips the runs that survive otherwise, as that of one run is tripped
+    (:func:`vsgdesign.simulation.survival.running.trip_of`)."""
+    T_s = part.study.converter.T_s
+    for lanes, log in part.logged(slice(-PROTECTION_COLUMNS, None)):
+        for k in np.flatnonzero(found.status[lanes] == JUDGED):
+            lane = lanes.start + int(k)
+            omega, *v = log[: part.ends[lane], :, k].T
+            t_s = T_s * np.arange(len(omega), dtype=float)
+            if trip_of(part.study, t_s, omega, np.hypot(*v), part.cases.events.t_s[lane, 0]) is not None:
+                found.status[lane] = TRIPPED
 
 
 def _entry(part: Part) -> LastEntry:

@@ -16,7 +16,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.identification import estimator_kind
 from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
-from vsgdesign.metrics.protection import first_trip
+from vsgdesign.metrics.protection import Trip, first_trip
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import (
     DIVERGED,
@@ -272,16 +272,27 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
 def with_protection(verdict: Survival, study: Study, simulation: Simulation, since_s: float) -> Survival:
     """The verdict on a run with the protection of its study: a run that survives is tripped where a limit is reached
     after the first event (``since_s``)."""
-    limits = study.protection
-    if limits is None or not verdict.survived:
+    if study.protection is None or not verdict.survived:
         return verdict
-    c, log, circuit = study.converter, simulation.log, study.circuit()
+    log, circuit = simulation.log, study.circuit()
     v = np.hypot(*(capacitor_node_voltage(log[:, k], log[:, 2 + k], log[:, 4 + k], circuit) for k in (0, 1)))
-    V_pu, f_hz = v / rms_to_peak(c.V_rated_rms), simulation.column("omega") / (2.0 * math.pi)
-    trip = first_trip(simulation.t_s, f_hz, V_pu, limits, since_s, 2.0 * math.pi / c.omega_n)
+    trip = trip_of(study, simulation.t_s, simulation.column("omega"), v, since_s)
     if trip is None:
         return verdict
     return replace(verdict, status=TRIPPED, reason=f"the protection trips at {trip.t_s:.4g} s: {trip.reason}")
+
+
+def trip_of(study: Study, t_s: Array, omega: Array, v_pk: Array, since_s: float) -> Trip | None:
+    """The first trip of the protection of a study from ``since_s`` on; None without one.
+
+    Arrays (n,) of every sample: time (s), frequency of the converter (rad/s), and length of the voltage's vector at the
+    control point (V peak).
+    """
+    limits, c = study.protection, study.converter
+    if limits is None:
+        return None
+    V_pu, f_hz = v_pk / rms_to_peak(c.V_rated_rms), omega / (2.0 * math.pi)
+    return first_trip(t_s, f_hz, V_pu, limits, since_s, 2.0 * math.pi / c.omega_n)
 
 
 def _feed(

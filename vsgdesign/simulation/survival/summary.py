@@ -32,6 +32,8 @@ class SurvivalFigures:
     """Median and 99th percentile of that current over the cases."""
     peak_kept: float | None
     """Share of the judged cases in which it stays at or below CURRENT_PU."""
+    beyond_hardware: int
+    """Cases that survived with a current that hardware does not carry (HARDWARE_PU)."""
     first_peak_pu: float | None
     """Largest current within 5 ms of an event."""
     recovery_median: float | None
@@ -63,6 +65,7 @@ def figures_of(results: Iterable[CaseResult], settling_time: float) -> SurvivalF
         peak_median_pu=float(np.median(peaks)) if peaks else None,
         peak_99_pu=float(np.percentile(peaks, 99.0)) if peaks else None,
         peak_kept=sum(peak <= CURRENT_PU for peak in peaks) / len(judged) if peaks else None,
+        beyond_hardware=sum(verdict.beyond_hardware for verdict in good),
         first_peak_pu=_largest([v.first_peak_pu for v in judged if v.first_peak_pu is not None]),
         recovery_median=float(np.median(recoveries)) if recoveries else None,
         recovery_worst=_largest(recoveries),

@@ -201,6 +201,11 @@ def _variant(subject: Subject, results: Sequence[CaseResult]) -> dict[str, Any]:
             for result in results
             if result.verdict.judged and not result.verdict.survived
         ],
+        "beyond_hardware": [
+            {"group": result.case.group, "case": result.case.name, "peak_pu": result.verdict.peak_pu}
+            for result in sorted(results, key=lambda result: -(result.verdict.peak_pu or 0.0))
+            if result.verdict.survived and result.verdict.beyond_hardware
+        ],
     }
 
 
