@@ -247,8 +247,8 @@ def test_counted_cells():
 def test_words_and_signs_stand_beside_colours():
     answer = Answer("t", ("A", "B"), (Row("n <&>", (Cell(MET, "met 2 of 2"), Cell(MISSED, "missed", "P_ref 1 s"))),))
     text = print_fragment([answer])
-    assert "✓</span> met 2 of 2</span>" in text
-    assert "✗</span> missed</span>" in text
+    assert "✓</span>&nbsp;met 2 of 2</span>" in text
+    assert "✗</span>&nbsp;missed</span>" in text
     assert "n &lt;&amp;&gt;" in text
     assert "<i>P</i><sub>ref</sub> 1\N{NO-BREAK SPACE}s" in text
 

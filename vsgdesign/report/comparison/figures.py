@@ -42,7 +42,7 @@ def _promises(comparison: Comparison) -> NamedFigure:
     width = (COLUMN_IN - _LEFT - _RIGHT - (_ROW - 1) * _BETWEEN_X) / _ROW
     height = 0.85 * width
     names = (
-        f"kept, estimate wrong by {error_of(comparison)}",
+        "kept, wrong estimate too",
         "kept, exact estimate only",
         "not kept",
         "unstable, or no gains",
@@ -81,7 +81,7 @@ def _promises(comparison: Comparison) -> NamedFigure:
         f"{plain(spec.settling_time)} s, {ASKED['disk_margin']} ≥ {plain(spec.disk_margin)}, "
         f"{ASKED['damping_ratio']} ≥ {plain(spec.damping_ratio)}{_inertia(comparison)}, kept with the real "
         "inner loops (full-order model) and with ideal ones. Percentages: grids kept with the estimate exact, and "
-        "wrong."
+        f"wrong by {error_of(comparison)}."
     )
     return NamedFigure("promises", "Grids on which the requirements are kept", caption, figure)
 

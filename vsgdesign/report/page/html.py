@@ -191,7 +191,7 @@ def _answer(answer: Answer) -> Markup:
 
 
 def _cell(cell: Cell) -> Markup:
-    sign = Markup('<span aria-hidden="true">{}</span> ').format(cell.sign) if cell.sign else ""
+    sign = Markup('<span aria-hidden="true">{}</span>&nbsp;').format(cell.sign) if cell.sign else ""
     detail = Markup(" <small>{}</small>").format(with_subscripts(tight(cell.detail))) if cell.detail else ""
     return Markup('<td class="text">{}<span class="{}">{}{}</span>{}</td>').format(
         "" if cell.picture is None else cell.picture, cell.mark, sign, with_subscripts(cell.words), detail
@@ -229,7 +229,7 @@ def _sketches(block: Sketches) -> Markup:
             scrolled.format(block.least * one.width, made) for one, made in zip(block.sketches, drawn, strict=True)
         ]
     title = Markup("<b>{}.</b> ").format(block.title) if block.title else ""
-    caption = Markup("<figcaption>{}{}</figcaption>").format(title, with_subscripts(block.caption))
+    caption = Markup("<figcaption>{}{}</figcaption>").format(title, with_subscripts(tight(block.caption)))
     row = Markup('<div class="row">{}</div>').format(Markup("\n").join(drawn))
     parts = (caption, row) if block.least else (row, caption)
     return Markup('<figure class="{}">{}{}</figure>').format("maps" if block.least else "plots", *parts)
