@@ -12,10 +12,18 @@ from vsgdesign.equations.field.happening import happening_of
 from vsgdesign.equations.field.lock_in import turn_less_one
 from vsgdesign.equations.field.measuring import measured
 from vsgdesign.equations.field.noise import Noise, noise_of_probe
-from vsgdesign.equations.field.sign_code import Response, code_moved, line_amplitude, response_of
+from vsgdesign.equations.field.sign_code import Response, code_moved, line_amplitude, response_of, towards
 from vsgdesign.equations.field.state import FieldTrack, first_track, grid_sigma
 from vsgdesign.equations.field.tracks import LineTrack, wider_by
-from vsgdesign.equations.field.windows import current_at_the_end, shifted, third_difference, windows_of_cycle
+from vsgdesign.equations.field.windows import (
+    SIGN_1,
+    SIGN_2,
+    current_at_the_end,
+    lines_at,
+    shifted,
+    third_difference,
+    windows_of_cycle,
+)
 from vsgdesign.equations.frames import rotate, rotate_back
 from vsgdesign.equations.integration import TURN
 
@@ -42,7 +50,7 @@ def next_cycle(lock: LockIn, omega: Any, a_1: Any, a_2: Any, settings: FieldSett
     # The last sample was one step before the angle that the phasor has now.
     last_re, last_im = rotate_back(lock.half_re, lock.half_im, 1.0 + lock.step_less_one, lock.step_im)
     whole_re, whole_im = rotate(last_re, last_im, last_re, last_im)
-    second_re, second_im = rotate(whole_re, whole_im, last_re, last_im)
+    first_re, first_im, second_re, second_im = lines_at(last_re, last_im, whole_re, whole_im)
     # The recursion of the phasor loses digits; its angle is known.
     sign = 1.0 if lock.half_re > 0.0 else -1.0
     end_re, end_im = current_at_the_end(lock)
@@ -64,7 +72,7 @@ def next_cycle(lock: LockIn, omega: Any, a_1: Any, a_2: Any, settings: FieldSett
         i_before_im=lock.i_before_im,
         primed=lock.primed,
         mean=carried(lock, 1.0, 0.0),
-        line_1=carried(lock, last_re, last_im),
+        line_1=carried(lock, first_re, first_im),
         line_2=carried(lock, second_re, second_im),
         weight=lock.left,
         left=0.0,
@@ -154,7 +162,10 @@ def conclude(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> tuple[
         following = first_track(settings)
         code = following.code
     told = answer_of(following, decision.changed, decision.event, lock, np.maximum(a_1, a_2), settings)
-    return next_cycle(lock, omega, code.sign * a_1, code.sign * a_2, settings), following, told
+    at_rest = 1.0 if decision.mode == TRACK else 0.0
+    sent_1 = towards(lock.a_1, SIGN_1 * code.sign, a_1, at_rest)
+    sent_2 = towards(lock.a_2, SIGN_2 * code.sign, a_2, at_rest)
+    return next_cycle(lock, omega, sent_1, sent_2, settings), following, told
 
 
 def answer_of(

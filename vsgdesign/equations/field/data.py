@@ -128,7 +128,7 @@ class LockIn(NamedTuple):
     """1 after a sample in which the limiter acted: no probe is sent in the next one."""
     a_1: Any
     a_2: Any
-    """Amplitudes of the two lines in this cycle with the sign of the code, pu of voltage."""
+    """Amplitudes of the two lines in this cycle with their signs, pu of voltage."""
     closed: Any
     """1 after the sample in which the cycle ended, until :func:`conclude` has been called, else 0."""
 

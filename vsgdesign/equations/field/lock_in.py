@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.field.data import FieldSettings, LineSums, LockIn
-from vsgdesign.equations.frames import rotate, rotate_back
+from vsgdesign.equations.field.windows import SIGN_1, SIGN_2, lines_at
+from vsgdesign.equations.frames import rotate_back
 from vsgdesign.equations.integration import TURN, advanced
 
 BEYOND = 50.0
@@ -55,8 +56,8 @@ def first_lock_in(settings: FieldSettings, omega: Any) -> LockIn:
         limited=0.0,
         spoilt=0.0,
         muted=0.0,
-        a_1=amplitude,
-        a_2=amplitude,
+        a_1=SIGN_1 * amplitude,
+        a_2=SIGN_2 * amplitude,
         closed=0.0,
     )
 
@@ -71,9 +72,9 @@ def probe_value(lock: LockIn, allowed: Any, settings: FieldSettings) -> tuple[An
     share = allowed * (1.0 - lock.muted)
     whole_re = lock.half_re * lock.half_re - lock.half_im * lock.half_im
     whole_im = 2.0 * lock.half_re * lock.half_im
-    second_re, second_im = rotate(whole_re, whole_im, lock.half_re, lock.half_im)
-    u_d = share * (lock.a_1 * lock.half_re + lock.a_2 * second_re)
-    u_q = share * (lock.a_1 * lock.half_im + lock.a_2 * second_im)
+    first_re, first_im, second_re, second_im = lines_at(lock.half_re, lock.half_im, whole_re, whole_im)
+    u_d = share * (lock.a_1 * first_re + lock.a_2 * second_re)
+    u_q = share * (lock.a_1 * first_im + lock.a_2 * second_im)
     return u_d, u_q
 
 
@@ -161,7 +162,7 @@ def listen(
     closed = 1.0 if lock.phi + 0.5 * turned >= TURN else 0.0
     left = closed * (lock.phi + 0.5 * turned - TURN) / turned
     w = 1.0 - left
-    second_re, second_im = rotate(whole_re, whole_im, half_re, half_im)
+    first_re, first_im, second_re, second_im = lines_at(half_re, half_im, whole_re, whole_im)
     # The phasor is the sum of its small changes, so that single precision loses no digits of its length and angle.
     next_re = advanced(lock.half_re, lock.step_less_one * half_re - lock.step_im * half_im)
     next_im = advanced(lock.half_im, lock.step_less_one * half_im + lock.step_im * half_re)
@@ -182,7 +183,7 @@ def listen(
         i_before_im=i_before_im,
         primed=primed,
         mean=mean_sums(lock.mean, v_re, v_im, i_re, i_im, u_re, u_im, w),
-        line_1=line_sums(lock.line_1, v_re, v_im, i_re, i_im, u_re, u_im, w * half_re, w * half_im),
+        line_1=line_sums(lock.line_1, v_re, v_im, i_re, i_im, u_re, u_im, w * first_re, w * first_im),
         line_2=line_sums(lock.line_2, v_re, v_im, i_re, i_im, u_re, u_im, w * second_re, w * second_im),
         weight=lock.weight + w,
         left=left,

@@ -15,6 +15,8 @@ BURST_CYCLES = 4.0
 """Cycles within which the probe is to give the wanted standard deviation, at rest and else."""
 SINKS_TO = 0.85
 LEAST_RESPONSE = 0.05
+CHANGE_CYCLES = 3.0
+"""Cycles that a change of the sign takes at rest."""
 FORCED_AT = 3.0
 """Cycles of the fast track in doubt at which the sign is changed once, whatever the code says."""
 
@@ -56,6 +58,18 @@ def code_moved(code: SignCode, mode: Any, used: Any) -> SignCode:
     new_second = second if due else code.second
     new_cycles = 1.0 if due else code.cycles + 1.0
     return SignCode(bits=new_bits, second=new_second, cycles=new_cycles, sign=sign, since_flip=since_flip)
+
+
+def towards(before: Any, sign: Any, amplitude: Any, at_rest: Any) -> Any:
+    """The amplitude of a line in the next cycle, with its sign (:eq:`field-towards`).
+
+    ``before`` is that of the last cycle. At rest a change of the sign takes three cycles, 1, 1/3, −1/3, −1, because a
+    change at once moves the mean of the power over two cycles (:eq:`field-mean`). ``at_rest`` is 1 or 0.
+    """
+    wanted = sign * amplitude
+    most = 2.0 * amplitude / CHANGE_CYCLES
+    slow = before + np.minimum(np.maximum(wanted - before, -most), most)
+    return slow if at_rest > 0.5 else wanted
 
 
 class Response(NamedTuple):

@@ -1,15 +1,35 @@
-"""From the sums of a cycle to each line's equation v = R i + X x + g, and its third difference over four cycles."""
+"""The probe's lines. From the sums of a cycle to each line's equation v = R i + X x + g, and its third difference over
+four cycles."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
 from vsgdesign.equations.field.data import FieldSettings, LineSums, LockIn
-from vsgdesign.equations.frames import rotate_back
+from vsgdesign.equations.frames import rotate, rotate_back
 
 NU_1 = 0.5
 NU_2 = 1.5
-"""Speeds of the lines in the flywheel's frame, relative to the flywheel's own."""
+"""Speeds of the lines in the flywheel's frame, relative to the flywheel's own: ±1/2, ±3/2, ±5/2 or ±7/2, and the next
+one farther from 0."""
+SIGN_1 = 1.0
+SIGN_2 = -1.0
+"""Signs of the lines. With opposite ones the probe is zero where a cycle begins: a change of its sign is no step."""
+
+
+def lines_at(half_re: Any, half_im: Any, whole_re: Any, whole_im: Any) -> tuple[Any, Any, Any, Any]:
+    """The phasors of both lines, from e^{jφ/2} and e^{jφ}. Returns (first_re, first_im, second_re, second_im)."""
+    first_re, first_im = half_re, half_im
+    if NU_1 > 1.0 or NU_1 < -1.0:
+        first_re, first_im = rotate(whole_re, whole_im, first_re, first_im)
+    if NU_1 > 2.0 or NU_1 < -2.0:
+        first_re, first_im = rotate(whole_re, whole_im, first_re, first_im)
+    if NU_1 > 3.0 or NU_1 < -3.0:
+        first_re, first_im = rotate(whole_re, whole_im, first_re, first_im)
+    second_re, second_im = rotate(whole_re, whole_im, first_re, first_im)
+    if NU_1 < 0.0:
+        first_im, second_im = -first_im, -second_im
+    return first_re, first_im, second_re, second_im
 
 
 class Window(NamedTuple):
