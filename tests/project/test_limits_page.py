@@ -1,0 +1,65 @@
+"""docs/limits.md against the code, and against refusals that are really said."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.cli.small_studies import SMALL, failure
+from vsgdesign.errors import StudyError
+from vsgdesign.verbs.pipeline.opening import check_study
+from website.limits import PAGE, UNKNOWN, Block, known_at, rendered
+
+ROWS = re.findall(r"^\| (.*) \| (.+) \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.M)
+
+
+def listed(field: str, problem: str, advice: str) -> bool:
+    """Whether a row of the page says this, with "…" for anything."""
+
+    def says(cell: str, text: str) -> bool:
+        plain = re.sub(r"\\(.)", r"\1", cell.strip()).replace("&lt;", "<").replace("&amp;", "&")
+        return re.fullmatch(re.escape(plain).replace(UNKNOWN, ".*"), text.rstrip("."), re.DOTALL) is not None
+
+    return any(map(all, ((says(*one) for one in zip(row, (field, problem, advice), strict=True)) for row in ROWS)))
+
+
+def test_the_page_is_that_of_the_code() -> None:
+    assert PAGE.read_text(encoding="utf-8") == rendered(), "write it again: python -m website.limits"
+
+
+FAULTY = (
+    "[[controllers]]\nname = 'a/b'\nkind = 'scheduled'\nschedule = 'table'",
+    "[inner_loops]\ncurrent_prediction = 1",
+    "[network]\nload = { series = {} }",
+    "[power_loops]\nsettling_time = '1e6 s'",
+    "[specification]\nsettling_time = '2 s'\nerror = 0.1\nerror_R = 0.1\nerror_X = 0.1\nscr = [9]",
+)
+
+
+@pytest.mark.parametrize("text", FAULTY)
+def test_what_is_said_of_a_study_is_listed(text: str, tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(f"{SMALL}\n{text}\n", encoding="utf-8")
+    with pytest.raises(StudyError) as caught:
+        check_study(tmp_path / "study.toml")
+    for fault in caught.value.faults:
+        names = (fault.field, fault.field.rpartition(".")[2], "")
+        assert any(listed(name, fault.problem, fault.advice) for name in names), fault
+
+
+def test_what_a_verb_says_is_listed(tmp_path: Path) -> None:
+    (tmp_path / "notes.json").write_text("[1]", encoding="utf-8")
+    for call in (("cite", tmp_path / "notes.json"), ("table", "show", tmp_path / "no.json")):
+        problem, _, advice = failure(2, *call).removeprefix("error: ").strip().partition(". ")
+        assert listed("", problem, advice), (problem, advice)
+
+
+def test_only_what_may_still_be_meant_is_combined() -> None:
+    early, late = (ast.parse(f"{chr(10) * line}x = 1").body[0].value for line in (1, 5))  # type: ignore[attr-defined]
+    whole, branch = Block(0, 0, 99), Block(5, 5, 7)
+    said = [(whole, early), (branch, late)]
+    assert known_at(4, said) == said[:1]
+    assert known_at(7, said) == said[1:]
+    assert known_at(9, said) == said

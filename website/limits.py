@@ -1,0 +1,277 @@
+"""Writes docs/limits.md, all that the program refuses, from the refusals in its code: ``python -m website.limits``.
+
+A refusal is an error that descends from ``VsgDesignError``, a ``Fault``, or a call of ``fault``. Its text is read from
+the code without running it: a constant of a module is put in, and what only a run knows is shown as "…".
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from functools import cache
+from itertools import product
+from math import prod
+from pathlib import Path
+from typing import NamedTuple
+
+from website.staging import ROOT
+
+PACKAGE = ROOT / "vsgdesign"
+PAGE = ROOT / "docs" / "limits.md"
+HEAD = """\
+# Limits: what is refused
+
+This page lists the sentences with which vsgdesign refuses an input or a task: the field, what is wrong with the limit,
+and what to do. It is written by a program from the code (`python -m website.limits`), and a test holds it equal. "…"
+stands for what depends on your input. Words that a function of its own puts together are missing. The limits of each
+field of a study are in its [table](study-file.md), with unit and default: a value outside of them is refused with
+"outside … to …". The [limits of validity](architecture.md#limits) say what the models leave out.
+"""
+ROOMS = {
+    "study/parameters": "Studies",
+    "study": "Datasheets and given files",
+    "artifacts": "Gain tables, weights, records and folders of results",
+    "design": "Design of gains, tables and inner loops",
+    "certificate": "Certificates",
+    "linear": "Operating points, modes and margins",
+    "simulation": "Simulation",
+    "campaigns/compliance": "Grid-code tests: comply",
+    "campaigns": "Verification and survival: verify, survive",
+    "estimator": "Estimators: estimator",
+    "identification": "Methods of estimation",
+    "runtime": "Scheduler beside a controller",
+    "execution": "Processes, clusters and unfinished work",
+    "export": "C and ONNX: export",
+    "codegen": "Equations that are printed or compiled",
+    "equations": "Equations",
+    "metrics": "Figures",
+    "report": "Pages and the explorer: report, explore",
+    "verbs/cli": "Options of the command line",
+    "verbs": "Verbs and Python",
+}
+"""Where a refusal is made, the more special place before its room, and the heading of the page."""
+UNKNOWN = "…"
+MOST = 64
+"""Forms of one sentence that are looked at; a text with more choices is shown with "…"."""
+FIELDS = ("field", "value", "problem", "advice")
+
+
+class Block(NamedTuple):
+    """Lines that run one after the other. The function itself is no block, and has the number 0."""
+
+    number: int
+    first: int
+    last: int
+
+
+Local = dict[str, list[tuple[Block, ast.expr]]]
+"""What the names of a function may be, each with the block of code in which it is said."""
+Texts = list[tuple[int, str]]
+"""What may be said, with the number of a block."""
+
+
+@cache
+def errors() -> frozenset[str]:
+    """The names of the package's own errors, of whichever module, and of those of click that a user sees."""
+    classes = [one for path in sources() for one in re.findall(r"^class (\w+)\(([\w., ]+)\):", text_of(path), re.M)]
+    known, before = {"VsgDesignError"}, 0
+    while len(known) > before:
+        before = len(known)
+        known |= {name for name, bases in classes if known & set(re.findall(r"\w+", bases))}
+    return frozenset(known | {"UsageError", "BadParameter"})
+
+
+@cache
+def sources() -> tuple[Path, ...]:
+    """The modules of the package."""
+    return tuple(sorted(PACKAGE.rglob("*.py")))
+
+
+@cache
+def text_of(path: Path) -> str:
+    """The code of a module."""
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """The same, taken apart."""
+    return ast.parse(text_of(path))
+
+
+@cache
+def constants(path: Path) -> dict[str, object]:
+    """Numbers and texts that a module names, those that it imports from this package included."""
+    found: dict[str, object] = {}
+    for node in tree_of(path).body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("vsgdesign."):
+            file = ROOT.joinpath(*str(node.module).split(".")).with_suffix(".py")
+            names = {one.name: one.asname or one.name for one in node.names if one.name.isupper()}
+            if names and file.is_file():
+                found |= {names[name]: value for name, value in constants(file).items() if name in names}
+        elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            value = known_value(node.value, found)
+            if isinstance(value, int | float | str):
+                found[node.targets[0].id] = value
+    return found
+
+
+def known_value(node: ast.expr, names: dict[str, object]) -> object:
+    """The value of arithmetic on constants; None where it needs more."""
+    allowed = (ast.Constant, ast.Name, ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop, ast.expr_context)
+    if not all(isinstance(one, allowed) for one in ast.walk(node)):
+        return None
+    if not all(one.id in names for one in ast.walk(node) if isinstance(one, ast.Name)):
+        return None
+    return eval(compile(ast.Expression(node), "", "eval"), {"__builtins__": {}}, names)  # constants alone, see above
+
+
+def texts(node: ast.expr | None, path: Path, local: Local) -> Texts:
+    """What a text of the code may say, one entry for each choice in it, with the block of the choice."""
+    if node is None or isinstance(node, ast.Constant):
+        return [(0, str(getattr(node, "value", None) or ""))]
+    if isinstance(node, ast.IfExp):
+        return [*texts(node.body, path, local), *texts(node.orelse, path, local)]
+    if isinstance(node, ast.JoinedStr):
+        parts = [texts(part, path, local) for part in node.values]
+    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        parts = [texts(part, path, local) for part in (node.left, node.right)]
+    elif isinstance(node, ast.FormattedValue):
+        value = known_value(node.value, constants(path))
+        if value is not None:
+            form = texts(node.format_spec, path, local)[0][1]
+            return [(0, format(value, "" if UNKNOWN in form else form))]
+        found = texts(node.value, path, local) if isinstance(node.value, ast.Name | ast.IfExp) else []
+        return [(block, text or UNKNOWN) for block, text in found] or [(0, UNKNOWN)]
+    elif isinstance(node, ast.Name) and node.id in local:
+        others = {name: said for name, said in local.items() if name != node.id}  # a name in its own text has no end
+        found = [(block.number, one) for block, one in local[node.id]]
+        return [(number or inner, text) for number, one in found for inner, text in texts(one, path, others)]
+    else:
+        value = known_value(node, constants(path))
+        return [(0, UNKNOWN if value is None else str(value))]
+    return [(max(block for block, _ in chosen), "".join(text for _, text in chosen)) for chosen in together(parts)]
+
+
+def together(parts: list[Texts]) -> Iterator[tuple[tuple[int, str], ...]]:
+    """The choices of several texts that can be said at the same time."""
+    while prod(map(len, parts)) > MOST:
+        longest = max(range(len(parts)), key=lambda k: len(parts[k]))
+        parts[longest] = [(0, UNKNOWN)]
+    for chosen in product(*parts) if parts else [((0, ""),)]:
+        if len({block for block, _ in chosen if block}) < 2:
+            yield chosen
+
+
+def refusals(path: Path) -> Iterator[tuple[str, ...]]:
+    """Field, problem and advice of every refusal in a module, in the order of its code."""
+    if not re.search(r"(Fault|fault|Error|Parameter)\(", text_of(path)):
+        return
+    functions = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef)]
+    for function in sorted(functions, key=lambda node: node.lineno):
+        said = (node for child in ast.iter_child_nodes(function) for node in _below(child))
+        calls = [call for call in said if isinstance(call, ast.Call) and _name(call) in errors() | {"Fault", "fault"}]
+        local: Local = {}
+        for block, name, value in _assigned(function.body, Block(0, 0, sys.maxsize)) if calls else ():
+            local.setdefault(name, []).append((block, value))
+        for call in calls:
+            yield from _said(call, path, {name: known_at(call.lineno, said) for name, said in local.items()})
+
+
+def known_at(line: int, said: list[tuple[Block, ast.expr]]) -> list[tuple[Block, ast.expr]]:
+    """What a name may be there: not what is said later, and not what is certainly said anew before."""
+    before = [(block, one) for block, one in said if one.lineno < line]
+    last = max((one.lineno for block, one in before if block.first <= line <= block.last), default=0)
+    return [(block, one) for block, one in before if one.lineno >= last]
+
+
+def _said(call: ast.Call, path: Path, local: Local) -> Iterator[tuple[str, ...]]:
+    """What one call refuses."""
+    if _name(call) in ("Fault", "fault"):
+        names = FIELDS if _name(call) == "Fault" else signature(path)
+        given = dict(zip(names, call.args, strict=False)) | {one.arg: one.value for one in call.keywords if one.arg}
+        parts = [texts(given.get(part), path, local) for part in ("field", "problem", "advice")]
+        for (_, field), *others in together(parts) if "problem" in given else ():
+            yield field or UNKNOWN, *(text for _, text in others)  # no field: the table itself
+    elif _name(call) == "UnknownNameError" and call.args:
+        yield from ((text, f"must be one of {UNKNOWN}", "") for _, text in texts(call.args[0], path, local))
+    elif call.args and _name(call) != "StudyError":  # that one carries faults
+        yield from (_parted(text) for _, text in texts(call.args[0], path, local))
+
+
+@cache
+def signature(path: Path) -> tuple[str, ...]:
+    """The arguments of ``fault`` in a module: its own, that of a module beside it, or that of a study's reader."""
+    for file in (path, *path.parent.glob("*.py")):
+        own = r"(?:self, )?" if file == path else "self, "
+        found = re.search(rf"def fault\({own}([^)]*\bproblem\b[^)]*)\)", text_of(file))
+        if found:
+            return tuple(one.partition(":")[0].strip().replace("name", "field") for one in found[1].split(","))
+    return FIELDS
+
+
+def _below(node: ast.AST) -> Iterator[ast.AST]:
+    """A node and all in it, without functions, which come by themselves, in the order of the code."""
+    if not isinstance(node, ast.FunctionDef):
+        yield node
+        for child in ast.iter_child_nodes(node):
+            yield from _below(child)
+
+
+def _assigned(body: list[ast.stmt], block: Block) -> Iterator[tuple[Block, str, ast.expr]]:
+    """What names are said to be, with the innermost block in which it is said."""
+    for node in body:
+        if isinstance(node, ast.Assign):
+            for target in node.targets:
+                names = target.elts if isinstance(target, ast.Tuple) else [target]
+                values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+                pairs = zip(names, values, strict=False)
+                yield from ((block, one.id, value) for one, value in pairs if isinstance(one, ast.Name))
+        inner = [getattr(node, name, []) for name in ("body", "orelse", "finalbody")]
+        inner += [part.body for part in (*getattr(node, "handlers", ()), *getattr(node, "cases", ()))]
+        for part in filter(None, inner):
+            first, last = part[0].lineno, part[-1].end_lineno or 0
+            yield from _assigned(part, Block(first, first, last))
+
+
+def _name(call: ast.Call) -> str:
+    return getattr(call.func, "attr", getattr(call.func, "id", ""))
+
+
+def _parted(text: str) -> tuple[str, str, str]:
+    """A sentence that may begin with its field and end with its advice."""
+    found = re.match(r"([a-z][\w.\[\]…]*(?: = \S+)?): (.*)", text, re.DOTALL)
+    field, rest = (found[1], found[2]) if found else ("", text)
+    problem, stop, advice = rest.partition(". ")
+    return field, problem + stop.strip(), advice
+
+
+def rendered() -> str:
+    """The text of the page."""
+    parts: dict[str, dict[tuple[str, ...], None]] = {heading: {} for heading in ROOMS.values()}
+    for path in sources():
+        place = path.relative_to(PACKAGE).as_posix()
+        heading = next((words for room, words in ROOMS.items() if place.startswith(f"{room}/")), "")
+        for found in refusals(path) if heading else ():
+            words = re.findall(r"[^\W_…]{2,}", found[1])
+            if len(words) > (not found[0]):  # a text that comes from elsewhere is listed there
+                parts[heading].setdefault(tuple(map(_cell, found)))
+    head = "| field | what is refused | what to do |\n| --- | --- | --- |\n"
+    sections = [
+        f"## {heading}\n\n{head}" + "".join(f"| {' | '.join(row)} |\n" for row in rows)
+        for heading, rows in parts.items()
+        if rows
+    ]
+    return "\n".join([HEAD, *sections])
+
+
+def _cell(text: str) -> str:
+    text = re.sub(r"…+", UNKNOWN, " ".join(text.split()).rstrip("."))
+    return re.sub(r"([|*_`$])", r"\\\1", text.replace("&", "&amp;").replace("<", "&lt;"))
+
+
+if __name__ == "__main__":
+    PAGE.write_text(rendered(), encoding="utf-8", newline="\n")
+    sys.stdout.write(f"{PAGE}\n")
