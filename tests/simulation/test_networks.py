@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from scipy.linalg import expm
 from tests.oracles.emt_reference import run_reference
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import EVERYTHING, SENSORS, errors_pu, library_start, random_numbers
-from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.frames import clarke, clarke_inverse
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.network import network_circuit, states_of_networks
@@ -21,8 +19,6 @@ from vsgdesign.linear.operating_point.plant import plant_step
 from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation import GainChange, gain_changes, simulate
 from vsgdesign.simulation.at_pcc import pcc_over_time, pcc_vectors
-from vsgdesign.simulation.lanes.cases import LaneCases, no_events
-from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.scenario import derive_series, run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, study_from_text
@@ -204,16 +200,6 @@ def test_another_circuit_meets_no_network() -> None:
     study = with_networks(lc_study("5 ms"), (1e-3, Network(fault=Fault())))
     with pytest.raises(InfeasibleStudyError, match="Leave circuit out"):
         simulate(study, CHANGES, circuit=study.circuit)
-
-
-def test_batches_refuse_a_network() -> None:
-    study = replace(lc_study("5 ms"), network=Network(load=Load(R_parallel=10.0)))
-    drawn = [field.name for field in fields(LaneCases) if field.name != "around"]
-    numbers: dict[str, Any] = dict.fromkeys(drawn, np.zeros(0))
-    kinds = dict.fromkeys(("kind", "signal"), np.zeros(0, dtype=np.int64))
-    none = LaneCases(**{**numbers, **kinds, "events": no_events(0)})
-    with pytest.raises(InfeasibleStudyError, match=r"a batch of runs has nothing but a grid: leave \[network\] out"):
-        run_lanes(study, study.controllers[0], NOTHING, none)
 
 
 @pytest.mark.parametrize("build", [lc_study, lcl_study])

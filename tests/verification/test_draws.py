@@ -19,7 +19,7 @@ from vsgdesign.campaigns.verification.draws import (
 )
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import StudyError
+from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.metrics.survival import REST_SHARE
@@ -28,6 +28,7 @@ from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network import Load, Network
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
 
@@ -286,3 +287,9 @@ def test_nothing_to_draw_is_an_error() -> None:
 def test_numbers_of_a_case() -> None:
     assert uniforms_of(1, 7, 3).shape == (3, UNIFORMS)
     np.testing.assert_array_equal(uniforms_of(1, 7, 3), uniforms_of(1, 0, 10)[7:])
+
+
+def test_a_verification_draws_grids_alone() -> None:
+    loaded = replace(study(), network=Network(load=Load(R_parallel=20.0)))
+    with pytest.raises(InfeasibleStudyError, match=r"a verification has nothing but a grid: leave \[network\] out"):
+        cases_of(loaded, loaded.controllers[0], uniforms_of(1, 0, 2))

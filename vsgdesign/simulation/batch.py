@@ -260,14 +260,15 @@ class Batch:
         """The state of a run after a sample in whose interval events fall. ``at``: the sample of the loop, if it is
         not that of the run; ``first``: the group with which ``fed`` begins."""
         k, (group, lane) = one.sample, self.lane(one.lane)
-        own = loop_of(self.kind._replace(added=self._adds(fed), cut=one.slopes), (), self.build)
+        build = self.build._replace(lanes=1, vectors=1, quickly=True)  # it runs for one sample of one run
+        own = loop_of(self.kind._replace(added=self._adds(fed), cut=one.slopes), (), build)
         now = self.rows[group, :, lane].copy()
         p, due = self.program, slice(self.program.first[group], self.program.first[group + 1])
         for r in np.flatnonzero((p.at[due] == k) & (p.lane[due] == lane)) + due.start:
             row, count, source = p.row[r], p.count[r], p.source[r]
             values = p.values[source : source + count] if source >= 0 else now[-1 - source : -1 - source + count].copy()
             now[row : row + count] = values
-        rows = np.zeros((1, len(own.spec.rows), self.spec.width))
+        rows = np.zeros((1, len(own.spec.rows), 1))
         for name, place in own.place.items():
             if name in self.place:
                 rows[0, place] = now[self.place[name]]
@@ -285,8 +286,7 @@ class Batch:
             rows[0, own.place["lock.closed"]] = 0.0
         given = None
         if fed is not None:
-            own_fed = fed[group - first : group - first + 1, :1, :, lane : lane + 1]
-            given = np.repeat(own_fed, self.spec.width, axis=3)
+            given = np.ascontiguousarray(fed[group - first : group - first + 1, :1, :, lane : lane + 1])
         own.loop(k, k + 1, rows, self._uniform(own.spec.uniform), fed=given)
         return rows[0, : len(own.spec.state), 0]
 

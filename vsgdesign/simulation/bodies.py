@@ -60,6 +60,8 @@ class Kind(NamedTuple):
     own_rest: bool = False
     """Whether it is judged by the rest to which it comes, which is known at its end alone: the means of its powers are
     logged until then."""
+    network: bool = False
+    """Whether more than a grid may be connected: the watched power at the PCC is then that of its circuit."""
     second_inductor: bool = True
     """Of the filter; it decides where the watched power of a step is."""
     cut: tuple[str, ...] = ()
@@ -285,6 +287,8 @@ def watch(kind: Kind) -> Block | None:
             return joined(at_node, Part(headed(own)))
         if not kind.second_inductor:
             return joined(Part(headed(own), {"P_pcc": "said.P", "Q_pcc": "said.Q"}))
+        if kind.network:
+            return joined(*_power_with_network(kind), Part(headed(own)))
         at_pcc = flat_block(watched_sample.power_at_pcc)
         return joined(Part(headed(at_pcc, P="P_pcc", Q="Q_pcc"), {"circuit.R_c": "R_c"}), Part(headed(own)))
     own = flat_block(watched_sample.watched_disturbance, fixed={} if kind.ramped or kind.moved else {"extra": 0.0})
@@ -298,6 +302,32 @@ def watch(kind: Kind) -> Block | None:
         Part(headed(own), called),
         Part(_sum("watched.delta", "added_theta", "-", "next_delta")),
     )
+
+
+def pcc_names(kind: Kind) -> list[str]:
+    """The voltage at the PCC of a circuit with a network per state and per voltage of the source, on each axis."""
+    if not kind.network or kind.axes is None:
+        return []
+    axes = kind.axes
+    found = [f"pcc.x_{axis}_{k}" for axis in range(2) for k in range(axes.states) if k % 2 in axes.on(axis)]
+    return found + [f"pcc.g_{axis}_{k}" for axis in range(2) for k in axes.on(axis)]
+
+
+def _power_with_network(kind: Kind) -> list[Part]:
+    """The powers at the PCC where more than a grid is connected (:eq:`network-pcc`)."""
+    line = Writer()
+    sources = "v_g_alpha", "v_g_beta"
+    for axis, name in enumerate(("alpha", "beta")):
+        terms = []
+        for factor in (one for one in pcc_names(kind) if one.startswith((f"pcc.x_{axis}", f"pcc.g_{axis}"))):
+            k = int(factor.rpartition("_")[2])
+            of = sources[k] if factor.startswith("pcc.g") else f"x.{kind.states[k]}"
+            terms.append(line.does("*", line.input(factor), line.input(of)))
+        line.output(f"v_pcc.{name}", line.sum_of(*terms))
+    at_pcc = {f"true.v_{axis}": f"v_pcc.{axis}" for axis in ("alpha", "beta")}
+    at_pcc |= {f"true.i_g_{axis}": f"x.i_g_{axis}" for axis in ("alpha", "beta")}
+    power = headed(flat_block(watched_sample.power_at_node), P="P_pcc", Q="Q_pcc")
+    return [Part(line.block()), Part(power, at_pcc)]
 
 
 @functools.cache

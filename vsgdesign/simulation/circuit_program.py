@@ -241,6 +241,10 @@ class CircuitProgram:
             self._put_ramp(lanes, at, source)
         else:
             self._put(lanes, at, interval)
+        if self._circuits is not None and "pcc" in self._spans:
+            per_state, per_source = self._circuits.at_pcc(source.place)
+            acting = per_state[:, self._by_state[:2]], per_source[:, self._by_state[:2, :2]]
+            self._write(lanes, at, "pcc", np.column_stack(acting))
 
     def _put_ramp(self, lanes: NDArray[np.intp], at: Index, source: Segments) -> None:
         """The responses to a source and to its slopes, and where its ramp is."""

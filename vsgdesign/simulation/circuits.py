@@ -51,12 +51,19 @@ class Circuits:
     """The circuits of runs; ``switched``: whether their bridge switches."""
 
     def __init__(
-        self, study: Study, timelines: Sequence[Timeline], circuit: CircuitOfGrid | None = None, *, switched: bool
+        self,
+        study: Study,
+        timelines: Sequence[Timeline],
+        circuit: CircuitOfGrid | None = None,
+        *,
+        switched: bool,
+        states: NetworkStates | None = None,
     ) -> None:
-        """``study``: one of the runs, whose filter they share. Raises InfeasibleStudyError where the circuits of a run
-        do not fit together (:func:`circuits_of`)."""
-        self.of = circuits_of(study, timelines, circuit)
-        self.more = states_of_timelines(timelines)
+        """``study``: one of the runs, whose filter they share. ``states``: of the networks of these runs and of others;
+        None: of these. Raises InfeasibleStudyError where the circuits of a run do not fit together
+        (:func:`circuits_of`)."""
+        self.more = states_of_timelines(timelines) if states is None else states
+        self.of = circuits_of(study, timelines, circuit, self.more)
         """The states of the networks; None where there is nothing but grids."""
         self._switched, self._steps = switched, functools.lru_cache(maxsize=256)(self._step)
         self._met = list(dict.fromkeys(one for timeline in timelines for one in connections(timeline)))
@@ -96,6 +103,15 @@ class Circuits:
             np.stack([getattr(one, name) for one in found]) for name in ("transition", "bridge", "source")
         )
         return PlantSteps(h, transition, bridge, edge, source)
+
+    def at_pcc(self, place: NDArray[np.int64]) -> tuple[Array, Array]:
+        """The voltage at the PCC per state, (n, 2, states), and per voltage of the source, (n, 2, 2), of n circuits
+        with networks (:eq:`network-pcc`)."""
+        found = [self.of(self._met[one]) for one in place.tolist()]
+        per_state, per_source = (
+            np.stack([getattr(one, name) for one in found]) for name in ("pcc_per_state", "pcc_per_source")
+        )
+        return per_state, per_source
 
     def moved(self, connection: Connection, h: float, x: Array) -> Array:
         """The circuit's states after an interval h (s) with a short-circuited bridge and source."""
@@ -155,13 +171,15 @@ def states_of_timelines(timelines: Sequence[Timeline]) -> NetworkStates | None:
     return None if all(network.plain for network in networks) else states_of_networks(networks)
 
 
-def circuits_of(study: Study, timelines: Sequence[Timeline], circuit: CircuitOfGrid | None) -> CircuitOfConnection:
-    """The circuit on every grid and network of a run: the study's own, or another one, all with the same states.
+def circuits_of(
+    study: Study, timelines: Sequence[Timeline], circuit: CircuitOfGrid | None, states: NetworkStates | None
+) -> CircuitOfConnection:
+    """The circuit on every grid and network of a run: the study's own, or another one, all with the same states, those
+    of the networks (``states``) among them.
 
     Raises InfeasibleStudyError where their states differ in number, where a run cannot start in a steady state because
     the first circuit is not the study's own with equal axes, and where another circuit meets a network.
     """
-    states = states_of_timelines(timelines)
     if states is not None:
         if circuit is not None:
             raise InfeasibleStudyError(

@@ -32,6 +32,7 @@ from vsgdesign.simulation.bodies import (
     bodies,
     moves,
     names_of,
+    pcc_names,
     piece_names,
     products,
     row_names,
@@ -199,6 +200,7 @@ def _constant_names(kind: Kind) -> list[str]:
     found += names_of(Sensors, "sensors") if kind.sensors else []
     if kind.watched is not None:
         found += [*names_of(kind.watched[1], "of"), *names_of(LoadDemand, "load_of"), "circuit.R_g", "circuit.L_g"]
+        found += pcc_names(kind)
     if kind.cut:
         pieces = [piece_names(kind, number) for number in range(1, len(kind.cut))]
         found += [*names_of(CarrierPart, "part"), *(name for names in pieces for name in names.values())]

@@ -20,6 +20,7 @@ from vsgdesign.simulation.survival import (
     run_case,
 )
 from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.network import Load, Network
 from vsgdesign.study.parameters.stability import ProtectionLimits
 
 START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.5, Q_pu=0.0)
@@ -76,6 +77,17 @@ def test_the_verdicts_are_those_of_single_runs() -> None:
     found = same(subject(), CASES) | same(subject(structure='"published"', current_limit_pu="1.2"), CASES)
     assert found >= {SURVIVED, NO_REST, OVER_LIMIT}
     assert found & {SLIPPED, LATCHED, NOT_AT_REST}
+
+
+def test_a_load_at_the_pcc_is_in_every_lane() -> None:
+    one = subject()
+    Z, omega = one.study.converter.Z_base, one.study.converter.omega_n
+    load = Load(R_parallel=3.0 * Z, R_series=Z, L_series=2.0 * Z / omega)
+    loaded = replace(one, study=replace(one.study, network=Network(load=load)))
+    assert share_a_loop(loaded)
+    assert SURVIVED in same(loaded, (CASES[0], CASES[4], CASES[7]))
+    beside = [verdicts_of(each, CASES[:1])[0].peak_pu or 0.0 for each in (one, loaded)]
+    assert abs(beside[0] - beside[1]) > 0.01  # and it is not what it would be without the load
 
 
 def test_fixed_gains_and_gains_of_another_source_are_judged_alike() -> None:

@@ -39,7 +39,7 @@ def verdicts_of(subject: Subject, cases: Sequence[SurvivalCase]) -> list[Surviva
 def share_a_loop(subject: Subject) -> bool:
     """Whether runs of a subject can share a loop: averaged, in a clean grid, with told or fixed gains."""
     study = subject.study
-    alone = subject.in_the_field or subject.learns or not study.network.plain or study.protection is not None
+    alone = subject.in_the_field or subject.learns or study.protection is not None
     return subject.bridge == "averaged" and not alone
 
 
@@ -76,7 +76,7 @@ def _together(subject: Subject, cases: Sequence[SurvivalCase]) -> list[Survival 
         cleared_s=np.array([case.lead_s + case.cleared_s for case in cases]),
         kind=np.full(len(cases), DISTURBANCE, dtype=np.int8),
         signal=np.full(len(cases), ACTIVE, dtype=np.int8),
-    )
+    ).in_study(own)
     told = telling(own, subject.spec, subject.ready, lanes, ToldGrids.of(said))
     results = run_told(own, told, lanes, demands[0], strict=True)
     watched_s = [study.simulation.duration - own.converter.T_s for study in studies] - lanes.cleared_s

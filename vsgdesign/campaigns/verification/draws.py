@@ -30,6 +30,7 @@ from vsgdesign.study.parameters.case_families import FAMILIES, families
 from vsgdesign.study.parameters.converter import scope_of
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.study.parameters.fields import at
+from vsgdesign.study.parameters.network import only_a_grid
 from vsgdesign.study.parameters.ranges import Range, logarithmic_of, signed_of, uniform_of
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.study.parameters.verification import CaseBox, VerificationSpec
@@ -155,6 +156,7 @@ def cases_of(
     With ``family``, a number or (N,), the family is given, and the first coordinate is not used. See
     :func:`draw_cases` for the errors.
     """
+    only_a_grid(study.network, "a verification")
     # Contiguous columns: what NumPy computes then does not depend on how many cases there are.
     u = dict(zip(COORDINATES, np.ascontiguousarray(np.asarray(uniforms, dtype=float).T), strict=True))
     study, asked = study.with_limit_of(spec), verification_of(study, spec, ready)

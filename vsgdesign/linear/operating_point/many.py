@@ -7,6 +7,7 @@ by the sampling, and the steady state is an operating point on it (:eq:`sampled-
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from vsgdesign.equations.frames import instantaneous_power, peak_to_rms, rms_to_
 from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.linear.operating_point.equilibrium import points_with_droop
+from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit, plant_step
 from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
 from vsgdesign.study.parameters.grid import Grid
@@ -120,15 +122,15 @@ def many_steady_states(
     phase: Array | float = 0.0,
     *,
     free_of_limits: bool = False,
-    circuit: TwoAxisCircuit | None = None,
+    circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None = None,
 ) -> ManyStates:
     """The states that one control period only rotates by ω_g·T_s, with the source's phasor at ``phase`` (rad).
 
     The fields of ``lanes`` and ``gains`` are numbers or (N,), and they broadcast. The bridge is averaged. A lane
     without a steady state has its reason in ``fault`` and does not affect the others. With ``free_of_limits``, a
     current above the limit is no fault, and the caller judges it. The limit of the bridge voltage always counts.
-    ``circuit``, with equal axes, takes the place of the filter and of all that is connected to it. It is possible for
-    one lane only.
+    ``circuit``, with equal axes, takes the place of the filter and of all that is connected to it: one for a lane
+    alone, or one for each lane, all with the same states.
     """
     lanes, gains = lanes_of(study, lanes, gains)
     paths = paths_of(study, lanes, circuit)
@@ -149,7 +151,7 @@ def lanes_of(study: Study, lanes: Lanes, gains: PowerLoopGains) -> tuple[Lanes, 
     return Lanes(*arrays[: len(lanes)]), PowerLoopGains(*arrays[len(lanes) :])
 
 
-def paths_of(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | None) -> Paths:
+def paths_of(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None) -> Paths:
     """x(k+1) = Φ x + Γ v_b + u v_g and x(k+1) = e^{jω_g T} x: x is affine in v_b, and so is v at the control point."""
     R_g, L_g, V_g_rms, omega_g = lanes[:4]
     known = np.isfinite(R_g) & np.isfinite(L_g) & np.isfinite(V_g_rms) & np.isfinite(omega_g)
@@ -161,7 +163,7 @@ def paths_of(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | None) -> Path
     if circuit is None:
         steps = plant_steps(study, R_g, L_g, T_s, omega_g)
     else:
-        steps = _on_one_axis(circuit, T_s, float(omega_g[0]))
+        steps = _on_one_axis([circuit] if isinstance(circuit, TwoAxisCircuit) else circuit, T_s, omega_g)
     turn, unit = np.exp(1j * omega_g * T_s), np.eye(steps.bridge.shape[1])
     inverse: Complex = np.asarray(np.linalg.inv(turn[:, None, None] * unit - steps.transition), dtype=complex)
     per_bridge = (inverse @ steps.bridge[..., None])[..., 0]
@@ -188,13 +190,14 @@ def paths_of(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | None) -> Path
     )
 
 
-def _on_one_axis(circuit: TwoAxisCircuit, h: float, omega: float) -> PlantSteps:
-    """The step of a circuit with equal axes as that of one lane."""
-    step = plant_step(circuit, h, omega, edges=False)
-    source = step.source[:, 0::2, 0] + 1j * step.source[:, 1::2, 0]  # what 1 adds on α, and on β
-    return PlantSteps(
-        np.array([h]), step.transition[None, 0::2, 0::2], step.bridge[None, 0::2, 0], np.empty((1, 0, 0)), source[None]
-    )
+def _on_one_axis(circuits: Sequence[TwoAxisCircuit], h: float, omega: Array) -> PlantSteps:
+    """The steps of circuits with equal axes as those of lanes."""
+    steps = [plant_step(circuit, h, float(one), edges=False) for circuit, one in zip(circuits, omega, strict=True)]
+    transition = np.stack([step.transition[0::2, 0::2] for step in steps])
+    bridge = np.stack([step.bridge[0::2, 0] for step in steps])
+    # What 1 adds on α, and on β.
+    source = np.stack([step.source[:, 0::2, 0] + 1j * step.source[:, 1::2, 0] for step in steps])
+    return PlantSteps(np.full(len(steps), h), transition, bridge, np.empty((len(steps), 0, 0)), source)
 
 
 def points_of(paths: Paths, lanes: Lanes, gains: PowerLoopGains) -> tuple[Array, Array]:
@@ -209,9 +212,23 @@ def power_of(lanes: Lanes, gains: PowerLoopGains) -> Array:
     return lanes.P_ref + gains.D_p * (lanes.omega_0 - lanes.omega_g)
 
 
-def powers_at_pcc(study: Study, states: ManyStates, lanes: Lanes, phase: Array | float = 0.0) -> tuple[Array, Array]:
-    """P (W) and Q (var) at the PCC in steady states on these grids and sources, whose phase is ``phase`` (rad)."""
+def powers_at_pcc(
+    study: Study,
+    states: ManyStates,
+    lanes: Lanes,
+    phase: Array | float = 0.0,
+    circuits: Sequence[NetworkCircuit] | None = None,
+) -> tuple[Array, Array]:
+    """P (W) and Q (var) at the PCC in steady states on these grids and sources, whose phase is ``phase`` (rad).
+    ``circuits``: of each lane, where more than a grid is connected."""
     x, v_g = states.plant, rms_to_peak(lanes.V_g_rms)
+    if circuits is not None:
+        per_state, per_source = (
+            np.stack([getattr(one, name) for one in circuits]) for name in ("pcc_per_state", "pcc_per_source")
+        )
+        at_source = np.stack([v_g * np.cos(phase), v_g * np.sin(phase)])
+        v = np.einsum("nij,jn->in", per_state, x) + np.einsum("nij,jn->in", per_source, at_source)
+        return instantaneous_power(v[0], v[1], x[4], x[5])
     circuit = study.circuit()._replace(R_g=lanes.R_g, L_g=lanes.L_g)
     alpha = pcc_voltage(x[0], x[2], x[4], v_g * np.cos(phase), circuit)
     beta = pcc_voltage(x[1], x[3], x[5], v_g * np.sin(phase), circuit)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ def many_rests_with_measured_gains(
     phase: Array | float = 0.0,
     *,
     free_of_limits: bool = False,
-    circuit: TwoAxisCircuit | None = None,
+    circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None = None,
 ) -> tuple[ManyStates, PowerLoopGains]:
     """The steady states with the gains that belong to their own P, Q and V, and these gains.
 

@@ -16,10 +16,13 @@ from vsgdesign.simulation.lanes.around import NOTHING, Around
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network import Network
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
+Networks = tuple[tuple[float, Network], ...]
+"""Load, fault and breaker of a run from each instant (s) on, the first one from t = 0 on."""
 
 STEP, DISTURBANCE = 0, 1
 """Kinds of a case: a step of one reference, which has an overshoot and a settling time; anything else."""
@@ -121,6 +124,8 @@ class LaneCases:
     """ACTIVE or REACTIVE, of a step."""
     around: Around = NOTHING
     """Backgrounds and sensors."""
+    networks: tuple[Networks, ...] | None = None
+    """Load, fault and breaker of each case; None: those of the study. A change of them has its row in ``events``."""
 
     def __len__(self) -> int:
         return len(self.R_g)
@@ -144,12 +149,18 @@ class LaneCases:
     def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> LaneCases:
         """Some of the cases, by index or by mask."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
-        events, around = parts.pop("events"), parts.pop("around").take(chosen)
+        events, around, networks = parts.pop("events"), parts.pop("around").take(chosen), parts.pop("networks")
         some = LaneEvents(**{f.name: getattr(events, f.name)[chosen] for f in fields(events)})
-        return LaneCases(events=some, around=around, **{name: values[chosen] for name, values in parts.items()})
+        if networks is not None:
+            networks = tuple(networks[k] for k in np.arange(len(self))[chosen].tolist())
+        others = {name: values[chosen] for name, values in parts.items()}
+        return LaneCases(events=some, around=around, networks=networks, **others)
 
     def in_study(self, study: Study) -> LaneCases:
-        """The cases in the background and with the sensors of a study, where they have none of their own."""
+        """The cases with the network, in the background and with the sensors of a study, where they have none of their
+        own."""
+        if self.networks is None and not study.network.plain:
+            return replace(self, networks=(((0.0, study.network),),) * len(self)).in_study(study)
         if self.around != NOTHING or study.undisturbed is study:
             return self
         around = Around.of(study, len(self))
@@ -162,8 +173,10 @@ class LaneCases:
 
     def later(self, by_s: float) -> LaneCases:
         """The same cases with everything that happens later by a time."""
-        events = replace(self.events, t_s=self.events.t_s + by_s)
-        return replace(self, events=events, cleared_s=self.cleared_s + by_s)
+        events, networks = replace(self.events, t_s=self.events.t_s + by_s), self.networks
+        if networks is not None:
+            networks = tuple((one[0], *((t_s + by_s, network) for t_s, network in one[1:])) for one in networks)
+        return replace(self, events=events, cleared_s=self.cleared_s + by_s, networks=networks)
 
     @property
     def ramped(self) -> NDArray[np.bool_]:
@@ -180,7 +193,8 @@ def study_of_case(study: Study, cases: LaneCases, k: int, samples: int) -> Study
         grid_source=replace(study.grid_source, V_g_rms=float(cases.V_g_rms[k]), omega_g=float(cases.omega_g[k])),
         background=None if around.backgrounds is None else around.backgrounds[k],
         sensors=None if around.sensors is None else around.sensors[k],
-        events=cases.events.events(k),
+        network=study.network if cases.networks is None else cases.networks[k][0][1],
+        events=_events_of(cases, k),
         simulation=replace(
             study.simulation,
             duration=samples * T_s,
@@ -190,6 +204,15 @@ def study_of_case(study: Study, cases: LaneCases, k: int, samples: int) -> Study
             Q_ref=float(cases.Q_ref[k]),
         ),
     )
+
+
+def _events_of(cases: LaneCases, k: int) -> tuple[Event, ...]:
+    """The events of a case with what they change of its network."""
+    events = cases.events.events(k)
+    if cases.networks is None:
+        return events
+    changed = dict(cases.networks[k][1:])
+    return tuple(replace(event, network=changed.get(event.t_s)) for event in events)
 
 
 def no_events(count: int, each: int = 1) -> LaneEvents:

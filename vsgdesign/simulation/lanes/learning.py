@@ -29,7 +29,7 @@ from vsgdesign.simulation.field_observer import conclusion_spec
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.lanes.part import Part
-from vsgdesign.simulation.lanes.rests import Rests
+from vsgdesign.simulation.lanes.rests import Rests, circuits_at_rest
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults
 from vsgdesign.simulation.lanes.speaking import ManyNetworks
 from vsgdesign.simulation.scenario import mean_cycles
@@ -134,7 +134,10 @@ def before_learning(
     are marked."""
     learning = Learning(study, spec, ready, len(cases))
     phase = cases.around.phase
-    start, gains = many_rests_with_measured_gains(study, cases.at_start, learning.first, phase=phase)
+    linked = circuits_at_rest(study, cases, cases.at_start)
+    start, gains = many_rests_with_measured_gains(
+        study, cases.at_start, learning.first, phase=phase, circuit=linked.start
+    )
     learning.start_with(gains)
     without = (results.status == JUDGED) & (start.fault > 0)
     results.status[without], results.fault[without] = NO_REST, start.fault[without]

@@ -157,18 +157,18 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
     sensors, own_rest = cases.around.act, bridge == "pwm" or cases.around.distort(study)
     # The loop itself turns what is constant; all else is fed, as in a run of its own.
-    moved = cases.around.moves or (ramped and (sensors or cases.around.distort(study)))
+    moved = cases.around.moves or (ramped and (sensors or cases.around.distort(study))) or cases.networks is not None
     waves = None if moved else cases.around.waves(study, len(cases))
     segments, lines, circuits = segments_of(cases), [], None
     studies = [study_of_case(study, cases, k, int(end)) for k, end in enumerate(ends)] if moved else []
     if moved:
         lines = [build_timeline(one) for one in studies]
-        circuits = Circuits(study, lines, switched=bridge == "pwm")
+        circuits = Circuits(study, lines, switched=bridge == "pwm", states=rests.states)
         segments = segments_of_timelines(lines, circuits.place)
     watch = STEP_WATCHED if step else DISTURBANCE
     kind = kind_of(study, switched=bridge == "pwm", axes=None if circuits is None else circuits.axes)
     kind = kind._replace(ramped=ramped and not moved, moved=moved, watch=watch, own_rest=own_rest)
-    kind = kind._replace(sensors=sensors, field=listening, waits=listening)
+    kind = kind._replace(sensors=sensors, field=listening, waits=listening, network=cases.networks is not None)
     kind = kind if waves is None else kind._replace(waves=waves.order.shape[1])
     c = study.converter
     limit = c.I_rated_pk * (demand.i_max_pu if demand.i_max_pu is not None else 1e6)

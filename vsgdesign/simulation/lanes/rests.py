@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +15,26 @@ from vsgdesign.linear.operating_point.many import (
     CURRENT,
     LIMITER_ACTS,
     LIMITER_PULLS,
+    NO_POINT,
     Lanes,
     ManyStates,
     powers_at_pcc,
 )
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
+from vsgdesign.linear.operating_point.network import NetworkCircuit, NetworkStates, network_circuit, states_of_networks
 from vsgdesign.metrics.survival import REST_SHARE, WATCHED, SurvivalDemand
+from vsgdesign.simulation.circuits import Connection, no_rest_with
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.telling import GainsAtRest
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import settling_times_asked
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network import Network
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Samples = NDArray[np.int64]
 
 STEP_WINDOW = 1.85
@@ -51,11 +57,13 @@ class Rests:
     Q_end: Array
     delta_start: Array
     delta_end: Array
+    states: NetworkStates | None = None
+    """Of the networks of all lanes, which the circuits at the start have; None: there is nothing but grids."""
 
     def take(self, chosen: NDArray[np.intp]) -> Rests:
         """Some of the lanes."""
-        others = {name: getattr(self, name)[chosen] for name in self.__dataclass_fields__ if name != "start"}
-        return Rests(start=_some(self.start, chosen), **others)
+        others = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name not in ("start", "states")}
+        return Rests(start=_some(self.start, chosen), states=self.states, **others)
 
 
 def _some(states: ManyStates, chosen: NDArray[np.intp]) -> ManyStates:
@@ -77,13 +85,18 @@ def rests_of(
     """Where every case rests before and after, with the gains at the start; cases without one are marked."""
     last = last_of(segments)
     at_end = Lanes(last.R_g, last.L_g, last.V_g_rms, last.omega, *cases.references_at_end(study.converter.references()))
-    phase = cases.around.phase
-    start, gains = many_rests_with_measured_gains(study, cases.at_start, told.first, phase=phase)
-    end, _ = many_rests_with_measured_gains(study, at_end, told.known_at_end(), phase=0.0)
+    phase, linked = cases.around.phase, circuits_at_rest(study, cases, at_end)
+    start, gains = many_rests_with_measured_gains(study, cases.at_start, told.first, phase=phase, circuit=linked.start)
+    end, _ = many_rests_with_measured_gains(study, at_end, told.known_at_end(), phase=0.0, circuit=linked.end)
+    for state, obstacle in ((start, linked.none_at_start), (end, linked.none_at_end)):
+        state.fault[obstacle] = NO_POINT
     step = cases.kind == STEP
     at_pcc = [
-        powers_at_pcc(study, state, lanes, at)
-        for state, lanes, at in ((start, cases.at_start, phase), (end, at_end, 0.0))
+        powers_at_pcc(study, state, lanes, at, circuits)
+        for state, lanes, at, circuits in (
+            (start, cases.at_start, phase, linked.start),
+            (end, at_end, 0.0, linked.end),
+        )
     ]
     rests = Rests(
         start=start,
@@ -93,6 +106,7 @@ def rests_of(
         Q_end=np.where(step, at_pcc[1][1], end.Q),
         delta_start=start.controller.theta - phase,
         delta_end=end.controller.theta,
+        states=linked.states,
     )
     fault = np.where(start.fault > 0, start.fault, end.fault)
     results.fault[:] = fault
@@ -104,6 +118,34 @@ def rests_of(
     limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS))
     results.status[limited] = OVER_LIMIT
     return rests, gains
+
+
+class Linked(NamedTuple):
+    """What the filters of N cases are connected to at the start and at the end; None: to grids alone."""
+
+    states: NetworkStates | None
+    start: tuple[NetworkCircuit, ...] | None
+    end: tuple[NetworkCircuit, ...] | None
+    none_at_start: Mask
+    none_at_end: Mask
+    """Where a fault or an open breaker leaves no rest that is known, (N,)."""
+
+
+def circuits_at_rest(study: Study, cases: LaneCases, at_end: Lanes) -> Linked:
+    """The circuits with the networks of the cases, with the states that all of them need together. Where there is no
+    rest, the load is in it alone."""
+    nothing = np.zeros(len(cases), dtype=bool)
+    if cases.networks is None:
+        return Linked(None, None, None, nothing, nothing)
+    states = states_of_networks([network for listed in cases.networks for _, network in listed])
+    circuits, without = [], []
+    for lanes, k in ((cases.at_start, 0), (at_end, -1)):
+        networks = [listed[k][1] for listed in cases.networks]
+        without.append(np.array([no_rest_with(network) is not None for network in networks], dtype=bool))
+        of = zip(lanes.R_g.tolist(), lanes.L_g.tolist(), networks, strict=True)
+        loaded = (Connection(Grid(R_g, L_g), Network(load=network.load)) for R_g, L_g, network in of)
+        circuits.append(tuple(network_circuit(study.filter, *one, states) for one in loaded))
+    return Linked(states, *circuits, *without)
 
 
 def last_of(segments: Segments) -> Segments:

@@ -41,7 +41,6 @@ from vsgdesign.simulation.outcome import BOUND_PU
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
 from vsgdesign.simulation.survival.running import trip_of
-from vsgdesign.study.parameters.network import only_a_grid
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -60,9 +59,9 @@ def run_lanes(
 
     Events of a case are at least 5 ms apart. ``strict``: every operation rounds by itself, so that the results are the
     same bits on every machine. Cases without a background and sensors of their own have those of the study. Raises
-    InfeasibleStudyError where the study cannot be run in a batch: a load, a fault or an open breaker at the start; a
-    record that is too short, or events that change its voltage; a switched bridge whose intervals do not lie on one
-    slope of the carrier.
+    InfeasibleStudyError where the study cannot be run in a batch: a record that is too short, or events that change its
+    voltage; a switched bridge whose intervals do not lie on one slope of the carrier. Load, fault and breaker change at
+    the instants that the cases give, as :func:`vsgdesign.simulation.run.simulate` has it.
     """
     own, cases = study.with_limit_of(spec), cases.in_study(study)
     _refuse(own, cases, bridge)
@@ -120,7 +119,6 @@ def run_told(
 
 
 def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
-    only_a_grid(study.network, "a batch of runs")
     given = np.isfinite([cases.events.V_g_rms, cases.events.omega_g]).any() or cases.events.phase_jump.any()
     if study.replay is not None and given:
         raise InfeasibleStudyError(

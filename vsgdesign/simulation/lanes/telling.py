@@ -126,7 +126,8 @@ def telling(
     T_s = study.converter.T_s
     period = ready.update_period(spec) or UPDATE_PERIOD
     every = whole_multiple(period, T_s, "update_period", "the controller's sampling period")
-    told, updates = told_grids(cases) if said is None else said, Updates(every, T_s, safe_grid(study, spec, ready))
+    told = told_grids(study, cases) if said is None else said
+    updates = Updates(every, T_s, safe_grid(study, spec, ready))
     table = ready.table(spec)
     if table is not None:
         scheduler = scheduler_of(table)
@@ -134,6 +135,8 @@ def telling(
     if follows_measured(spec):
         return _Following(law, told, updates)
     exact = (cases.error_R == 0.0) & (cases.error_X == 0.0) & (cases.silent_s == 0.0) & (said is None)
+    if cases.networks is not None:  # behind an open breaker nobody knows the grid
+        exact &= np.array([all(network.connected for _, network in listed) for listed in cases.networks], dtype=bool)
     return _AtDesignPoint(law, told, exact, updates)
 
 

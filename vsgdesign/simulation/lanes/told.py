@@ -8,8 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.simulation.feeds import Told
-from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.feeds import Told, told_of
+from vsgdesign.simulation.lanes.cases import LaneCases, study_of_case
+from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.grid import GridEstimate
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 
@@ -99,12 +102,14 @@ class ToldNow:
         return some
 
 
-def told_grids(cases: LaneCases) -> ToldGrids:
+def told_grids(study: Study, cases: LaneCases) -> ToldGrids:
     """What the controllers of the cases are told.
 
     An estimate is R_g (1 + error_R) and L_g (1 + error_X) at all times. From a change of the grid or its source on
     there is none for ``silent_s``; if the next change comes before it, the silence goes on from there.
     """
+    if cases.networks is not None and max(map(len, cases.networks), default=0) > 1:
+        return ToldGrids.of([_told_with_network(study, cases, k) for k in range(len(cases))])
     events, count = cases.events, len(cases)
     error_R, error_L = 1.0 + cases.error_R, 1.0 + cases.error_X
     shape = count, 2 + 2 * events.count
@@ -126,3 +131,11 @@ def told_grids(cases: LaneCases) -> ToldGrids:
         R_told[:, 2 + 2 * k], L_told[:, 2 + 2 * k] = R_g * error_R, L_g * error_L
     order = np.argsort(starts, axis=1, kind="stable")
     return ToldGrids(*(np.take_along_axis(values, order, axis=1) for values in (starts, R_told, L_told)))
+
+
+def _told_with_network(study: Study, cases: LaneCases, k: int) -> Told:
+    """What one controller is told where load, fault or breaker change."""
+    errors = float(cases.error_R[k]), float(cases.error_X[k])
+    knows = GridEstimate(error_R=errors[0], error_X=errors[1], silent_s=float(cases.silent_s[k]))
+    own = study_of_case(study, cases, k, 1)
+    return told_of(own, knows, build_timeline(own))
