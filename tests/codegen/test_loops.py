@@ -11,9 +11,13 @@ import numpy as np
 import pytest
 
 from tests.codegen.twins import twin
+from tests.codegen.wasm_host import Host, WasmLoop
+from vsgdesign.codegen import wasm
 from vsgdesign.codegen.llvm import LoopSpec, Program, best_lanes, compiled_loop, empty_rows, flat_block
 from vsgdesign.codegen.llvm_loop import loop_text
-from vsgdesign.codegen.machine_code import assembly, host, instruction_set, target_named
+from vsgdesign.codegen.machine_code import assembly, host, instruction_set, object_of, target_named
+from vsgdesign.codegen.wasm import STACK, wasm_module
+from vsgdesign.equations.notation import Count, Numbers
 
 
 class Moved(NamedTuple):
@@ -176,14 +180,59 @@ def test_every_instruction_set_gives_the_same_bits(target: str, lanes: int) -> N
     same(ours, expected)
 
 
-def test_the_same_loop_for_another_host() -> None:
-    """The target is a value of the printer: the text of WebAssembly has its vectors, and cannot run here."""
-    spec = dataclasses.replace(SPEC, lanes=target_named("wasm").lanes, vectors=2)
-    text = assembly(loop_text(spec), "wasm")
-    assert ".globaltype" in text
-    assert "f64x2.mul" in text
+def test_another_host_gives_the_same_bits() -> None:
+    """WebAssembly, which this process cannot run."""
+    ours, expected = drawn(), drawn()
+    call(compiled_loop(SPEC), expected, 0, END)
+    loop = WasmLoop(dataclasses.replace(SPEC, lanes=target_named("wasm").lanes, vectors=2))
+    for begin, end in itertools.pairwise((0, 1, 6, 7, 30, 31, END)):
+        assert call(loop, ours, begin, end) == end - begin
+    same(ours, expected)
+    assert "f64x2.mul" in assembly(loop_text(loop.spec), "wasm")  # both lanes at once
     with pytest.raises(ValueError, match="this processor cannot run it, for it is another machine"):
         instruction_set("wasm")
+
+
+def test_several_loops_are_one_module() -> None:
+    """Each with constants of its own, and with a stack that is not theirs."""
+    rows = [(3.0, 1.0, 4.0), (1.0, 5.0, 9.0)]
+    specs = {f"row_{at}": constants_spec(row) for at, row in enumerate(rows)}
+    module = wasm_module(specs)
+    host = Host(module)
+    assert sorted(host.names) == ["free", "memory", "row_0", "row_1"]
+    assert host.free >= 2 * 24 + STACK
+    for name, row in zip(specs, rows, strict=True):
+        loop = WasmLoop(specs[name], name, host)
+        state = np.array([[[2.0, 0.0]], [[1.0, 1.0]]])
+        loop(0, 1, state, np.zeros(0))
+        np.testing.assert_array_equal(state.ravel(), [row[2], row[0], row[1], row[1]])
+
+
+def constants_spec(row: tuple[float, ...]) -> LoopSpec:
+    """A loop whose state becomes the number of a row that is known."""
+    block = flat_block(picked, fixed={"table": Table(row)})
+    return LoopSpec((block,), (("at", "picked"),), lanes=2, strict=True)
+
+
+class Table(NamedTuple):
+    row: Numbers
+
+
+def picked(table: Table, at: Count) -> Any:
+    return 1.0 * table.row[at]
+
+
+@pytest.mark.parametrize("names", [(), ("memory",), ("free",), ("of table",), ("größe",)])
+def test_names_that_a_module_cannot_have(names: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match="give at least one, each with a name of letters"):
+        wasm_module(dict.fromkeys(names, SPEC))
+
+
+def test_a_module_has_no_library() -> None:
+    text = "declare double @sin(double)\ndefine double @f(double %x) {\n  %y = call double @sin(double %x)\n"
+    data, functions = object_of([text + "  ret double %y\n}\n"], "wasm")
+    with pytest.raises(ValueError, match="a loop for WebAssembly needs __linear_memory, sin: no library is there"):
+        wasm._linked(data, {"f": functions.index("f")})
 
 
 def test_a_loop_that_may_round_less_is_near() -> None:

@@ -16,7 +16,8 @@ refused with file, line and what to write instead.
   :func:`~vsgdesign.codegen.llvm.compiled_loop` makes a loop over samples and lanes of them. A strict loop has the bits
   of plain Python.
 - The target of machine code is a value, :class:`~vsgdesign.codegen.machine_code.Target`: AVX-512, AVX2 or SSE2 in this
-  process, WebAssembly as text for another one. A new target is one more of them.
+  process, WebAssembly for another one. A new target is one more of them. :func:`~vsgdesign.codegen.wasm.wasm_module`
+  makes a module of several loops.
 """
 
 from vsgdesign.codegen.c99 import TYPES, CText, c_functions

@@ -34,8 +34,8 @@ POINTERS = (
 _NEVER = 1 << 62
 
 
-def loop_text(spec: LoopSpec) -> str:
-    """The module with the function :data:`NAME`, which takes a pointer to its arguments (:data:`INTEGERS`, then
+def loop_text(spec: LoopSpec, name: str = NAME) -> str:
+    """The module with the function ``name``, which takes a pointer to its arguments (:data:`INTEGERS`, then
     :data:`POINTERS`, 64 bits each) and gives the number of samples that it has done."""
     spec.check()
     printer = Printer(spec.width, spec.strict)
@@ -49,8 +49,8 @@ def loop_text(spec: LoopSpec) -> str:
     lines = [
         *sorted(printer.declared),
         *(text for _, text in printer.rows.values()),
-        *_entrance(),
-        f"define internal i64 @all_groups({', '.join(arguments)}) #0 {{",
+        *_entrance(name),
+        f"define internal i64 @all.groups({', '.join(arguments)}) #0 {{",
         "entry:",
         f"  %once = alloca double, i64 {around.once.size}, align 64",
         f"  %lanes = alloca double, i64 {around.lanes.size}, align 64",
@@ -70,17 +70,17 @@ def loop_text(spec: LoopSpec) -> str:
     return "\n".join(lines)
 
 
-def _entrance() -> list[str]:
+def _entrance(name: str) -> list[str]:
     """Takes the arguments from memory: a call from Python with one argument costs a tenth of one with thirty."""
-    lines, given = [f"define i64 @{NAME}(ptr %given) {{"], []
-    for at, name in enumerate((*INTEGERS, *POINTERS)):
-        kind = "i64" if name in INTEGERS else "ptr"
+    lines, given = [f"define i64 @{name}(ptr %given) {{"], []
+    for at, one in enumerate((*INTEGERS, *POINTERS)):
+        kind = "i64" if one in INTEGERS else "ptr"
         lines += [
-            f"  %place_{name} = getelementptr i64, ptr %given, i64 {at}",
-            f"  %{name} = load {kind}, ptr %place_{name}",
+            f"  %place_{one} = getelementptr i64, ptr %given, i64 {at}",
+            f"  %{one} = load {kind}, ptr %place_{one}",
         ]
-        given.append(f"{kind} %{name}")
-    return [*lines, f"  %samples = call i64 @all_groups({', '.join(given)})", "  ret i64 %samples", "}"]
+        given.append(f"{kind} %{one}")
+    return [*lines, f"  %samples = call i64 @all.groups({', '.join(given)})", "  ret i64 %samples", "}"]
 
 
 def _group(spec: LoopSpec) -> list[str]:

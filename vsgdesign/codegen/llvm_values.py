@@ -161,7 +161,7 @@ class Printer:
         """A number of a row that is known, for each lane its own."""
         if row.values not in self.rows:
             numbers = ", ".join(f"double {_bits_of(one)}" for one in row.values)
-            name = f"@row_{len(self.rows)}"
+            name = f"@row.{len(self.rows)}"
             text = f"private constant [{len(row.values)} x double] [{numbers}], align 64"
             self.rows[row.values] = name, f"{name} = {text}"
         name, wide = self.rows[row.values][0], at.wide and self.width > 1

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import hashlib
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +31,7 @@ AVX512 = Target("avx512", "x86-64-v4", lanes=8, needed=("avx512f", "avx512dq", "
 AVX2 = Target("avx2", "x86-64-v3", lanes=4, needed=("avx2", "fma"))
 SSE2 = Target("sse2", "x86-64")
 WASM = Target("wasm", "generic", "+simd128", triple="wasm32-unknown-unknown")
-"""WebAssembly with vectors: :func:`assembly` alone makes it."""
+"""WebAssembly with vectors: :func:`object_of` and :func:`assembly` make it."""
 
 TARGETS = {target.name: target for target in (AVX512, AVX2, SSE2, WASM)}
 """The targets by name, the best of this process first."""
@@ -106,6 +107,15 @@ def assembly(text: str, target: str = "native") -> str:
     """A target's instructions of a module, to be read or given to its own assembler."""
     module, machine = _parsed(text, target)
     return machine.emit_assembly(module)
+
+
+def object_of(texts: Sequence[str], target: str) -> tuple[bytes, list[str]]:
+    """The object file of modules of LLVM's text that belong together, and the names of its functions in their order.
+    What is internal to a module may have the name of what is internal to another one."""
+    (first, machine), *others = [_parsed(text, target) for text in texts]
+    for other, _ in others:
+        first.link_in(other)
+    return machine.emit_object(first), [one.name for one in first.functions if not one.is_declaration]
 
 
 @functools.cache
