@@ -74,7 +74,7 @@ def test_the_answer_acts_where_its_window_ends_and_goes_through_the_schedule() -
     assert later is not None
     np.testing.assert_allclose(log.L_g, [study.grid.L_g] * 5 + [later.L_g] * 5)
     (judged,) = judge_estimates(result)
-    assert (judged.name, judged.twin, judged.statuses) == ("network", "truth", {"ok": 10})
+    assert (judged.name, judged.with_the_truth, judged.statuses) == ("network", "truth", {"ok": 10})
     assert len(judged.rest) == 2
 
 
@@ -124,7 +124,7 @@ def test_a_table_takes_estimates_too() -> None:
     np.testing.assert_allclose(run.gain_changes[-1].gains, expected, rtol=2e-3)
     assert len({change.gains for change in run.gain_changes}) > 3  # in steps, not in one
     judged = judge_estimates(result)[0]
-    assert judged.twin is None
+    assert judged.with_the_truth is None
     # SCR 1.41 is not in the box, so it begins at the nearest one, 1.5, and goes to 5.67, by 1.2 a window:
     # ln(5.67/1.5)/ln 1.2 = 7.3, the eighth window arrives.
     assert judged.rate_limit is not None

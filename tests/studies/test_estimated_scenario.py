@@ -78,7 +78,7 @@ def test_trained_on_every_grid(continuous: tuple[Study, Ready]) -> None:
         assert change.kept_windows is not None
         assert change.kept_windows <= 2
     assert one.statuses == {"ok": 3000}
-    assert one.twin == "AVSG"
+    assert one.with_the_truth == "AVSG"
     assert [step.t_s for step in one.steps] == [10.0, 30.0, 50.0]
     as_with_the_truth(one)
 

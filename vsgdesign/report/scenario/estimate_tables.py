@@ -210,7 +210,7 @@ def truth_table(judged: Judgement) -> Table:
     )
     head = ("Step", "estimate", "truth", "estimate", "truth")
     groups = (("", 1), ("Settling time [s]", 2), ("Overshoot [%]", 2))
-    return Table(f"{judged.name} beside {judged.twin}", head, rows, groups=groups)
+    return Table(f"{judged.name} beside {judged.with_the_truth}", head, rows, groups=groups)
 
 
 def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> list[str]:
@@ -248,8 +248,9 @@ def estimate_text(result: ScenarioResult, judgements: Sequence[Judgement]) -> li
             over = [abs((s.overshoot_pct or 0.0) - (s.overshoot_truth_pct or 0.0)) for s in judged.steps]
             if late:
                 text += (
-                    f" Beside {judged.twin}, which knows the truth, its steps settle within {number(max(late), 2)} s "
-                    f"of the same time and overshoot within {number(max(over), 2)} percentage points."
+                    f" Beside {judged.with_the_truth}, which knows the truth, its steps settle within "
+                    f"{number(max(late), 2)} s of the same time and overshoot within {number(max(over), 2)} "
+                    "percentage points."
                 )
         limit = rate_limit_text(judged.name, *judged.rate_limit) if judged.rate_limit else ""
         paragraphs.append(f"{text} {limit}".rstrip())

@@ -20,7 +20,7 @@ from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.scenario.estimate_figures import change_zooms
 from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
-from vsgdesign.simulation.scenario.judging import twin_of
+from vsgdesign.simulation.scenario.judging import same_with_truth
 
 Array = NDArray[np.float64]
 
@@ -192,7 +192,7 @@ def _error_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
 @look()
 def _probe_figure(result: ScenarioResult, controllers: list[tuple[int, ControllerResult]]) -> NamedFigure | None:
     index, controller = controllers[0]
-    twin = twin_of(result, controller)
+    truth = same_with_truth(result, controller)
     rests = sorted(rests_of(result), key=lambda rest: rest.begin_s - rest.end_s)[:1]
     if not rests or rests[0].end_s - rests[0].begin_s < 2.0 * _WINDOW_S:
         return None
@@ -207,7 +207,7 @@ def _probe_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
     for column, (name, base, title) in enumerate(zip(("v_c_alpha", "i_g_alpha"), bases, titles, strict=True)):
         axes = add_axes(figure, _LEFT + column * (width + between), _BOTTOM, width, height)
         for one, style in (
-            (twin, REFERENCE | {"linewidth": 0.6}),
+            (truth, REFERENCE | {"linewidth": 0.6}),
             (controller, line_style(index) | {"linewidth": 0.8}),
         ):
             if one is None:
@@ -219,7 +219,7 @@ def _probe_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
         axes.set_xlabel("Frequency [Hz]")
         axes.set_ylabel("Amplitude [% of rated peak]")
         axes.set_title(title)
-    names = ([] if twin is None else [f"{twin.spec.name}, no probe"]) + [controller.spec.name]
+    names = ([] if truth is None else [f"{truth.spec.name}, no probe"]) + [controller.spec.name]
     legend(figure, [(line, symbols(name)) for line, name in zip(lines, names, strict=False)], PAGE_IN - _LEFT)
     f_n = c.omega_n / (2.0 * math.pi)
     caption = (

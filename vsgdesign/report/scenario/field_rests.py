@@ -16,7 +16,7 @@ from vsgdesign.report.drawing.quantities import DASH, number, plain, plain_quant
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
-from vsgdesign.simulation.scenario.judging import twin_of
+from vsgdesign.simulation.scenario.judging import same_with_truth
 from vsgdesign.study.parameters.grid import Grid
 
 SETTLE_S = 4.0
@@ -76,12 +76,12 @@ def rests_of(result: ScenarioResult) -> tuple[Rest, ...]:
 
 def answers_table(result: ScenarioResult, controller: ControllerResult) -> Table:
     """Accuracy and coverage of each rest, and what the probe costs there."""
-    answers, twin = field_answers(result, controller), twin_of(result, controller)
+    answers, truth = field_answers(result, controller), same_with_truth(result, controller)
     rows = []
     for rest in rests_of(result):
         chosen = answers.rows(rest.begin_s, rest.end_s) & answers.valid
         error = 100.0 * answers.error[chosen]
-        costs = [None if one is None else _cost(result, one, rest) for one in (controller, twin)]
+        costs = [None if one is None else _cost(result, one, rest) for one in (controller, truth)]
         rows.append(
             (
                 f"{plain(rest.begin_s, 5)} … {plain(rest.end_s, 5)}",
@@ -101,9 +101,9 @@ def answers_table(result: ScenarioResult, controller: ControllerResult) -> Table
         (f"V, {2 * f_n:g}–{3 * f_n:g} Hz [%]", 2),
         ("P, rms ripple [%]", 2),
     )
-    beside = "The study has no twin without a probe."
-    if twin is not None:
-        beside = f"Without: {twin.spec.name}, which sends no probe."
+    beside = "No controller of the study differs by the truth alone and sends no probe."
+    if truth is not None:
+        beside = f"Without: {truth.spec.name}, which sends no probe."
     notes = (
         f"At rest: from {plain(SETTLE_S)} s after an event on. p95: 95th percentile of |Ẑ − Z|/|Z| of the valid "
         "answers. Truth inside: share of them whose 95 % ellipse holds the true grid. V: rms between two harmonics "
@@ -148,14 +148,14 @@ def answers_text(result: ScenarioResult, controller: ControllerResult) -> str:
 
 def _moved(result: ScenarioResult, controller: ControllerResult) -> float:
     """Rms of what is left of P's ripple at rest in the mean that steps are judged on, of the rating: the largest of the
-    rests, less that of the twin. Zero where there is no twin."""
-    twin = twin_of(result, controller)
-    if twin is None:
+    rests, less that of the same controller with the truth. Zero where there is none."""
+    truth = same_with_truth(result, controller)
+    if truth is None:
         return 0.0
     found = [0.0]
     for rest in rests_of(result):
         both = []
-        for one in (controller, twin):
+        for one in (controller, truth):
             t_s = one.simulation.t_s
             rows = (t_s >= rest.begin_s) & (t_s < rest.end_s)
             mean = cycle_mean(one.simulation.column("P")[rows], samples_per_mean(result.study, t_s))

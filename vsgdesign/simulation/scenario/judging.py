@@ -34,7 +34,7 @@ class Judgement:
     statuses: dict[str, int]
     rest: tuple[RestError, ...]
     changes: tuple[ChangeSeen, ...]
-    twin: str | None
+    with_the_truth: str | None
     """The controller that differs by knowing the truth alone, and by when it is told, if the study has one."""
     steps: tuple[StepAgainstTruth, ...]
     inside: tuple[float, float] | None = None
@@ -67,7 +67,7 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
             rest = rows_at_rest(log.t_s, instants, end_s)
             inside = inside_run(table, (log.R_g, log.L_g), (log.R_g_hat, log.L_g_hat), rest)
         rows = (log.t_s, log.R_g, log.L_g, log.R_g_hat, log.L_g_hat)
-        twin = twin_of(result, controller)
+        truth = same_with_truth(result, controller)
         found.append(
             Judgement(
                 name=controller.spec.name,
@@ -75,32 +75,34 @@ def judge_estimates(result: ScenarioResult) -> tuple[Judgement, ...]:
                 statuses=dict(Counter(log.status)),
                 rest=errors_at_rest(*rows, instants, end_s),
                 changes=changes_seen(*rows, log.period, changes, instants, end_s),
-                twin=None if twin is None else twin.spec.name,
-                steps=() if twin is None else _against(controller, twin),
+                with_the_truth=None if truth is None else truth.spec.name,
+                steps=() if truth is None else _against(controller, truth),
                 inside=inside,
             )
         )
     return tuple(found)
 
 
-def twin_of(result: ScenarioResult, controller: ControllerResult) -> ControllerResult | None:
+def same_with_truth(result: ScenarioResult, controller: ControllerResult) -> ControllerResult | None:
     """The controller that differs by knowing the truth alone, and by when it is told; None if the study has none."""
-    return next((other for other in result.controllers if _is_twin(controller, other, result.ready)), None)
+    return next(
+        (other for other in result.controllers if _knows_the_truth_alone(controller, other, result.ready)), None
+    )
 
 
-def _is_twin(controller: ControllerResult, other: ControllerResult, ready: Ready) -> bool:
+def _knows_the_truth_alone(controller: ControllerResult, other: ControllerResult, ready: Ready) -> bool:
     changes = {"name": other.spec.name, "estimate": "truth", "update_period": other.spec.update_period}
     alike = replace(controller.spec, **changes) == other.spec
     return other.estimates is None and alike and ready.table(controller.spec) == ready.table(other.spec)
 
 
-def _against(controller: ControllerResult, twin: ControllerResult) -> tuple[StepAgainstTruth, ...]:
+def _against(controller: ControllerResult, truth: ControllerResult) -> tuple[StepAgainstTruth, ...]:
     steps = []
     for ours in controller.events:
         # A step together with the clearing of a fault comes at an instant of each run.
-        of_twin = [one for one in twin.events if (one.kind, one.signal) == (ours.kind, ours.signal)]
-        if ours.kind == "step" and of_twin:
-            theirs = min(of_twin, key=lambda one: abs(one.t_s - ours.t_s))
+        alike = [one for one in truth.events if (one.kind, one.signal) == (ours.kind, ours.signal)]
+        if ours.kind == "step" and alike:
+            theirs = min(alike, key=lambda one: abs(one.t_s - ours.t_s))
             a, b = (e.cycle_mean for e in (ours, theirs))
             steps.append(
                 StepAgainstTruth(

@@ -231,7 +231,7 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
         "inside_set": None if judged.inside is None else dict(zip(("at_rest", "of_all"), judged.inside, strict=True)),
         "rest": [asdict(one) for one in judged.rest],
         "grid_changes": [asdict(one) for one in judged.changes],
-        "with_the_truth": judged.twin,
+        "with_the_truth": judged.with_the_truth,
         "steps": [asdict(one) for one in judged.steps],
     }
 
