@@ -218,3 +218,53 @@ def test_no_stable_end_has_no_figures(end: EndState, status: str) -> None:
     m = measure(2.0, 5.0, first_order(2.0, 2000.0, 2500.0), end=end)
     assert (m.status, m.reason, m.needs_s) == (status, "a mode grows", None)
     assert (m.raw.overshoot_pct, m.raw.settling_time_s, m.raw.rise_time_s) == (None, None, None)
+
+
+def in_noise(size: float, rms: float, hidden: np.ndarray | float = 0.0) -> EventMetrics:
+    """A step from 2 kW with noise of 40 W rms that is the same without it. Not the same is noise of ``rms`` in the
+    mean of a cycle, and what is ``hidden``."""
+    rng = np.random.default_rng(4)
+    common, left = 40.0 * rng.standard_normal(T.size), rms * math.sqrt(PER_CYCLE) * rng.standard_normal(T.size)
+    after = T > 0.4 - 0.5 * DT
+    y = 2000.0 + common + after * (size * (1.0 + hidden) * (1.0 - np.exp(-np.maximum(T - 0.4, 0.0) / TAU)) + left)
+    window, end = EventWindow("event", 0.4, 6.0, True), EndState(None, 1.0 / TAU)
+    return measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end, 2000.0 + common)
+
+
+def test_a_step_beside_its_twin_has_the_figures_of_one_without_noise() -> None:
+    m = in_noise(500.0, 1.0)
+    assert (m.status, m.kind, m.drift) == (MEASURED, "step", 0.0)
+    assert m.noise is not None
+    assert m.cycle_mean.settling_time_s == pytest.approx(TAU * math.log(50.0) + 0.01, abs=0.05)
+    assert m.noise.step == pytest.approx(500.0, abs=1.0)
+    assert m.cycle_mean.final is not None
+    assert m.cycle_mean.final - m.cycle_mean.initial == pytest.approx(m.noise.step, abs=1e-9)
+    assert m.noise.left == pytest.approx(1.0, rel=0.2)
+    assert m.noise.rest == pytest.approx(40.0 / math.sqrt(PER_CYCLE), rel=0.3)
+    assert m.noise.share == pytest.approx(4.5 * m.noise.left / 500.0, rel=1e-2)
+    assert m.noise.least_step == pytest.approx(225.0 * m.noise.left, rel=1e-9)
+    assert m.noise.judgeable
+    assert 0.0 < (m.cycle_mean.overshoot_pct or 0.0) < 100.0 * m.noise.share  # nothing but noise
+    small = in_noise(200.0, 1.0).noise
+    assert small is not None
+    assert not small.judgeable  # 4.5 W beside a band of 4 W
+    assert in_noise(-500.0, 1.0).cycle_mean.settling_time_s == pytest.approx(0.79, abs=0.05)
+
+
+def test_a_twin_hides_nothing_that_comes_with_the_step() -> None:
+    """A slow mode, a drift and a late step are outside the band, and a ringing is not called settled."""
+    for hidden in (0.06 * np.exp(-0.15 * T), 0.02 * T, 0.03 * (T > 5.0), 0.03 * np.sin(2.0 * math.pi * 0.7 * T)):
+        m = in_noise(500.0, 0.6, hidden)
+        assert m.noise is not None
+        assert m.noise.judgeable
+        settled = m.cycle_mean.settling_time_s
+        assert settled is None or settled > 1.5  # 0.79 s with nothing hidden
+
+
+def test_a_window_that_is_too_short_stays_so_beside_a_twin() -> None:
+    window, end = EventWindow("event", 2.0, 2.5, True), EndState(None, 1.0 / TAU)
+    y = first_order(2.0, 2000.0, 2500.0)
+    alone = measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end)
+    beside = measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end, np.full(T.size, 2000.0))
+    assert alone.status == TOO_SHORT
+    assert beside == alone

@@ -12,12 +12,15 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import GAINS, lc_study
+from vsgdesign.metrics import StepNoise
 from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE
 from vsgdesign.metrics.step_response import no_figures
 from vsgdesign.report import write_report
 from vsgdesign.report.drawing.quantities import number, plain_quantity, prefix_for, quantity
 from vsgdesign.report.page import converter
+from vsgdesign.report.page.blocks import UNKNOWN
 from vsgdesign.report.scenario import tables
+from vsgdesign.report.scenario.answer import scenario_answer, steps_answer
 from vsgdesign.report.scenario.outcomes import overshoot_of, settling_factor, step_outcomes, uncoupled_P
 from vsgdesign.report.scenario.signals import source_frequency
 from vsgdesign.report.scenario.verdict import explanation, verdict
@@ -219,6 +222,51 @@ def test_a_window_too_short_to_know_is_neither_met_nor_missed(short):
         assert (row[3], row[4], row[6], row[7]) == ("window too short", "not known", "–", "not known")
     assert any(why in note for note in table.notes)
     assert not table.flagged
+
+
+def test_a_step_beside_its_twin_is_told_with_its_noise(short):
+    """The overshoot with its uncertainty, the noise in which the power rests, and what no noise allows to judge."""
+
+    def outcomes_with(left, settled_s, overshoot_pct):
+        events = []
+        for e in short.result.controllers[1].events:
+            mean = replace(e.cycle_mean, settling_time_s=settled_s, overshoot_pct=overshoot_pct)
+            step = StepNoise(500.0, left, 13.6)
+            events.append(replace(e, cycle_mean=mean, noise=step) if e.kind == "step" else e)
+        found = replace(short.result, controllers=(replace(short.result.controllers[1], events=tuple(events)),))
+        return found, step_outcomes(found)
+
+    def row_of(outcomes):
+        table = tables.targets_table(outcomes)
+        assert tables.targets_table(outcomes).head[8] == "Rests in, rms"
+        return table.rows[0][3:9]
+
+    # AVSG is asked for 1 s and no overshoot of P and Q. 4.5 times 1.333 W of 500 W: 1.2 %.
+    quiet, outcomes = outcomes_with(4 / 3, 0.9, 1.1)
+    assert row_of(outcomes) == ("0.900", "met", "0.0", "1.1 ± 1.2", "met", "13.6 W")
+    assert not any(outcome.misses for outcome in outcomes)
+    assert verdict(quiet, outcomes)[0] == "AVSG meets its settling time and overshoot on every step."
+    assert "0.900 s, 1.1 ± 1.2 %; rests in 13.6 W rms" in steps_answer(quiet, outcomes).rows[0].cells[0].detail
+    assert "difference from the same run without the step" in tables.targets_table(outcomes).notes[1]
+    terminal = tables.responses_table(quiet)
+    assert terminal.head[-1] == "rests in, rms"
+    assert ("1.1 ± 1.2 %", "13.6 W") in {(row[4], row[-1]) for row in terminal.rows}
+    assert all(outcome.misses for outcome in outcomes_with(4 / 3, 0.9, 1.3)[1])
+    assert row_of(outcomes_with(4 / 3, 1.1, 1.1)[1])[:2] == ("1.10", "missed")
+    # 4.5 times 3 W: 2.7 % is more than the band. Noise makes a settling time late, not early.
+    loud, outcomes = outcomes_with(3.0, 1.1, 1.1)
+    assert row_of(outcomes) == ("1.10", "cannot be judged", "0.0", "1.1 ± 2.7", "cannot be judged", "13.6 W")
+    assert not any(outcome.misses or outcome.judged for outcome in outcomes)
+    text = " ".join(verdict(loud, outcomes))
+    assert "cannot be judged, neither met nor missed" in text
+    assert "a step of at least 675 W can be judged" in text
+    shown = steps_answer(loud, outcomes).rows[0].cells[0]
+    assert (shown.mark, shown.words) == (UNKNOWN, "cannot be judged")
+    assert scenario_answer(loud, outcomes, (), ()).rows[0].cells[0].words == "cannot be judged"
+    for settled in (0.9, None):
+        early = row_of(outcomes_with(3.0, settled, 1.1)[1])
+        assert early[1] == ("met" if settled else "cannot be judged")
+        assert early[4] == "cannot be judged"
 
 
 def test_an_unstable_end_is_a_miss_without_figures(short):

@@ -1,6 +1,6 @@
 """From arrays to named results: overshoot, settling time, margins, modes, errors of an estimate, survival."""
 
-from vsgdesign.metrics.events import EndState, EventMetrics, EventWindow, measure_event
+from vsgdesign.metrics.events import EndState, EventMetrics, EventWindow, StepNoise, measure_event
 from vsgdesign.metrics.step_response import (
     ResponseMetrics,
     cycle_mean,
@@ -16,6 +16,7 @@ __all__ = [
     "EventWindow",
     "ExpectedRest",
     "ResponseMetrics",
+    "StepNoise",
     "Survival",
     "SurvivalDemand",
     "SurvivalRecord",

@@ -31,6 +31,13 @@ STATUSES = (MEASURED, NOT_SETTLED, TOO_SHORT, UNSTABLE, NO_STEADY_STATE, DIVERGE
 """The status of an event. The first two have results; ``not settled`` has no settling time. ``no model`` means that it
 is not known in what state the signal settles."""
 
+SIGMAS = 4.5
+"""So many times its rms the noise of a difference may be: of the means over two cycles within 10 s, none is more."""
+
+_APART = 2
+"""Lengths of the mean that lie between values of which the noise is found: neighbouring means are alike, because the
+power loops smooth what the sensors' rounding leaves."""
+
 _SMALLEST_STEP = 1e-3
 """A change of less than this share of the rating is not a step."""
 
@@ -74,6 +81,34 @@ class EventWindow:
     """Whether the event steps this signal's own reference."""
 
 
+@dataclass(frozen=True)
+class StepNoise:
+    """What noise does to the figures of a step that is judged beside its twin (:eq:`twin-noise`)."""
+
+    step: float
+    """The size of the step, in the unit of the signal, with its sign."""
+    left: float
+    """Rms of the noise that is left in the judged difference, in the unit of the signal; infinite where it is not
+    known."""
+    rest: float
+    """Rms by which the judged mean moves at rest, without the step, in the unit of the signal."""
+
+    @property
+    def share(self) -> float:
+        """What the noise may do to the difference, as a share of the step."""
+        return SIGMAS * self.left / abs(self.step) if self.step != 0.0 else math.inf
+
+    @property
+    def judgeable(self) -> bool:
+        """Whether the noise stays within the band."""
+        return self.share <= SETTLING_BAND
+
+    @property
+    def least_step(self) -> float:
+        """The smallest step that could be judged with this noise, in the unit of the signal."""
+        return SIGMAS * self.left / SETTLING_BAND
+
+
 @dataclass(frozen=True, kw_only=True)
 class EventMetrics:
     """One signal around one event."""
@@ -97,7 +132,9 @@ class EventMetrics:
     """The length that the window would need, s, if it is too short."""
     drift: float = 0.0
     """By how much the mean of the last cycle before the event differs from that of the cycle before it, in the unit of
-    the signal; 0 where there are no two cycles."""
+    the signal; 0 where there are no two cycles, and beside a twin."""
+    noise: StepNoise | None = None
+    """Of a step that was judged beside its twin; None: it was judged alone."""
 
 
 def measure_event(
@@ -109,6 +146,7 @@ def measure_event(
     rating: float,
     samples_per_cycle: int,
     end: EndState,
+    without: Array | None = None,
 ) -> EventMetrics:
     """Results of one signal in one window.
 
@@ -117,27 +155,44 @@ def measure_event(
     it is the mean of the whole cycles in the last tenth of the window, at least one. The bands are 2 % of the step,
     or of ``rating`` for a disturbance. If the window is too short (:func:`time_needed`), or if there is no state in
     which the signal settles, a reason is given instead of results.
+
+    ``without`` (the whole run): the signal of the same run without the step, equal before it. What is judged is then
+    the difference of both (:eq:`twin`): the initial and the final value are the means of ``without`` and of ``y`` over
+    the last whole cycles. It is left out where there is no steady state, or where the window is too short for the
+    slowest mode whatever the signal does.
     """
     # Half a sample of slack: event and sample times are both rounded.
     slack = 0.5 * (t[1] - t[0])
     begin, stop = np.searchsorted(t, [window.t_s - slack, window.end_s - slack])
     begin, stop = int(begin), int(max(stop, begin + 2))
-    before = y[max(begin - samples_per_cycle, 0) : begin] if begin > 0 else y[:1]
-    initial = float(np.mean(before))
-    last = late_mean(y[begin:stop], end.samples_per_cycle or samples_per_cycle)
-    final = last if end.final is None else end.final
-    since = t[begin:stop] - window.t_s
-    mean = cycle_mean(y[max(begin - samples_per_cycle, 0) : stop], samples_per_cycle)[-(stop - begin) :]
+    observed, since = window.end_s - window.t_s, t[begin:stop] - window.t_s
+    if without is not None and not _lasts(end, window, observed):
+        without = None
+    noise, late = None, end.samples_per_cycle or samples_per_cycle
+    if without is None:
+        judged, drift = y[begin:stop], _drift(y[:begin], samples_per_cycle)
+        before = y[max(begin - samples_per_cycle, 0) : begin] if begin > 0 else y[:1]
+        initial = float(np.mean(before))
+        last = late_mean(judged, late)
+        final = last if end.final is None else end.final
+        mean = cycle_mean(y[max(begin - samples_per_cycle, 0) : stop], samples_per_cycle)[-(stop - begin) :]
+    else:
+        initial, drift, end = late_mean(without[begin:stop], late), 0.0, replace(end, final=None)
+        of_both = [cycle_mean(one[max(begin - samples_per_cycle, 0) : stop], samples_per_cycle) for one in (y, without)]
+        judged = initial + (y[begin:stop] - without[begin:stop])
+        final = late_mean(judged, late)
+        left = (of_both[0] - of_both[1])[-(stop - begin) :]
+        mean = initial + left
+        rest = float(np.std(of_both[1][-(stop - begin) :]))
+        noise = StepNoise(final - initial, float(left_over(left, samples_per_cycle)), rest)
     is_step = window.steps_signal and abs(final - initial) > _SMALLEST_STEP * rating
     reference = abs(final - initial) if is_step else rating
-    observed = window.end_s - window.t_s
-
     status, reason, needs = MEASURED, None, None
     if end.decay is None:
         status, reason = NO_STEADY_STATE if end.modelled else NO_MODEL, end.obstacle
     elif not end.decay > 0.0:
         status, reason = UNSTABLE, end.obstacle
-    else:
+    elif noise is None or noise.judgeable or not is_step:  # else the noise alone leaves the band
         share = 1.0 if end.final is not None else _SHARE_OF_BAND
         error = np.abs(mean - final) / reference
         moved_s = max(end.changed_s - window.t_s, 0.0)
@@ -174,14 +229,34 @@ def measure_event(
         t_s=window.t_s,
         signal=signal,
         kind="step" if is_step else "disturbance",
-        raw=measure(y[begin:stop]),
+        raw=measure(judged),
         cycle_mean=measure(mean),
         peak_current_pu=float(np.max(current_pu[begin:stop])),
         status=status,
         reason=reason,
         needs_s=needs,
-        drift=_drift(y[:begin], samples_per_cycle),
+        drift=drift,
+        noise=noise if is_step else None,
     )
+
+
+def _lasts(end: EndState, window: EventWindow, observed: float) -> bool:
+    """Whether a window is long enough for the slowest mode of the state in which it ends."""
+    if end.decay is None or not end.decay > 0.0:
+        return False
+    moved_s = max(end.changed_s - window.t_s, 0.0)
+    return time_needed(np.zeros(1), np.ones(1), end.decay, moved_s, _SHARE_OF_BAND) <= observed
+
+
+def left_over(difference: Array, samples_per_mean: int) -> Any:
+    """Rms of the noise in differences of two means, (n, …) over a window: from the second differences of the later half
+    of it, over twice the length of the mean, in which motion that is slower has no part (:eq:`twin-noise`). Infinite
+    where the window is too short for them."""
+    late, apart = difference[len(difference) // 2 :], _APART * samples_per_mean
+    if len(late) <= 2 * apart:
+        return np.full(late.shape[1:], math.inf)
+    second = late[2 * apart :] - 2.0 * late[apart:-apart] + late[: -2 * apart]
+    return np.sqrt(np.mean(second * second, axis=0) / 6.0)
 
 
 def _drift(before: Array, samples_per_cycle: int) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -170,6 +171,17 @@ class Batch:
         """What is logged from now on, one after the other."""
         self.logs = logs
         self._divide()
+
+    def apart(self) -> Batch:
+        """A batch with the same numbers, at the same place of the same program, which goes its own way from here on and
+        logs nothing."""
+        other = copy(self)
+        other.rows = aligned_zeros(self.rows.shape)
+        other.rows[:] = self.rows
+        other.program = replace(self.program, done=self.program.done.copy())
+        other._standing = {}
+        other.log()
+        return other
 
     def _divide(self) -> None:
         borders = {log.begin for log in self.logs} | {log.end for log in self.logs if log.end is not None}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.simulation.at_pcc import AtPcc
 from vsgdesign.simulation.run import Simulation
+from vsgdesign.simulation.run_state import Twin
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -61,8 +62,8 @@ class SignalsAtPcc(NamedTuple):
     i_s_pu: Array
 
 
-def signals_at_pcc(study: Study, run: Simulation) -> SignalsAtPcc:
-    """Powers and current at the PCC in all rows of a run's log."""
+def signals_at_pcc(study: Study, run: Simulation | Twin) -> SignalsAtPcc:
+    """Powers and current at the PCC in all rows of the log of a run, or of its twin."""
     at_pcc, t_s = AtPcc(study, run.timeline), run.t_s
     found = SignalsAtPcc(t_s, *(np.empty(len(t_s)) for _ in range(4)))
     for first in range(0, len(t_s), _ROWS):
@@ -72,4 +73,18 @@ def signals_at_pcc(study: Study, run: Simulation) -> SignalsAtPcc:
         found.P_pcc[rows], found.Q_pcc[rows] = instantaneous_power(*v.T, *i.T)
         for lengths, vector in ((found.i_pu, i), (found.i_s_pu, log[:, :2])):
             lengths[rows] = np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2) / study.converter.I_rated_pk
+    return found
+
+
+def without_steps(study: Study, run: Simulation, seen: SignalsAtPcc) -> dict[float, SignalsAtPcc]:
+    """What the powers of a run are without each of its steps that has a twin, by the time of the step, s: arrays as
+    long as those of the run, ``seen``, and equal to them outside the twin."""
+    found = {}
+    for twin in run.twins:
+        own = signals_at_pcc(study, twin)
+        first = int(np.searchsorted(seen.t_s, own.t_s[0] - 0.5 * run.interval)) if len(own.t_s) else 0
+        powers = {name: getattr(seen, name).copy() for name in ("P_pcc", "Q_pcc")}
+        for name, values in powers.items():
+            values[first : first + len(own.t_s)] = getattr(own, name)[: len(values) - first]
+        found[twin.event_s] = seen._replace(**powers)
     return found

@@ -31,7 +31,9 @@ Array = NDArray[np.float64]
 
 _LOCK_IN = zero_record(LockIn)
 _SIZE = len(numbers_of(_LOCK_IN))
-_PLACE_OF_CLOSED = int(record_like(_LOCK_IN, iter(np.arange(_SIZE, dtype=float).tolist())).closed)
+_PLACES = record_like(_LOCK_IN, iter(np.arange(_SIZE, dtype=float).tolist()))
+PLACE_OF_CLOSED, PLACE_OF_MUTED = int(_PLACES.closed), int(_PLACES.muted)
+"""Where a lock-in's array says that a cycle has ended, and that the next sample sends nothing."""
 
 
 def concluded(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> Any:
@@ -63,7 +65,7 @@ class FieldMemory:
     @property
     def closed(self) -> bool:
         """Whether a cycle has ended that is not concluded yet."""
-        return bool(self.lock[_PLACE_OF_CLOSED] != 0.0)
+        return bool(self.lock[PLACE_OF_CLOSED] != 0.0)
 
     @property
     def lock_in(self) -> LockIn:

@@ -24,9 +24,10 @@ from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import ALONE, LOG_COLUMNS, fed_names, kind_of, log_names
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence
-from vsgdesign.simulation.run_state import RunOf, RunState
+from vsgdesign.simulation.run_state import RunOf, RunState, Twin
 from vsgdesign.simulation.segments import segments_of_timelines
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.simulation.twin import TwinRun, Twins
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -62,6 +63,8 @@ class Simulation:
     """Wall time inside the compiled loop."""
     divergence: Divergence | None = None
     """Where and why the run was broken off; logs end there. None: it went to its end."""
+    twins: tuple[Twin, ...] = ()
+    """The run without a step beside it, for each step for which it was asked for."""
 
     def to_its_end(self) -> Simulation:
         """The run itself. Raises SimulationDivergedError where it was broken off: for what cannot use a part of it."""
@@ -92,6 +95,7 @@ def simulate(
     log_states: int = 0,
     probe: Probe | None = None,
     circuit: CircuitOfGrid | None = None,
+    twins: Sequence[float] = (),
     progress: Progress | None = None,
 ) -> Simulation:
     """Simulate a study with given gains over time (the first change at or before t = 0), or with a scheduler
@@ -100,11 +104,12 @@ def simulate(
     ``bridge`` overrides the study's ("averaged" or "pwm"); ``log_states`` keeps the controller's states at the
     first so many samples; ``probe`` is sent from t = 0 on, in place of one that the scheduler asks for, and not
     beside that of a field estimator; ``circuit`` replaces the study's circuit between bridge and source, and its axes
-    may differ. Raises InfeasibleStudyError where the start has no steady state or a scheduler's or probe's period does
+    may differ; ``twins``: the instants of steps beside which the run without them is wanted (:mod:`.twin`). Raises
+    InfeasibleStudyError where the start has no steady state or a scheduler's or probe's period does
     not fit the sampling. A run whose states leave every sensible bound ends there and says so (``divergence``);
     SimulationDivergedError is raised where less than two rows of the log come before.
     """
-    run = RunState(RunOf(study, schedule, log_states, probe, circuit))
+    run = RunState(RunOf(study, schedule, log_states, probe, circuit, tuple(twins)))
     switched = (study.simulation.bridge if bridge is None else bridge) == "pwm"
     loop_seconds = run_together([run], switched=switched, progress=progress)
     if run.too_short and run.divergence is not None:
@@ -136,17 +141,11 @@ def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress
     for run, own in zip(runs, marks, strict=True):
         for mark in own:
             due.setdefault(mark, []).append(run)
+    twins = Twins(runs[0], batch)
     for some in _in_spells(ordered):
         with deferred():
             for first, following in some:
-                for run in due[first]:
-                    run.before(first)
-                fed = _fed(runs, batch, first, following - first)
-                clock = time.perf_counter()
-                done = _advance(runs, batch, first, following, fed)
-                loop_seconds += time.perf_counter() - clock
-                for run in due[following]:
-                    run.after(done)
+                loop_seconds += _through(runs, due, batch, twins, first, following)
         if all(run.divergence is not None for run in runs):
             break
         if progress is not None:
@@ -154,7 +153,29 @@ def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress
     for run in runs:
         if run.divergence is None:
             run.finish()
+    runs[0].twins = twins.finish()
     return loop_seconds
+
+
+def _through(
+    runs: Sequence[RunState], due: dict[int, list[RunState]], batch: Batch, twins: Twins, first: int, following: int
+) -> float:
+    """Takes the runs through a stretch, with whatever is ``due`` before and after it. Returns the seconds inside the
+    compiled loop."""
+    twin = twins.begin(first)
+    for run in due[first]:
+        run.before(first)
+    if twin is not None:
+        twin.before(first)
+    fed = _fed(runs, batch, first, following - first)
+    clock = time.perf_counter()
+    done = _advance(runs, batch, first, following, fed, twin)
+    seconds = time.perf_counter() - clock
+    for run in due[following]:
+        run.after(done)
+    if twin is not None:
+        twin.after(done)
+    return seconds
 
 
 def _in_spells(marks: list[int]) -> Iterator[list[tuple[int, int]]]:
@@ -185,6 +206,7 @@ def simulation_of(run: RunState, loop_seconds: float) -> Simulation:
         final_plant=run.final_plant,
         loop_seconds=loop_seconds,
         divergence=run.divergence,
+        twins=run.twins,
     )
 
 
@@ -246,12 +268,19 @@ def _fed(runs: Sequence[RunState], batch: Batch, first: int, count: int) -> Arra
     return fed
 
 
-def _advance(runs: Sequence[RunState], batch: Batch, first: int, end: int, fed: Array | None) -> int:
-    """Moves the runs through a stretch. Returns the sample before which they are. A field estimator's cycles may end
-    anywhere within it, and a run that has diverged there goes no further."""
+def _advance(
+    runs: Sequence[RunState], batch: Batch, first: int, end: int, fed: Array | None, twin: TwinRun | None = None
+) -> int:
+    """Moves the runs through a stretch, and a twin behind the only one. Returns the sample before which they are. A
+    field estimator's cycles may end anywhere within it, and a run that has diverged there goes no further."""
     done = first
     while done < end:
-        done += batch.advance(done, end, None if fed is None else fed[:, done - first :])
+        rest = None if fed is None else fed[:, done - first :]
+        begun, done = done, done + batch.advance(done, end, rest)
+        if twin is not None and not twin.lost:
+            twin.follow(begun, done, rest)
         if batch.kind.field and not runs[0].conclude(done):
             break
+        if batch.kind.field and twin is not None and not twin.lost:
+            twin.conclude(done)
     return done

@@ -49,6 +49,21 @@ class RunOf:
     """Sent from t = 0 on, in place of one that the scheduler asks for."""
     circuit: CircuitOfGrid | None = None
     """Replaces the study's circuit between bridge and source."""
+    twins: tuple[float, ...] = ()
+    """The instants (s) of steps from which on the run without them goes beside it (``twin.steps_with_twin``)."""
+
+
+@dataclass(frozen=True)
+class Twin:
+    """The run without a step, from the step on up to the next event. Rows are those of the run's own log."""
+
+    event_s: float
+    """When the step comes, s."""
+    t_s: Array
+    log: Array
+    circuit_log: Array
+    timeline: Timeline
+    """Without the step."""
 
 
 class RunState:
@@ -66,6 +81,8 @@ class RunState:
         self.divergence: Divergence | None = None
         self.ended = self.samples
         """The sample before which the run ends."""
+        self.twins: tuple[Twin, ...] = ()
+        """What became of the twins that were asked for."""
 
     def begin(self, batch: Batch, number: int, start: SampledState, circuits: Circuits) -> None:
         """Puts the run, which is the ``number``-th of a batch, at its start."""
@@ -160,17 +177,26 @@ class RunState:
         """What happens after the last sample of a stretch, before sample ``done``. The run may have diverged."""
         if done > self.ended:
             return
-        state = self._read_state()
-        if self._offset is not None:
-            state = add_offset(state, -self._offset[0], -self._offset[1])
-            self._put_state(state)
-        self._state, why = state, self._outside(state)
+        self._take_offset_away()
+        why = self._outside(self._state)
         if why is not None:
             good = self.log.good(self.study, self._begun, done)
             diverged_s = good * self.log_every * self.T_s
             self.divergence = Divergence(diverged_s, f"the simulation diverged at {diverged_s:.4g} s: {why}")
             self.log.end(good)
             self.ended = done
+
+    def _take_offset_away(self) -> None:
+        state = self._read_state()
+        if self._offset is not None:
+            state = add_offset(state, -self._offset[0], -self._offset[1])
+            self._put_state(state)
+        self._state = state
+
+    @property
+    def gains(self) -> PowerLoopGains:
+        """The present gains."""
+        return self._gains
 
     @property
     def too_short(self) -> bool:

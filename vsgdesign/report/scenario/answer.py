@@ -16,7 +16,7 @@ from vsgdesign.report.drawing.quantities import number, percent, plain
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.scenario.estimate_tables import worst_errors
 from vsgdesign.report.scenario.figures import interesting_time
-from vsgdesign.report.scenario.outcomes import StepOutcome
+from vsgdesign.report.scenario.outcomes import BESIDE, CANNOT, StepOutcome
 from vsgdesign.report.scenario.promise_tables import promise_title, reached, slack
 from vsgdesign.report.scenario.signals import Signal, power_signals
 from vsgdesign.report.scenario.verdict import verdict
@@ -92,28 +92,28 @@ def _notes(result: ScenarioResult, kept: Sequence[Kept]) -> tuple[str, ...]:
 
 
 def _settling(own: Sequence[StepOutcome]) -> Cell:
-    asked = [one for one in own if one.judged and one.target_settling_time_s is not None]
+    asked = [one for one in own if one.settling_judged]
     if not asked:
         return _none(own)
     worst = max(asked, key=lambda one: _ratio(_time(one), one.target_settling_time_s or 0.0))
     limit = f"≤ {plain(worst.target_settling_time_s or 0.0)} s"
-    return counted([one.settles for one in asked], f"{settling_words(worst)}, asked {limit}{_left(own)}")
+    return counted([one.settles for one in asked], f"{settling_words(worst)}, asked {limit}{_left(own, asked)}")
 
 
 def _overshoot(own: Sequence[StepOutcome]) -> Cell:
-    asked = [one for one in own if one.judged and one.target_overshoot_pct is not None]
+    asked = [one for one in own if one.overshoot_judged]
     if not asked:
         return _none(own)
     worst = max(
         asked, key=lambda one: math.inf if one.unstable else one.overshoot_pct - (one.target_overshoot_pct or 0)
     )
     limit = f"≤ {percent(worst.target_overshoot_pct)} %"
-    return counted([one.stays_below for one in asked], f"{overshoot_words(worst)}, asked {limit}{_left(own)}")
+    return counted([one.stays_below for one in asked], f"{overshoot_words(worst)}, asked {limit}{_left(own, asked)}")
 
 
-def _left(own: Sequence[StepOutcome]) -> str:
+def _left(own: Sequence[StepOutcome], judged: Sequence[StepOutcome]) -> str:
     """How many steps the count leaves out, if any."""
-    left = sum(not one.judged for one in own)
+    left = len(own) - len(judged)
     return f"; {left} more not judged" if left else ""
 
 
@@ -121,7 +121,9 @@ def _none(own: Sequence[StepOutcome]) -> Cell:
     """Nothing is judged: because nothing was asked for, promised or known."""
     if not own or all(one.target_settling_time_s is None and one.target_overshoot_pct is None for one in own):
         return Cell(OPEN, "not asked for" if own else "no step")
-    return Cell(UNKNOWN, "not promised" if all(one.excuse for one in own) else "not known")
+    if all(one.excuse for one in own):
+        return Cell(UNKNOWN, "not promised")
+    return Cell(UNKNOWN, CANNOT if any(one.within_noise for one in own) else "not known")
 
 
 def settling_words(outcome: StepOutcome) -> str:
@@ -289,7 +291,8 @@ def steps_answer(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> Ans
         "Power after each step of its reference, the mean over whole cycles; one scale in each column. Dashed: the "
         "value at which the response ends. Dotted: the settling time that was asked for. Circle: settled within 2 %."
     )
-    return Answer("Each step", tuple(step.title for step in shown), rows, notes=(said + more,), pictures=True)
+    notes = (said + more, *([BESIDE] if any(one.noise is not None for one in outcomes) else []))
+    return Answer("Each step", tuple(step.title for step in shown), rows, notes=notes, pictures=True)
 
 
 def _pictures(result: ScenarioResult, step: _Step, signal: Signal) -> Callable[[int, str], Cell]:
@@ -318,8 +321,10 @@ def _pictures(result: ScenarioResult, step: _Step, signal: Signal) -> Callable[[
         words = f"{settling_words(outcome)}"
         if not outcome.unstable and outcome.measured_overshoot_pct is not None:
             words += f", {overshoot_words(outcome)}"
-        mark = UNKNOWN if not outcome.judged else MISSED if outcome.misses else MET
-        verdict = {MET: "met", MISSED: "missed"}.get(mark, "not promised" if outcome.excuse else "not judged")
+        words += f"; {outcome.rest_text}" if outcome.rest_text else ""
+        mark = MISSED if outcome.misses else MET if outcome.judged else UNKNOWN
+        why = "not promised" if outcome.excuse else CANNOT if outcome.within_noise else "not judged"
+        verdict = {MET: "met", MISSED: "missed"}.get(mark, why)
         picture = spark.step(
             traces[index].t,
             curves[index],

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.placing import OVERSHOOT_PCT, settling_factor
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.metrics import EventMetrics
+from vsgdesign.metrics import EventMetrics, StepNoise
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
 from vsgdesign.metrics.met import RULE as MET_WITHIN
 from vsgdesign.metrics.met import overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.report.drawing.quantities import number, percent
+from vsgdesign.report.drawing.quantities import DASH, number, percent, quantity
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.simulation.scenario.promises import Promises, given_up, not_promised, promises_of
@@ -29,6 +29,16 @@ RULE = (
     "gains that are given to the study's gates, which limit the settling time and no overshoot. A target counts as met "
     f"{MET_WITHIN}."
 )
+
+
+CANNOT = "cannot be judged"
+"""What is said of a figure that is neither met nor missed, because the noise is beyond the band."""
+
+BESIDE = (
+    "Steps are judged on the difference from the same run without the step: the same grid, noise, probe and gains. "
+    "“Rests in” is what the power does without any step, and ± is what noise may do to the overshoot."
+)
+"""Below the figures of steps that have a twin."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +102,48 @@ class StepOutcome:
     def stays_below(self) -> bool:
         """Whether the target overshoot is met."""
         target = self.target_overshoot_pct
-        return not self.unstable and (target is None or overshoot_met(self.overshoot_pct / 100.0, target / 100.0))
+        noise = 0.0 if self.noise is None else self.noise.share
+        met = target is None or overshoot_met(self.overshoot_pct / 100.0, target / 100.0, noise)
+        return not self.unstable and met
+
+    @property
+    def noise(self) -> StepNoise | None:
+        """What noise does to the figures; None where the step was judged alone."""
+        return self.metrics.noise
+
+    @property
+    def within_noise(self) -> bool:
+        """Whether the noise may leave the band by itself. A settling time that meets its target stands, because noise
+        makes it late and not early; nothing else can be judged."""
+        return self.noise is not None and not self.noise.judgeable
+
+    @property
+    def settling_judged(self) -> bool:
+        """Whether the settling time is met or missed."""
+        return self._known and self.target_settling_time_s is not None and (self.settles or not self.within_noise)
+
+    @property
+    def overshoot_judged(self) -> bool:
+        """Whether the overshoot is met or missed."""
+        return self._known and self.target_overshoot_pct is not None and not self.within_noise
 
     @property
     def judged(self) -> bool:
+        """Whether all that was asked of this step is met or missed."""
+        settling = self.settling_judged or self.target_settling_time_s is None
+        return self._known and settling and (self.overshoot_judged or self.target_overshoot_pct is None)
+
+    @property
+    def why_not_judged(self) -> str:
+        """Why a step that was promised something cannot be judged."""
+        if self._known and self.noise is not None:
+            unit = "W" if self.metrics.signal == "P_pcc" else "var"
+            least = quantity(self.noise.least_step, unit)
+            return f"its noise is beyond the band: with this noise, a step of at least {least} can be judged"
+        return str(self.metrics.reason).rstrip(".")
+
+    @property
+    def _known(self) -> bool:
         """Whether something was promised of this step, there was time enough to know (:eq:`window-needed`) and a steady
         state to come to."""
         if self.excuse or (self.target_settling_time_s is None and self.target_overshoot_pct is None):
@@ -107,7 +155,8 @@ class StepOutcome:
     @property
     def misses(self) -> bool:
         """Whether a target is missed that could have been met."""
-        return self.judged and not (self.settles and self.stays_below)
+        late, beyond = not self.settles, not self.stays_below
+        return (self.settling_judged and late) or (self.overshoot_judged and beyond)
 
     @property
     def settling_text(self) -> str:
@@ -117,16 +166,34 @@ class StepOutcome:
 
     @property
     def overshoot_text(self) -> str:
-        """The overshoot in per cent beside its target; a dash where there is none."""
+        """The overshoot in per cent beside its target, with its uncertainty; a dash where there is none."""
         measured = self.measured_overshoot_pct
         if measured is None:
             return percent(None)
-        return beside_limit(measured, self.target_overshoot_pct, not self.stays_below, percent, 1)
+        text = beside_limit(measured, self.target_overshoot_pct, not self.stays_below, percent, 1)
+        return f"{text}{uncertainty(self.noise)}"
+
+    @property
+    def rest_text(self) -> str:
+        """In what noise the power rests, in words; empty where the step was judged alone."""
+        text = rest_noise(self.metrics)
+        return "" if text == DASH else f"rests in {text} rms"
 
     @property
     def coupling(self) -> float | None:
         """c = BC/(AD) at the rest after the step."""
         return None if self.rest is None else coupling(self.rest)
+
+
+def uncertainty(noise: StepNoise | None) -> str:
+    """What noise may do to an overshoot, in percentage points, to stand behind it."""
+    return "" if noise is None else f" ± {percent(100.0 * noise.share)}"
+
+
+def rest_noise(metrics: EventMetrics) -> str:
+    """Rms of the noise in which the power of a step rests anyway, with its unit; a dash where there is none."""
+    unit = "W" if metrics.signal == "P_pcc" else "var"
+    return DASH if metrics.noise is None else quantity(metrics.noise.rest, unit)
 
 
 def coupling(rest: Rest) -> float | None:

@@ -11,7 +11,7 @@ from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, percen
 from vsgdesign.report.page.blocks import Table, Where
 from vsgdesign.report.page.converter import grid_label, specs_table
 from vsgdesign.report.scenario.bode_figures import distinct_grids, loops_on_grids
-from vsgdesign.report.scenario.outcomes import RULE, StepOutcome, coupling
+from vsgdesign.report.scenario.outcomes import BESIDE, CANNOT, RULE, StepOutcome, coupling, rest_noise, uncertainty
 from vsgdesign.simulation.gains import settled_changes
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, mean_cycles
@@ -153,6 +153,7 @@ def margins_table(result: ScenarioResult) -> Table:
 def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
     """Each reference step with its target, and the response of the uncoupled loop."""
     rows, flagged = [], set()
+    noisy = any(outcome.noise is not None for outcome in outcomes)
     for index, outcome in enumerate(outcomes):
         uncoupled = outcome.uncoupled
         if outcome.misses:
@@ -163,10 +164,11 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
                 f"{outcome.metrics.name} at {plain(outcome.metrics.t_s, 5)} s",
                 _asked(outcome.target_settling_time_s, plain),
                 _settled(outcome.metrics, outcome.settling_time_s, outcome.window_s, outcome.settling_text),
-                _met(outcome, outcome.settles),
+                _met(outcome, outcome.settles, outcome.settling_judged),
                 _asked(outcome.target_overshoot_pct, percent),
                 outcome.overshoot_text,
-                _met(outcome, outcome.stays_below),
+                _met(outcome, outcome.stays_below, outcome.overshoot_judged),
+                *([rest_noise(outcome.metrics)] if noisy else []),
                 number(uncoupled.omega_n if uncoupled else None),
                 number(uncoupled.damping_ratio if uncoupled else None),
                 number(uncoupled.settling_time_s if uncoupled else None),
@@ -183,15 +185,18 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
         "Target",
         "Measured",
         "Result",
+        *(["Rests in, rms"] if noisy else []),
         "ω_n [rad/s]",
         "ξ",
         "Settling [s]",
         "Overshoot [%]",
         "c",
     )
-    groups = (("", 2), ("Settling time [s]", 3), ("Overshoot [%]", 3), ("The same loop without coupling", 4), ("", 1))
+    uncoupled_group, first = ("The same loop without coupling", 4), (("Settling time [s]", 3), ("Overshoot [%]", 3))
+    groups = (("", 2), *first, *([("", 1)] if noisy else []), uncoupled_group, ("", 1))
     notes = (
         f"{RULE} {DASH} instead of a target: none was asked for. > T: not settled within the T observed.",
+        *([BESIDE] if noisy else []),
         *_reasons([outcome.metrics for outcome in outcomes], [outcome.controller.spec.name for outcome in outcomes]),
         f"Without coupling: ω_n = √(K_ip·A) and ξ = K_ip·D_p/(2ω_n) for P; for Q a first-order pole K_iq·(D + D_q) and "
         f"no ξ ({DASH}); with A and D at the operating point after the step.",
@@ -203,9 +208,9 @@ def _asked(value: float | None, form: Callable[[float], str]) -> str:
     return DASH if value is None else form(value)
 
 
-def _met(outcome: StepOutcome, met: bool) -> str:
-    if not outcome.judged:
-        return "not promised" if outcome.excuse else "not known"
+def _met(outcome: StepOutcome, met: bool, judged: bool) -> str:
+    if not judged:
+        return "not promised" if outcome.excuse else CANNOT if outcome.within_noise else "not known"
     return "met" if met else "missed"
 
 
@@ -216,7 +221,7 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
     ends = dict(zip(starts, [*starts[1:], result.study.simulation.duration], strict=False))
     largest = max((abs(event.raw.peak_deviation or 0.0) for event in controller.events), default=1.0)
     factor, prefix = prefix_for(largest)
-    rows = []
+    rows, noisy = [], any(event.noise is not None for event in controller.events)
     for event in controller.events:
         window = ends[event.t_s] - event.t_s
         rows.append(
@@ -227,12 +232,14 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
                 *_figures(event, event.cycle_mean, window, factor),
                 *_figures(event, event.raw, window, factor),
                 number(event.peak_current_pu),
+                *([rest_noise(event)] if noisy else []),
             )
         )
     part = ("Overshoot [%]", "Settling [s]", "Rise [s]", f"Peak deviation [{prefix}W, {prefix}var]", "ITAE [s²]")
-    head = ("Time", "Event", "Signal", *part, *part, "Peak current [pu]")
-    groups = (("", 3), (mean_in_words(mean_cycles(result.study)).capitalize(), 5), ("Instantaneous", 5), ("", 1))
-    notes = tuple(_reasons(controller.events))
+    last = ("Peak current [pu]", *(["Rests in, rms"] if noisy else []))
+    head, mean = ("Time", "Event", "Signal", *part, *part, *last), mean_in_words(mean_cycles(result.study))
+    groups = (("", 3), (mean.capitalize(), 5), ("Instantaneous", 5), ("", len(last)))
+    notes = (*([BESIDE] if noisy else []), *_reasons(controller.events))
     return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=3, groups=groups, notes=notes)
 
 
@@ -240,6 +247,7 @@ def responses_table(result: ScenarioResult) -> Table:
     """The figures of every step and disturbance for a terminal: of the mean over whole cycles."""
     rows: list[tuple[str, ...]] = []
     reasons: dict[str, list[str]] = {}
+    noisy = any(event.noise is not None for controller in result.controllers for event in controller.events)
     for controller in result.controllers:
         name = controller.spec.name
         for event in controller.events:
@@ -248,9 +256,12 @@ def responses_table(result: ScenarioResult) -> Table:
             figures = event.cycle_mean
             if event.kind == "disturbance" and figures.settling_time_s == 0.0:
                 continue  # the other signal never left its band: nothing to see
-            rows.append((name, f"{plain(event.t_s, 5)} s", event.name, event.signal, *_short(event, figures)))
-    head = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current")
+            rest = [rest_noise(event)] if noisy else []
+            rows.append((name, f"{plain(event.t_s, 5)} s", event.name, event.signal, *_short(event, figures), *rest))
+    more = ["rests in, rms"] if noisy else []
+    head = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current", *more)
     notes = tuple(f"{'; '.join(who)}: {reason}" for reason, who in reasons.items())
+    notes = (*notes, BESIDE) if noisy else notes
     title = f"{result.study.title} ({mean_in_words(mean_cycles(result.study))}s)"
     return Table(title, head, tuple(rows), texts=4, notes=notes, on=Where.TERMINAL)
 
@@ -263,7 +274,7 @@ def _short(event: EventMetrics, figures: ResponseMetrics) -> tuple[str, ...]:
     """The figures of an event with their units."""
     none = _NO_TIME.get(event.status, event.status)
     return (
-        _with_unit(percent(figures.overshoot_pct), " %"),
+        _with_unit(percent(figures.overshoot_pct), f"{uncertainty(event.noise)} %"),
         none if figures.settling_time_s is None else f"{number(figures.settling_time_s)} s",
         _with_unit(number(figures.rise_time_s), " s"),
         _with_unit(number(event.peak_current_pu), " pu"),
@@ -293,9 +304,9 @@ def _signal(event: EventMetrics) -> str:
 
 
 def _figures(event: EventMetrics, metrics: ResponseMetrics, window_s: float, factor: float) -> tuple[str, ...]:
-    peak = metrics.peak_deviation
+    peak, noise = metrics.peak_deviation, event.noise if metrics is event.cycle_mean else None
     return (
-        percent(metrics.overshoot_pct),
+        f"{percent(metrics.overshoot_pct)}{uncertainty(noise)}",
         _settled(event, metrics.settling_time_s, window_s),
         number(metrics.rise_time_s),
         number(None if peak is None else peak / factor),

@@ -108,9 +108,7 @@ def _against_target(controller: ControllerResult, outcomes: Sequence[StepOutcome
     unknown = [outcome for outcome in outcomes if not outcome.judged and not outcome.excuse]
     if unknown and asked:
         lead = "" if judged or excused else f"{text}: "
-        why = "; ".join(
-            f"{_step_name(outcome)}, {str(outcome.metrics.reason).rstrip('.')}" for outcome in unknown[:most]
-        )
+        why = "; ".join(f"{_step_name(outcome)}, {outcome.why_not_judged}" for outcome in unknown[:most])
         more = f"; and {len(unknown) - most} more, in the table below" if len(unknown) > most else ""
         sentences.append(f"{lead}{_steps(len(unknown))} cannot be judged, neither met nor missed: {why}{more}.")
     return " ".join(sentences)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,14 @@ from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.clearing import found_events, with_instants
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
-from vsgdesign.simulation.every_sample import SignalsAtPcc, as_logged, rows_apart, signals_at_pcc, with_every_sample
+from vsgdesign.simulation.every_sample import (
+    SignalsAtPcc,
+    as_logged,
+    rows_apart,
+    signals_at_pcc,
+    with_every_sample,
+    without_steps,
+)
 from vsgdesign.simulation.expected_rests import expected_rests, knows_its_rests, refuse_impossible
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -40,6 +47,7 @@ from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario.checking import deaf_in_words
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.simulation.twin import steps_with_twin
 from vsgdesign.study.parameters.controllers import cycles_of_mean
 from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
@@ -192,14 +200,22 @@ def _run_controllers(
     for own_study, spec, timeline, feed, found in zip(own, specs, timelines, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
         watched = with_every_sample(own_study)
-        run = simulate(watched, feed, bridge=bridge, progress=report)
+        twins = steps_with_twin(
+            watched, spec, probes=isinstance(feed, EstimatedScheduler) and feed.probe_hold is not None
+        )
+        run = simulate(watched, feed, bridge=bridge, twins=twins, progress=report)
         seen = signals_at_pcc(watched, run)
         estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
         used = bridge or study.simulation.bridge
         if estimates is not None or not knows_its_rests(own_study, spec, timeline):  # the gains that it really had
             found = rests(own_study, timeline, run.gain_changes)
         events = measure_events(
-            watched, seen, found, ripples=used == "pwm" or study.has_components, divergence=run.divergence
+            watched,
+            seen,
+            found,
+            ripples=used == "pwm" or study.has_components,
+            divergence=run.divergence,
+            without=without_steps(watched, run, seen),
         )
         deaf = unanswered(own_study, run.gain_changes)
         events = tuple(replace(one, reason=one.reason or deaf.get(one.t_s)) for one in events)
@@ -308,12 +324,13 @@ def measure_events(
     ripples: bool,
     divergence: Divergence | None = None,
     signals: Sequence[str] = ("P_pcc", "Q_pcc"),
+    without: Mapping[float, SignalsAtPcc] | None = None,
 ) -> tuple[EventMetrics, ...]:
     """Figures of ``signals``, P_pcc and Q_pcc, after every instant with an event, up to the next one.
 
     ``seen``: of every sample. ``found``: where each stretch comes to rest (:func:`vsgdesign.simulation.rest.rests`).
     An event at t = 0 is where a steady start begins, not a change that anything responds to. ``ripples``: whether P
-    and Q ripple at rest.
+    and Q ripple at rest. ``without``: the powers without the steps that have a twin, which are judged beside it.
     """
     t_s = seen.t_s
     if not study.events or len(t_s) < 2:
@@ -335,5 +352,6 @@ def measure_events(
             end = rest.end_state(signal, ripples, interval)
             if rest.end_s - rest.t_s > 4.0 * interval:
                 y, rating = getattr(seen, signal), study.converter.S_rated
-                metrics.append(measure_event(window, signal, t_s, y, seen.i_pu, rating, per_mean, end))
+                twin = None if without is None or rest.t_s not in without else getattr(without[rest.t_s], signal)
+                metrics.append(measure_event(window, signal, t_s, y, seen.i_pu, rating, per_mean, end, twin))
     return tuple(metrics)

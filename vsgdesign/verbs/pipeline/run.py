@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -29,7 +30,7 @@ from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification.registry import needs_network, samples_itself, why_no_c
 from vsgdesign.linear.operating_point import OperatingPoint
 from vsgdesign.linear.stability.loci import shares_of
-from vsgdesign.metrics import EventMetrics
+from vsgdesign.metrics import EventMetrics, StepNoise
 from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.rest import Instability, Rest
@@ -357,6 +358,13 @@ def _limiter(study: Study) -> dict[str, Any] | None:
     return {"name": study.current_limiter, "limit_pu": study.converter.current_limit_pu, "parameters": parameters}
 
 
+def _noise(noise: StepNoise) -> dict[str, Any]:
+    """What noise does to the figures of a step; nothing is infinite in JSON."""
+    found = asdict(noise) | {"overshoot_pct": 100.0 * noise.share, "least_step": noise.least_step}
+    finite = {name: value if math.isfinite(value) else None for name, value in found.items()}
+    return finite | {"judgeable": noise.judgeable}
+
+
 def _event(event: EventMetrics, cycles: int) -> dict[str, Any]:
     return {
         "name": event.name,
@@ -368,6 +376,7 @@ def _event(event: EventMetrics, cycles: int) -> dict[str, Any]:
         "status": event.status,
         "reason": event.reason,
         "needs_s": event.needs_s,
+        **({} if event.noise is None else {"noise": _noise(event.noise)}),
         "instantaneous": asdict(event.raw),
         "cycle_mean": asdict(event.cycle_mean),
         **({"one_cycle_mean": asdict(event.cycle_mean)} if cycles == 1 else {}),
