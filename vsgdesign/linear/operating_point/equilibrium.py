@@ -23,6 +23,7 @@ from vsgdesign.equations.power_flow import (
     power_angle,
     power_flow,
 )
+from vsgdesign.equations.sampled_path import droop_step
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.study import Study
@@ -72,17 +73,8 @@ def _largest_roots(
     V = _highest_root(P, Q_0, D_q, V_g, R, X)
     delta = power_angle(P, Q_0 - D_q * V, V * V, R, X)
     for _ in range(_NEWTON_STEPS):
-        P_is, Q_is = power_flow(delta, V, V_g, R, X)
-        A, B, C, D = jacobian_from_powers(P_is, Q_is, V, R, X)
-        D = D + D_q
-        e_P, e_Q = P - P_is, Q_0 - D_q * V - Q_is
-        determinant = A * D - B * C
-        delta = delta + (D * e_P - B * e_Q) / determinant
-        V = V + (A * e_Q - C * e_P) / determinant
-    P_is, Q_is = power_flow(delta, V, V_g, R, X)
-    b, g = admittance(V, R, X, R * R + X * X)
-    error = np.maximum(np.abs(P - P_is), np.abs(Q_0 - D_q * V - Q_is))
-    found = (error <= _AGREEMENT * (np.hypot(b, g) + np.abs(Q_0))) & (LEAST_VOLTAGE * V_g < V)
+        V, delta, _ = droop_step(V, delta, P, Q_0, D_q, V_g, R, X)
+    found = (droop_step(V, delta, P, Q_0, D_q, V_g, R, X)[2] <= _AGREEMENT) & (LEAST_VOLTAGE * V_g < V)
     return np.where(found, V, np.nan), np.where(found, delta, np.nan)
 
 
