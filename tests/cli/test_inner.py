@@ -12,11 +12,12 @@ import pytest
 
 from tests.cli.small_studies import call, failure
 from vsgdesign.artifacts.inner_loops_file import read_inner_loops_file
+from vsgdesign.campaigns import phase_jumps
 from vsgdesign.design.inner import designing
 from vsgdesign.design.inner.search import Effort
 from vsgdesign.errors import ArtifactError
 from vsgdesign.report.inner.page import headline
-from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.verbs.pipeline import open_study, opening
 from vsgdesign.verbs.pipeline.opening import check_study, inner_loops_file
 
@@ -210,6 +211,18 @@ def test_a_run_says_the_same_of_them(kept: Path, tmp_path: Path) -> None:
     assert in_run == alone
     page = (tmp_path / "out" / "report.html").read_text()
     assert headline(alone).split(":")[0] in page
+
+
+def test_remedies_are_designed_fully_where_it_is_asked_for(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def told(_study: Study, **given: Any) -> None:
+        asked.append(given["remedies"])
+
+    monkeypatch.setattr(phase_jumps, "phase_jumps", told)
+    for more in ((), ("--remedies",)):
+        assert call("inner", kept, "--no-what-if", *more).exit_code == 0
+    assert asked == [False, True]
 
 
 def test_the_answer_names_the_worst_first(kept: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -14,30 +14,40 @@ from scipy.stats import qmc
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.design.inner.grids import study_of
+from vsgdesign.design.inner.designing import design_inner_loops
+from vsgdesign.design.inner.grids import GridBox, asked_of, study_of
+from vsgdesign.design.inner.search import short_search
 from vsgdesign.equations.filters import largest_current_after_jump
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.threads import one_thread
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, no_events
 from vsgdesign.simulation.lanes.results import DIVERGED, NO_REST, OVER_LIMIT
-from vsgdesign.simulation.lanes.run import run_lanes
+from vsgdesign.simulation.lanes.run import run_told
+from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.survival.cases import LEAD_S
+from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.study import Study
 
 ANGLES_DEG = (20.0, 30.0, 60.0, 90.0)
 SCRS = (3.0, 15.0)
-COUNT = 80
+COUNT = 240
 """Jumps of each pair of angle and SCR."""
 SEED = 1
 _SPREAD, _X_OVER_R, _P_PU, _Q_PU = 1.1, (2.0, 20.0), 0.9, 0.3
 _SILENT_S = 0.02
+_SHORT_S = 0.1
+"""Settling time for which a run lasts, so that it ends 0.46 s after the jump. In 12,000 jumps of five converters no
+peak came later."""
 _WARNED_DEG = (60.0, 90.0)
 _ALLOWED = 1.1
 """Up to this share of the limit a peak needs no remedy: the current loop overshoots by some per cent."""
 _USEFUL = 0.97
 """A remedy helps if it leaves less than this share of the peak."""
+NEW_LOOPS = "a new design of the inner loops alone"
 _ALL_VOLTAGE = 3.0
 _MORE_DC, _HALF, _TWICE, _REACTANCE_PU = 1.2, 0.5, 2.0, 0.05
 
@@ -61,10 +71,15 @@ class JumpPeaks:
 
 @dataclass(frozen=True)
 class Remedy:
-    """Other hardware, with inner loops scaled to it, and the peak that it leaves at the pair of the warning."""
+    """Other hardware, with inner loops designed for it, and the peak that it leaves at the pair of the warning."""
 
     change: str
+    score: float
+    """t of its inner loops; 1 and more: they keep all that is asked of them (:eq:`inner-score`)."""
+    told: bool
+    """Whether the peak can be told: it is None if it depends on the design too much."""
     p95_pu: float | None
+    """inf if more than 5 % diverge."""
     helps: bool
 
 
@@ -97,6 +112,9 @@ class Hardware(NamedTuple):
     omega_t: float
     limiter: str
     limiter_given: tuple[tuple[str, float], ...]
+    box: GridBox
+    """Grids and settling time (s) for which inner loops are designed."""
+    settling_time: float
 
     @property
     def study(self) -> Study:
@@ -105,14 +123,15 @@ class Hardware(NamedTuple):
         return replace(made, current_limiter=self.limiter, limiter_given=self.limiter_given)
 
 
-def phase_jumps(study: Study) -> PhaseJumps | None:
-    """Runs phase jumps of four angles at two SCRs in EMT (averaged bridge): one to two seconds of CPU time.
+def phase_jumps(study: Study, *, remedies: bool = False, progress: Progress | None = None) -> PhaseJumps | None:
+    """Runs phase jumps of four angles at two SCRs in EMT (averaged bridge): two to three seconds of CPU time.
 
     The power loops are those of the closed form, told the new grid 20 ms late; the limiter is that of the last
-    controller of the study that has a limit. None if no controller limits its current.
+    controller of the study that has a limit. Inner loops of other hardware are designed by a short search, and by the
+    full one with ``remedies``, which takes some 25 s longer. None if no controller limits its current.
     """
     own = hardware_of(study)
-    return None if own is None else _found(own)
+    return None if own is None else _found(own, remedies, progress or silent)
 
 
 def hardware_of(study: Study) -> Hardware | None:
@@ -121,13 +140,41 @@ def hardware_of(study: Study) -> Hardware | None:
     for one in reversed(every):
         if one.converter.current_limit_pu is not None:
             limiter = one.current_limiter, one.limiter_given
-            return Hardware(one.converter, one.filter, one.inner_gains, one.omega_t, *limiter)
+            asked = asked_of(study)
+            box = GridBox(asked.scr, asked.x_over_r, asked.scr_basis)
+            return Hardware(one.converter, one.filter, one.inner_gains, one.omega_t, *limiter, box, asked.settling_time)
     return None
 
 
+def _found(own: Hardware, full: bool, tell: Progress) -> PhaseJumps:
+    limit, peaks = own.converter.current_limit_pu or math.inf, _peaks(own)
+    found = PhaseJumps(own.limiter, limit, _headroom(own.converter), peaks, _warned(peaks, limit), None, ())
+    if found.warned is None:
+        return found
+    pair = [(found.warned.angle_deg, found.warned.scr)]
+    free = replace(own.converter, V_dc=_ALL_VOLTAGE * own.converter.V_dc)
+    remedies, others, least = [], list(remedied(own)), found.warned.p95_pu or 0.0
+
+    def near(p95: float | None) -> bool:
+        return p95 is not None and p95 <= _ALLOWED * limit
+
+    for k, (change, other) in enumerate(others):
+        tell("other hardware", k / len(others))
+        gains, omega_t, score = designed_again(other._replace(converter=own.converter), full)
+        p95 = below_95(peaks_of(other._replace(gains=gains, omega_t=omega_t), pair))
+        # Where no inner loops keep what is asked, the peak depends on their design, unless it stays near the limit.
+        told = full or score >= 1.0 or (near(p95) and near(below_95(peaks_of(other, pair))))
+        helps = told and p95 is not None and p95 < _USEFUL * least
+        # Other hardware has to do more than new inner loops do alone.
+        least = min(least, p95 or least) if told and change == NEW_LOOPS else least
+        remedies.append(Remedy(change, score, told, p95 if told else None, helps))
+    tell("other hardware", 1.0)
+    left = below_95(peaks_of(own._replace(converter=free), pair))
+    return replace(found, all_voltage_pu=left, remedies=tuple(remedies))
+
+
 @lru_cache(maxsize=16)
-def _found(own: Hardware) -> PhaseJumps:
-    limit = own.converter.current_limit_pu or math.inf
+def _peaks(own: Hardware) -> tuple[JumpPeaks, ...]:
     pairs = [(angle, scr) for angle in ANGLES_DEG for scr in SCRS]
     peaks = []
     for (angle, scr), found in zip(pairs, np.split(peaks_of(own, pairs), len(pairs)), strict=True):
@@ -139,21 +186,22 @@ def _found(own: Hardware) -> PhaseJumps:
                 angle_deg=angle, scr=scr, runs=len(known), p95_pu=below_95(found), largest_pu=most, bound_pu=bound
             )
         )
-    worst = _warned(peaks, limit)
-    if worst is None:
-        return PhaseJumps(own.limiter, limit, _headroom(own.converter), tuple(peaks), None, None, ())
-    pair = [(worst.angle_deg, worst.scr)]
-    free = replace(own.converter, V_dc=_ALL_VOLTAGE * own.converter.V_dc)
-    remedies = []
-    for change, other in remedied(own):
-        p95 = below_95(peaks_of(other, pair))
-        helps = p95 is not None and p95 < _USEFUL * (worst.p95_pu or 0.0)
-        remedies.append(Remedy(change, p95, helps))
-    left = below_95(peaks_of(own._replace(converter=free), pair))
-    return PhaseJumps(own.limiter, limit, _headroom(own.converter), tuple(peaks), worst, left, tuple(remedies))
+    return tuple(peaks)
 
 
-def _warned(peaks: list[JumpPeaks], limit: float) -> JumpPeaks | None:
+@lru_cache(maxsize=16)
+def designed_again(own: Hardware, full: bool) -> tuple[InnerLoopGains, float, float]:
+    """Inner gains (SI) that are designed for hardware, with ω_t (rad/s) and their t: by the full search, or by a short
+    one that begins with those that it has. The dc voltage has no part in it."""
+    c, f, box, settling_time = own.converter, own.filter, own.box, own.settling_time
+    if full:
+        found = design_inner_loops(c, f, box, settling_time=settling_time)
+        return found.gains, found.omega_t, found.t
+    with one_thread():
+        return short_search(c, f, box, (own.gains, own.omega_t), settling_time=settling_time)
+
+
+def _warned(peaks: Sequence[JumpPeaks], limit: float) -> JumpPeaks | None:
     for angle in _WARNED_DEG:
         over = [one for one in peaks if one.angle_deg == angle and (one.p95_pu or 0.0) > _ALLOWED * limit]
         if over:
@@ -162,8 +210,10 @@ def _warned(peaks: list[JumpPeaks], limit: float) -> JumpPeaks | None:
 
 
 def remedied(own: Hardware) -> Iterator[tuple[str, Hardware]]:
-    """Other hardware in words, with inner loops that are scaled to it as the filter is."""
+    """Other hardware in words, with inner loops that are scaled to it as the filter is; first the same hardware, whose
+    inner loops may be designed anew."""
     g, f, c = own.gains, own.filter, own.converter
+    yield NEW_LOOPS, own
     voltage = g._replace(K_pv=_HALF * g.K_pv, K_iv=_HALF * g.K_iv)
     current = g._replace(K_pc=_TWICE * g.K_pc, K_ic=_TWICE * g.K_ic)
     yield "half the capacitor", own._replace(filter=replace(f, C=_HALF * f.C), gains=voltage)
@@ -193,6 +243,7 @@ def peaks_of(own: Hardware, pairs: list[tuple[float, float]], each: int = COUNT,
     ``each`` jumps of a pair are drawn evenly with ``seed``.
     """
     study, c = own.study, own.converter
+    study = study.with_limit_of(study.controllers[0])
     even = qmc.LatinHypercube(4, seed=seed).random(each)
     signs = np.where(np.arange(each) % 2, 1.0, -1.0)
     count = each * len(pairs)
@@ -222,7 +273,8 @@ def peaks_of(own: Hardware, pairs: list[tuple[float, float]], each: int = COUNT,
         kind=np.full(count, DISTURBANCE, dtype=np.int8),
         signal=np.full(count, ACTIVE, dtype=np.int8),
     )
-    found = run_lanes(study, study.controllers[0], NOTHING, cases)
+    told = telling(study, study.controllers[0], NOTHING, cases)
+    found = run_told(study, told, cases, demand_of(c, _SHORT_S), strict=False)
     largest = np.fmax(found.first_peak_pu, found.peak_pu)
     largest[np.isin(found.status, (NO_REST, OVER_LIMIT))] = np.nan
     largest[found.status == DIVERGED] = np.inf

@@ -17,9 +17,16 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.inner_loops import Reading, request_of
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.stability import Gates, StabilitySpec
-from vsgdesign.study.parameters.study import ClosedFormTarget, ControllerSpec, SimulationSpec, Study
+from vsgdesign.study.parameters.study import (
+    ClosedFormTarget,
+    ControllerSpec,
+    InnerLoopRequest,
+    SimulationSpec,
+    Study,
+)
 
 GridPoint = tuple[float, float]
 """SCR and X/R."""
@@ -50,6 +57,13 @@ class GridBox:
             faults.append(Fault("basis", f'"{self.basis}"', f"must be one of {', '.join(SCR_BASES)}"))
         if faults:
             raise StudyError("box of grids", faults)
+
+
+def asked_of(study: Study) -> InnerLoopRequest:
+    """The grids and the settling time for which inner loops are designed, or would be where gains are given."""
+    return study.inner_request or request_of(
+        Reading(None, math.nan), study.converter, study.filter, study.scr_basis, study.target, study.specification
+    )
 
 
 def axis(limits: tuple[float, float], count: int) -> tuple[float, ...]:

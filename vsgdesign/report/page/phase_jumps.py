@@ -43,13 +43,16 @@ def phase_jump_text(document: dict[str, Any]) -> list[str]:
     else:
         lines.append("The bridge has enough voltage. The current flows before the sampled current loop can act.")
     helps = [one for one in document["remedies"] if one["helps"]]
-    idle = [one for one in document["remedies"] if not one["helps"]]
+    idle = [one for one in document["remedies"] if one["told"] and not one["helps"]]
+    untold = [one["change"] for one in document["remedies"] if not one["told"]]
     if helps:
-        lines.append(f"What helps, with inner loops scaled to it: {_listed(helps)}.")
+        lines.append(f"What helps, with inner loops designed for it: {_listed(helps)}.")
     if idle:
+        lines.append(f"Little is gained, or no more, with inner loops designed for it, by: {_listed(idle)}.")
+    if untold:
         lines.append(
-            f"With inner loops that are scaled to it alone, little is gained by: {_listed(idle)}. A new design of the "
-            "inner loops can change this."
+            f"Nothing is told of: {'; '.join(untold)}. A short search finds no inner loops that keep all that is asked "
+            "of them there, and the current depends on their design. vsgdesign inner --remedies designs them fully."
         )
     return lines
 
@@ -66,7 +69,13 @@ def _no_warning(document: dict[str, Any]) -> str:
 
 
 def _listed(remedies: list[dict[str, Any]]) -> str:
-    return "; ".join(f"{one['change']} ({number(one['p95_pu'])} pu)" for one in remedies)
+    return "; ".join(f"{one['change']} ({_left(one)})" for one in remedies)
+
+
+def _left(remedy: dict[str, Any]) -> str:
+    """The peak that a remedy leaves, and whether its inner loops keep what is asked of them."""
+    said = "more than 5 % diverge" if remedy["p95_pu"] is None else f"{number(remedy['p95_pu'])} pu"
+    return said if remedy["score"] >= 1.0 else f"{said}, with a score of the inner loops of {number(remedy['score'])}"
 
 
 def _table(document: dict[str, Any]) -> Table:

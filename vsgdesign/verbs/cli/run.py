@@ -201,9 +201,14 @@ def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int
     show_default=True,
     help="Also compute what sampling, delay and L_2 would improve.",
 )
+@click.option(
+    "--remedies",
+    is_flag=True,
+    help="Design the inner loops of other hardware fully, for its current after phase jumps.",
+)
 @JSON
 @verb
-def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> None:
+def inner(study_file: str, out: str | None, what_if: bool, remedies: bool, as_json: bool) -> None:
     """Show what the inner loops keep, and what limits them.
 
     The result also says what would improve them. Gains that the study leaves to be designed are designed once and
@@ -216,9 +221,9 @@ def inner(study_file: str, out: str | None, what_if: bool, as_json: bool) -> Non
     with nullcontext() if out is None else results_at(out):
         with progress(quiet=as_json) as tell:
             if out is None:
-                found = assess_inner_loops(study, what_if=what_if, progress=tell)
+                found = assess_inner_loops(study, what_if=what_if, remedies=remedies, progress=tell)
             else:
-                found = report_inner_loops(study, out, what_if=what_if, progress=tell)
+                found = report_inner_loops(study, out, what_if=what_if, remedies=remedies, progress=tell)
         document = inner_document(found)
         if as_json:
             print_json(document)

@@ -11,7 +11,6 @@ from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.metrics.met import score_met
-from vsgdesign.study.parameters.inner_loops import Reading, request_of
 from vsgdesign.study.parameters.study import InnerLoopRequest, Study
 
 if TYPE_CHECKING:  # the compiled scores are loaded by who asks for them
@@ -49,17 +48,23 @@ class InnerAssessment:
 
 
 def assess_inner_loops(
-    study: Study, *, what_if: bool = True, jumps: bool = True, progress: Progress | None = None
+    study: Study,
+    *,
+    what_if: bool = True,
+    jumps: bool = True,
+    remedies: bool = False,
+    progress: Progress | None = None,
 ) -> InnerAssessment:
     """Scores the study's inner gains on the grids that they serve; with ``what_if`` also alternatives that may be
-    better, with ``jumps`` also the current after phase jumps.
+    better, with ``jumps`` also the current after phase jumps. ``remedies``: as in
+    :func:`vsgdesign.campaigns.phase_jumps.phase_jumps`.
 
     The grids are those of the study's request. For given gains they are those of its specification, or SCR 1.2 to 20
     and X/R 0.3 to 20 without one. This takes about one second, and some seconds more for each alternative.
     """
     from vsgdesign.campaigns.phase_jumps import phase_jumps
     from vsgdesign.design.inner import GridBox, check_full_order, score_inner_loops, what_would_help
-    from vsgdesign.design.inner.grids import highest_resonance
+    from vsgdesign.design.inner.grids import asked_of, highest_resonance
 
     tell = progress or silent
     request = asked_of(study)
@@ -73,7 +78,7 @@ def assess_inner_loops(
         converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
     )
     tell("score the inner loops", 1.0)
-    found = phase_jumps(study) if jumps else None
+    found = phase_jumps(study, remedies=remedies, progress=progress) if jumps else None
     alternatives = None
     if what_if:
         alternatives = tuple(
@@ -92,15 +97,8 @@ def assess_inner_loops(
     return InnerAssessment(study, request, score, check, resonance_hz, alternatives, found)
 
 
-def asked_of(study: Study) -> InnerLoopRequest:
-    """The grids and the settling time for which inner loops are designed, or would be where gains are given."""
-    return study.inner_request or request_of(
-        Reading(None, math.nan), study.converter, study.filter, study.scr_basis, study.target, study.specification
-    )
-
-
 def report_inner_loops(
-    study: Study, out: str | Path, *, what_if: bool = True, progress: Progress | None = None
+    study: Study, out: str | Path, *, what_if: bool = True, remedies: bool = False, progress: Progress | None = None
 ) -> InnerAssessment:
     """Assesses the inner loops and writes results.json, inner.csv, figures and report.html to ``out``.
 
@@ -110,7 +108,7 @@ def report_inner_loops(
 
     tell = progress or silent
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
-        found = assess_inner_loops(study, what_if=what_if, progress=progress)
+        found = assess_inner_loops(study, what_if=what_if, remedies=remedies, progress=progress)
         tell("draw figures", 0.0)
         figures = write_inner_figures(found.score, folder / "figures")
         tell("draw figures", 1.0)
