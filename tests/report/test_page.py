@@ -224,6 +224,16 @@ def test_a_window_too_short_to_know_is_neither_met_nor_missed(short):
     assert not table.flagged
 
 
+def test_a_loop_without_coupling_is_shown_where_a_structure_has_one(short):
+    outcomes = step_outcomes(short.result)
+    whole = tables.targets_table(outcomes)
+    coupled = tables.targets_table([replace(outcome, uncoupled=None) for outcome in outcomes])
+    assert [row[:8] + row[-1:] for row in whole.rows] == list(coupled.rows)
+    assert len(coupled.head) == sum(count for _, count in coupled.groups) == len(whole.head) - 4
+    assert any("Without coupling" in note for note in whole.notes)
+    assert not any("Without coupling" in note for note in coupled.notes)
+
+
 def test_a_step_beside_its_twin_is_told_with_its_noise(short):
     """The overshoot with its uncertainty, the noise in which the power rests, and what no noise allows to judge."""
 

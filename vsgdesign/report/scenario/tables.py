@@ -11,7 +11,16 @@ from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, percen
 from vsgdesign.report.page.blocks import Table, Where
 from vsgdesign.report.page.converter import grid_label, specs_table
 from vsgdesign.report.scenario.bode_figures import distinct_grids, loops_on_grids
-from vsgdesign.report.scenario.outcomes import BESIDE, CANNOT, RULE, StepOutcome, coupling, rest_noise, uncertainty
+from vsgdesign.report.scenario.outcomes import (
+    BESIDE,
+    CANNOT,
+    RULE,
+    StepOutcome,
+    UncoupledResponse,
+    coupling,
+    rest_noise,
+    uncertainty,
+)
 from vsgdesign.simulation.gains import settled_changes
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, mean_cycles
@@ -151,11 +160,11 @@ def margins_table(result: ScenarioResult) -> Table:
 
 
 def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
-    """Each reference step with its target, and the response of the uncoupled loop."""
+    """Each reference step with its target, and the response of the uncoupled loop where a structure has one."""
     rows, flagged = [], set()
     noisy = any(outcome.noise is not None for outcome in outcomes)
+    alone = any(outcome.uncoupled is not None for outcome in outcomes)
     for index, outcome in enumerate(outcomes):
-        uncoupled = outcome.uncoupled
         if outcome.misses:
             flagged.add(index)
         rows.append(
@@ -169,10 +178,7 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
                 outcome.overshoot_text,
                 _met(outcome, outcome.stays_below, outcome.overshoot_judged),
                 *([rest_noise(outcome.metrics)] if noisy else []),
-                number(uncoupled.omega_n if uncoupled else None),
-                number(uncoupled.damping_ratio if uncoupled else None),
-                number(uncoupled.settling_time_s if uncoupled else None),
-                percent(uncoupled.overshoot_pct if uncoupled else None),
+                *(_uncoupled(outcome.uncoupled) if alone else ()),
                 number(outcome.coupling),
             )
         )
@@ -186,22 +192,32 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
         "Measured",
         "Result",
         *(["Rests in, rms"] if noisy else []),
-        "ω_n [rad/s]",
-        "ξ",
-        "Settling [s]",
-        "Overshoot [%]",
+        *(("ω_n [rad/s]", "ξ", "Settling [s]", "Overshoot [%]") if alone else ()),
         "c",
     )
-    uncoupled_group, first = ("The same loop without coupling", 4), (("Settling time [s]", 3), ("Overshoot [%]", 3))
-    groups = (("", 2), *first, *([("", 1)] if noisy else []), uncoupled_group, ("", 1))
+    first = (("", 2), ("Settling time [s]", 3), ("Overshoot [%]", 3), *([("", 1)] if noisy else []))
+    groups = (*first, *([("The same loop without coupling", 4)] if alone else []), ("", 1))
     notes = (
         f"{RULE} {DASH} instead of a target: none was asked for. > T: not settled within the T observed.",
         *([BESIDE] if noisy else []),
         *_reasons([outcome.metrics for outcome in outcomes], [outcome.controller.spec.name for outcome in outcomes]),
-        f"Without coupling: ω_n = √(K_ip·A) and ξ = K_ip·D_p/(2ω_n) for P; for Q a first-order pole K_iq·(D + D_q) and "
-        f"no ξ ({DASH}); with A and D at the operating point after the step.",
+        *([_WITHOUT_COUPLING] if alone else []),
+        "c = BC/(AD) at the operating point after the step: 0 where P and Q do not act on each other.",
     )
     return Table("Reference steps against their targets", head, tuple(rows), 2, groups, notes, frozenset(flagged))
+
+
+_WITHOUT_COUPLING = (
+    "Without coupling: ω_n = √(K_ip·A) and ξ = K_ip·D_p/(2ω_n) for P; for Q a first-order pole K_iq·(D + D_q) and "
+    f"no ξ ({DASH}); with A and D at the operating point after the step."
+)
+
+
+def _uncoupled(loop: UncoupledResponse | None) -> tuple[str, ...]:
+    if loop is None:
+        return (DASH,) * 4
+    first = (number(value) for value in (loop.omega_n, loop.damping_ratio, loop.settling_time_s))
+    return (*first, percent(loop.overshoot_pct))
 
 
 def _asked(value: float | None, form: Callable[[float], str]) -> str:
