@@ -197,6 +197,15 @@ def test_beyond_the_unstable_equilibrium_the_next_rest_is_its_own(
     assert judge_survival(moved, (EVENT,), CLEARED, rest, DEMAND).status == status
 
 
+def test_a_jump_a_little_after_a_row_is_not_seen_in_this_row() -> None:
+    """The jump of half a turn comes 5e-4 of a step after a row, whose angle is still that of the rest before."""
+    event = EVENT + 5e-4 * STEP
+    start, end = math.radians(177.0), 2.0 * np.pi
+    gone = end + (start - end) * np.exp(-5.0 * np.maximum(TIMES - event, 0.0))
+    moved = record(delta=REST.delta + np.where(event > TIMES, 0.0, gone))
+    assert judge_survival(moved, (event,), CLEARED, REST, DEMAND).status == SURVIVED
+
+
 def test_currents_within_and_after_five_milliseconds() -> None:
     current = np.full_like(TIMES, 0.5)
     for instant, height in ((0.4, 9.0), (0.5, 1.6), (0.5049, 1.5), (0.5051, 1.3), (0.7049, 1.7), (0.71, 1.2)):

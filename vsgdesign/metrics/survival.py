@@ -46,6 +46,10 @@ REST_SHARE = 0.9
 WATCHED = 0.25
 """How long the rest is watched after the deadline, as a share of the settling time."""
 
+SAME_ROW = 1e-6
+"""Share of a step by which a row may lie before an event and still be after it. With more, the angle of this row would
+be that before a jump of the phase, from which a turn looks like a slip."""
+
 _EITHER_WAY = math.radians(20.0)
 """An event that leaves the angle this near to the unstable equilibrium between two rests may go either way round."""
 
@@ -315,7 +319,7 @@ def peaks_of(t: Array, current: Array, events_s: Sequence[float]) -> tuple[float
 def _starts(t: Array, events_s: Sequence[float]) -> NDArray[np.intp]:
     """The first row of each event. Times are rounded: a row may lie a little before its event."""
     step = float(t[1] - t[0]) if len(t) > 1 else 0.0
-    return np.searchsorted(t, np.asarray(events_s, dtype=float) - 1e-3 * step)
+    return np.searchsorted(t, np.asarray(events_s, dtype=float) - SAME_ROW * step)
 
 
 def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, demand: SurvivalDemand) -> float | None:

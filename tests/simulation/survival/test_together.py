@@ -73,6 +73,14 @@ def same(one: Subject, cases: tuple[SurvivalCase, ...]) -> set[str]:
     return {verdict.status for verdict in alone}
 
 
+def test_a_jump_a_little_after_a_sample_is_not_seen_in_this_sample() -> None:
+    """5e-4 of a sample after it, by nearly half a turn, so that the angle goes on to the next rest."""
+    one = subject(TEXT.replace("[inner_loops]", 'current_limiter = "projection"\n[inner_loops]'))
+    start = GridState(scr=18.0, x_over_r=0.48, P_pu=-0.4, Q_pu=0.0)
+    late = case(Event.of_pu(5e-4 * one.study.converter.T_s, phase_deg=179.0), start=start)
+    assert same(one, (late,)) == {SURVIVED}
+
+
 def test_the_verdicts_are_those_of_single_runs() -> None:
     found = same(subject(), CASES) | same(subject(structure='"published"', current_limit_pu="1.2"), CASES)
     assert found >= {SURVIVED, NO_REST, OVER_LIMIT}

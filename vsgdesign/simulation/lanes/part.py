@@ -14,7 +14,7 @@ from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import References
 from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.metrics.survival import END_S, FIRST_S, SurvivalDemand
+from vsgdesign.metrics.survival import END_S, FIRST_S, SAME_ROW, SurvivalDemand
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.bodies import DISTURBANCE, Kind
 from vsgdesign.simulation.bodies import STEP as STEP_WATCHED
@@ -34,9 +34,6 @@ Samples = NDArray[np.int64]
 
 PROTECTION_COLUMNS = 3
 """Numbers of a sample that are logged where a protection is judged: frequency, and both components of the voltage."""
-
-_SLACK = 1e-3
-"""Share of a sample by which a row may lie before an event and is still after it: as the judge of survival has it."""
 
 
 class Part(Batch):
@@ -311,7 +308,7 @@ def _watch_disturbance(part: Part, writer: ProgramWriter, cases: LaneCases, rest
     for k in range(events.count):
         lanes = np.flatnonzero(np.isfinite(events.t_s[:, k]))
         t_s = events.t_s[lanes, k]
-        at = at_or_after(t_s, T_s, _SLACK)
+        at = at_or_after(t_s, T_s, SAME_ROW)
         writer.copy(lanes, at, kept["first"] + k, 1, place["watch.delta"])
         if k > 0:
             writer.copy(lanes, at, kept["least"] + k - 1, 1, least)
