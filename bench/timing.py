@@ -13,6 +13,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
+
+from numpy._core._multiarray_umath import __cpu_features__  # type: ignore[attr-defined]
 
 REPEATS = 7
 
@@ -130,11 +133,19 @@ def run_python(arguments: Sequence[str], environment: Mapping[str, str] | None =
 def environment() -> dict[str, str]:
     """What the figures depend on. No host name and no path."""
     versions = {name: metadata.version(name) for name in ("vsgdesign", "numpy", "numba")}
-    load = f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
+    load = f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "nan"
+    git = ["git", "show", "-s", "--abbrev=8", "--date=format:%Y-%m-%dT%H%M", "--format=%h %cd"]
+    said = subprocess.run(git, cwd=Path(__file__).parent, capture_output=True, text=True, check=False).stdout
+    commit, committed = said.split() or ("unknown", "unknown")
+    sets = [name for name in ("AVX512F", "AVX2") if __cpu_features__.get(name)]
     return {
+        "commit": commit,
+        "committed": committed,
+        "measured": time.strftime("%Y-%m-%d", time.gmtime()),
         "python": platform.python_version(),
         **versions,
         "machine": platform.machine(),
         "cores": str(os.cpu_count()),
+        "vectors": next(iter(sets), "none"),
         "load before": load,
     }
