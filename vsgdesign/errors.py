@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,14 @@ def share_percent(share: float, digits: int = 3) -> str:
         return f"{100.0 * share:.0f} %"
     texts = (f"{100.0 * share:.{more}g}" for more in range(digits, 16))
     return f"{next((text for text in texts if float(text) < 100.0), '100')} %"
+
+
+_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+
+
+def visible(text: str) -> str:
+    """A text without what a terminal obeys: names and titles may come from a stranger."""
+    return _UNSEEN.sub("\ufffd", text)
 
 
 class VsgDesignError(Exception):

@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Iterable
 
+from vsgdesign.errors import visible
+
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 DASH = "–"
@@ -98,8 +100,9 @@ _INFINITE = re.compile(r"(?<![\w.\-])inf(?![\w.\-])")
 
 
 def typeset(text: str) -> str:
-    """A text with a minus before negative numbers and ∞ for an infinite one, whoever wrote it."""
-    return _INFINITE.sub("∞", _NEGATIVE.sub("−", text))
+    """A text with a minus before negative numbers and ∞ for an infinite one, whoever wrote it, and without control
+    characters."""
+    return visible(_INFINITE.sub("∞", _NEGATIVE.sub("−", text)))
 
 
 def _minus(text: str) -> str:

@@ -146,9 +146,9 @@ def read_events(
         if event.sag is not None:
             _check_sag(table, event, event.sag, before)
         given = _given(table, event, converter, basis) | _given_objects(table, event)
-        for earlier_t, earlier, earlier_values in said:
-            if abs(t_s - earlier_t) <= SAME_INSTANT:
-                _check_agreement(table, given, earlier, earlier_values, t_s)
+        said = [one for one in said if abs(t_s - one[0]) <= SAME_INSTANT]
+        for _, earlier, earlier_values in said:
+            _check_agreement(table, given, earlier, earlier_values, t_s)
         said.append((t_s, table, given))
         described = describe(event, converter, basis)
         if not described:

@@ -15,6 +15,9 @@ REQUIRED = object()
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(10))}
 """Names that Windows has for devices, in every folder and with every ending."""
 
+MOST_VALUES = 1000
+"""Values of a list: two of them span a map, which is held in memory."""
+
 LONGEST_NAME = 100
 """Bytes of a name that becomes a part of file names, which may have 255."""
 
@@ -107,6 +110,9 @@ class TableReader:
         raw = self.table[field]
         if not isinstance(raw, list) or not raw:
             self.fault(field, raw, "must be a list of at least one value", f"For example {field} = [1.5, 3, 10].")
+            return default
+        if len(raw) > MOST_VALUES:
+            self.fault(field, None, f"has {len(raw)} values, more than {MOST_VALUES}", "Give fewer.")
             return default
         items = TableReader({str(k): item for k, item in enumerate(raw)}, self.name(field), self.faults)
         values = tuple(items.quantity(str(k), dimension, low, high) for k in range(len(raw)))

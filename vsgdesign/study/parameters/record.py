@@ -6,6 +6,7 @@ import functools
 import io
 import itertools
 import os
+import re
 import struct
 import zipfile
 import zlib
@@ -158,7 +159,8 @@ def _read_csv(file: IO[bytes]) -> tuple[dict[str, Array], float | None]:
                 itertools.chain([first_row], lines), delimiter=delimiter, converters=_cell, ndmin=2, encoding=None
             )
     except (ValueError, IndexError, StopIteration, UnicodeDecodeError) as error:
-        problem = f"cannot be read as numbers in columns: {error}"
+        why = re.sub(r"could not convert string .* to float64", "no number", str(error), flags=re.DOTALL)  # its content
+        problem = f"cannot be read as numbers in columns: {why.rstrip('.')}"
         raise RecordError(("file", problem, "One row for each sample, with a point for decimals.")) from None
     names = cells if named else [str(k + 1) for k in range(rows.shape[1])]
     if rows.shape[1] != len(names) or len(rows) == 0:

@@ -16,6 +16,9 @@ from vsgdesign.study.given_files import TOML_BYTES, read_given
 
 MOST_LEVELS = 50
 """Levels of tables within tables that are read."""
+_SHALLOW = "No field lies deeper than four; look for dots in keys."
+_KEY = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+_KEYS = re.compile(rf"{_KEY}(?:[ \t]*\.[ \t]*{_KEY})*")
 
 
 def read_toml(path: Path, noun: str) -> dict[str, Any]:
@@ -60,6 +63,9 @@ def _is_stream(path: Path) -> bool:
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The content of a text. Raises StudyError."""
+    deep = [Fault("TOML", "", f"tables are nested more than {MOST_LEVELS} levels deep", _SHALLOW)]
+    if any(len(re.findall(_KEY, keys.group())) > MOST_LEVELS for keys in _KEYS.finditer(text)):
+        raise StudyError(source, deep)  # before it is read: that takes the square of the length of such a key
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and what it lets through
@@ -70,8 +76,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
             advice = "A table is [name] on a line of its own, a field is name = value, texts are in quotes."
         raise StudyError(source, [Fault("TOML", "", problem, advice)]) from None
     if _is_deeper(document, MOST_LEVELS):
-        problem = f"tables are nested more than {MOST_LEVELS} levels deep"
-        raise StudyError(source, [Fault("TOML", "", problem, "No field lies deeper than four; look for dots in keys.")])
+        raise StudyError(source, deep)
     return document
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from vsgdesign.errors import visible
 from vsgdesign.verbs.cli.common import verb
 
 
@@ -19,4 +20,4 @@ def cite(path: str, bibtex: bool) -> None:
     """
     from vsgdesign.verbs.pipeline.citing import cite as found
 
-    click.echo("\n\n".join(one.bibtex() if bibtex else one.text() for one in found(path)))
+    click.echo(visible("\n\n".join(one.bibtex() if bibtex else one.text() for one in found(path))))

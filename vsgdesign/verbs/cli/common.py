@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from vsgdesign.errors import VsgDesignError
+from vsgdesign.errors import VsgDesignError, visible
 from vsgdesign.execution.signals import End, Stop, signals_raise
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def _end(end: End, message: str, code: int) -> NoReturn:
     """Print a last line on standard error, which may be gone with its terminal, and end with the exit code."""
     end.said(code)
     with suppress(OSError):
-        click.echo(message, err=True)
+        click.echo(visible(message), err=True)
     stdout = sys.stdout
     if stdout is not None:  # the caller has closed it
         try:
