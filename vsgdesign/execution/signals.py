@@ -95,7 +95,7 @@ def _send_again(number: int) -> None:
     import threading
 
     def send() -> None:
-        if hasattr(signal, "pthread_kill"):
+        if sys.platform != "win32":
             signal.pthread_kill(main, number)
         else:
             signal.raise_signal(number)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -248,7 +249,7 @@ def _emt_of(
     of the structures that were registered here."""
     from vsgdesign.equations.structures import STRUCTURES
 
-    if hasattr(os, "nice"):
+    if sys.platform != "win32":
         os.nice(5)  # the linear answer and the browser go first: they need less time
     for structure in structures:
         STRUCTURES.register(structure)
