@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -193,7 +194,15 @@ def test_a_table_from_specification_to_scheduler(study: vd.Study, tmp_path: Path
     assert scheduler.update_estimate(Z * 0.4, Z * 0.9 / asked.converter.omega_n, 4e3, 0.0, 110.0, 0).gains.K_ip > 0.0
 
 
-@pytest.mark.parametrize("take", [vd.simulate, vd.margins, vd.certify])
+ONE_CELL: dict[str, Any] = {"scr": (3.0, 3.0), "x_over_r": (2.0, 2.0), "P_pu": (0.5, 0.5), "Q_pu": (0.0, 0.0)}
+"""And an exact estimate: a region that is proved at once. How large it is does not matter to where a table is found."""
+
+
+@pytest.mark.parametrize(
+    "take",
+    [vd.simulate, vd.margins, partial(vd.certify, **ONE_CELL, error=0.0, decay=0.1)],
+    ids=["simulate", "margins", "certify"],
+)
 def test_tables_are_found_where_the_verbs_find_them(take: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each call designed the table again, and took none of the tables that the verbs take."""
     asked = vd.load(
