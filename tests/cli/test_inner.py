@@ -13,7 +13,7 @@ import pytest
 from tests.cli.small_studies import call, failure
 from vsgdesign.artifacts.inner_loops_file import read_inner_loops_file
 from vsgdesign.campaigns import phase_jumps
-from vsgdesign.design.inner import designing
+from vsgdesign.design.inner import designing, search
 from vsgdesign.design.inner.search import Effort
 from vsgdesign.errors import ArtifactError
 from vsgdesign.report.inner.page import headline
@@ -38,10 +38,16 @@ kind = "scheduled"
 QUICK = Effort(heat=2, generations=3, joined=1, rounds=1)
 
 
+def quickly(patch: pytest.MonkeyPatch) -> None:
+    """Few generations, and starts that are the best of 64 points instead of 512."""
+    patch.setattr(designing, "Effort", lambda: QUICK)
+    patch.setattr(search, "SOBOL", 64)
+
+
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study without inner gains, and a search of a fraction of a second."""
-    monkeypatch.setattr(designing, "Effort", lambda: QUICK)
+    quickly(monkeypatch)
     defaults: Any = designing.what_would_help.__kwdefaults__
     monkeypatch.setitem(defaults, "effort", QUICK)
     path = tmp_path / "mine.toml"
@@ -55,7 +61,7 @@ def designed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("designed") / "mine.toml"
     path.write_text(TEXT, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(designing, "Effort", lambda: QUICK)
+        quickly(patch)
         open_study(path)
     return inner_loops_file(path)
 
