@@ -114,7 +114,7 @@ def wait_for_cells(process: subprocess.Popen[Any], out: Path, count: int) -> Non
     while process.poll() is None and time.monotonic() < end:
         if kept_folder(out, CELLS).is_dir() and kept_count(out, CELLS) >= count:
             return
-        time.sleep(0.01)
+        time.sleep(0.03)
     pytest.fail(f"the build ended before {count} cells were finished, with {process.poll()}")
 
 

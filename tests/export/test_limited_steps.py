@@ -35,7 +35,7 @@ def compiled_with(table_file: Path) -> Callable[[str, bool], CompiledC]:
     def build(limiter: str, double: bool) -> CompiledC:
         require_compiler("cc")
         folder = export_c_files(table_file, table_file.with_name(f"{limiter}-{double}"), limiter=limiter).folder
-        return compile_c(folder, double=double, flags=["-O1"])
+        return compile_c(folder, double=double, flags=["-O0" if double else "-O1"])
 
     return build
 
