@@ -64,6 +64,8 @@ def test_the_file_is_small_and_asks_for_nothing(page: Path) -> None:
     assert is_static_page(page)
     assert not re.search(r'<(script|link|img)[^>]*(src|href)="(?!data:)', text)
     assert text.count("</script>") == 2  # nothing inside a script ends it
+    assert "'wasm-unsafe-eval'" in static.POLICY  # it compiles its loops …
+    assert " 'unsafe-eval'" not in static.POLICY  # … and never runs a text
 
 
 def test_its_answers_are_those_of_the_session(page: Path, session: Session) -> None:
@@ -188,4 +190,4 @@ def test_forms_of_modules_that_cannot_be_joined_are_refused(tmp_path: Path, line
 
 
 def test_the_page_can_be_joined() -> None:
-    assert "class Page" in joined_modules(PAGE)
+    assert "class Page" in joined_modules(PAGE, "file.js")

@@ -19,6 +19,7 @@ from vsgdesign.equations.scheduler_data import (
     TOLD_CHANGED,
     TOLD_LIMITED,
     TOLD_SURPRISED,
+    SchedulerState,
 )
 from vsgdesign.errors import ArtifactError
 from vsgdesign.identification import Estimate, Estimator, Probe
@@ -61,6 +62,11 @@ class Scheduler:
     def gains(self) -> PowerLoopGains:
         """The present gains. Before the first update they are those of the safe place."""
         return self._state.gains
+
+    @property
+    def present(self) -> SchedulerState:
+        """The state after the last update."""
+        return self._state
 
     @property
     def grid(self) -> tuple[float, float]:

@@ -70,6 +70,11 @@ class ScheduledAnswers:
         self._runtime = None if table is None else scheduler_of(table, estimator)
 
     @property
+    def runtime(self) -> Scheduler | None:
+        """The scheduler of a table; None without one."""
+        return self._runtime
+
+    @property
     def rate(self) -> float | None:
         """The scheduler's limit of |d ln SCR/dt| and |d ln(R/X)/dt|, 1/s; None without a table."""
         return None if self._runtime is None else self._runtime.settings.rate
@@ -181,6 +186,11 @@ class KnownGridScheduler:
     def sample_interval(self) -> float:
         """One row a window: nothing is looked at but the powers at its end."""
         return self._period
+
+    @property
+    def runtime(self) -> Scheduler | None:
+        """The scheduler of a table; None for a closed form."""
+        return self._answers.runtime
 
     def first_gains(self) -> PowerLoopGains:
         """Gains of the grid at the start, as :meth:`ScheduledAnswers.first`."""

@@ -123,13 +123,13 @@ def check_run(
     """Prepares a run up to its first sample. Raises what :func:`simulate` raises until then."""
     run = RunState(RunOf(study, schedule))
     switched = (study.simulation.bridge if bridge is None else bridge) == "pwm"
-    _program([run], *begin_together([run], switched))
+    program_of([run], *begin_together([run], switched))
 
 
 def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress | None = None) -> float:
     """Takes runs of one kind to their ends, side by side. Returns the seconds inside the compiled loop."""
     (batch, circuits), marks, loop_seconds = begin_together(runs, switched), [], 0.0
-    writer, cut = _program(runs, batch, circuits)
+    writer, cut = program_of(runs, batch, circuits)
     for number, run in enumerate(runs):
         marks.append(run.marks())
         begins = marks[-1][:-1]
@@ -240,7 +240,7 @@ def _logs(batch: Batch, samples: int, every: int, states: int) -> list[Log]:
     return [Log(np.empty((groups, states, len(more), width)), more, end=states, into=main), main]
 
 
-def _program(runs: Sequence[RunState], batch: Batch, circuits: Circuits) -> tuple[ProgramWriter, list[CutSample]]:
+def program_of(runs: Sequence[RunState], batch: Batch, circuits: Circuits) -> tuple[ProgramWriter, list[CutSample]]:
     """What circuits and sources do in the runs."""
     writer = ProgramWriter()
     segments = segments_of_timelines([run.timeline for run in runs], circuits.place)

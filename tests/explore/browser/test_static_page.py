@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import json
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.explore.browser.chromium import Chromium
 from tests.explore.browser.explorer import COUNTER, SETTLED, TABLE, Explorer, ExplorerPage, explorer_of
+from tests.explore.test_page_runs import session_in
+from vsgdesign.report.explore import static
+from vsgdesign.report.explore.events import study_of
+from vsgdesign.report.explore.live import SIGNALS, simulated
+from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.server import PAGE
+from vsgdesign.report.explore.session import Session
+from vsgdesign.report.explore.static import joined_modules
 
 
 def test_a_file_alone_shows_the_numbers_of_the_explorer(
     explorer: Explorer, browser: Chromium, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from vsgdesign.report.explore import static
-
     info = explorer.session.info()
     monkeypatch.setattr(explorer.session, "info", lambda: {**info, "figures": info["figures"][:1]})
     path = tmp_path / "page.html"
@@ -44,6 +53,113 @@ def test_a_file_alone_shows_the_numbers_of_the_explorer(
     assert [url for url in page.urls if url != path.as_uri() and not url.startswith(("data:", "blob:"))] == []
     assert list(page.faults) == []
     page.close()
+
+
+def test_a_file_simulates_other_events_with_the_bits_of_the_package(browser: Chromium, tmp_path: Path) -> None:
+    """Every sample of the current, of P and of the frequency, for each way in which gains come about, and held. Two are
+    equal to ten digits: a phase jump, whose sine is the browser's, and a table after a jump of the grid, where a single
+    run of the package takes NumPy's logarithm."""
+    session = small(session_in(tmp_path))
+    path = tmp_path / "page.html"
+    static.write_static(session, path, lattices=((3, 1),))
+    page = browser.page()
+    page.goto(path.as_uri())
+    page.wait("window.page && page.answers.emt")
+    page.evaluate(f"(0, eval)({json.dumps(joined_modules(PAGE, 'engine.js') + ENGINE)})")
+    page.wait("window.engine")
+    lattice = page.evaluate("STATIC.info.lattice")
+    scr, ratio, hold = lattice["scr"], lattice["x_over_r"][0], lattice["hold"]
+    exact = 0
+    for event, held in [*((event, None) for event in EVENTS), (EVENTS[3], hold)]:
+        to = {"to_scr": scr[2], "to_x_over_r": ratio} if event["kind"] == "grid" else {}
+        state = session.state({"scr": scr[1], "x_over_r": ratio, "event": event | to, "hold": held})
+        scene = scene_of(session.study_of(state), session.ready, state)
+        mark = ",h" if held else ""
+        asked = event | {"jump": math.radians(event["size"])} | ({"key": f"2,0{mark}"} if to else {})
+        for k in range(4):
+            run = simulated(study_of(scene, session.ready, state, k), session.ready)
+            log = np.column_stack([run.log[:, 0], run.column("P"), run.column("omega")])
+            count, sum_of_bits, *most = page.evaluate(f"bits({k}, '1,0{mark}', {json.dumps(asked)})")
+            assert count == len(log)
+            np.testing.assert_allclose(most, np.abs(log).max(axis=0), rtol=1e-10)
+            exact += sum_of_bits == str(int(log.view(np.uint64).sum(dtype=np.uint64)))
+            near = event["kind"] == "phase" or (to and k == 3 and not held)
+            assert near or sum_of_bits == str(int(log.view(np.uint64).sum(dtype=np.uint64))), (event, k)
+    assert exact >= 4 * 3 + 3 + 4
+    assert list(page.faults) == []
+    page.close()
+
+
+EVENTS = (
+    {"kind": "step", "size": 0.1, "signal": "P"},
+    {"kind": "step", "size": -0.1, "signal": "Q"},
+    {"kind": "sag", "size": 0.4, "length_s": 0.15},
+    {"kind": "grid", "size": 0.0},
+    {"kind": "phase", "size": 20.0},
+)
+ENGINE = """
+const unpacked = Uint8Array.from(atob(STATIC.runs.data), (c) => c.charCodeAt(0));
+const inflated = new Blob([unpacked]).stream().pipeThrough(new DecompressionStream("deflate"));
+new Response(inflated).arrayBuffer().then((data) => {
+  window.engine = new module_engine_js.Engine(STATIC.runs.info, new Uint8Array(data));
+});
+window.bits = (k, key, event) => {
+  const { rows, width, done } = engine.run(engine.controller(k, key), key, event);
+  const whole = new BigUint64Array(rows.buffer);
+  const [most, at] = [[0, 0, 0], [0, 2, 4]];
+  let sum = 0n;
+  for (let j = 0; j < done; j += 1)
+    at.forEach((column, n) => {
+      sum += whole[j * width + column];
+      most[n] = Math.max(most[n], Math.abs(rows[j * width + column]));
+    });
+  return [done, String(BigInt.asUintN(64, sum)), ...most];
+};
+"""
+
+
+def test_a_file_shows_another_event(explorer: Explorer, browser: Chromium, tmp_path: Path) -> None:
+    path = tmp_path / "page.html"
+    path.write_text(static.static_text(small(explorer.session), lattices=((2, 1),)), encoding="utf-8")
+    page = browser.page()
+    page.call("Page.addScriptToEvaluateOnNewDocument", source=COUNTER)
+    page.goto(path.as_uri())
+    page.wait(f"['linear', 'emt', 'map'].every((kind) => drawings[kind].length) && {SETTLED}")
+    before = page.evaluate("drawings.emt.length")
+    page.evaluate(CHOOSE)
+    page.wait(f"drawings.emt.length > {before} && {SETTLED}")
+    state = explorer.session.state(page.evaluate("page.store.state"))
+    answer = explorer.session.emt(explorer.session.study_of(state), state)
+    assert answer is not None
+    rows = page.evaluate("page.answers.emt.header.controllers")
+    for k, (ours, theirs) in enumerate(zip(rows, answer.header["controllers"], strict=True)):
+        for name in ("peak_pu", "first_peak_pu", "limited_s"):
+            assert ours[name] == pytest.approx(theirs[name], abs=1e-9)
+        assert ours["verdict"].startswith("There is no verdict")
+        assert theirs["verdict"].endswith(ours["verdict"].partition("every event.")[2])
+        for signal in SIGNALS:
+            ends = page.evaluate(f"((v) => [Math.min(...v), Math.max(...v)])(page.answers.emt.arrays['{k}/{signal}'])")
+            curve = answer.arrays[f"{k}/{signal}"]
+            np.testing.assert_allclose(ends, [curve.min(), curve.max()], rtol=1e-6)
+    page.evaluate("page.store.set({event: {...page.store.state.event, size: 2}})")
+    page.wait("document.body.textContent.includes('Size of the event must be a number between 0 and 0.95 pu.')")
+    beyond = [url for url in page.urls if url != path.as_uri() and not url.startswith(("data:", "blob:"))]
+    assert (beyond, list(page.faults)) == ([], [])
+    page.close()
+
+
+CHOOSE = """(() => {
+  const event = document.getElementById("event");
+  event.value = "sag";
+  event.dispatchEvent(new Event("change"));
+})()"""
+
+
+def small(session: Session) -> Session:
+    """The session with one figure for its map."""
+    other = Session(session.study, session.ready)
+    other._info = session.info() | {"figures": session.info()["figures"][:1]}
+    return other
 
 
 def test_a_converter_that_nobody_tuned_for(browser: Chromium, tmp_path: Path) -> None:

@@ -190,7 +190,10 @@ NOTHING: dict[str, Any] = dict.fromkeys(
 )
 """The figures of a controller that could not be simulated."""
 
-_VERDICTS = {
+PEAK, LIMITED = " The current reaches {:.2f} pu", ", and its limiter acts for {:.3g} s."
+"""Ends of sentences, as a page without server says them, too."""
+
+VERDICTS = {
     "not settled": "It does not come to rest.",
     "no steady state": "There is no steady state after the step.",
     "no model": "No model knows the circuit after the step.",
@@ -291,15 +294,15 @@ def _verdict(found: dict[str, Any], study: Study, state: State) -> str:
         said = f"{found['why'][0].upper()}{found['why'][1:].split('. ')[0].removesuffix('.')}."
     elif status == UNSTABLE:
         said = f"The operating point after the step is {found['why'] or status}."
-    elif status in _VERDICTS:
-        said = _VERDICTS[status]
+    elif status in VERDICTS:
+        said = VERDICTS[status]
         if found["why"].startswith("before"):
             said = said.replace("after the event", "before the event")
     else:
         return f"There is no verdict: {found['why'] or status}."
     if found["peak_pu"] is not None and status != DIVERGED:
-        said += f" The current reaches {max(found['peak_pu'], found['first_peak_pu'] or 0.0):.2f} pu"
+        said += PEAK.format(max(found["peak_pu"], found["first_peak_pu"] or 0.0))
         limited = found["limited_s"] or 0.0
         said += f", {MORE_THAN_HARDWARE}" * (status == SURVIVED and found["peak_pu"] > HARDWARE_PU)
-        said += "." if limited < 5e-4 else f", and its limiter acts for {limited:.3g} s."
+        said += "." if limited < 5e-4 else LIMITED.format(limited)
     return said

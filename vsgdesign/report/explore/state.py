@@ -196,13 +196,16 @@ def _digits(value: float) -> float:
     return float(f"{value:.12g}")
 
 
-_SIZES = {
+SIZES = {
     "step": (-2.0, 2.0, "pu"),
     "phase": (-180.0, 180.0, "deg"),
     "sag": (0.0, 0.95, "pu"),
     "ramp": (-10.0, 10.0, "Hz"),
 }
 """Limits and unit of the size of an event, by its kind."""
+
+LENGTHS_S = 1e-3, 1.5, "s"
+"""Limits and unit of the duration of an event."""
 
 
 def state_of(document: Any, study: Study) -> State:
@@ -249,12 +252,12 @@ def _event(reader: _Reader, given: Any, standard: dict[str, Any]) -> EventOfStat
     table = standard | reader.table(given, "event", tuple(standard))
     steps = {name: (-step.most, step.most, step.unit) for name, (_, step) in EVENT_KINDS.steps.items()}
     kind = reader.choice(table, "kind", (*EVENTS, *steps), "event.")
-    low, high, unit = (_SIZES | steps).get(kind, (-math.inf, math.inf, ""))
+    low, high, unit = (SIZES | steps).get(kind, (-math.inf, math.inf, ""))
     return EventOfState(
         kind=kind,
         size=reader.number(table, "size", low, high, unit, "event."),
         signal=reader.choice(table, "signal", SIGNALS, "event."),
-        length_s=reader.number(table, "length_s", 1e-3, 1.5, "s", "event."),
+        length_s=reader.number(table, "length_s", *LENGTHS_S, "event."),
         **reader.place(table, "event.", ("to_scr", "to_x_over_r")),
     )
 

@@ -1,4 +1,5 @@
-"""The explorer as one HTML file without a server: answers on a lattice of grids, computed beforehand."""
+"""The explorer as one HTML file without a server: answers on a lattice of grids, computed beforehand, and compiled
+loops with which the page simulates other events by itself."""
 
 from __future__ import annotations
 
@@ -20,6 +21,7 @@ from vsgdesign.errors import ArtifactError, VsgDesignError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
 from vsgdesign.report.explore.answer import Answer, as_bytes, thinned
+from vsgdesign.report.explore.page_runs import page_runs
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
 from vsgdesign.report.explore.state import PlaceOfState, State
@@ -37,9 +39,13 @@ BITS = 11
 POINTS = 160
 """Most points of a curve. Its least and its largest value stay."""
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
+    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; base-uri 'none'"
 )
-"""The content security policy of the page: it asks nobody for anything."""
+"""The content security policy of the page: it asks nobody for anything. It may compile WebAssembly and start a worker
+from a text of its own, and never evaluates a text as a script."""
+_START_BYTES = 300
+"""About what the start of one controller on one grid takes, deflated."""
 MARK = "written by vsgdesign explore --static"
 
 
@@ -121,8 +127,11 @@ def _static_text(session: Session, study: Study, info: dict[str, Any], counts: t
         answer = ask(study, state)
         if answer is not None:
             answers[key] = base64.b64encode(packed(answer)).decode("ascii")
+    runs, numbers = page_runs(study, session.ready, _grids(start, hold, scr, x_over_r, session.study))
     tell("answer for the page", 1.0)
     kept = {
+        "runs": {"info": runs, "data": base64.b64encode(zlib.compress(numbers, 9)).decode("ascii")},
+        "worker": joined_modules(PAGE, "worker.js"),
         "info": info
         | {
             "static": True,
@@ -143,8 +152,26 @@ def _counts(session: Session, lattices: Lattices) -> tuple[int, int]:
     study, linear = session.study_of(session.start), partial(session.linear, details=True)
     one = sum(len(packed(answer)) for ask in (linear, session.emt) if (answer := ask(study, session.start)) is not None)
     maps = 2 * len(session.info()["figures"]) * len(packed(session.map(study, session.start)))
+    one += _START_BYTES * len(session.start.controllers)
     room = 0.8 * 0.75 * LIMIT_BYTES - maps  # in base 64, three bytes become four
     return next((counts for counts in lattices if 2 * counts[0] * counts[1] * one < room), lattices[-1])
+
+
+def _held(study: Study, start: State, hold: PlaceOfState) -> tuple[tuple[PlaceOfState | None, str], ...]:
+    """Whether the gains follow the grid or are held, with the mark of its answers. Gains that are all fixed are not
+    held."""
+    fixed = all(spec.kind == "fixed" for spec in study.controllers if spec.name in start.controllers)
+    return ((None, ""),) if fixed else ((None, ""), (hold, ",h"))
+
+
+def _grids(
+    start: State, hold: PlaceOfState, scr: list[float], x_over_r: list[float], study: Study
+) -> Iterator[tuple[str, State]]:
+    """The states of all grids with their keys."""
+    for held, mark in _held(study, start, hold):
+        for i, s in enumerate(scr):
+            for j, x in enumerate(x_over_r):
+                yield f"{i},{j}{mark}", replace(start, scr=s, x_over_r=x, hold=held)
 
 
 _Ask = Callable[[Any, State], Answer | None]
@@ -154,15 +181,12 @@ def _questions(
     session: Session, start: State, hold: PlaceOfState, scr: list[float], x_over_r: list[float]
 ) -> Iterator[tuple[str, State, _Ask]]:
     linear = partial(session.linear, details=True)
-    fixed = all(spec.kind == "fixed" for spec in session.study.controllers if spec.name in start.controllers)
-    for held, mark in ((None, ""),) if fixed else ((None, ""), (hold, ",h")):
+    for held, mark in _held(session.study, start, hold):
         for figure in session.info()["figures"]:
             yield f"map:{figure['name']}{mark}", replace(start, figure=figure["name"], hold=held), session.map
-        for i, s in enumerate(scr):
-            for j, x in enumerate(x_over_r):
-                state = replace(start, scr=s, x_over_r=x, hold=held)
-                yield f"linear:{i},{j}{mark}", state, linear
-                yield f"emt:{i},{j}{mark}", state, session.emt
+    for key, state in _grids(start, hold, scr, x_over_r, session.study):
+        yield f"linear:{key}", state, linear
+        yield f"emt:{key}", state, session.emt
 
 
 def packed(answer: Answer) -> bytes:
@@ -199,7 +223,7 @@ def page_text(kept: Mapping[str, Any], folder: Path = PAGE) -> str:
         r'<link rel="stylesheet" href="style\.css">': f"<style>\n{style}</style>",
         r'<script type="module" src="main\.js"></script>': (
             f"<script>window.STATIC = {_inside_script(data)};</script>\n"
-            f'<script type="module">\n{_inside_script(joined_modules(folder))}</script>'
+            f'<script type="module">\n{_inside_script(joined_modules(folder, "file.js"))}</script>'
         ),
     }
     for pattern, text in parts.items():

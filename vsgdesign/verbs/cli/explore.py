@@ -47,7 +47,12 @@ _LAST_WORDS_S = 1.0
     help="Begin with the state in this link, which the page has copied.",
 )
 @click.option(
-    "--static", default=None, metavar="FILE.html", help="Write one file that needs no server, and open nothing."
+    "--page",
+    "--static",
+    "page",
+    default=None,
+    metavar="FILE.html",
+    help="Write one file that needs no server and simulates by itself, and open nothing. --static says the same.",
 )
 @verb
 def explore(
@@ -57,7 +62,7 @@ def explore(
     browser: bool,
     port: int | None,
     link: str | None,
-    static: str | None,
+    page: str | None,
 ) -> None:
     """Drag the grid in the browser, and watch modes, margins and EMT.
 
@@ -68,8 +73,8 @@ def explore(
     # The matrices are small. On several threads, BLAS takes twice the time, and no library reads this later.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("MKL_NUM_THREADS", "1")
-    if static is not None:
-        _write(file, study_file, controller, link, static)
+    if page is not None:
+        _write(file, study_file, controller, link, page)
         return
     # A request for EMT comes while the linear answer is computed: its thread gets its turn soon.
     sys.setswitchinterval(_SWITCH_S)
@@ -179,14 +184,14 @@ def _session(
         raise StudyError("--state", faults) from None
 
 
-def _write(file: str, study_file: str | None, controller: str | None, link: str | None, static: str) -> None:
+def _write(file: str, study_file: str | None, controller: str | None, link: str | None, page: str) -> None:
     from vsgdesign.report.explore.static import write_static
 
     session = _session(file, study_file, controller, link, None)
-    with results_at(static):
+    with results_at(page):
         with progress(quiet=False) as tell:
-            size = write_static(session, static, progress=tell)
-        click.echo(f"page: {static} ({size / 1e6:.1f} MB)")
+            size = write_static(session, page, progress=tell)
+        click.echo(f"page: {page} ({size / 1e6:.1f} MB)")
 
 
 def _explored(opening: Opening, session: Session) -> None:

@@ -68,7 +68,10 @@ export class EventPanel {
       ...this.fields.map((f) => f.row),
     );
     for (const field of this.sizeFields) field.row.classList.add("size");
-    if (info.static) eventPart("event-fields").hidden = true;
+    if (!info.static) return;
+    eventPart("event-fields").hidden = !info.simulated.length;
+    const known = [...info.simulated, info.defaults.event.kind];
+    for (const one of eventPart("event").options) one.disabled = !known.includes(one.value);
   }
 
   /** Shows what belongs to the chosen kind of event. `list` gets the size field in force, so that faults find it. */

@@ -1,8 +1,8 @@
 // The explorer's page. It computes nothing of the physics: every number is an answer of the package's own functions.
-// Order: svg draw notice state transport map modes bode response units fields event table save actions main
+// Order: svg draw notice state live transport map modes bode response units fields event table save actions main
 import { onThemeChange } from "./draw.js";
 import { Store, linkOf, stateOfLink } from "./state.js";
-import { Transport, loadInfo, serverAsk, snapToLattice, staticAsk, waitAfter } from "./transport.js";
+import { Transport, loadInfo, serverAsk, waitAfter } from "./transport.js";
 import { GridMap, figureText, paintScale } from "./map.js";
 import { ModesPlot } from "./modes.js";
 import { BodePlot } from "./bode.js";
@@ -18,8 +18,9 @@ const byId = (id) => document.getElementById(id);
 const option = (value, text) => Object.assign(document.createElement("option"), { value, textContent: text });
 
 class Page {
-  constructor(info) {
-    this.info = info;
+  // A page without a server brings its description, its own answers, the nearest of its grids, and whether it holds gains.
+  constructor(info, file) {
+    Object.assign(this, { info, file });
     this.answers = { linear: null, emt: null, map: null };
     this.store = new Store(info.defaults, this.startState());
     const calls = {
@@ -28,7 +29,7 @@ class Page {
       onLost: () => this.lost(),
     };
     this.tab = Array.from(crypto.getRandomValues(new Uint32Array(2)), (n) => n.toString(36)).join("");
-    this.ask = info.static ? staticAsk(window.STATIC) : serverAsk(this.tab);
+    this.ask = file ? file.ask : serverAsk(this.tab);
     this.transport = new Transport(this.ask, calls);
     this.losses = 0;
     this.retry = null;
@@ -126,14 +127,13 @@ class Page {
     for (const [sign, there] of Object.entries(signs)) byId("map-key").querySelector(`.${sign}`).hidden = !there;
   }
 
-  // A file without server has answers on a lattice of grids only: the ring snaps to it, and nothing else can be changed.
+  // A file without server has answers on a lattice of grids only: the ring snaps to it. Beside it the event can be changed,
+  // which the page simulates by itself.
   makeStatic() {
-    const { lattice } = this.info;
-    this.map.snap = (grid) => snapToLattice(lattice, grid);
-    const held = Object.keys(window.STATIC.answers).some((key) => key.endsWith(",h"));
-    byId("hold-box").hidden = !held;
+    this.map.snap = this.file.snap;
+    byId("hold-box").hidden = !this.file.holds;
     byId("save").hidden = true;
-    byId("event").disabled = true;
+    if (!this.info.simulated.length) byId("event").disabled = true;
     document.documentElement.classList.add("static");
     for (const field of this.gridFields) field.input.readOnly = true;
   }
@@ -294,7 +294,10 @@ class Page {
     this.modes.show(shown, words);
     this.bode.show(curves, words);
     const { event } = this.store.state;
-    this.response.showLinear(event.kind === "step" ? curves : [], event.kind === "step" ? event.signal : null, words);
+    // A file without server has the linear steps of its own event alone.
+    const own = !this.info.static || JSON.stringify(event) === JSON.stringify(this.info.defaults.event);
+    const drawn = event.kind === "step" && own;
+    this.response.showLinear(drawn ? curves : [], drawn ? event.signal : null, words);
     this.showTable();
     const last = shown[shown.length - 1];
     this.fields.offerGains(last && last.gains && Object.keys(last.gains).length ? last.gains : null);
@@ -393,11 +396,15 @@ class Page {
   }
 }
 
-async function start() {
-  const kept = window.STATIC;
-  const info = kept ? { ...kept.info, static: true } : await loadInfo((words) => notice(words));
-  notice("");
-  window.page = new Page(info);
+/** Opens the page; `file` is what a page without a server brings. */
+export async function start(file = null) {
+  try {
+    const info = file ? file.info : await loadInfo((words) => notice(words));
+    notice("");
+    window.page = new Page(info, file);
+  } catch (error) {
+    notice(error.message, true);
+  }
 }
 
-start().catch((error) => notice(error.message, true));
+if (!window.STATIC) start();

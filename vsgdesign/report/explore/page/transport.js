@@ -2,7 +2,7 @@
 // the one that waits, and an answer that a newer one has overtaken is dropped. Nothing piles up during a drag.
 
 /** One answer: the length of the header (uint32, little endian), the header as JSON, then float32 arrays. */
-function readAnswer(buffer) {
+export function readAnswer(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
   const start = 4 + length;
@@ -89,50 +89,6 @@ export function serverAsk(tab) {
     }
     if (kind === "save") return { status: 200, answer: await reply.json() };
     return { status: 200, answer: readAnswer(await reply.arrayBuffer()) };
-  };
-}
-
-const nearestIndex = (values, value) => {
-  let best = 0;
-  values.forEach((v, i) => {
-    if (Math.abs(Math.log(v / value)) < Math.abs(Math.log(values[best] / value))) best = i;
-  });
-  return best;
-};
-
-/** The nearest grid of the lattice of a file without server. */
-export function snapToLattice(lattice, grid) {
-  const [i, j] = [nearestIndex(lattice.scr, grid.scr), nearestIndex(lattice.x_over_r, grid.x_over_r)];
-  return { scr: lattice.scr[i], x_over_r: lattice.x_over_r[j], key: `${i},${j}` };
-}
-
-/** Deflated bytes (zlib) as they were. */
-function inflated(bytes) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Response(stream).arrayBuffer();
-}
-
-/** Answers that are kept in the page itself, deflated and in base 64 (a file without server). */
-export function staticAsk(kept) {
-  return async (kind, seq, state) => {
-    const { lattice } = kept.info;
-    const held = state.hold ? ",h" : "";
-    const key = kind === "map" ? state.figure + held : snapToLattice(lattice, state).key + held;
-    const text = kept.answers[`${kind}:${key}`];
-    if (!text)
-      return {
-        status: 422,
-        faults: [
-          {
-            field: null,
-            text: "This file holds no answer for this choice; `vsgdesign explore` computes it.",
-          },
-        ],
-      };
-    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-    const answer = readAnswer(await inflated(bytes));
-    answer.header.seq = seq;
-    return { status: 200, answer };
   };
 }
 

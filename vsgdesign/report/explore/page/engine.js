@@ -1,0 +1,328 @@
+// Runs of a page without a server. The loops are those of the package, compiled; this file puts numbers into their memory,
+// calls them, and does between two calls what the package does there: new references, gains, grids and source.
+
+/** The module's memory as numbers, with room that is handed out once. */
+class Memory {
+  constructor(exports) {
+    this.exports = exports;
+    this.next = exports.free.value;
+  }
+
+  /** The place (in numbers) of so many of them. */
+  room(count) {
+    const at = this.next;
+    this.next += 8 * count;
+    const missing = this.next - this.exports.memory.buffer.byteLength;
+    if (missing > 0) this.exports.memory.grow(Math.ceil(missing / 65536) + 16);
+    return at / 8;
+  }
+
+  get floats() {
+    return new Float64Array(this.exports.memory.buffer);
+  }
+
+  get whole() {
+    return new BigInt64Array(this.exports.memory.buffer);
+  }
+}
+
+/** A loop with its arrays in the memory. */
+class Loop {
+  constructor(engine, name, uniform, slots) {
+    const { info, memory } = engine;
+    const places = info.places[name];
+    Object.assign(this, { memory, run: memory.exports[name], logged: places.logged.length, slots });
+    this.at = Object.fromEntries(places.rows.map((row, k) => [row, k]));
+    this.output = Object.fromEntries(places.logged.map((row, k) => [row, k]));
+    this.rows = memory.room(places.rows.length);
+    this.log = memory.room(this.logged * slots);
+    const [own, nothing] = [memory.room(places.uniform.length), memory.room(4)];
+    this.given = memory.room(info.integers.length + info.pointers.length);
+    memory.floats.set(uniform, own);
+    const { whole } = memory;
+    whole.fill(0n, nothing, nothing + 4);
+    // One group of one lane; rows of a log lie behind each other, one for every sample.
+    const numbers = { groups: 1, period: 1, log_sample: this.logged, every: 1 };
+    info.integers.forEach((key, k) => (whole[this.given + k] = BigInt(numbers[key] || 0)));
+    const arrays = { rows: this.rows, uniform: own, log: this.log };
+    info.pointers.forEach((key, k) => {
+      whole[this.given + info.integers.length + k] = BigInt(8 * (key in arrays ? arrays[key] : nothing));
+    });
+  }
+
+  /** Moves through samples begin to end − 1. */
+  call(begin, end) {
+    const { whole } = this.memory;
+    whole[this.given] = BigInt(begin);
+    whole[this.given + 1] = BigInt(end);
+    this.run(8 * this.given);
+  }
+
+  get(name) {
+    return this.memory.floats[this.rows + this.at[name]];
+  }
+
+  set(name, value) {
+    if (name in this.at) this.memory.floats[this.rows + this.at[name]] = value;
+  }
+
+  /** What one sample gives for these values. */
+  answer(values) {
+    for (const [name, value] of Object.entries(values)) this.set(name, value);
+    this.call(0, 1);
+    const { floats } = this.memory;
+    return (name) => floats[this.log + this.output[name]];
+  }
+}
+
+const GAINS = ["K_ip", "D_p", "K_iq", "D_q", "K_pq", "K_qp", "k_P", "k_Q"];
+const REFERENCES = ["P_ref", "Q_ref", "omega_0", "V_n"];
+const LIMITED = 1;
+
+/** One run that is under way. */
+class Run {
+  constructor(engine, controller, loop, key, event) {
+    const { info } = engine;
+    Object.assign(this, { engine, info, controller, loop, event });
+    this.T_s = info.T_s;
+    this.start = engine.startOf(controller, key);
+    loop.memory.floats.set(this.start.rows, loop.rows);
+    this.event_k = Math.round(info.event_s / this.T_s);
+    this.over = Math.round((event.kind === "sag" ? event.length_s : 0) / this.T_s);
+    const after = event.kind === "step" ? info.after_step_s : info.after_s;
+    const wanted = (info.event_s + this.over * this.T_s + after) / info.log_interval;
+    this.samples = Math.round((Math.max(Math.ceil(wanted - 1e-6), 1) * info.log_interval) / this.T_s);
+    this.source = { t_s: 0, V: info.V_g_rms, phase: info.phase };
+    this.sources = [[0, this.source]];
+    this.place = this.start;
+    this.limited = 0;
+    this.state = this.start.state;
+    if (controller.gains === "table" || controller.gains === "followed") {
+      this.update = engine.loop(controller.update, controller.limits || [], 1);
+    }
+  }
+
+  /** The samples before which something happens. */
+  marks() {
+    const { samples, T_s, event, event_k: k, controller } = this;
+    const found = new Set([0, samples]);
+    const second = Math.max(Math.round(1 / T_s), 1);
+    for (let at = 0; at < samples; at += second) found.add(at);
+    this.period = Math.round(controller.period_s / T_s);
+    if (this.update) for (let at = this.period; at <= samples; at += this.period) found.add(at);
+    found.add(k);
+    if (event.kind === "sag") found.add(k + this.over);
+    if (event.kind === "grid" && controller.gains === "listed") {
+      const updates = Math.floor((k * T_s) / controller.period_s + 1e-9) + 1;
+      this.change = Math.max(Math.ceil((updates * controller.period_s) / T_s - 1e-6), 0);
+      found.add(this.change);
+    }
+    this.phased = new Set(found);
+    if (event.kind === "phase") found.add(k - 1);
+    return [...found].filter((at) => at >= 0 && at <= samples).sort((a, b) => a - b);
+  }
+
+  finish() {
+    const marks = this.marks();
+    for (let j = 0; j + 1 < marks.length; j += 1) {
+      const [first, following] = [marks[j], marks[j + 1]];
+      this.before(first);
+      this.loop.call(first, following);
+      if (!Number.isFinite(this.loop.get("state.V"))) return following;
+    }
+    return this.samples;
+  }
+
+  before(k) {
+    const { event, event_k: begin } = this;
+    if (k > 0 && this.update && k % this.period === 0) this.follow(k);
+    if (k === this.change) this.listed();
+    if (k === begin) this.happen();
+    if (event.kind === "sag" && k === begin + this.over) this.voltage(k, this.info.V_g_rms);
+    if (event.kind === "phase" && k === begin - 1) this.turn(event.jump);
+    if (this.phased.has(k)) {
+      const phase = this.phaseAt(k);
+      this.loop.set("source.cosine", Math.cos(phase));
+      this.loop.set("source.sine", Math.sin(phase));
+    }
+  }
+
+  /** The phase of the source at a sample, as the package computes it. */
+  phaseAt(k) {
+    const start = k * this.T_s;
+    const t_s = start + 1e-6 * this.T_s;
+    const [, source] = this.sources.findLast(([at]) => at <= t_s);
+    return source.phase + this.info.omega * (t_s - source.t_s) + this.info.omega * (start - t_s);
+  }
+
+  happen() {
+    const { event, info, controller, event_k: k } = this;
+    if (event.kind === "step") {
+      const name = event.signal === "P" ? "P_ref" : "Q_ref";
+      this.loop.set(`refs.${name}`, this.loop.get(`refs.${name}`) + event.size * info.S_rated);
+    } else if (event.kind === "sag") {
+      this.voltage(k, (1 - event.size) * info.V_g_rms);
+    } else if (event.kind === "phase") {
+      const now = this.moved(k * this.T_s);
+      this.take({ ...now, phase: now.phase + event.jump });
+      this.loop.set("row.turn_cos", this.start.rows[this.loop.at["row.turn_cos"]]);
+      this.loop.set("row.turn_sin", this.start.rows[this.loop.at["row.turn_sin"]]);
+    } else {
+      this.place = this.engine.startOf(controller, event.key);
+      for (const [name, at] of Object.entries(this.loop.at)) {
+        if (name.startsWith("row.")) this.loop.set(name, this.place.rows[at]);
+      }
+    }
+  }
+
+  /** The source described from an instant on. */
+  moved(t_s) {
+    const dt = t_s - this.source.t_s;
+    return { t_s, V: this.source.V, phase: this.source.phase + this.info.omega * dt + 0.5 * 0 * dt * dt };
+  }
+
+  take(source) {
+    this.source = source;
+    this.sources.push([source.t_s, source]);
+  }
+
+  voltage(k, V_rms) {
+    this.take({ ...this.moved(k * this.T_s), V: V_rms });
+    const V = V_rms * this.info.peak_per_rms;
+    ["re1", "re2", "re3", "im1", "im2", "im3"].forEach((name, j) => {
+      this.loop.set(`row.${name}`, V * this.place.source[j]);
+    });
+    this.loop.set("V_g", V);
+  }
+
+  /** A jump of the phase is part of the turn of the interval before. */
+  turn(jump) {
+    const angle = this.info.omega * this.T_s + jump;
+    this.loop.set("row.turn_cos", Math.cos(angle));
+    this.loop.set("row.turn_sin", Math.sin(angle));
+  }
+
+  gains() {
+    return Object.fromEntries(GAINS.map((name) => [name, this.loop.get(`power_gains.${name}`)]));
+  }
+
+  inForce(prefix) {
+    return Object.fromEntries(REFERENCES.map((name) => [`${prefix}${name}`, this.loop.get(`refs.${name}`) ?? 0]));
+  }
+
+  /** New gains, where they are others. */
+  put(gains, omega) {
+    const before = this.gains();
+    if (GAINS.every((name) => gains[name] === before[name] || !(`power_gains.${name}` in this.loop.at))) return;
+    this.loop.set("state.omega_i", omega);
+    for (const name of GAINS) this.loop.set(`power_gains.${name}`, gains[name]);
+  }
+
+  /** Gains of a closed form that are made for the grid alone. */
+  listed() {
+    const { transfer } = this.engine;
+    const gains = {};
+    for (const name of GAINS) gains[name] = this.place.rows[this.loop.at[`power_gains.${name}`]];
+    const given = { omega_i: this.loop.get("state.omega_i"), ...this.inForce("refs.") };
+    for (const [name, value] of Object.entries(this.gains())) given[`old.${name}`] = value;
+    for (const name of GAINS) given[`new.${name}`] = gains[name];
+    this.put(gains, transfer.answer(given)("gain_transfer"));
+    this.loop.set("grid.R_g", this.place.grid[0]);
+    this.loop.set("grid.L_g", this.place.grid[1]);
+  }
+
+  /** What the scheduler says at an update, for the grid as it was up to this instant. */
+  follow(k) {
+    const { loop, controller, update } = this;
+    // A change that coincides with the update is seen by the next one.
+    const [R_g, L_g] = k > this.event_k ? this.place.grid : this.start.grid;
+    const count = loop.get("limited");
+    const limited = count - this.limited;
+    this.limited = count;
+    const [P, Q, V_rms] = ["P_f", "Q_f", "V"].map((name) => loop.get(`state.${name}`));
+    const given = { omega_i: loop.get("state.omega_i"), ...this.inForce("refs.") };
+    if (controller.gains === "followed") {
+      for (const [name, value] of Object.entries(this.gains())) given[`before.${name}`] = value;
+      const said = update.answer({ ...given, R_g, L_g, P, Q, V_rms });
+      const gains = Object.fromEntries(GAINS.map((name) => [name, said(`gains.${name}`)]));
+      if (!Object.values(gains).every(Number.isFinite)) return;
+      this.put(gains, said("next_omega_i"));
+      this.tellGrid(R_g, L_g);
+      return;
+    }
+    for (const [name, value] of Object.entries(this.state)) given[name] = value;
+    const ticks = Math.round((k * this.T_s) / controller.tick) >>> 0;
+    const asked = { said: 0, R_g, L_g, has_error: 0, var_R: 0, cov_RL: 0, var_L: 0, P, Q, V_rms, ticks };
+    for (const [name, value] of Object.entries(asked)) given[`given.${name}`] = value;
+    const said = update.answer({ ...given, told: limited > 0 ? LIMITED : 0 });
+    for (const name of controller.state) this.state[name] = said(name.replace("s.", "following."));
+    const gains = Object.fromEntries(GAINS.map((name) => [name, this.state[`s.gains.${name}`]]));
+    this.put(gains, said("next_omega_i"));
+    this.tellGrid(said("R_g"), said("L_g"));
+  }
+
+  tellGrid(R_g, L_g) {
+    this.loop.set("grid.R_g", R_g);
+    this.loop.set("grid.L_g", L_g);
+  }
+}
+
+/** The loops of a page and the starts of its controllers. */
+export class Engine {
+  /** info: the description; data: the bytes behind it. */
+  constructor(info, data) {
+    const module = new WebAssembly.Module(data.subarray(0, info.module));
+    Object.assign(this, { info, loops: {}, memory: new Memory(new WebAssembly.Instance(module, {}).exports) });
+    const numbers = new Float64Array(data.slice(info.module).buffer);
+    let at = 0;
+    for (const controller of [...info.controllers, ...info.held]) {
+      if (!controller.keys.length) continue;
+      const [count, varying] = [controller.keys.length, controller.varying.length];
+      controller.first = numbers.subarray(at, at + controller.width);
+      controller.columns = numbers.subarray(at + controller.width, at + controller.width + count * varying);
+      at += controller.width + count * varying;
+    }
+    this.transfer = this.loop("transfer", [], 1);
+  }
+
+  loop(name, uniform, slots) {
+    const known = this.loops[name];
+    if (known && known.slots >= slots) return known;
+    this.loops[name] = new Loop(this, name, uniform, slots);
+    return this.loops[name];
+  }
+
+  /** A controller by its place; one whose gains are held is another one. */
+  controller(k, key) {
+    return (key.endsWith(",h") ? this.info.held : this.info.controllers)[k];
+  }
+
+  /** The numbers of a controller at rest on a grid; undefined where there are none. */
+  startOf(controller, key) {
+    const at = controller.keys.indexOf(key);
+    if (at < 0) return undefined;
+    const all = Float64Array.from(controller.first);
+    controller.varying.forEach((column, k) => {
+      all[column] = controller.columns[k * controller.keys.length + at];
+    });
+    const rows = this.info.places[controller.loop].rows.length;
+    const names = controller.state || [];
+    return {
+      rows: all.subarray(0, rows),
+      source: all.subarray(rows, rows + 6),
+      grid: all.subarray(rows + 6, rows + 8),
+      state: Object.fromEntries(names.map((name, k) => [name, all[rows + 8 + k]])),
+    };
+  }
+
+  /** Every sample of an event: (samples, logged) numbers, row by row, and how many rows are good. */
+  run(controller, key, event) {
+    const { info } = this;
+    const length = event.kind === "sag" ? event.length_s : 0;
+    const longest = Math.max(info.after_step_s, info.after_s) + info.event_s + length + 2 * info.log_interval;
+    const loop = this.loop(controller.loop, controller.uniform, Math.ceil(longest / info.T_s) + 1);
+    const run = new Run(this, controller, loop, key, event);
+    const done = run.finish();
+    return { rows: loop.memory.floats.slice(loop.log, loop.log + done * loop.logged), width: loop.logged, done, run };
+  }
+}
