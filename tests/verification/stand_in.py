@@ -97,6 +97,7 @@ def run(study: Study, spec: ControllerSpec, ready: Any, cases: LaneCases, *, bri
         above_s=0.001 * x,
         limited_s=0.002 * x,
         swing_rad=0.5 * y,
+        noise=np.zeros(len(y)),
     )
 
 

@@ -13,10 +13,11 @@ from tests.gain_tables import table
 from tests.simulation.lanes.test_learning import AROUND, WANDERING
 from tests.simulation.survival.subjects import TEXT
 from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.campaigns.verification.counting import count_block
 from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
 from vsgdesign.campaigns.verification.emt import EMT
 from vsgdesign.errors import StudyError
-from vsgdesign.simulation.lanes.results import JUDGED
+from vsgdesign.simulation.lanes.results import IN_NOISE, JUDGED, LaneResults
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.study import Study
@@ -94,3 +95,23 @@ def test_what_leaves_no_rest_to_judge_by_is_refused(around: str, said: str, tmp_
     with pytest.raises(StudyError, match=said):  # as a run with [verification] with_run does it
         verified_table(study, study.controllers[0], table(), 8, tmp_path)
     check_verifiable(a_study(AROUND), Asked())
+    others = "".join(f"[verification.{name}]\nweight = 0\n" for name in ("grid", "phase", "sag"))
+    check_verifiable(a_study(f"{around}{others}"), Asked())  # steps alone are judged beside their twins
+
+
+def test_a_step_below_its_noise_is_left_out_and_its_noise_is_allowed() -> None:
+    study = a_study(AROUND)
+    job, _ = job_of(study, study.controllers[0], NOTHING, Asked(runs=3))
+    cases, family = job.drawn(0, 3)
+    cases, family = cases.take(np.zeros(3, dtype=np.intp)), np.zeros(3, dtype=np.int8)  # the same step three times
+    results = LaneResults.of_none(3)
+    results.status[:] = JUDGED, JUDGED, IN_NOISE
+    most = next(p for p in job.promises if p.figure == "overshoot").most_of(cases.signal)[0]
+    results.overshoot[:], results.settling_s[:], results.peak_pu[:] = most + 0.011, 0.05, 0.5
+    results.noise[:] = 0.01, 0.012, 0.03
+    drawn = {"names": FAMILIES, "promises": job.promises, "axes": job.axes, "converter": study.converter}
+    counted = count_block(0, 0, cases, family, results, **drawn, instruction_set="any").families["step"]
+    assert (counted.judged, counted.left_out) == (2, {"too small for its noise": 1})
+    overshoot = counted.promises["overshoot"]
+    assert (overshoot.broken, overshoot.noise) == (1, 0.012)
+    assert [case.number for case in overshoot.worst] == [0, 1]

@@ -311,6 +311,7 @@ _OF_PROMISE = (
     "figure",
     "survival",
     "limit",
+    "noise",
     "unit",
     "at_least",
     "broken",

@@ -140,8 +140,9 @@ def value_text(name: str, value: float | None, digits: int = 3) -> str:
 
 
 def most_of(promise: Document) -> float:
-    """The largest value that keeps a promise; documents of earlier versions allow nothing beyond the limit."""
-    return float(promise.get("most", promise["limit"]))
+    """The largest value that keeps a promise, with the most that noise may do to it in any case; documents of earlier
+    versions allow nothing beyond the limit."""
+    return float(promise.get("most", promise["limit"])) + float(promise.get("noise", 0.0))
 
 
 def breaks(value: float, promise: Document) -> bool:

@@ -38,6 +38,12 @@ _APART = 2
 """Lengths of the mean that lie between values of which the noise is found: neighbouring means are alike, because the
 power loops smooth what the sensors' rounding leaves."""
 
+_VALUES = 20
+"""Values in the length of a mean from which its noise is found."""
+
+_MOST_NOISE = 1.5
+"""So many times as much noise as one mean the difference of two has at most: √2, and what an estimate may be off."""
+
 _SMALLEST_STEP = 1e-3
 """A change of less than this share of the rating is not a step."""
 
@@ -135,6 +141,8 @@ class EventMetrics:
     the signal; 0 where there are no two cycles, and beside a twin."""
     noise: StepNoise | None = None
     """Of a step that was judged beside its twin; None: it was judged alone."""
+    so_far: ResponseMetrics | None = None
+    """What a step has reached in a window that is too short for it, of the mean; None in any other window."""
 
 
 def measure_event(
@@ -158,33 +166,32 @@ def measure_event(
 
     ``without`` (the whole run): the signal of the same run without the step, equal before it. What is judged is then
     the difference of both (:eq:`twin`): the initial and the final value are the means of ``without`` and of ``y`` over
-    the last whole cycles. It is left out where there is no steady state, or where the window is too short for the
-    slowest mode whatever the signal does.
+    the last whole cycles. It is left out where there is no steady state.
     """
     # Half a sample of slack: event and sample times are both rounded.
     slack = 0.5 * (t[1] - t[0])
     begin, stop = np.searchsorted(t, [window.t_s - slack, window.end_s - slack])
     begin, stop = int(begin), int(max(stop, begin + 2))
     observed, since = window.end_s - window.t_s, t[begin:stop] - window.t_s
-    if without is not None and not _lasts(end, window, observed):
+    if end.decay is None or not end.decay > 0.0:
         without = None
-    noise, late = None, end.samples_per_cycle or samples_per_cycle
+    noise, cycle = None, end.samples_per_cycle or samples_per_cycle
     if without is None:
         judged, drift = y[begin:stop], _drift(y[:begin], samples_per_cycle)
         before = y[max(begin - samples_per_cycle, 0) : begin] if begin > 0 else y[:1]
         initial = float(np.mean(before))
-        last = late_mean(judged, late)
+        last = late_mean(judged, cycle)
         final = last if end.final is None else end.final
         mean = cycle_mean(y[max(begin - samples_per_cycle, 0) : stop], samples_per_cycle)[-(stop - begin) :]
     else:
-        initial, drift, end = late_mean(without[begin:stop], late), 0.0, replace(end, final=None)
+        initial, drift, end = late_mean(without[begin:stop], cycle), 0.0, replace(end, final=None)
         of_both = [cycle_mean(one[max(begin - samples_per_cycle, 0) : stop], samples_per_cycle) for one in (y, without)]
         judged = initial + (y[begin:stop] - without[begin:stop])
-        final = late_mean(judged, late)
+        final = late_mean(judged, cycle)
         left = (of_both[0] - of_both[1])[-(stop - begin) :]
         mean = initial + left
-        rest = float(np.std(of_both[1][-(stop - begin) :]))
-        noise = StepNoise(final - initial, float(left_over(left, samples_per_cycle)), rest)
+        alone = of_both[1][-(stop - begin) :]
+        noise = StepNoise(final - initial, noise_left(left, alone, samples_per_cycle), float(np.std(alone)))
     is_step = window.steps_signal and abs(final - initial) > _SMALLEST_STEP * rating
     reference = abs(final - initial) if is_step else rating
     status, reason, needs = MEASURED, None, None
@@ -192,11 +199,13 @@ def measure_event(
         status, reason = NO_STEADY_STATE if end.modelled else NO_MODEL, end.obstacle
     elif not end.decay > 0.0:
         status, reason = UNSTABLE, end.obstacle
-    elif noise is None or noise.judgeable or not is_step:  # else the noise alone leaves the band
+    else:
         share = 1.0 if end.final is not None else _SHARE_OF_BAND
         error = np.abs(mean - final) / reference
+        if noise is not None and is_step and not noise.judgeable:  # the noise alone leaves the band
+            error = error[:1]
         moved_s = max(end.changed_s - window.t_s, 0.0)
-        needed = time_needed(since, error, end.decay, moved_s, share)
+        needed = time_needed(since[: len(error)], error, end.decay, moved_s, share)
         if needed > observed:
             what = "step" if is_step else "event"
             expected = moved_s + math.log(max(float(error.max()), 1.0) / (share * SETTLING_BAND)) / end.decay
@@ -237,26 +246,27 @@ def measure_event(
         needs_s=needs,
         drift=drift,
         noise=noise if is_step else None,
+        so_far=step_response(since, mean, initial, final) if is_step and status == TOO_SHORT else None,
     )
 
 
-def _lasts(end: EndState, window: EventWindow, observed: float) -> bool:
-    """Whether a window is long enough for the slowest mode of the state in which it ends."""
-    if end.decay is None or not end.decay > 0.0:
-        return False
-    moved_s = max(end.changed_s - window.t_s, 0.0)
-    return time_needed(np.zeros(1), np.ones(1), end.decay, moved_s, _SHARE_OF_BAND) <= observed
+def noise_left(difference: Array, without: Array, samples_per_mean: int) -> float:
+    """Rms of the noise in the difference of a judged mean, (n,) over a window, from that ``without`` the step, (n,).
+
+    It is that of the second differences (:eq:`twin-noise`), and not much more than two means without a step differ by:
+    the rest is motion. Infinite where the window is too short.
+    """
+    of_difference, of_rest = (_second_difference(one, samples_per_mean) for one in (difference, without))
+    return min(of_difference, _MOST_NOISE * of_rest)
 
 
-def left_over(difference: Array, samples_per_mean: int) -> Any:
-    """Rms of the noise in differences of two means, (n, …) over a window: from the second differences of the later half
-    of it, over twice the length of the mean, in which motion that is slower has no part (:eq:`twin-noise`). Infinite
-    where the window is too short for them."""
-    late, apart = difference[len(difference) // 2 :], _APART * samples_per_mean
+def _second_difference(values: Array, samples_per_mean: int) -> float:
+    every = max(samples_per_mean // _VALUES, 1)  # the values between them are nearly the same
+    late, apart = values[len(values) // 2 :: every], round(_APART * samples_per_mean / every)
     if len(late) <= 2 * apart:
-        return np.full(late.shape[1:], math.inf)
+        return math.inf
     second = late[2 * apart :] - 2.0 * late[apart:-apart] + late[: -2 * apart]
-    return np.sqrt(np.mean(second * second, axis=0) / 6.0)
+    return math.sqrt(float(np.mean(second * second)) / 6.0)
 
 
 def _drift(before: Array, samples_per_cycle: int) -> float:

@@ -21,7 +21,10 @@ from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.field_observer import PLACE_OF_CLOSED, PLACE_OF_MUTED
 from vsgdesign.simulation.gains import RunFeed
 from vsgdesign.simulation.run_state import RunLog, RunState, Twin
+from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.replay import ReplaySpec
+from vsgdesign.study.parameters.sensors import SensorSpec
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -34,17 +37,17 @@ def steps_with_twin(study: Study, spec: ControllerSpec, *, probes: bool = False)
     sensors have noise or bits, its grid wanders or is a record, or it sends a probe. ``probes``: whether its scheduler
     asks for one. Without any of these a run rests, and there is no twin.
     """
-    sensors, background = study.sensors, study.background
-    restless = (
-        (sensors is not None and (sensors.noise > 0.0 or sensors.bits > 0))
-        or (background is not None and background.restless)
-        or study.replay is not None
-        or probes
-        or (samples_itself(spec.estimate) and probe_of(study).send)
-    )
+    probes = probes or (samples_itself(spec.estimate) and probe_of(study).send)
+    never_rests = probes or restless(study.sensors, study.background, study.replay)
     instants = {event.t_s for event in study.events if event.t_s > 0.0}
-    connecting = [one.synchronised_until for one in study.events if one.synchronised_until is not None]
-    return tuple(t_s for t_s in sorted(instants) if restless and _steps_alone(study, t_s, max(connecting, default=0.0)))
+    connected_s = max((one.synchronised_until or 0.0 for one in study.events), default=0.0)
+    return tuple(t_s for t_s in sorted(instants) if never_rests and _steps_alone(study, t_s, connected_s))
+
+
+def restless(sensors: SensorSpec | None, background: BackgroundSpec | None, replay: ReplaySpec | None) -> bool:
+    """Whether powers never rest with these sensors and in this grid, not even in the mean over a cycle."""
+    noise = sensors is not None and (sensors.noise > 0.0 or sensors.bits > 0)
+    return noise or (background is not None and background.restless) or replay is not None
 
 
 def _steps_alone(study: Study, t_s: float, connected_s: float) -> bool:

@@ -19,10 +19,11 @@ from vsgdesign.metrics.survival import (
     loads_of,
 )
 from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.simulation.every_sample import signals_at_pcc
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of, study_of_case
 from vsgdesign.simulation.lanes.rests import Rests, ends_of, rests_of
-from vsgdesign.simulation.lanes.results import DIVERGED, JUDGED, NO_REST, STATUSES, LaneResults
+from vsgdesign.simulation.lanes.results import DIVERGED, IN_NOISE, JUDGED, NO_REST, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.telling import OfTrueGrid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series, samples_per_mean
@@ -39,7 +40,7 @@ def run_alone(
     """Runs every case of a controller that estimates its grid in every sample, one after the other.
 
     The rests are those with the gains of the true grid, or those that a switched bridge comes to. The figures of a step
-    are those of the mean over two nominal cycles, in which the probe does not show
+    are those of the difference from its twin, in the mean over two nominal cycles, in which the probe does not show
     (:func:`vsgdesign.simulation.scenario.mean_cycles`). All others are as in lanes.
     """
     own = study.with_limit_of(spec)
@@ -52,7 +53,8 @@ def run_alone(
     for k in np.flatnonzero(results.status == JUDGED).tolist():
         one = study_of_case(own, cases, k, int(ends[k]))
         try:
-            run = simulate(one, FieldScheduler(one, spec, ready), bridge=bridge)
+            steps = (float(cases.events.t_s[k, 0]),) if cases.kind[k] == STEP else ()
+            run = simulate(one, FieldScheduler(one, spec, ready), bridge=bridge, twins=steps)
         except SimulationDivergedError:
             _diverged(results, k, cases.kind[k] == STEP)
             continue
@@ -80,14 +82,14 @@ def _judge(
     T_s = study.converter.T_s
     # A step begins with the sample that is nearest to it, as in lanes.
     since = [math.ceil(instants[0] / T_s - 0.5) * T_s] if cases.kind[k] == STEP else instants
+    results.noise[k] = 0.0 if cases.kind[k] == STEP else results.noise[k]
     for name, value in loads_of(record, since, demand.i_max_pu)._asdict().items():
         getattr(results, name)[k] = 0.0 if value is None else value
     if cases.kind[k] == STEP:
         if record.diverged:
             _diverged(results, k, True)
         else:
-            cycle_at_end = round(demand.cycle_s / T_s) if own_rest else None
-            _judge_step(study, run, cases, k, rests, results, cycle_at_end)
+            _judge_step(study, run, cases, k, results, round(demand.cycle_s / T_s))
         return
     rest = ExpectedRest(P=rests.P_end[k], Q=rests.Q_end[k], delta=rests.delta_end[k], i_s_pu=0.0)
     if own_rest:
@@ -100,27 +102,30 @@ def _judge(
 
 
 def _judge_step(
-    study: Study,
-    run: Simulation,
-    cases: LaneCases,
-    k: int,
-    rests: Rests,
-    results: LaneResults,
-    cycle_at_end: int | None,
+    study: Study, run: Simulation, cases: LaneCases, k: int, results: LaneResults, cycle_at_end: int
 ) -> None:
-    """``cycle_at_end``: samples of a cycle of the grid, where it is judged by its own rest; else None."""
-    active = cases.signal[k] == ACTIVE
-    series = derive_series(study, run)["P_pcc" if active else "Q_pcc"]
+    """``cycle_at_end``: samples of a cycle of the grid."""
+    name = "P_pcc" if cases.signal[k] == ACTIVE else "Q_pcc"
+    (twin,), count = run.twins, samples_per_mean(study, run.t_s)
+    series, less = derive_series(study, run)[name], getattr(signals_at_pcc(study, twin), name)
     t_s = float(cases.events.t_s[k, 0])
     begin = int(np.searchsorted(run.t_s, t_s - 0.5 * study.converter.T_s))
-    count = samples_per_mean(study, run.t_s)
-    initial = float(np.mean(series[max(begin - count, 0) : begin]))
-    final = float((rests.P_end if active else rests.Q_end)[k])
-    if cycle_at_end is not None:
-        final = late_mean(series[begin:], cycle_at_end)
-    found = step_response(run.t_s[begin:] - t_s, cycle_mean(series, count)[begin:], initial, final)
+    without = np.concatenate([series[: len(series) - len(less)], less])  # the same until the step
+    left, rest = cycle_mean(series - without, count)[begin:], cycle_mean(without, count)[begin:]
+    step = late_mean((series - without)[begin:], cycle_at_end)
+    found = step_response(run.t_s[begin:] - t_s, left, 0.0, step)
     results.overshoot[k] = (found.overshoot_pct or 0.0) / 100.0
     results.settling_s[k] = math.inf if found.settling_time_s is None else found.settling_time_s
+    seconds = [float(np.std(_second(one[len(one) // 2 :: count // 20], 40))) for one in (left, rest)]
+    results.noise[k] = 4.5 * min(seconds[0], 1.5 * seconds[1]) / math.sqrt(6.0) / abs(step)
+    if results.noise[k] > 0.02:
+        results.status[k] = IN_NOISE
+
+
+def _second(values: Array, apart: int) -> Array:
+    """Second differences, with their mean for zero."""
+    found = np.diff(np.column_stack([values[: -2 * apart], values[apart:-apart], values[2 * apart :]]), n=2, axis=1)
+    return np.concatenate([found[:, 0], -found[:, 0]])
 
 
 def _diverged(results: LaneResults, k: int, step: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -27,13 +27,13 @@ from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.linear.operating_point.many import FAULTS
 from vsgdesign.metrics.survival import HARDWARE_PU
 from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STATUSES
+from vsgdesign.simulation.lanes.results import IN_NOISE, JUDGED, NO_REST, OVER_LIMIT, STATUSES
 from vsgdesign.study.parameters.converter import Converter
 
 Array = NDArray[np.float64]
 
-LEFT_OUT = (NO_REST, OVER_LIMIT)
-"""Statuses of cases that no converter is asked for: they are counted apart."""
+LEFT_OUT = (NO_REST, OVER_LIMIT, IN_NOISE)
+"""Statuses of cases that no converter is asked for, and of those that nobody can judge: they are counted apart."""
 
 
 class Results(Protocol):
@@ -47,6 +47,11 @@ class Results(Protocol):
     @property
     def fault(self) -> NDArray[np.int8]:
         """Index of :data:`vsgdesign.linear.operating_point.many.FAULTS`, where there is no rest."""
+        ...
+
+    @property
+    def noise(self) -> Array:
+        """What noise may do to the overshoot of a step, as a share of it; NaN or 0 where it is judged without."""
         ...
 
 
@@ -133,7 +138,8 @@ def count_block(
         asked = np.flatnonzero(drawn & judged)
         held = [promise for promise in promises if name in promise.families]
         found = {p.name: judged_values(p, status[asked], figures[asked]) for p in held}
-        most = {p.name: p.most_of(cases.signal[asked]) for p in held}
+        noise = np.asarray(results.noise)[asked]
+        most = {p.name: p.most_of(cases.signal[asked], noise) for p in held}
         misses = {p.name: ~(found[p.name] <= most[p.name]) for p in held}
         any_broken = np.any(list(misses.values()), axis=0) if held else np.zeros(len(asked), bool)
         survives = any(promise.survival for promise in held)
@@ -148,7 +154,10 @@ def count_block(
             beyond_worst=_beyond(first + beyond, figures[beyond]),
             broken=int(any_broken.sum()),
             promises={
-                p.name: _promise(found[p.name], most[p.name], first + asked, status[asked], figures[asked], bins[asked])
+                p.name: replace(
+                    _promise(found[p.name], most[p.name], first + asked, status[asked], figures[asked], bins[asked]),
+                    noise=float(np.nan_to_num(noise).max(initial=0.0)) if p.figure == "overshoot" else 0.0,
+                )
                 for p in sorted(held, key=lambda promise: promise.name)
             },
             judged_map=np.bincount(bins[asked], minlength=MAP[0] * MAP[1]).reshape(MAP),

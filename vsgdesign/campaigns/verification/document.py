@@ -54,7 +54,8 @@ def record_faults(record: Mapping[str, Any]) -> Iterator[str]:
                 same = stated is made if stated is None or made is None else abs(stated - made) <= 1e-9 * abs(made)
                 if not same:
                     yield f"{name}.{field} is {stated}, {promise['broken']} of {promise['judged']} give {made}"
-            worst, limit, least = promise["worst"], promise["limit"], promise.get("at_least", False)
+            worst, least = promise["worst"], promise.get("at_least", False)
+            limit = promise["limit"] + promise.get("noise", 0.0)
             beyond = worst is not None and (worst < limit if least else worst > limit)
             if promise["broken"] and worst is not None and not beyond:
                 yield f"{name}.worst is {worst:g}, within the limit {limit:g}, but {promise['broken']} are broken"
@@ -137,6 +138,7 @@ def _family(job: VerificationJob, family: FamilyCount, confidence: float) -> dic
                 "limit": promise.limit,
                 **({} if promise.limit_Q is None else {"limit_Q": promise.limit_Q}),
                 "most": promise.most,
+                **({"noise": count.noise} if count.noise > 0.0 else {}),
                 "unit": promise.unit,
                 "figure": promise.figure,
                 "survival": promise.survival,

@@ -144,6 +144,11 @@ def _errors_within(
     return found[0], found[1], found[2]
 
 
+def rests_at_limit(study: Study) -> bool:
+    """Whether a controller with the limit of the study has a current limit, and a limiter that can rest at it."""
+    return study.limiter.rests and study.converter.current_limit_pu is not None
+
+
 def cases_of(
     study: Study,
     spec: ControllerSpec,
@@ -160,8 +165,7 @@ def cases_of(
     # Contiguous columns: what NumPy computes then does not depend on how many cases there are.
     u = dict(zip(COORDINATES, np.ascontiguousarray(np.asarray(uniforms, dtype=float).T), strict=True))
     study, asked = study.with_limit_of(spec), verification_of(study, spec, ready)
-    rests_at_limit = study.limiter.rests and study.converter.current_limit_pu is not None
-    weights = np.array(list(asked.weights(rests_at_limit).values()))
+    weights = np.array(list(asked.weights(rests_at_limit(study)).values()))
     if family is None and not weights.sum() > 0.0:
         said = f"nothing is drawn for controller {spec.name}: no family has a weight above zero"
         raise StudyError(
@@ -172,7 +176,7 @@ def cases_of(
         family = np.minimum(drawn, int(np.flatnonzero(weights)[-1]))
     kind = np.broadcast_to(np.asarray(family, dtype=np.int8), u["scr"].shape).copy()
     around = Around.drawn(study, [] if study.undisturbed is study else _seeds(u))
-    draw = _Draw(study, asked, u, kind, rests_at_limit, around)
+    draw = _Draw(study, asked, u, kind, rests_at_limit(study), around)
     return _with_references(draw, _starts(draw), spec, gain_law(study, spec, ready)), kind
 
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import numpy as np
-
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.verification.blocks import Batch, SingleRun
 from vsgdesign.campaigns.verification.case_study import case_study
 from vsgdesign.campaigns.verification.draws import cases_of, draw_cases
 from vsgdesign.codegen.machine_code import instruction_set
-from vsgdesign.metrics.events import MEASURED, NOT_SETTLED, TOO_SHORT, late_mean
-from vsgdesign.metrics.step_response import cycle_mean, step_response
+from vsgdesign.metrics.events import MEASURED, NOT_SETTLED, TOO_SHORT
 from vsgdesign.simulation.expected_rests import expected_rests
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.run import run_lanes
-from vsgdesign.simulation.scenario import ControllerResult, run_scenario, samples_per_mean
+from vsgdesign.simulation.scenario import ControllerResult, run_scenario
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -54,15 +51,11 @@ def simulated(path: Path, ready: Ready) -> SingleRun:
     controller = result.controllers[0]
     P, Q = (float(controller.simulation.column(name)[0]) for name in ("P", "Q"))
     mode = expected_rests(study, result.timeline, controller.spec, ready)[-1].mode
-    omega_end = result.timeline.source_at(study.simulation.duration).omega
-    return SingleRun(_figures(study, controller, omega_end), P, Q, math.nan if mode is None else -float(mode.s.real))
+    return SingleRun(_figures(controller), P, Q, math.nan if mode is None else -float(mode.s.real))
 
 
-def _figures(study: Study, controller: ControllerResult, omega_end: float) -> dict[str, float]:
-    """Those of the step, or of the survival, by the names of the batch. What the run has no figure for is left out.
-
-    ``omega_end``: of the source at the end, rad/s.
-    """
+def _figures(controller: ControllerResult) -> dict[str, float]:
+    """Those of the step, or of the survival, by the names of the batch. What the run has no figure for is left out."""
     verdict = controller.survival
     if verdict is not None:
         found = {
@@ -76,16 +69,8 @@ def _figures(study: Study, controller: ControllerResult, omega_end: float) -> di
     step = next((event for event in controller.events if event.kind == "step"), None)
     if step is None or step.status not in (MEASURED, NOT_SETTLED, TOO_SHORT):
         return {}
-    figures = step.cycle_mean
-    if step.status == TOO_SHORT:
-        # Too short for the slowest mode to die away: a run has no figures then, but the batch has those of this time.
-        t, y = controller.series["t_s"], controller.series[step.signal]
-        begin = int(np.searchsorted(t, step.t_s - 0.5 * (t[1] - t[0])))
-        mean = cycle_mean(y, samples_per_mean(study, t))
-        final = figures.final
-        if final is None:
-            final = late_mean(y[begin:], max(round(2.0 * math.pi / omega_end / float(t[1] - t[0])), 1))
-        figures = step_response(t[begin:] - step.t_s, mean[begin:], figures.initial, final)
+    # In a window that is too short for the slowest mode a run has no figures, but the batch has those of this time.
+    figures = step.so_far or step.cycle_mean
     if figures.overshoot_pct is None:
         return {}
     settled = math.inf if figures.settling_time_s is None else figures.settling_time_s

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,10 +57,12 @@ class Promise:
         """Largest value that keeps it (:mod:`vsgdesign.metrics.met`); of a step of P_ref, where ``limit_Q`` differs."""
         return self._most(self.limit)
 
-    def most_of(self, signal: NDArray[np.int8]) -> NDArray[np.float64]:
-        """Largest value that keeps it in each case, (N,). ``signal``: which reference a case steps."""
+    def most_of(self, signal: NDArray[np.int8], noise: Any = 0.0) -> NDArray[np.float64]:
+        """Largest value that keeps it in each case, (N,). ``signal``: which reference a case steps; ``noise``: what
+        noise may do to its overshoot, as a share of the step."""
         of_Q = self.most if self.limit_Q is None else self._most(self.limit_Q)
-        return np.where(np.asarray(signal) == REACTIVE, of_Q, self.most)
+        more = np.nan_to_num(noise) if self.figure == "overshoot" else 0.0
+        return np.where(np.asarray(signal) == REACTIVE, of_Q, self.most) + more
 
     def _most(self, limit: float) -> float:
         if self.figure == "settling_s":

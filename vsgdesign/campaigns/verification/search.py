@@ -76,7 +76,9 @@ class _Watch:
         status, figures = np.asarray(results.status), figures_of(results)
         held = [promise for promise in job.promises if name in promise.families]
         asked = ~np.isin(status, LEFT_OUT)
-        uses = np.stack([judged_values(p, status, figures) / p.most_of(cases.signal) for p in held], axis=1)
+        uses = np.stack(
+            [judged_values(p, status, figures) / p.most_of(cases.signal, results.noise) for p in held], axis=1
+        )
         worst = np.where(asked, uses.max(axis=1), 0.0)
         for k in np.argsort(-worst, kind="stable")[: self._kept].tolist():
             if asked[k]:

@@ -93,6 +93,8 @@ class PromiseCount:
     """Histogram of the figure (:mod:`vsgdesign.campaigns.verification.summary`)."""
     worst_map: NDArray[np.float64] = field(default_factory=lambda: np.full(MAP, -math.inf))
     """MAP, the largest figure in each bin of the map; -inf where nothing was judged."""
+    noise: float = 0.0
+    """The most that noise may do to the figure in any judged case, in its unit."""
 
     def merged(self, other: PromiseCount) -> PromiseCount:
         """Both together."""
@@ -101,6 +103,7 @@ class PromiseCount:
             worst=worst_of((*self.worst, *other.worst)),
             bins=merged_bins(self.bins, other.bins),
             worst_map=np.maximum(self.worst_map, other.worst_map),
+            noise=max(self.noise, other.noise),
         )
 
 
@@ -214,6 +217,7 @@ def summary_document(summary: Summary) -> dict[str, Any]:
                         "worst": _cases_document(one.worst),
                         "bins": [[k, count] for k, count in one.bins.items()],
                         "worst_map": [_said(x) for x in one.worst_map.ravel().tolist()],
+                        "noise": one.noise,
                     }
                     for key, one in family.promises.items()
                 },
@@ -249,6 +253,7 @@ def summary_of(document: Mapping[str, Any]) -> Summary:
                         worst=_cases_of(one["worst"]),
                         bins=dict(one["bins"]),
                         worst_map=np.array(list(map(float, one["worst_map"]))).reshape(MAP),
+                        noise=float(one["noise"]),
                     )
                     for key, one in family["promises"].items()
                 },

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.simulation.segments import START_PHASE, Waves
+from vsgdesign.simulation.twin import restless
 from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.replay import ReplaySpec
 from vsgdesign.study.parameters.sensors import SensorSpec
@@ -53,6 +54,11 @@ class Around:
     def distort(self, study: Study) -> bool:
         """Whether powers ripple at rest because a source has more than its fundamental."""
         return self.moves or bool(study.grid_source.components) or any(one.distorts for one in self.backgrounds or ())
+
+    def restless(self, count: int) -> NDArray[np.bool_]:
+        """Whether the powers of each of N = ``count`` cases never rest (:func:`vsgdesign.simulation.twin.restless`)."""
+        sensors, backgrounds = self.sensors or (None,) * count, self.backgrounds or (None,) * count
+        return np.array([restless(*one, self.replay) for one in zip(sensors, backgrounds, strict=True)], dtype=bool)
 
     @property
     def act(self) -> bool:

@@ -171,6 +171,17 @@ class LaneCases:
             events = replace(events, V_g_rms=per_event[0].T, omega_g=per_event[1].T)
         return replace(self, V_g_rms=V_g_rms, omega_g=omega_g, events=events, around=around.neutral)
 
+    def beside_twins(self) -> LaneCases:
+        """Each of the cases, which are steps, and behind it its twin: the same without the step (:eq:`twin`). Its
+        reference is set to what it is, at the same instant."""
+        pairs = self.take(np.repeat(np.arange(len(self)), 2))
+        twin = np.arange(len(pairs)) % 2 == 1
+        held = {}
+        for name, start in (("P_ref", pairs.P_ref), ("Q_ref", pairs.Q_ref)):
+            given = getattr(pairs.events, name)
+            held[name] = np.where(twin[:, None] & np.isfinite(given), start[:, None], given)
+        return replace(pairs, events=replace(pairs.events, **held))
+
     def later(self, by_s: float) -> LaneCases:
         """The same cases with everything that happens later by a time."""
         events, networks = replace(self.events, t_s=self.events.t_s + by_s), self.networks

@@ -33,8 +33,10 @@ _AHEAD = 2048
 class LaneFeed:
     """What the runs of a batch are given. Their sensors are put into the batch, and their sources where they begin."""
 
-    def __init__(self, batch: Batch) -> None:
+    def __init__(self, batch: Batch, *, beside: bool = False) -> None:
+        """``beside``: behind each run is its twin, which is given the same."""
         self._batch = batch
+        self._apart = 2 if beside else 1
         self._sources: list[_SourceOfLane] = []
         self._sensors: list[SensorsOfRun] = []
         self._columns = len(fed_names(batch.kind._replace(added=batch.kind.moved)))
@@ -74,25 +76,29 @@ class LaneFeed:
             self._room = aligned_zeros((groups, most, self._columns, width))
         found = self._room[:groups, :most]
         for group in range(first, first + groups):
-            lanes = range(group * width, min((group + 1) * width, len(self._batch)))
+            lanes = range(group * width, min((group + 1) * width, len(self._batch)), self._apart)
             if self._sensors:
                 self._add_noise(found[group - first], group, lanes, begin, counts, late)
             for lane in lanes if self._sources else ():
                 rows = slice(late[lane], late[lane] + counts[lane])
                 self._sources[lane].put(found[group - first, rows, :, lane % width], int(begin[lane]))
+            if self._apart > 1:
+                found[group - first, ..., 1::2] = found[group - first, ..., ::2]
         return found
 
     def _add_noise(
         self, found: Array, group: int, lanes: range, begin: Samples, counts: Samples, late: Samples
     ) -> None:
+        each = self._apart
         if self._normal.shape[1] < len(found):
-            self._normal = np.zeros((self._normal.shape[0], len(found), len(CHANNELS)))
+            self._normal = np.zeros((self._rms.shape[2] // each, len(found), len(CHANNELS)))
         normal = self._normal[:, : len(found)]
         for lane in lanes:
             rows = slice(late[lane], late[lane] + counts[lane])
-            self._sensors[lane].draw(int(begin[lane]), self._normal[lane % len(normal), rows])
+            self._sensors[lane].draw(int(begin[lane]), normal[lane // each % len(normal), rows])
         at = self._columns - len(CHANNELS) - (self._batch.kind.moved and self._batch.kind.watch == DISTURBANCE)
-        np.multiply(normal.transpose(1, 2, 0), self._rms[group], out=found[:, at : at + len(CHANNELS)])
+        into = found[:, at : at + len(CHANNELS), ::each]
+        np.multiply(normal.transpose(1, 2, 0), self._rms[group][:, ::each], out=into)
 
 
 class _SourceOfLane:

@@ -159,11 +159,12 @@ class Listeners:
         self._settings = settings_of_study(study)
         groups, _, width = part.rows.shape
         network, lanes = network_of(study, spec), best_lanes()
-        self._networks = None if network is None else ManyNetworks(network, self._settings, groups, width)
-        conclusion = conclusion_spec(lanes, width // lanes)
+        mains = width // 2 if part.beside else width
+        self._networks = None if network is None else ManyNetworks(network, self._settings, groups, mains)
+        conclusion = conclusion_spec(lanes, mains // lanes)
         self._conclusion, self._rows = compiled_loop(conclusion), empty_rows(conclusion, groups)
         self._constants = np.array(numbers_of(self._settings))
-        self._log = np.empty((groups, 1, len(conclusion.logged), width))
+        self._log = np.empty((groups, 1, len(conclusion.logged), mains))
         self._lock = part.span("lock")
         lock = numbers_of(first_lock_in(self._settings, study.converter.omega_n))
         part.rows[:, self._lock, :] = np.array(lock)[:, None]
@@ -210,9 +211,14 @@ class Listeners:
         self._begun += longest
         self._samples[lanes] += counts
         self._follow_rings(longest - counts - late)
-        lock[:] = rows[:, self._lock]
+        mains = self._part.mains
+        lock[:] = rows[:, self._lock, mains]
         self._conclusion(0, 1, self._rows[:groups], self._constants, log=self._log[:groups], every=1)
-        rows[:, self._lock] = lock
+        rows[:, self._lock, mains] = lock
+        if self._part.beside:  # a twin sends what its run sends, but for what its own limiter has muted
+            muted = rows[:, self._part.place["lock.muted"], 1::2].copy()
+            rows[:, self._lock, 1::2] = lock
+            rows[:, self._part.place["lock.muted"], 1::2] = muted
         said = self._log[:groups, 0]
         if self._networks is not None:
             said = self._networks.behind(said)
@@ -355,14 +361,16 @@ class Listeners:
 
     def _answer(self, said: FieldAnswer) -> None:
         part, learning = self._part, self._learning
-        count = min(len(part), len(said.R_g))
-        P, Q, V_rms = (part.get(f"state.{name}") for name in ("P_f", "Q_f", "V"))
-        whole = FieldAnswer(*(np.concatenate([values[:count], np.full(len(part) - count, np.nan)]) for values in said))
-        self._put(learning.update(whole, self._samples[: len(part)], P, Q, V_rms))
+        P, Q, V_rms = (part.get(f"state.{name}")[part.mains] for name in ("P_f", "Q_f", "V"))
+        count = min(len(P), len(said.R_g))
+        whole = FieldAnswer(*(np.concatenate([values[:count], np.full(len(P) - count, np.nan)]) for values in said))
+        self._put(learning.update(whole, self._samples[: len(part)][part.mains], P, Q, V_rms))
 
     def _put(self, gains: PowerLoopGains) -> None:
         """Puts gains into force; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
         part = self._part
+        if part.beside:
+            gains = PowerLoopGains(*(np.repeat(values, 2) for values in gains))
         if self._begun:
             before = PowerLoopGains(*(part.get(f"power_gains.{name}") for name in PowerLoopGains._fields))
             refs = References(*(part.get(f"refs.{name}") for name in References._fields))
@@ -371,4 +379,4 @@ class Listeners:
             part.put(f"power_gains.{name}", values)
         for name, values in zip(("grid.R_g", "grid.L_g"), self._learning.estimate(), strict=True):
             if name in part.place:
-                part.put(name, values)
+                part.put(name, np.repeat(values, 2) if part.beside else values)

@@ -12,14 +12,14 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.metrics.events import late_rows
+from vsgdesign.metrics.events import SIGMAS, late_rows, noise_left
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.simulation.batch import Log
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.part import PROTECTION_COLUMNS, Part, first_judged
 from vsgdesign.simulation.lanes.rests import Rests
-from vsgdesign.simulation.lanes.results import LaneResults, LastEntry
+from vsgdesign.simulation.lanes.results import IN_NOISE, LaneResults, LastEntry
 from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, OWN_REST_PU
 
 Array = NDArray[np.float64]
@@ -36,12 +36,18 @@ _ROWS = 2048
 
 
 def pieces(
-    ends: Samples, cases: LaneCases, T_s: float, *, own_rest: bool = True, guarded: bool = False
+    ends: Samples,
+    cases: LaneCases,
+    T_s: float,
+    *,
+    own_rest: bool = True,
+    guarded: bool = False,
+    beside: bool = False,
 ) -> Iterator[NDArray[np.intp]]:
     """The cases, which run for ``ends`` samples, in pieces whose logs have room in LOG_BYTES together, by index.
 
     ``own_rest``: whether the means of the powers are logged; ``guarded``: whether disturbances are judged by a
-    protection, too.
+    protection, too; ``beside``: whether steps have twins.
     """
     first = np.where(guarded & (cases.kind != STEP), 0, first_judged(cases, T_s))
     order = np.lexsort((first, cases.kind))
@@ -51,7 +57,7 @@ def pieces(
         left = left[cases.kind[left] == cases.kind[left[0]]]
         slots = np.maximum.accumulate(ends[left]) + 1 - first[left[0]]
         step = cases.kind[left[0]] == STEP
-        logged = max((1 if step else 2) * own_rest + PROTECTION_COLUMNS * (guarded and not step), 1)
+        logged = max((1 + beside if step else 2) * own_rest + PROTECTION_COLUMNS * (guarded and not step), 1)
         room = int(np.searchsorted(8 * logged * slots * np.arange(1, len(left) + 1), LOG_BYTES, side="right"))
         count = min(max(room // _LANES, 1) * _LANES, len(left))
         yield left[:count]
@@ -59,7 +65,8 @@ def pieces(
 
 
 def judge_steps(part: Part, found: LaneResults) -> None:
-    """Overshoot and settling time of each step, by the mean over a nominal cycle."""
+    """Overshoot and settling time of each step, by the mean over a nominal cycle, or by its difference from that of its
+    twin (:eq:`twin`)."""
     T_s, log_begin = part.study.converter.T_s, _logged(part).begin
     begin = first_judged(part.cases, T_s)
     initial, late = part.get(part.kept["initial"]), part.watched("late")
@@ -67,6 +74,15 @@ def judge_steps(part: Part, found: LaneResults) -> None:
     t_s = part.cases.events.t_s[:, 0]
     for lanes, log in _groups(part):
         start, step = initial[lanes], (final - initial)[lanes]
+        if part.beside:
+            twins, lanes = slice(lanes.start + 1, lanes.stop, 2), slice(lanes.start, lanes.stop, 2)
+            start, step = np.zeros(log.shape[2] // 2), final[lanes] - final[twins]
+            difference = log[:, :, ::2] - log[:, :, 1::2]
+            for k, (first, end) in enumerate(zip(begin[lanes].tolist(), part.ends[lanes].tolist(), strict=True)):
+                rows = slice(first - log_begin, end - log_begin)
+                left = noise_left(difference[rows, 0, k], log[rows, 0, 2 * k + 1], part.cycle)
+                found.noise[lanes.start + 2 * k] = SIGMAS * left / abs(step[k])
+            log = difference
 
         def error(means: Array, start: Array = start, step: Array = step) -> Array:
             return np.abs((means[..., 0, :] - start) / step - 1.0)
@@ -76,6 +92,7 @@ def judge_steps(part: Part, found: LaneResults) -> None:
         found.overshoot[lanes] = np.maximum(most - 1.0, 0.0)
         entry = _last_entry(log, log_begin, begin[lanes], part.ends[lanes], error, SETTLING_BAND)
         found.settling_s[lanes] = entry.time(SETTLING_BAND, T_s, t_s[lanes])
+    found.status[found.noise > SETTLING_BAND] = IN_NOISE
 
 
 def recovered(part: Part, rests: Rests, demand: SurvivalDemand) -> Array:

@@ -50,9 +50,10 @@ class Part(Batch):
         *,
         cycle: int,
         shared: Mapping[str, float],
+        beside: bool = False,
     ) -> None:
         """``cases`` (n) run for ``ends`` samples (n,), and ``index`` (n,) says which of the batch they are; ``cycle``:
-        samples over which means are taken."""
+        samples over which means are taken. ``beside``: behind each case is its twin."""
         means = ("watched.sum_P", "watched.sum_Q") if kind.watch == DISTURBANCE else ("watched.mean",)
         means = means if kind.own_rest else ()
         node = "true" if kind.sensors else "measured"
@@ -65,6 +66,8 @@ class Part(Batch):
         kept |= dict.fromkeys(("first", "least", "most"), cases.events.count)
         super().__init__(kind, study, len(cases), build, logged=logged, kept=kept, shared=shared)
         self.cases, self.index, self.ends, self.cycle = cases, index, ends, cycle
+        self.beside, self.mains = beside, slice(None, None, 2 if beside else None)
+        """Whether behind each case is its twin, and the cases themselves."""
         self.cycle_at_end = np.zeros(len(cases), dtype=np.int64)
         """Samples of a cycle of the grid at the end, (n,)."""
         if logged:
@@ -143,16 +146,23 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     bridge: str,
     strict: bool,
     listening: bool = False,
+    beside: bool = False,
     target: str = "native",
 ) -> Part:
     """A part of the cases of one kind, which are ``cases`` with their ``rests`` and ends, and ``index`` in the batch.
+    ``beside``: each of them goes beside its twin, in the next lane.
 
     ``demand``: what is asked of a disturbance, with the cycle of these cases, or that over which the power of a step is
     judged. ``listening``: a field estimator does.
     """
     order = np.argsort(-ends, kind="stable")
-    cases, index, rests, ends = cases.take(order), index[order], rests.take(order), ends[order]
-    sensors, own_rest = cases.around.act, bridge == "pwm" or cases.around.distort(study)
+    if beside:
+        order = np.repeat(order, 2)
+        cases = cases.take(order[::2]).beside_twins()
+    else:
+        cases = cases.take(order)
+    index, rests, ends = index[order], rests.take(order), ends[order]
+    sensors, own_rest = cases.around.act, beside or bridge == "pwm" or cases.around.distort(study)
     # The loop itself turns what is constant; all else is fed, as in a run of its own.
     moved = cases.around.moves or (ramped and (sensors or cases.around.distort(study))) or cases.networks is not None
     waves = None if moved else cases.around.waves(study, len(cases))
@@ -177,7 +187,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
         "load_of.limit_sq": limit * limit,
     }
     build = side_by_side(strict=strict, target=target)
-    part = Part(kind, study, build, cases, index, ends, cycle=cycle, shared=shared)
+    part = Part(kind, study, build, cases, index, ends, cycle=cycle, shared=shared, beside=beside)
     writer = ProgramWriter()
     part.cycle_at_end[:] = cycles_at_end(study, segments)
     _rest(part, cases, rests)
@@ -185,7 +195,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     circuit = CircuitProgram(study, kind, part.spans, writer, segments, circuits, waves=waves)
     circuit.write()
     if sensors or moved:
-        part.feed = LaneFeed(part)
+        part.feed = LaneFeed(part, beside=beside)
     if part.feed is not None and sensors:
         part.feed.add_sensors(cases.around.sensors or (), np.array(rests.start.plant), cases.omega_g)
     if part.feed is not None and circuits is not None:

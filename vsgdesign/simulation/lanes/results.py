@@ -14,10 +14,13 @@ from vsgdesign.metrics.survival import either_way
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
 
-NO_REST, OVER_LIMIT, JUDGED, DIVERGED, SLIPPED, LATCHED, NOT_AT_REST, TRIPPED = range(8)
-STATUSES = ("no rest", "rest over limit", "judged", "diverged", "slipped", "latched", "not at rest", "tripped")
-"""What became of a case. The first two have no verdict. ``judged`` means survived for a disturbance, and that there
-are figures for a step."""
+NO_REST, OVER_LIMIT, JUDGED, DIVERGED, SLIPPED, LATCHED, NOT_AT_REST, TRIPPED, IN_NOISE = range(9)
+STATUSES = (
+    *("no rest", "rest over limit", "judged", "diverged", "slipped", "latched", "not at rest", "tripped"),
+    "too small for its noise",
+)
+"""What became of a case. The first two and the last have no verdict. ``judged`` means survived for a disturbance, and
+that there are figures for a step; ``too small for its noise``: a step that cannot be judged (:eq:`twin-noise`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +35,8 @@ class LaneResults:
     """Of a step, as a share of it."""
     settling_s: Array
     """Of a step, from the step on, s."""
+    noise: Array
+    """Of a step beside its twin: what noise may do to its overshoot, as a share of the step; 0 without a twin."""
     recovery_s: Array
     """Of a disturbance, from its end on, s."""
     first_peak_pu: Array
@@ -55,6 +60,10 @@ class LaneResults:
         """Results of so many cases that have no rest, to be filled in."""
         numbers = {f.name: np.full(count, np.nan) for f in fields(cls) if f.name not in ("status", "fault")}
         return cls(status=np.zeros(count, dtype=np.int8), fault=np.zeros(count, dtype=np.int8), **numbers)
+
+    def take(self, chosen: slice) -> LaneResults:
+        """Those of some cases."""
+        return LaneResults(**{f.name: getattr(self, f.name)[chosen] for f in fields(self)})
 
     def fill(self, index: NDArray[np.intp], part: LaneResults) -> None:
         """Takes the results of some cases."""

@@ -19,6 +19,7 @@ from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, LATCHED_SHARE, SurvivalDemand
 from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.learning import Listeners, before_learning, samples_of_mean
 from vsgdesign.simulation.lanes.own_rest import judge_steps, pieces, recovered
@@ -65,14 +66,15 @@ def run_lanes(
     """
     own, cases = study.with_limit_of(spec), cases.in_study(study)
     _refuse(own, cases, bridge)
-    own_rest = bridge == "pwm" or cases.around.distort(study)
+    beside = bool(_with_twin(own, cases, learns(spec)).any())
+    own_rest = beside or bridge == "pwm" or cases.around.distort(study)
     guarded = own.protection is not None and bool((cases.kind == DISTURBANCE).any())
     if not (own_rest or guarded) or len(cases) == 0:
         return _run_together(own, spec, ready, cases, bridge, strict)
     results = LaneResults.of_none(len(cases))
     demand = demand_of(own.converter, settling_time_of(spec, ready))
     ends, _ = ends_of(own, cases, segments_of(cases), demand, bridge)
-    for some in pieces(ends, cases, own.converter.T_s, own_rest=own_rest, guarded=guarded):
+    for some in pieces(ends, cases, own.converter.T_s, own_rest=own_rest, guarded=guarded, beside=beside):
         results.fill(some, _run_together(own, spec, ready, cases.take(some), bridge, strict))
     return results
 
@@ -94,7 +96,7 @@ def _run_together(
     good = np.flatnonzero(results.status == JUDGED)
     # A last bit may decide what an estimator decides: it runs as alone.
     for part in parts_of(own, cases, segments, rests, demand, good, bridge, strict=True, listening=True):
-        Listeners(own, spec, part, learning.take(part.index)).run()
+        Listeners(own, spec, part, learning.take(part.index[part.mains])).run()
         _judge(part, rests, demand, results)
     return results
 
@@ -131,6 +133,13 @@ def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
         )
 
 
+def _with_twin(study: Study, cases: LaneCases, listening: bool) -> NDArray[np.bool_]:
+    """Which cases are steps that are judged beside their twins (:func:`vsgdesign.simulation.twin.steps_with_twin`).
+    ``listening``: a field estimator does, with the probe of the study."""
+    restless = cases.around.restless(len(cases)) | (listening and probe_of(study).send)
+    return (cases.kind == STEP) & restless
+
+
 def parts_of(
     study: Study,
     cases: LaneCases,
@@ -159,7 +168,8 @@ def parts_of(
     parts = []
     ramped = cases.ramped
     judged_over = np.where(cases.kind == STEP, samples_of_mean(study) if listening else nominal, cycle)
-    keys = np.stack([cases.kind == DISTURBANCE, ramped, judged_over], axis=1).astype(np.int64)
+    beside = _with_twin(study, cases, listening)
+    keys = np.stack([cases.kind == DISTURBANCE, ramped, judged_over, beside], axis=1).astype(np.int64)
     for key in np.unique(keys[good], axis=0):
         index = good[(keys[good] == key).all(axis=1)]
         own = replace(demand, cycle_s=int(key[2]) * T_s)
@@ -175,6 +185,7 @@ def parts_of(
             bridge=bridge,
             strict=strict,
             listening=listening,
+            beside=bool(key[3]),
             target=target,
         )
         parts.append(part)
@@ -219,7 +230,7 @@ def _measured(parts: list[Part], count: int) -> tuple[tuple[Array, Array, Array]
     found = np.zeros((4, count))
     for part in parts:
         for row, name in enumerate(("state.P_f", "state.Q_f", "state.V", "limited")):
-            found[row, part.index] = part.get(name)
+            found[row, part.index[part.mains]] = part.get(name)[part.mains]
     return (found[0], found[1], found[2]), found[3]
 
 
@@ -261,6 +272,7 @@ def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResult
     count = len(part)
     found = LaneResults.of_none(count)
     found.status[:] = JUDGED
+    found.noise[part.cases.kind == STEP] = 0.0
     found.first_peak_pu[:] = np.sqrt(watched("load.first_sq")) / I_rated
     found.peak_pu[:] = np.sqrt(watched("load.later_sq")) / I_rated
     found.above_s[:] = watched("load.above") * T_s
@@ -281,7 +293,7 @@ def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResult
     found.recovery_s[bad] = np.where(kind == STEP, np.nan, np.inf)
     if part.guarded:
         _trip(part, found)
-    results.fill(part.index, found)
+    results.fill(part.index[part.mains], found.take(part.mains))
 
 
 def _trip(part: Part, found: LaneResults) -> None:

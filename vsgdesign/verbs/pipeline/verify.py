@@ -176,7 +176,7 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
     elif needs_table_file and spec.schedule == "table" and spec.table_file is None:
         advice = 'Build it once with vsgdesign table build, and name it: table = "FILE.json".'
         faults.append(Fault(f"controllers.{spec.name}.table", "", "every shard would design the table again", advice))
-    faults += _faults_around(study)
+    faults += _faults_around(study, spec)
     if not study.network.plain:
         advice = "Verify a study without [network]; vsgdesign simulate runs with it."
         faults.append(Fault("network", "", "random cases have nothing but the grid at the PCC", advice))
@@ -188,22 +188,39 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
     return spec
 
 
-def _faults_around(study: Study) -> list[Fault]:
-    """What around the converter leaves no rest by which a case could be judged."""
+def _faults_around(study: Study, spec: ControllerSpec | None) -> list[Fault]:
+    """What around the converter leaves no rest by which a case could be judged. Steps of P_ref and Q_ref need none."""
+    from vsgdesign.simulation.twin import restless
+
     faults, background = [], study.background
+    steps_alone = spec is not None and _draws_steps_alone(study, spec)
     if study.replay is not None:
         advice = "Verify a study without [replay]; vsgdesign simulate plays it."
         faults.append(Fault("replay", "", "random cases have the grid source that they draw", advice))
-    if background is not None and background.restless:
-        problem = "its voltage wanders or has a line of its own, so that no power is at rest after a step"
-        advice = "Set what wanders, steps and jumps to 0, as studies/field does; vsgdesign survive measures with it."
+    if background is not None and background.restless and not steps_alone:
+        problem = "its voltage wanders or has a line of its own, so that no power is at rest after a disturbance"
+        advice = f"{_STEPS_ALONE}, or set what wanders, steps and jumps to 0; vsgdesign survive measures with it."
         faults.append(Fault("background", background.level, problem, advice))
     sensors = study.sensors
-    if sensors is not None and sensors.act and (background is None or not background.distorts):
+    distorted = background is not None and background.distorts
+    if sensors is not None and sensors.act and not distorted and not (steps_alone and restless(sensors, None, None)):
         problem = "with them a case rests beside the model, by which it is judged in an undistorted grid"
         advice = 'Verify without [sensors], or give [background], for example level = "measured" without what wanders.'
         faults.append(Fault("sensors", sensors.level, problem, advice))
     return faults
+
+
+_STEPS_ALONE = "Draw steps alone ([verification.grid] weight = 0, and so for each other family)"
+
+
+def _draws_steps_alone(study: Study, spec: ControllerSpec) -> bool:
+    """Whether nothing but steps of P_ref and Q_ref is drawn, which are judged beside their twins."""
+    from vsgdesign.campaigns.verification.draws import rests_at_limit
+
+    if study.verification is None:
+        return False
+    weights = study.verification.weights(rests_at_limit(study.with_limit_of(spec)))
+    return not any(weight for name, weight in weights.items() if name != "step")
 
 
 def prepared_job(
@@ -269,7 +286,7 @@ def verified_table(
     from vsgdesign.campaigns.verification.document import counts_document
     from vsgdesign.execution.journal import Journal, run_job
 
-    if faults := _faults_around(study):
+    if faults := _faults_around(study, spec):
         raise StudyError(study.name, faults)
     # A table may be built for a controller of the study that does not follow one.
     spec = replace(spec, kind="scheduled", schedule="table", gains=None, design_grid=None)
