@@ -212,19 +212,23 @@ def _draw_panel(axes: Any, panel: _Panel, bins: _Bins) -> None:
         axes.plot(middle_x[places[:, 0]], middle_y[places[:, 1]], **_BROKEN)
 
 
+def _tick_text(value: float, _position: int | None) -> str:
+    return plain(value, 3)
+
+
 def _log_ticks(axis: Any, low: float, high: float) -> None:
     """Ticks at 1, 2 and 5 of every decade, and at both ends where they are apart from those."""
     from matplotlib.ticker import FixedLocator, NullLocator
 
     if high / low < 1.6:  # one value alone
         axis.set_major_locator(FixedLocator([math.sqrt(low * high)]))
-        axis.set_major_formatter(lambda value, _position: plain(value, 3))
+        axis.set_major_formatter(_tick_text)
         axis.set_minor_locator(NullLocator())
         return
     inside = [m * 10.0**d for d in range(-3, 5) for m in (1.0, 2.0, 5.0) if low < m * 10.0**d < high]
     apart = [tick for tick in inside if min(tick / low, high / tick) > 1.25]
     axis.set_major_locator(FixedLocator([low, *apart, high]))
-    axis.set_major_formatter(lambda value, _position: plain(value, 3))
+    axis.set_major_formatter(_tick_text)
     axis.set_minor_locator(NullLocator())
 
 
