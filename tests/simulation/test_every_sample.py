@@ -10,9 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.simulation.studies import lc_study
+from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.artifacts import read_npz
-from vsgdesign.simulation.every_sample import MOST_SAMPLES, spacing_of_figures
+from vsgdesign.equations.frames import instantaneous_power
+from vsgdesign.metrics.step_response import cycle_mean
+from vsgdesign.simulation import GainChange, build_timeline, every_sample, simulate
+from vsgdesign.simulation.at_pcc import pcc_over_time
+from vsgdesign.simulation.every_sample import MOST_SAMPLES, EverySample, spacing_of_figures
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.verbs.pipeline.run import run_study
@@ -87,6 +91,33 @@ def test_figures_are_those_of_a_log_of_every_sample() -> None:
     length = np.sqrt(sum(fine.series[f"i_pcc_{phase}"][rows] ** 2 for phase in "abc") / 1.5)
     assert step.peak_current_pu == pytest.approx(length.max() / study.converter.I_rated_pk, rel=1e-12)
     assert len(coarse.series["t_s"]) == 6
+
+
+@pytest.mark.parametrize("apart", [1, 5])
+def test_parts_of_a_run_are_the_whole_of_it(monkeypatch: pytest.MonkeyPatch, apart: int) -> None:
+    """What is taken while a run goes on, second by second, has the bits of NumPy on a log of all of it, with two grids.
+    No part is as long as the run."""
+    events = '[[events]]\ntime = "1.0001 s"\nP_ref = "2.5 kW"\n[[events]]\ntime = "1.70003 s"\ngrid = { scr = 5 }\n'
+    study = lc_study("2.5 s", events, log="50 us")
+    whole, coarse = (replace(study, simulation=replace(study.simulation, log_interval=s)) for s in (50e-6, 0.25))
+    monkeypatch.setattr(every_sample, "MOST_SAMPLES", 50_000 // apart)
+    timeline, gains, per_mean = build_timeline(study), [GainChange(0.0, GAINS)], 400 // apart
+    seen, parts = EverySample(coarse, timeline, per_mean), []
+    take = seen.take
+    monkeypatch.setattr(seen, "take", lambda *given: (parts.append(len(given[2])), take(*given)))
+    run, logged = simulate(coarse, gains, every_sample=seen), simulate(whole, gains)
+    assert max(parts) <= 20_001
+    log, t_s = logged.log[::apart], logged.t_s[::apart]
+    v, i = pcc_over_time(study, timeline, t_s, log, logged.circuit_log[::apart])
+    powers = instantaneous_power(*v.T, *i.T)
+    for found, power, mean in zip(seen.signals[1:3], powers, seen.means, strict=True):
+        np.testing.assert_array_equal(found, power)
+        np.testing.assert_array_equal(mean, cycle_mean(power, per_mean)[:: 5000 // apart])
+    I_rated = study.converter.I_rated_pk
+    for found, vector in ((seen.signals.i_pu, i), (seen.signals.i_s_pu, log[:, :2])):
+        np.testing.assert_array_equal(found, np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2) / I_rated)
+    np.testing.assert_array_equal(seen.end_of(run).log, log[-len(seen.end_of(run).log) :])
+    np.testing.assert_array_equal(run.log, logged.log[::5000])
 
 
 def test_long_runs_are_kept_in_part() -> None:

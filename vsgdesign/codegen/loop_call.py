@@ -23,6 +23,7 @@ _FLOATS, _INTEGERS = np.dtype(np.float64), np.dtype(np.int64)
 _PACKED = struct.Struct(f"{len(INTEGERS) + len(POINTERS)}q")
 _FED, _FED_SAMPLE = len(INTEGERS) + POINTERS.index("fed"), INTEGERS.index("fed_sample")
 _FED_GROUP, _GROUPS = INTEGERS.index("fed_group"), INTEGERS.index("groups")
+_LOG, _LOG_SLOT = len(INTEGERS) + POINTERS.index("log"), INTEGERS.index("log_sample")
 """Places among the arguments of the compiled function."""
 
 _ONE = np.zeros(1)
@@ -207,6 +208,17 @@ class StandingLoop:
         self._spec, self._call, self._kept = spec, call, kept
         self._given = (ctypes.c_int64 * len(arguments))(*arguments)
         self._groups, self._slots = arguments[_GROUPS], slots
+
+    def log_from(self, begin: int) -> None:
+        """The log is written anew from its first slot on, which is that of sample ``begin``, a multiple of ``every``.
+
+        Raises ValueError where nothing is logged, or for another sample.
+        """
+        if self._slots is None or begin < 0 or begin % self._slots[1]:
+            raise ValueError(f"log from sample {begin} on: give a loop that logs, and a multiple of its spacing.")
+        before, every, room = self._slots
+        self._given[_LOG] -= 8 * self._given[_LOG_SLOT] * ((begin - before) // every)
+        self._slots = begin, every, room
 
     def __call__(self, begin: int, end: int, fed: Floats | None = None, groups: int | None = None) -> int:
         """Moves the rows of the first ``groups`` (None: of all) through samples ``begin`` to ``end`` − 1 as a call of

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,8 +16,14 @@ from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 
+_AT_PCC = FilterGrid(L_1=0.0, R_1=0.0, C=0.0, R_c=0.0, L_2=0.0, R_2=0.0, R_g=0.0, L_g=1.0)
+"""A circuit whose voltage at the PCC is that of its capacitor."""
+
 _SAME_INSTANT = 1e-6
 """Part of a sampling period by which a change may lie behind a sample and still belong to it."""
+
+_ROWS = 4096
+"""So many rows are worked on at a time, because they fit into the processor's cache."""
 
 
 def pcc_vectors(log: Array, circuit: FilterGrid) -> tuple[Array, Array]:
@@ -33,7 +42,11 @@ def pcc_over_time(study: Study, timeline: Timeline, t_s: Array, log: Array, more
 
     ``more`` (n, m): the circuit's other states. A row at which the circuit changes has the voltage just after it.
     """
-    return AtPcc(study, timeline).rows(t_s, log, more)
+    v, done = np.empty((2, len(log))), 0
+    for part, circuit in AtPcc(study, timeline).parts(t_s, log, more, _ROWS):
+        v[:, done : done + len(part)] = pcc_vectors(np.asfortranarray(part), circuit)[0].T
+        done += len(part)
+    return v.T, log[:, 4:6]
 
 
 class AtPcc:
@@ -49,19 +62,33 @@ class AtPcc:
         self._grids = [timeline.grid_at(instant) for instant in self._instants]
 
     def rows(self, t_s: Array, log: Array, more: Array) -> tuple[Array, Array]:
-        """As :func:`pcc_over_time`."""
-        held = np.searchsorted(self._begins, t_s, side="right") - 1
-        if self._states is None:
-            circuit = self._study.circuit()
-            if len(held) and held[0] == held[-1]:  # as mostly: one grid in all rows
-                grid = self._grids[held[0]]
-                return pcc_vectors(log, circuit._replace(R_g=grid.R_g, L_g=grid.L_g))
-            R_g, L_g = (np.array([getattr(grid, name) for grid in self._grids])[held, None] for name in ("R_g", "L_g"))
-            return pcc_vectors(log, circuit._replace(R_g=R_g, L_g=L_g))
+        """As :func:`pcc_over_time`, for few rows."""
+        if self._states is not None:
+            return self._behind_network(t_s, log, more), log[:, 4:6]
+        parts = list(self.parts(t_s, log, more, len(log)))
+        if len(parts) == 1:  # as mostly: one grid in all rows
+            return pcc_vectors(*parts[0])
+        return np.concatenate([pcc_vectors(*part)[0] for part in parts]), log[:, 4:6]
+
+    def parts(self, t_s: Array, log: Array, more: Array, most: int) -> Iterator[tuple[Array, FilterGrid]]:
+        """Rows of a run's log at increasing instants in parts of at most so many rows and one circuit, of which
+        :func:`vsgdesign.equations.filters.pcc_voltage` has the voltage at the PCC: (n, 8) of their first columns.
+        Behind a network, they have this voltage in place of the capacitor's."""
+        if self._states is not None:
+            log = np.hstack([log[:, :2], self._behind_network(t_s, log, more), log[:, 4:8]])
+        cuts = [0, *np.searchsorted(t_s, self._begins[1:]).tolist(), len(log)]
+        for grid, (begin, end) in zip(self._grids, itertools.pairwise(cuts), strict=True):
+            own = self._study.circuit()._replace(R_g=grid.R_g, L_g=grid.L_g)
+            for first in range(begin, end, most):
+                yield log[first : min(first + most, end), :8], own if self._states is None else _AT_PCC
+
+    def _behind_network(self, t_s: Array, log: Array, more: Array) -> Array:
+        """v_pcc (n, 2) of rows."""
         x, v_g, v_pcc = np.column_stack([log[:, :6], more]), log[:, 6:8], np.empty((len(log), 2))
+        held = np.searchsorted(self._begins, t_s, side="right") - 1
         for k in np.unique(held):
             connection = connection_at(self._timeline, self._instants[k])
             circuit = network_circuit(self._study.filter, *connection, self._states)
             rows = held == k
             v_pcc[rows] = x[rows] @ circuit.pcc_per_state.T + v_g[rows] @ circuit.pcc_per_source.T
-        return v_pcc, log[:, 4:6]
+        return v_pcc

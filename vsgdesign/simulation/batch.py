@@ -45,7 +45,7 @@ class Log:
     end: int | None = None
     """It ends before this sample; None: it never does."""
     into: Log | None = None
-    """The log whose columns its first ones are, and which gets its rows as well."""
+    """The log whose columns its first ones are, and which gets its rows as well, or every so-many-th of them."""
 
 
 class Batch:
@@ -183,6 +183,13 @@ class Batch:
         other.log()
         return other
 
+    def log_anew(self, begin: int) -> None:
+        """The last log is written anew from its first row on, which is that of sample ``begin``."""
+        self.logs[-1].begin = begin
+        for (_, number), loop in self._standing.items():
+            if number == len(self.logs) - 1:
+                loop.log_from(begin)
+
     def _divide(self) -> None:
         borders = {log.begin for log in self.logs} | {log.end for log in self.logs if log.end is not None}
         borders |= {at for sample in self._cut for at in (sample, sample + 1)}
@@ -259,8 +266,10 @@ class Batch:
         done = self._standing[key](begin, end, fed, groups)
         if number >= 0 and (into := self.logs[number].into) is not None:
             first, last = -(-begin // into.every), -(-(begin + done) // into.every)
-            at = slice(first * into.every, begin + done, into.every)
-            into.rows[:, first:last] = self.logs[number].rows[:, at, : into.rows.shape[2]]
+            log = self.logs[number]
+            at = range(first * into.every - log.begin, begin + done - log.begin, into.every)
+            rows = slice(at.start // log.every, at.stop // log.every + 1, into.every // log.every)
+            into.rows[:, first:last] = log.rows[:, rows, : into.rows.shape[2]][:, : last - first]
         return done
 
     def put_state(self, run: int, state: Array) -> None:

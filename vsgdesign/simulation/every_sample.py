@@ -1,27 +1,39 @@
-"""Figures come from every sample of a run, whatever its study logs: a log of every sample, and from it the study's."""
+"""Figures come from every sample of a run, whatever its study logs: what they need of each is taken while the run goes
+on, so that its log of every sample is written over again and again."""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.frames import instantaneous_power
+from vsgdesign.codegen.llvm import Loop, LoopSpec, compiled_loop, empty_rows, flat_block
+from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.simulation.at_pcc import AtPcc
-from vsgdesign.simulation.run import Simulation
-from vsgdesign.simulation.run_state import Twin
+from vsgdesign.simulation.circuit_sample import PlantState
+from vsgdesign.simulation.outcome import RESTING_S
+from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.simulation.watched_sample import power_at_pcc
 from vsgdesign.study.parameters.study import Study
+
+if TYPE_CHECKING:
+    from vsgdesign.simulation.run import Simulation
+    from vsgdesign.simulation.run_state import Twin
 
 Array = NDArray[np.float64]
 
 MOST_SAMPLES = 20_000_000
-"""A run of up to so many samples, 1000 s at 50 µs, is kept as a whole until its figures are taken. It then takes 120
-bytes a sample: 0.14 GB a minute at 50 µs, 2.4 GB at most. Of a longer one every n-th sample is kept, so that no more
-rows come together."""
+"""A run of up to so many samples, 1000 s at 50 µs, has all of them looked at. What figures need of one takes 40 bytes:
+48 MB a minute at 50 µs, 0.8 GB at most; where survival is judged, 120 bytes more. Of a longer run every n-th sample is
+taken, so that no more come together."""
 
-_ROWS = 8192
+BLOCK = 8192
+"""So many samples at least are logged before the log is written anew."""
+
+_ROWS = 4096
 """So many rows are worked on at a time, because they fit into the processor's cache."""
 
 
@@ -41,14 +53,8 @@ def with_every_sample(study: Study) -> Study:
 
 
 def rows_apart(study: Study) -> int:
-    """How many rows of that log come to one of the study's own."""
+    """How many samples of which figures are taken come to one that the study logs."""
     return round(study.simulation.log_interval / study.converter.T_s) // spacing_of_figures(study)
-
-
-def as_logged(run: Simulation, study: Study) -> Simulation:
-    """A run of :func:`with_every_sample` with the log that its study asks for."""
-    rows = rows_apart(study)
-    return run if rows == 1 else run.every(rows)
 
 
 class SignalsAtPcc(NamedTuple):
@@ -62,18 +68,140 @@ class SignalsAtPcc(NamedTuple):
     i_s_pu: Array
 
 
+class Sums(NamedTuple):
+    """What the means of the powers are made of: how many samples are in a mean, the powers of the first one (W, var),
+    and the sums of what all differ from them."""
+
+    count: Any
+    P_0: Any
+    Q_0: Any
+    P: Any
+    Q: Any
+
+
+def taken(
+    sums: Sums,
+    P_ago: Any,
+    Q_ago: Any,
+    x: PlantState,
+    v_g_alpha: Any,
+    v_g_beta: Any,
+    circuit: FilterGrid,
+    I_rated: Any,
+    per_mean: Any,
+) -> Any:
+    """What is taken of a sample; P_ago and Q_ago are the sums of ``per_mean`` samples before.
+    Returns (sums_after, P_pcc, Q_pcc, i_pu, i_s_pu, mean_P, mean_Q)."""
+    P, Q = power_at_pcc(x, v_g_alpha, v_g_beta, circuit)
+    begins = sums.count < 0.5
+    P_0, Q_0 = np.where(begins, P, sums.P_0), np.where(begins, Q, sums.Q_0)
+    after = Sums(np.minimum(sums.count + 1.0, per_mean), P_0, Q_0, sums.P + (P - P_0), sums.Q + (Q - Q_0))
+    i_pu = np.sqrt(x.i_g_alpha * x.i_g_alpha + x.i_g_beta * x.i_g_beta) / I_rated
+    i_s_pu = np.sqrt(x.i_s_alpha * x.i_s_alpha + x.i_s_beta * x.i_s_beta) / I_rated
+    mean_P, mean_Q = (after.P - P_ago) / after.count + P_0, (after.Q - Q_ago) / after.count + Q_0
+    return after, P, Q, i_pu, i_s_pu, mean_P, mean_Q
+
+
+@functools.cache
+def _loop() -> Loop:
+    """:func:`taken`, sample by sample: the bits of NumPy in a fifth of its time."""
+    block = flat_block(taken)
+    return compiled_loop(
+        LoopSpec(
+            bodies=(block,),
+            state=tuple((f"sums.{name}", f"sums_after.{name}") for name in Sums._fields),
+            uniform=tuple(name for name in block.inputs if name.startswith(("circuit.", "I_", "per_"))),
+            fed=(*(f"x.{name}" for name in PlantState._fields), "v_g_alpha", "v_g_beta"),
+            rings=(("P_ago", "sums_after.P"), ("Q_ago", "sums_after.Q")),
+            logged=(*SignalsAtPcc._fields[1:], "mean_P", "mean_Q"),
+            strict=True,
+        ),
+        quickly=True,
+    )
+
+
+class EverySample:
+    """What figures need of every sample of a run, or of every n-th one (:func:`spacing_of_figures`). The run gives its
+    log to it part by part."""
+
+    def __init__(self, study: Study, timeline: Timeline, per_mean: int, t_s: Array | None = None) -> None:
+        """``study``: with its own log, and with the current limit of the controller. ``per_mean``: how many of these
+        samples come to a mean of the powers. ``t_s``: of rows that are given at once; None: of a run's samples."""
+        self._at_pcc, self._per_mean, c = AtPcc(study, timeline), per_mean, study.converter
+        self.every = spacing_of_figures(study) if t_s is None else 1
+        """Samples from one that is taken to the next."""
+        self.length = 0
+        """How many have been taken."""
+        self._apart, self._kept_from = 1, 0
+        if t_s is None:
+            count = -(-round(study.simulation.duration / c.T_s) // self.every)
+            t_s = np.arange(count, dtype=np.float64) * (self.every * c.T_s)
+            self._apart = rows_apart(study)
+            self._kept_from = 0 if study.simulation.survival else first_resting(t_s)
+        self._signals = SignalsAtPcc(t_s, *(np.empty(len(t_s)) for _ in range(4)))
+        self._means = np.empty((2, -(-len(t_s) // self._apart)))
+        self._kept: list[tuple[Array, Array]] = []
+        loop = _loop()
+        known = dict(zip(loop.spec.uniform, (*study.circuit(), c.I_rated_pk, float(per_mean)), strict=True))
+        self._uniform, self._log = np.array(list(known.values())), np.empty((1, _ROWS, len(loop.spec.logged), 1))
+        self._loop = loop.standing(
+            empty_rows(loop.spec, 1),
+            self._uniform,
+            rings=np.zeros((1, per_mean, 2, 1)),
+            ring_length=np.array([per_mean]),
+            log=self._log,
+            every=1,
+        )
+
+    def take(self, first: int, every: int, log: Array, more: Array) -> None:
+        """Rows of a log that begins at sample ``first`` and has every so-many-th one: (n, 15) of LOG_COLUMNS, and
+        (n, m) of the circuit's other states. Those that have been taken before are passed over."""
+        new = slice((self.length * self.every - first) // every, None, self.every // every)
+        log, more = log[new], more[new]
+        if self.length + len(log) > self._kept_from:
+            late = slice(max(self._kept_from - self.length, 0), None)
+            self._kept.append((log[late].copy(), more[late].copy()))
+        t_s = self._signals.t_s[self.length : self.length + len(log)]
+        for x, circuit in self._at_pcc.parts(t_s, log, more, _ROWS):
+            self._uniform[: len(circuit)] = circuit
+            self._take(x)
+
+    def _take(self, x: Array) -> None:
+        """``x`` (n, 8): the first columns of a log, of samples with one circuit."""
+        begin, end = self.length, self.length + len(x)
+        self._loop.log_from(begin)
+        x = x if x.strides[1] == x.itemsize else x.copy()
+        self._loop(begin, end, x[None, :, :, None])
+        found = self._log[0, : end - begin, :, 0].T
+        for values, column in zip(self._signals[1:], found, strict=False):
+            values[begin:end] = column
+        logged = -begin % self._apart
+        means = found[4:, logged :: self._apart]
+        self._means[:, (begin + logged) // self._apart :][:, : means.shape[1]] = means
+        self.length = end
+
+    @property
+    def signals(self) -> SignalsAtPcc:
+        """What has been taken."""
+        return SignalsAtPcc(*(values[: self.length] for values in self._signals))
+
+    @property
+    def means(self) -> Array:
+        """(2, n): means of P_pcc and Q_pcc in the rows of the study's log, W and var."""
+        return self._means[:, : -(-self.length // self._apart)]
+
+    def end_of(self, run: Simulation) -> Simulation:
+        """The end of the run with a row for each of these samples: the whole of it where survival is judged, else as
+        much as decides whether it rests (:func:`first_resting`)."""
+        log, more = (np.concatenate(parts) for parts in zip(*self._kept, strict=True))
+        return replace(run, t_s=self.signals.t_s[-len(log) :], log=log, circuit_log=more)
+
+
 def signals_at_pcc(study: Study, run: Simulation | Twin) -> SignalsAtPcc:
     """Powers and current at the PCC in all rows of the log of a run, or of its twin."""
-    at_pcc, t_s = AtPcc(study, run.timeline), run.t_s
-    found = SignalsAtPcc(t_s, *(np.empty(len(t_s)) for _ in range(4)))
-    for first in range(0, len(t_s), _ROWS):
-        rows = slice(first, first + _ROWS)
-        log = np.asfortranarray(run.log[rows, :8])
-        v, i = at_pcc.rows(t_s[rows], log, run.circuit_log[rows])
-        found.P_pcc[rows], found.Q_pcc[rows] = instantaneous_power(*v.T, *i.T)
-        for lengths, vector in ((found.i_pu, i), (found.i_s_pu, log[:, :2])):
-            lengths[rows] = np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2) / study.converter.I_rated_pk
-    return found
+    found = EverySample(study, run.timeline, 1, run.t_s)
+    found.take(0, 1, run.log, run.circuit_log)
+    return found.signals
 
 
 def without_steps(study: Study, run: Simulation, seen: SignalsAtPcc) -> dict[float, SignalsAtPcc]:
@@ -82,9 +210,14 @@ def without_steps(study: Study, run: Simulation, seen: SignalsAtPcc) -> dict[flo
     found = {}
     for twin in run.twins:
         own = signals_at_pcc(study, twin)
-        first = int(np.searchsorted(seen.t_s, own.t_s[0] - 0.5 * run.interval)) if len(own.t_s) else 0
+        first = int(np.searchsorted(seen.t_s, own.t_s[0] - 0.5 * (seen.t_s[1] - seen.t_s[0]))) if len(own.t_s) else 0
         powers = {name: getattr(seen, name).copy() for name in ("P_pcc", "Q_pcc")}
         for name, values in powers.items():
             values[first : first + len(own.t_s)] = getattr(own, name)[: len(values) - first]
         found[twin.event_s] = seen._replace(**powers)
     return found
+
+
+def first_resting(t_s: Array) -> int:
+    """The first row of the end of a run in which it must rest, and one row before it, from which that one counts."""
+    return max(int(np.searchsorted(t_s, t_s[-1] - RESTING_S)) - 1, 0)

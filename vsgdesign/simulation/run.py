@@ -16,9 +16,11 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.errors import SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
 from vsgdesign.identification import Probe
+from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, start_of
+from vsgdesign.simulation.every_sample import BLOCK, EverySample
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import ALONE, LOG_COLUMNS, fed_names, kind_of, log_names
@@ -96,6 +98,7 @@ def simulate(
     probe: Probe | None = None,
     circuit: CircuitOfGrid | None = None,
     twins: Sequence[float] = (),
+    every_sample: EverySample | None = None,
     progress: Progress | None = None,
 ) -> Simulation:
     """Simulate a study with given gains over time (the first change at or before t = 0), or with a scheduler
@@ -104,12 +107,13 @@ def simulate(
     ``bridge`` overrides the study's ("averaged" or "pwm"); ``log_states`` keeps the controller's states at the
     first so many samples; ``probe`` is sent from t = 0 on, in place of one that the scheduler asks for, and not
     beside that of a field estimator; ``circuit`` replaces the study's circuit between bridge and source, and its axes
-    may differ; ``twins``: the instants of steps beside which the run without them is wanted (:mod:`.twin`). Raises
-    InfeasibleStudyError where the start has no steady state or a scheduler's or probe's period does
-    not fit the sampling. A run whose states leave every sensible bound ends there and says so (``divergence``);
-    SimulationDivergedError is raised where less than two rows of the log come before.
+    may differ; ``twins``: the instants of steps beside which the run without them is wanted (:mod:`.twin`);
+    ``every_sample`` gets every sample, whatever is logged. Raises InfeasibleStudyError where the start has
+    no steady state or a scheduler's or probe's period does not fit the sampling. A run whose states leave every
+    sensible bound ends there and says so (``divergence``); SimulationDivergedError is raised where less than two rows
+    of the log come before, or of ``every_sample``.
     """
-    run = RunState(RunOf(study, schedule, log_states, probe, circuit, tuple(twins)))
+    run = RunState(RunOf(study, schedule, log_states, probe, circuit, tuple(twins), every_sample))
     switched = (study.simulation.bridge if bridge is None else bridge) == "pwm"
     loop_seconds = run_together([run], switched=switched, progress=progress)
     if run.too_short and run.divergence is not None:
@@ -164,6 +168,7 @@ def _through(
     compiled loop."""
     twin = twins.begin(first)
     for run in due[first]:
+        run.log.make_room(first, following)
         run.before(first)
     if twin is not None:
         twin.before(first)
@@ -222,18 +227,24 @@ def begin_together(runs: Sequence[RunState], switched: bool) -> tuple[Batch, Cir
     shared = {} if memory is None else {"allowed": memory.allowed}
     batch = Batch(kind, study, len(runs), build, logged=log_names(kind), shared=shared)
     every = math.gcd(*(run.log_every for run in runs))
-    batch.log(*_logs(batch, samples, every, min(max(run.of.log_states for run in runs), samples)))
+    batch.log(*_logs(batch, samples, every, first.of))
     for number, run in enumerate(runs):
         gains = run.feed.first()
         run.begin(batch, number, start_of(run.study, run.timeline, circuits, gains), circuits)
     return batch, circuits
 
 
-def _logs(batch: Batch, samples: int, every: int, states: int) -> list[Log]:
-    """The log of the runs, and before it that of their controllers' states at the first samples."""
+def _logs(batch: Batch, samples: int, every: int, of: RunOf) -> list[Log]:
+    """The log of the runs, and before it that of their controllers' states at the first samples. Of a run of which
+    every sample is given to something, it is filled from one that is written anew whenever it is full."""
     groups, _, width = batch.rows.shape
-    names = log_names(batch.kind)
+    names, states = log_names(batch.kind), min(of.log_states, samples)
     main = Log(np.empty((groups, -(-samples // every), len(names), width)), names, every)
+    if of.every_sample is not None:
+        spacing = math.gcd(of.every_sample.every, every)
+        # The samples of a stretch come together.
+        room = min(max(BLOCK, round(PROGRESS_STRETCH / batch.study.converter.T_s)), samples) // spacing + 1
+        return [Log(np.empty((groups, room, len(names), width)), names, spacing, into=main)]
     if not states:
         return [main]
     more = log_names(batch.kind, states_logged=True)

@@ -22,6 +22,7 @@ from vsgdesign.simulation.added_source import AddedSource, sensors_of
 from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
 from vsgdesign.simulation.connecting import Connecting
+from vsgdesign.simulation.every_sample import EverySample
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, RunFeed
 from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
@@ -51,11 +52,14 @@ class RunOf:
     """Replaces the study's circuit between bridge and source."""
     twins: tuple[float, ...] = ()
     """The instants (s) of steps from which on the run without them goes beside it (``twin.steps_with_twin``)."""
+    every_sample: EverySample | None = None
+    """Gets every sample of the run, or as many as figures need, beside its log."""
 
 
 @dataclass(frozen=True)
 class Twin:
-    """The run without a step, from the step on up to the next event. Rows are those of the run's own log."""
+    """The run without a step, from the step on up to the next event. Rows are those of the run's own log, or those of
+    which figures are taken where the run is asked for these."""
 
     event_s: float
     """When the step comes, s."""
@@ -102,7 +106,7 @@ class RunState:
         if self.feed.memory is not None:
             self.feed.memory.moves_in(batch.view("lock", number))
         self._added = AddedSource(study, self.timeline, circuits, switched=bool(batch.kind.bridge.slopes))
-        self.log = RunLog(batch, number, self.log_every, -(-self.samples // self.log_every))
+        self.log = RunLog(batch, number, -(-self.samples // self.log_every), self.of.every_sample)
         self.feed.sensed, self.feed.more = self.log.sensed, self.log.more
         hold = self.feed.probe_hold if self.of.probe is None else self.of.probe.hold
         self._held = None if hold is None else HeldProbe(hold, study, self.samples)
@@ -181,7 +185,7 @@ class RunState:
         why = self._outside(self._state)
         if why is not None:
             good = self.log.good(self.study, self._begun, done)
-            diverged_s = good * self.log_every * self.T_s
+            diverged_s = good * self.T_s
             self.divergence = Divergence(diverged_s, f"the simulation diverged at {diverged_s:.4g} s: {why}")
             self.log.end(good)
             self.ended = done
@@ -201,10 +205,13 @@ class RunState:
     @property
     def too_short(self) -> bool:
         """Whether it has diverged before two rows of its log."""
-        return self.divergence is not None and self.log.length <= self.kept // self.log_every
+        seen = self.of.every_sample
+        rows, apart = (self.log.length, self.kept // self.log_every) if seen is None else (seen.length, 1)
+        return self.divergence is not None and rows <= apart
 
     def finish(self) -> None:
         """Hands over the last window."""
+        self.log.end(self.samples)
         self.feed.limited_samples = int(self._now["limited"][0])
         state = self._read_state()
         refs = self._references(self.samples)
@@ -252,14 +259,18 @@ class RunState:
 
 
 class RunLog:
-    """What a batch has logged of one run."""
+    """What a batch has logged of one run, which is to have ``length`` rows. ``seen`` gets the rows of a log that is
+    written anew again and again."""
 
-    def __init__(self, batch: Batch, number: int, every: int, length: int) -> None:
+    def __init__(self, batch: Batch, number: int, length: int, seen: EverySample | None = None) -> None:
         group, lane = batch.lane(number)
-        self._whole = batch.logs[-1].rows[group, :, :, lane]
+        self._batch, self._seen, last = batch, seen, batch.logs[-1]
+        main = last if last.into is None or seen is None else last.into
+        self._whole = main.rows[group, :, :, lane]
+        self._last = last.rows[group, :, :, lane]
         self._states = [log.rows[group, :, :, lane] for log in batch.logs[:-1]]
         self._sensed = len(SENSED_COLUMNS) if batch.kind.sensors else 0
-        self._every, self.length = every, length
+        self._every, self.length = main.every, length
 
     @property
     def rows(self) -> Array:
@@ -285,13 +296,30 @@ class RunLog:
         return self._states[0][: self.length * self._every, self._whole.shape[1] :].copy()
 
     def good(self, study: Study, begin: int, end: int) -> int:
-        """How many rows come before the first one among those of samples ``begin`` to ``end`` − 1 that has diverged."""
-        first, last = -(-begin // self._every), -(-end // self._every)
-        return first + good_rows(study, self.rows[first:last])
+        """The sample of the first row among those of samples ``begin`` to ``end`` − 1 that has diverged."""
+        log = self._batch.logs[-1]
+        first, last = (-(-sample // log.every) - log.begin // log.every for sample in (begin, end))
+        return log.begin + (first + good_rows(study, self._last[first:last, : len(LOG_COLUMNS)])) * log.every
 
-    def end(self, rows: int) -> None:
-        """The log ends after so many rows."""
-        self.length = rows
+    def make_room(self, begin: int, end: int) -> None:
+        """Before samples ``begin`` to ``end`` − 1 are run: a log that is too full for them is written anew."""
+        log = self._batch.logs[-1]
+        if self._seen is not None and end - log.begin > len(self._last) * log.every:
+            self._hand_over(begin)
+            self._batch.log_anew(begin // log.every * log.every)
+
+    def end(self, sample: int) -> None:
+        """The log ends before a sample."""
+        self.length = min(self.length, -(-sample // self._every))
+        if self._seen is not None:
+            self._hand_over(sample)
+
+    def _hand_over(self, end: int) -> None:
+        """Gives what is logged of the samples before ``end``."""
+        if self._seen is not None:
+            log, own = self._batch.logs[-1], len(LOG_COLUMNS)
+            rows = self._last[: -(-(end - log.begin) // log.every)]
+            self._seen.take(log.begin, log.every, rows[:, :own], rows[:, own + self._sensed :])
 
 
 def with_gains(

@@ -70,10 +70,12 @@ class TwinRun(RunState):
         self._put = dict(self._put)
         self._now = {name: self.batch.view(name) for name in self._now}
         own = batch.logs[-1]
+        if main.of.every_sample is not None:
+            self.kept, self.log_every = main.of.every_sample.every, own.every
         self._first_row = -(-first // self.log_every)
         rows = np.empty((1, -(-end // self.log_every) - self._first_row, len(own.names), 1))
         self.batch.log(Log(rows, own.names, self.log_every, begin=self._first_row * self.log_every))
-        self.log = RunLog(self.batch, 0, self.log_every, rows.shape[1])
+        self.log = RunLog(self.batch, 0, rows.shape[1])
         self.lost = False
         """Whether it diverged: there is no twin then."""
 

@@ -13,7 +13,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.frames import clarke_inverse, instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification.registry import samples_itself
-from vsgdesign.metrics import EventMetrics, EventWindow, cycle_mean, measure_event
+from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.survival import Survival, peaks_of
 from vsgdesign.runtime.of_study import follows_measured
@@ -21,11 +21,11 @@ from vsgdesign.simulation.at_pcc import pcc_over_time
 from vsgdesign.simulation.clearing import found_events, with_instants
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.every_sample import (
+    EverySample,
     SignalsAtPcc,
-    as_logged,
+    first_resting,
     rows_apart,
-    signals_at_pcc,
-    with_every_sample,
+    spacing_of_figures,
     without_steps,
 )
 from vsgdesign.simulation.expected_rests import expected_rests, knows_its_rests, refuse_impossible
@@ -33,7 +33,6 @@ from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.outcome import (
-    RESTING_S,
     Divergence,
     LimitedEnd,
     Outcome,
@@ -199,57 +198,51 @@ def _run_controllers(
     results = {}
     for own_study, spec, timeline, feed, found in zip(own, specs, timelines, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
-        watched = with_every_sample(own_study)
         twins = steps_with_twin(
-            watched, spec, probes=isinstance(feed, EstimatedScheduler) and feed.probe_hold is not None
+            own_study, spec, probes=isinstance(feed, EstimatedScheduler) and feed.probe_hold is not None
         )
-        run = simulate(watched, feed, bridge=bridge, twins=twins, progress=report)
-        seen = signals_at_pcc(watched, run)
+        spacing = spacing_of_figures(own_study) * study.converter.T_s
+        every_sample = EverySample(own_study, timeline, samples_per_mean(study, np.array([0.0, spacing])))
+        run = simulate(own_study, feed, bridge=bridge, twins=twins, every_sample=every_sample, progress=report)
+        seen = every_sample.signals
+        logged = replace(run, t_s=seen.t_s[:: rows_apart(own_study)].copy())
+        at_limit = None if run.divergence else rest_at_limit(own_study, every_sample.end_of(run), seen)
         estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
         used = bridge or study.simulation.bridge
         if estimates is not None or not knows_its_rests(own_study, spec, timeline):  # the gains that it really had
             found = rests(own_study, timeline, run.gain_changes)
         events = measure_events(
-            watched,
+            own_study,
             seen,
             found,
             ripples=used == "pwm" or study.has_components,
             divergence=run.divergence,
-            without=without_steps(watched, run, seen),
+            without=without_steps(own_study, run, seen),
         )
         deaf = unanswered(own_study, run.gain_changes)
         events = tuple(replace(one, reason=one.reason or deaf.get(one.t_s)) for one in events)
         if warn is not None:
             for text in deaf_in_words(spec, deaf):
                 warn(text)
-        logged = as_logged(run, own_study)
         results[spec.name] = ControllerResult(
             spec=spec,
             bridge=used,
             gain_changes=run.gain_changes,
             simulation=logged,
             series=derive_series(study, logged),
-            means=_means(study, seen),
+            means=dict(zip(("P_pcc", "Q_pcc"), every_sample.means, strict=True)),
             events=events,
             rests=found,
-            outcome=outcome_of(
-                run.divergence, found, events, rest_at_limit(own_study, run, seen), study.converter.S_rated
-            ),
+            outcome=outcome_of(run.divergence, found, events, at_limit, study.converter.S_rated),
             estimates=estimates,
             distorted=study.has_components,
-            survival=judge_scenario(watched, spec, ready, run, used, own_rest=True)
+            survival=judge_scenario(own_study, spec, ready, every_sample.end_of(run), used, own_rest=True)
             if study.simulation.survival
             else None,
             found=found_events(study, own_study),
             late_peak_pu=_late_peak_pu(own_study, seen),
         )
     return results, unstable
-
-
-def _means(study: Study, seen: SignalsAtPcc) -> dict[str, Array]:
-    """Means of the powers in the rows of the study's log."""
-    per_mean, rows = samples_per_mean(study, seen.t_s), rows_apart(study)
-    return {name: cycle_mean(getattr(seen, name), per_mean)[::rows].copy() for name in ("P_pcc", "Q_pcc")}
 
 
 def _late_peak_pu(study: Study, seen: SignalsAtPcc) -> float | None:
@@ -260,12 +253,12 @@ def _late_peak_pu(study: Study, seen: SignalsAtPcc) -> float | None:
 
 
 def rest_at_limit(study: Study, run: Simulation, seen: SignalsAtPcc) -> LimitedEnd | None:
-    """The end of a run in which limits act; None where none does."""
+    """The end of a run in which limits act; None where none does. ``run`` has at least its end, with a row for each one
+    of ``seen``."""
     last_s = max((event.t_s + event.over for event in study.events), default=0.0)
-    # The end of the run, and one row before it, from which its first row counts.
-    end = slice(max(int(np.searchsorted(run.t_s, run.t_s[-1] - RESTING_S)) - 1, 0), None)
+    end, whole = slice(first_resting(run.t_s), None), slice(first_resting(seen.t_s), None)
     acting = limited_samples(study, replace(run, t_s=run.t_s[end], log=run.log[end]))
-    return limited_end(study, run.t_s[end], seen.P_pcc[end], seen.Q_pcc[end], acting, last_s)
+    return limited_end(study, run.t_s[end], seen.P_pcc[whole], seen.Q_pcc[whole], acting, last_s)
 
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
@@ -295,7 +288,8 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
 
 def _series_at_pcc(study: Study, run: Simulation) -> dict[str, Array]:
     """Time, and phases and powers at the PCC."""
-    v_pcc, i_pcc = (vectors.T for vectors in pcc_over_time(study, run.timeline, run.t_s, run.log, run.circuit_log))
+    found = pcc_over_time(study, run.timeline, run.t_s, run.log, run.circuit_log)
+    v_pcc, i_pcc = (np.ascontiguousarray(vectors.T) for vectors in found)
     P_pcc, Q_pcc = instantaneous_power(*v_pcc, *i_pcc)
     series = {"t_s": run.t_s}
     for name, phases in (("v_pcc", clarke_inverse(*v_pcc)), ("i_pcc", clarke_inverse(*i_pcc))):
