@@ -200,6 +200,13 @@ class GainTable:
         """Over the canonical JSON of everything in the file but itself."""
         return content_hash(table_document(self))
 
+    def around(self, scr: float, x_over_r: float) -> tuple[list[int], list[int]]:
+        """Rows and columns of the nodes between which a grid lies; of the last ones beyond the table's edge."""
+        pairs = ((self.scr, scr), (self.x_over_r, x_over_r))
+        ends = (int(np.clip(np.searchsorted(axis, at), 1, len(axis) - 1)) for axis, at in pairs)
+        rows, columns = ([k - 1, k] for k in ends)
+        return rows, columns
+
 
 def base_of(study: Study, scr_basis: str | None = None) -> TableBase:
     """The base of a table for a study's converter; ``scr_basis``: of the table's axis, if not the study's."""

@@ -326,10 +326,5 @@ def beside_relaxed(table: GainTable | None, study: Study, R_g: float, L_g: float
     if table is None:
         return False
     place = Grid(R_g, L_g).place(study.converter, table.base.scr_basis)
-    rows, columns = _around(table.scr, place.scr), _around(table.x_over_r, place.x_over_r)
+    rows, columns = table.around(place.scr, place.x_over_r)
     return bool((table.status[np.ix_(rows, columns)] == "relaxed").any())
-
-
-def _around(nodes: np.ndarray, value: float) -> list[int]:
-    k = int(np.clip(np.searchsorted(nodes, value), 1, len(nodes) - 1))
-    return [k - 1, k]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vsgdesign.artifacts.definitions import in_words
-from vsgdesign.artifacts.gain_table import Array, GainTable
+from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -112,12 +112,14 @@ def given_up(table: GainTable | None, study: Study, rest: Rest | None, promise: 
     """
     if table is None or rest is None:
         return ""
-    scr = _around(table.scr, rest.grid.scr(study.converter, table.base.scr_basis))
-    ratio = _around(table.x_over_r, rest.grid.x_over_r(study.converter.omega_n))
+    scr, x_over_r = rest.grid.scr(study.converter, table.base.scr_basis), rest.grid.x_over_r(study.converter.omega_n)
+    rows, columns = table.around(scr, x_over_r)
     nodes = [
         cause
         for cause in table.causes
-        if cause["missed"].get(promise) is not None and cause["scr"] in scr and cause["x_over_r"] in ratio
+        if cause["missed"].get(promise) is not None
+        and cause["scr"] in table.scr[rows]
+        and cause["x_over_r"] in table.x_over_r[columns]
     ]
     if not nodes:
         return ""
@@ -127,14 +129,6 @@ def given_up(table: GainTable | None, study: Study, rest: Rest | None, promise: 
     because = ", ".join(dict.fromkeys(str(cause["cause"]) for cause in nodes))
     at = f"SCR {worst['scr']:g}, X/R {worst['x_over_r']:g}"
     return f"its table gives up the {what} there: up to {value} at {at}, because of {because}"
-
-
-def _around(axis: Array, value: float) -> tuple[float, ...]:
-    """The one or two nodes of an axis between which a value lies; the last one outside of the axis."""
-    if value in axis:
-        return (float(value),)
-    after = int(np.searchsorted(axis, value))
-    return tuple(float(node) for node in axis[max(after - 1, 0) : after + 1])
 
 
 @dataclass(frozen=True, kw_only=True)
