@@ -11,6 +11,7 @@ import pytest
 from vsgdesign.equations.controller_data import ControllerSettings
 from vsgdesign.equations.inner_loops import InnerLoopGains, voltage_integrators
 from vsgdesign.equations.limiters import GridEstimate, LimiterRatings, LimiterView, limiter_named
+from vsgdesign.equations.limiters.projection import within_bridge
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 
 RATINGS = LimiterRatings(
@@ -84,3 +85,17 @@ def test_threshold_impedance_drops_the_given_voltage_at_the_limit() -> None:
     assert step == pytest.approx(RATINGS.T_s * K_IV * (e - drop))
     assert found.limited == 1.0
     assert answer("threshold_impedance", want, e, 9.99 * i_g / 12.0)[1] == want
+
+
+@pytest.mark.parametrize("size", [0.5, 6.0, 12.0])
+def test_a_limited_current_needs_no_more_than_the_voltage_of_the_bridge(size: float) -> None:
+    """What it gives up is the voltage beyond the limit over the impedance, in complex numbers."""
+    Z, v_g, i = 0.4 + 2.1j, 90.0 * cmath.exp(0.3j), size * cmath.exp(-1.0j)
+    given = i.real, i.imag, v_g.real, v_g.imag, Z.real, Z.imag, 100.0
+    u, found = v_g + Z * i, complex(*within_bridge(*given, 1.0))
+    assert (abs(u) > 100.0) == (size > 5.0)
+    if abs(u) <= 100.0:
+        assert found == i
+    else:
+        assert v_g + Z * found == pytest.approx(100.0 * u / abs(u), rel=1e-12)
+    assert complex(*within_bridge(*given, 0.0)) == i

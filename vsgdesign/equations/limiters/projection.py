@@ -187,6 +187,19 @@ def low_voltage(v_d: Any, v_q: Any, V_pk: Any) -> Any:
     return np.minimum(np.maximum(2.0 - (v_d * v_d + v_q * v_q) / (V_pk * V_pk), 0.0), 1.0)
 
 
+def within_bridge(i_d: Any, i_q: Any, v_g_d: Any, v_g_q: Any, R: Any, X: Any, u_max: Any, acts: Any) -> tuple[Any, Any]:
+    """The current without the part for which the bridge has no voltage (:eq:`bridge-current`). Returns (i_d, i_q).
+
+    ``R`` and ``X`` lie between the bridge and the grid's voltage v_g, Ω; ``u_max`` is the largest voltage of the
+    bridge, V peak. ``acts``: 1 where a limit acts while the bridge is at its own, else 0: the current is the given one.
+    """
+    u_d = v_g_d + R * i_d - X * i_q
+    u_q = v_g_q + R * i_q + X * i_d
+    u = np.sqrt(np.maximum(u_d * u_d + u_q * u_q, u_max * u_max))
+    share = acts * (u - u_max) / (u * np.maximum(R * R + X * X, 1e-18))
+    return i_d - share * (R * u_d + X * u_q), i_q - share * (R * u_q - X * u_d)
+
+
 def projection_limit(
     memory: ProjectionMemory,
     view: LimiterView,
@@ -197,7 +210,7 @@ def projection_limit(
 ) -> LimitedSample:
     """Both limits of one sample: the projection of the voltage reference and the circular limit of the current
     (:eq:`projection`, :eq:`turned-error`, :eq:`gate`, :eq:`one-sided-power`, :eq:`way-back`, :eq:`no-angle`,
-    :eq:`full-bridge`)."""
+    :eq:`full-bridge`, :eq:`bridge-current`)."""
     c = settings.limiter
     R = grid.R_g + c.R_2
     X = refs.omega_0 * (grid.L_g + c.L_2)
@@ -246,6 +259,17 @@ def projection_limit(
     i_ref_d, i_ref_q = limit_length(view.i_want_d, view.i_want_q, settings.i_max_pk)
     want_sq = view.i_want_d * view.i_want_d + view.i_want_q * view.i_want_q
     hard = 1.0 * (want_sq > settings.i_max_pk * settings.i_max_pk)
+    i_ref_d, i_ref_q = within_bridge(
+        i_ref_d,
+        i_ref_q,
+        v_d - v_Z_d,
+        v_q - v_Z_q,
+        R,
+        X + settings.omega_L,
+        settings.v_max_pk,
+        np.maximum(soft, hard) * view.full,
+    )
+    i_ref_d, i_ref_q = limit_length(i_ref_d, i_ref_q, settings.i_max_pk)
     # While both limits act, the integrators take up the turned error. The hard limit alone clips the crests of a
     # distorted current: what it removed is given back, because the anti-windup would rectify it. Where the bridge is at
     # its own limit, the voltage cannot be reached: nothing is given back, and V goes down to the voltage that there is.
