@@ -5,14 +5,13 @@ from __future__ import annotations
 import functools
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from evidence._random_studies import bare, table_of
 from vsgdesign.artifacts.ready import Ready, read_tables
-from vsgdesign.report.explore.page_runs import page_runs
+from vsgdesign.report.explore.page_runs import PageRuns, page_runs
 from vsgdesign.report.explore.session import Session
 from vsgdesign.study.parameters import study_from_text
 
@@ -53,13 +52,13 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     return session_in(tmp_path_factory.mktemp("runs"))
 
 
-def runs_of(session: Session) -> tuple[dict[str, Any], bytes]:
+def runs_of(session: Session) -> PageRuns:
     at = [(f"{i},0", replace(session.start, scr=scr)) for i, scr in enumerate((0.4, 3.0, 7.0))]
     return page_runs(session.study_of(session.start), session.ready, at)
 
 
 def test_every_way_of_gains_has_its_starts(session: Session) -> None:
-    found, data = runs_of(session)
+    found, data, _ = runs_of(session)
     assert [one["gains"] for one in found["controllers"]] == ["fixed", "listed", "followed", "table"]
     for one in found["controllers"]:  # the weakest grid carries no 4 kW
         assert one["keys"] == ["1,0", "2,0"]

@@ -19,6 +19,11 @@ from vsgdesign.report.explore.scene import scene_of
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
 from vsgdesign.report.explore.static import joined_modules
+from vsgdesign.simulation.every_sample import with_every_sample
+from vsgdesign.simulation.feeds import feed_of
+from vsgdesign.simulation.run import simulate
+from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import study_from_text
 
 
 def test_a_file_alone_shows_the_numbers_of_the_explorer(
@@ -56,9 +61,12 @@ def test_a_file_alone_shows_the_numbers_of_the_explorer(
 
 
 def test_a_file_simulates_other_events_with_the_bits_of_the_package(browser: Chromium, tmp_path: Path) -> None:
-    """Every sample of the current, of P and of the frequency, for each way in which gains come about, and held. Two are
-    equal to ten digits: a phase jump, whose sine is the browser's, and a table after a jump of the grid, where a single
-    run of the package takes NumPy's logarithm."""
+    """Every sample of the current, of P and of the frequency, for each way in which gains come about, and held.
+
+    Some are equal to ten digits: where an event moves the source, whose sines are the browser's then, and with a table
+    after a jump of the grid, where a single run of the package takes NumPy's logarithm. The study that the page saves
+    says the same.
+    """
     session = small(session_in(tmp_path))
     path = tmp_path / "page.html"
     static.write_static(session, path, lattices=((3, 1),))
@@ -69,7 +77,7 @@ def test_a_file_simulates_other_events_with_the_bits_of_the_package(browser: Chr
     page.wait("window.engine")
     lattice = page.evaluate("STATIC.info.lattice")
     scr, ratio, hold = lattice["scr"], lattice["x_over_r"][0], lattice["hold"]
-    exact = 0
+    exact, saved = 0, {}
     for event, held in [*((event, None) for event in EVENTS), (EVENTS[3], hold)]:
         to = {"to_scr": scr[2], "to_x_over_r": ratio} if event["kind"] == "grid" else {}
         state = session.state({"scr": scr[1], "x_over_r": ratio, "event": event | to, "hold": held})
@@ -83,9 +91,24 @@ def test_a_file_simulates_other_events_with_the_bits_of_the_package(browser: Chr
             assert count == len(log)
             np.testing.assert_allclose(most, np.abs(log).max(axis=0), rtol=1e-10)
             exact += sum_of_bits == str(int(log.view(np.uint64).sum(dtype=np.uint64)))
-            near = event["kind"] == "phase" or (to and k == 3 and not held)
+            near = event["kind"] in ("phase", "sag") or (to and k == 3 and not held)
             assert near or sum_of_bits == str(int(log.view(np.uint64).sum(dtype=np.uint64))), (event, k)
-    assert exact >= 4 * 3 + 3 + 4
+            if not held:
+                saved[event["kind"], k] = run
+    assert exact >= 4 * 2 + 3 + 4
+    for event in EVENTS[1:]:
+        event |= {"to_scr": scr[2], "to_x_over_r": ratio, "length_s": 0.15}
+        wish = json.dumps({"scr": scr[1], "x_over_r": ratio, "event": event, "hold": None})
+        toml = page.evaluate(
+            f"page.ask('save', 0, {{...page.store.state, ...{wish}}}).then((reply) => reply.answer.toml)"
+        )
+        study = study_from_text(toml, folder=tmp_path)
+        assert str(tmp_path) not in toml  # it names no folder of this machine
+        spec = study.controllers[0]
+        own = with_every_sample(study.with_limit_of(spec))
+        run = simulate(own, feed_of(own, spec, build_timeline(own), session.ready))
+        k = [one.name for one in session.study.controllers].index(spec.name)
+        np.testing.assert_allclose(run.log, saved[event["kind"], k].log, rtol=1e-9, atol=1e-6)
     assert list(page.faults) == []
     page.close()
 

@@ -32,6 +32,14 @@ _LABELS = {
     "ramp": ("frequency ramp", "Hz", -2.0, 2.0, 0.05, -0.5),
 }
 
+NAMES = {
+    "step": "step of {}_ref by {:+.3g} pu",
+    "grid": "SCR {:.3g}, X/R {:.3g}",
+    "phase": "phase {:+.3g}°",
+    "sag": "V_g {:.3g} pu",
+}
+"""What an event is called in a study file."""
+
 
 def events_of(study: Study) -> list[dict[str, Any]]:  # noqa: ARG001 - as the session calls it
     """The kinds of events with the limits of their sizes, as the page lists them."""
@@ -115,7 +123,7 @@ def events_at(study: Study, event: EventOfState, t_s: float, P_ref: float, Q_ref
     """The page's event as events of a study. ``P_ref`` and ``Q_ref``: the references before it, W and var."""
     c, source = study.converter, study.grid_source
     if event.kind == "step":
-        name = f"step of {event.signal}_ref by {event.size:+.3g} pu"
+        name = NAMES["step"].format(event.signal, event.size)
         size = event.size * c.S_rated
         if event.signal == "P":
             return (Event(t_s, name, P_ref=P_ref + size),)
@@ -126,15 +134,14 @@ def events_at(study: Study, event: EventOfState, t_s: float, P_ref: float, Q_ref
         return (replace(Event(t_s, name), **{kind.quantity: step.value(event.size, c)}),)
     if event.kind == "grid":
         place = Place(event.to_scr, event.to_x_over_r, study.scr_basis)
-        name = f"SCR {event.to_scr:.3g}, X/R {event.to_x_over_r:.3g}"
-        return (Event(t_s, name, grid=place.grid(c)),)
+        return (Event(t_s, NAMES["grid"].format(event.to_scr, event.to_x_over_r), grid=place.grid(c)),)
     if event.kind == "phase":
-        return (Event(t_s, f"phase {event.size:+.3g}°", phase_jump=math.radians(event.size)),)
+        return (Event(t_s, NAMES["phase"].format(event.size), phase_jump=math.radians(event.size)),)
     if event.kind == "sag":
         V = (1.0 - event.size) * source.V_g_rms
         return (
-            Event(t_s, f"V_g {V / c.V_rated_rms:.3g} pu", V_g_rms=V),
-            Event(t_s + event.length_s, f"V_g {source.V_g_rms / c.V_rated_rms:.3g} pu", V_g_rms=source.V_g_rms),
+            Event(t_s, NAMES["sag"].format(V / c.V_rated_rms), V_g_rms=V),
+            Event(t_s + event.length_s, NAMES["sag"].format(source.V_g_rms / c.V_rated_rms), V_g_rms=source.V_g_rms),
         )
     omega = source.omega_g + 2.0 * math.pi * event.size
     return (Event(t_s, f"{event.size:+.3g} Hz over {event.length_s:.3g} s", omega_g=omega, over=event.length_s),)

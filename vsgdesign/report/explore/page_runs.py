@@ -7,9 +7,11 @@ puts these numbers into the loops (``page/engine.js``).
 
 from __future__ import annotations
 
+import contextlib
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +27,9 @@ from vsgdesign.equations.scheduler_data import SchedulerState
 from vsgdesign.errors import VsgDesignError
 from vsgdesign.linear.operating_point.plants import plant_steps
 from vsgdesign.metrics.survival import DIVERGED, FIRST_S
-from vsgdesign.report.explore.events import after_s, event_s, study_of
+from vsgdesign.report.explore.events import NAMES, after_s, event_s, study_of
 from vsgdesign.report.explore.live import LIMITED, NOTHING, PEAK, VERDICTS
+from vsgdesign.report.explore.saving import WithoutEvent, saved_without_event
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State
 from vsgdesign.runtime.closed_form import closed_form_schedule
@@ -55,6 +58,7 @@ WORDS = {
     "nearest": "The jump leads to SCR {}, X/R {}, the nearest grid of this file.",
     "range": "{} must be a number between {} and {} {}.",
     "labels": LABELS,
+    "no_save": "Nothing can be saved on this grid: no controller has an operating point there.",
     "no_start": "This file has no start for it on this grid.",
     "diverged": VERDICTS[DIVERGED],
     "peak": PEAK,
@@ -87,17 +91,33 @@ class _Controller:
         return self.document | read, np.concatenate([matrix[0], matrix[:, ~same].T.ravel()])
 
 
-def page_runs(study: Study, ready: Ready, states: Iterable[tuple[str, State]]) -> tuple[dict[str, Any], bytes]:
-    """The description for the page, and the bytes behind it: the module, then all numbers (float64).
+class PageRuns(NamedTuple):
+    """What a page is given."""
+
+    info: dict[str, Any]
+    """The description."""
+    data: bytes
+    """What is behind it: the module, then all numbers (float64)."""
+    saves: dict[str, WithoutEvent]
+    """By grid: the study file of what is shown there; none where nothing can be saved."""
+
+
+def page_runs(study: Study, ready: Ready, states: Iterable[tuple[str, State]]) -> PageRuns:
+    """What a page is given for its grids.
 
     ``study`` has the changes of the states, which are the grids of the page with their keys: first those on which gains
     follow the grid, then those on which they are held. A controller whose gains are held is another one.
     """
     found: dict[bool, list[_Controller]] = {False: [], True: []}
-    loops: dict[str, LoopSpec] = {"transfer": _function_spec(gain_transfer, {})}
+    loops = {"transfer": _function_spec(gain_transfer, {})}
     common: dict[str, Any] = {}
+    saves: dict[str, WithoutEvent] = {}
+    grids: dict[str, tuple[float, float]] = {}
     for key, state in states:
         scene = scene_of(study, ready, state)
+        with contextlib.suppress(VsgDesignError):
+            saves[key] = saved_without_event(scene, ready, state)
+        grids[key] = scene.grid.R_g, scene.grid.L_g
         common = common or _common(scene, ready, state)
         held = found[state.hold is not None]
         held += [_Controller({}) for _ in scene.shown[len(held) :]]
@@ -115,8 +135,9 @@ def page_runs(study: Study, ready: Ready, states: Iterable[tuple[str, State]]) -
     packed = {held: [one.packed() for one in ones] for held, ones in found.items()}
     common |= {"places": {name: _places(spec) for name, spec in loops.items()}, "module": len(module)}
     common |= {"controllers": [one for one, _ in packed[False]], "held": [one for one, _ in packed[True]]}
+    common["grids"] = {key: grid for key, grid in grids.items() if not key.endswith(",h")}
     numbers = [part.tobytes() for held in (False, True) for _, part in packed[held]]
-    return common | {"integers": INTEGERS, "pointers": POINTERS}, b"".join([module, *numbers])
+    return PageRuns(common | {"integers": INTEGERS, "pointers": POINTERS}, b"".join([module, *numbers]), saves)
 
 
 def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
@@ -133,6 +154,7 @@ def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
         "I_rated_pk": c.I_rated_pk,
         "V_rated_pk": rms_to_peak(c.V_rated_rms),
         "peak_per_rms": rms_to_peak(1.0),
+        "V_rated_rms": c.V_rated_rms,
         "V_g_rms": study.grid_source.V_g_rms,
         "omega": study.grid_source.omega_g,
         "phase": build_timeline(study).source_at(0.0).phase,
@@ -140,7 +162,7 @@ def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
         "events": EVENTS,
         "limits": {"size": {kind: SIZES[kind] for kind in EVENTS if kind in SIZES}, "length_s": LENGTHS_S},
         "figures": list(NOTHING),
-        "words": WORDS,
+        "words": WORDS | {"names": NAMES, "file": f"{study.name}-explored.toml"},
     }
 
 
@@ -171,9 +193,23 @@ def _start(study: Study, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSp
         own, loops[f"update_{mark}"], state = _following(feed, calm, spec)
         document |= own | {"update": f"update_{mark}", "period_s": feed.update_period}
     grid, T_s = calm.grid, calm.converter.T_s
+    marks = _marks(study, document, T_s)
+    document |= {"marks": marks, "phasors": run.phasors(marks).ravel().tolist()}
     source = plant_steps(calm, grid.R_g, grid.L_g, T_s, calm.grid_source.omega_g).source[0, 0]
     parts = [rows[: len(loops[f"run_{mark}"].rows)], source.real, source.imag, [grid.R_g, grid.L_g], state]
     return document, loops, np.concatenate([np.asarray(part, dtype=float) for part in parts])
+
+
+def _marks(study: Study, document: dict[str, Any], T_s: float) -> list[int]:
+    """The samples at which a run of the page may put its source anew before anything has moved it: the event, every
+    second, the updates of the gains, and the one that sees a jump of the grid."""
+    begin_s, period_s = event_s(study), document["period_s"]
+    longest = round((begin_s + LENGTHS_S[1] + study.simulation.duration) / T_s)
+    found = {round(begin_s / T_s), *range(0, longest, max(round(1.0 / T_s), 1))}
+    if "update" in document:
+        found |= set(range(0, longest, round(period_s / T_s)))
+    found.add(math.ceil((math.floor(begin_s / period_s + 1e-9) + 1) * period_s / T_s - 1e-6))
+    return sorted(found)
 
 
 def _following(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.gain_table import base_differences, base_of
 from vsgdesign.artifacts.ready import Ready
@@ -39,14 +39,59 @@ def saved_study(study: Study, ready: Ready, state: State, files: Mapping[str, Pa
     droops. The page takes references of its own for every controller, and a study has one pair for all: a controller
     that needs other references is left out, and a comment says so. Raises StudyError where no study can say it.
     """
+    scene = scene_of(study, ready, state)
+    document, run, notes, head = _document(scene, ready, state, files)
+    simulation, name = run.simulation, document["study"]["name"]
+    document["simulation"] |= {"duration": simulation.duration, "survival": simulation.survival}
+    document["events"] = [event.document(study.converter) for event in run.events]
+    text = toml_text(document, (*head, *notes))
+    study_from_document(
+        document,
+        StudyOrigin(document, os.path.abspath(os.sep), name, name),
+        lambda _: (study.inner_gains, study.omega_t),
+    )
+    return text, notes
+
+
+class WithoutEvent(NamedTuple):
+    """A study file that ends in its section ``[simulation]``, which lacks ``duration`` and ``survival``: a page without
+    a server adds these and its events."""
+
+    text: str
+    words: str
+    """What the file does not say."""
+    P_ref: float
+    Q_ref: float
+    """W and var."""
+
+
+def saved_without_event(scene: Scene, ready: Ready, state: State) -> WithoutEvent:
+    """The study file of a state but for its event. It names no folder of this machine: a gain table that the study has
+    as a file belongs beside it."""
+    written = [] if scene.study.origin is None else scene.study.origin.document["controllers"]
+    tables = {one["name"]: Path(Path(one["table"]).name) for one in written if "table" in one}
+    document, run, notes, head = _document(scene, ready, state, tables)
+    for one in document["controllers"]:
+        if "table" in one:
+            one["table"] = Path(one["table"]).name
+            notes.append(f"Put {one['table']}, the gain table of {one['name']}, beside it.")
+    document["simulation"] = document.pop("simulation")  # it ends the text
+    text = toml_text(document, (*head, *notes))
+    return WithoutEvent(text, " ".join(notes), run.simulation.P_ref, run.simulation.Q_ref)
+
+
+def _document(
+    scene: Scene, ready: Ready, state: State, files: Mapping[str, Path]
+) -> tuple[dict[str, Any], Study, list[str], tuple[str, ...]]:
+    """The document of a state without its event; the run of the controller whose references it has; sentences on what
+    it does not say, and the lines at its head."""
+    study = scene.study
     origin = study.origin
     if origin is None:
         fault = Fault("study", "", "was built from its parts and not read from a document", "Use vd.load.")
         raise StudyError(study.name, [fault])
-    scene = scene_of(study, ready, state)
     first = _first(scene, state)
     run = study_of(scene, ready, state, first)
-    place = os.path.abspath(os.sep)
     document = {name: value for name, value in origin.document.items() if name not in _LEFT_OUT}
     document = _absolute(document, os.path.abspath(origin.folder))
     name = f"{study.name}-explored"
@@ -64,14 +109,12 @@ def saved_study(study: Study, ready: Ready, state: State, files: Mapping[str, Pa
     }
     simulation = run.simulation
     document["simulation"] = {
-        "duration": simulation.duration,
         "bridge": simulation.bridge,
         "start": simulation.start,
         "log_interval": simulation.log_interval,
         "reference_limit_pu": 100.0,  # the droops take away what a reference is beyond the state's power
         "P_ref": simulation.P_ref,
         "Q_ref": simulation.Q_ref,
-        "survival": simulation.survival,
     }
     notes: list[str] = []
     document["controllers"] = [
@@ -79,12 +122,7 @@ def saved_study(study: Study, ready: Ready, state: State, files: Mapping[str, Pa
         for k in range(len(scene.shown))
         if k == first or _fits(scene, k, run, notes)
     ]
-    document["events"] = [event.document(study.converter) for event in run.events]
-    text = toml_text(document, (*_head(study, scene, first), *notes))
-    study_from_document(
-        document, StudyOrigin(document, place, name, name), lambda _: (study.inner_gains, study.omega_t)
-    )
-    return text, notes
+    return document, run, notes, _head(study, scene, first)
 
 
 def _head(study: Study, scene: Scene, first: int) -> tuple[str, ...]:

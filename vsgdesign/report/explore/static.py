@@ -127,10 +127,10 @@ def _static_text(session: Session, study: Study, info: dict[str, Any], counts: t
         answer = ask(study, state)
         if answer is not None:
             answers[key] = base64.b64encode(packed(answer)).decode("ascii")
-    runs, numbers = page_runs(study, session.ready, _grids(start, hold, scr, x_over_r, session.study))
+    runs = page_runs(study, session.ready, _grids(start, hold, scr, x_over_r, session.study))
     tell("answer for the page", 1.0)
     kept = {
-        "runs": {"info": runs, "data": base64.b64encode(zlib.compress(numbers, 9)).decode("ascii")},
+        "runs": {"info": runs.info, "data": _deflated(runs.data), "saves": _deflated(json.dumps(runs.saves).encode())},
         "worker": joined_modules(PAGE, "worker.js"),
         "info": info
         | {
@@ -141,6 +141,10 @@ def _static_text(session: Session, study: Study, info: dict[str, Any], counts: t
         "answers": answers,
     }
     return page_text(kept)
+
+
+def _deflated(data: bytes) -> str:
+    return base64.b64encode(zlib.compress(data, 9)).decode("ascii")
 
 
 def _nearest(values: list[float], value: float) -> int:

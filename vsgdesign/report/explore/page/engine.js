@@ -88,7 +88,11 @@ class Run {
     this.start = engine.startOf(controller, key);
     loop.memory.floats.set(this.start.rows, loop.rows);
     this.event_k = Math.round(info.event_s / this.T_s);
-    this.over = Math.round((event.kind === "sag" ? event.length_s : 0) / this.T_s);
+    const length = event.kind === "sag" ? event.length_s : 0;
+    this.over = Math.round(length / this.T_s);
+    // An event begins and ends at a sample; its instants are those of the study's file.
+    const near = Math.abs(length / this.T_s - this.over) < 1e-6;
+    this.end_s = info.event_s + (near ? length : this.over * this.T_s);
     const after = event.kind === "step" ? info.after_step_s : info.after_s;
     const wanted = (info.event_s + this.over * this.T_s + after) / info.log_interval;
     this.samples = Math.round((Math.max(Math.ceil(wanted - 1e-6), 1) * info.log_interval) / this.T_s);
@@ -138,13 +142,22 @@ class Run {
     if (k > 0 && this.update && k % this.period === 0) this.follow(k);
     if (k === this.change) this.listed();
     if (k === begin) this.happen();
-    if (event.kind === "sag" && k === begin + this.over) this.voltage(k, this.info.V_g_rms);
+    if (event.kind === "sag" && k === begin + this.over) this.voltage(this.end_s, this.info.V_g_rms);
     if (event.kind === "phase" && k === begin - 1) this.turn(event.jump);
     if (this.phased.has(k)) {
-      const phase = this.phaseAt(k);
-      this.loop.set("source.cosine", Math.cos(phase));
-      this.loop.set("source.sine", Math.sin(phase));
+      const [cosine, sine] = this.phasorAt(k);
+      this.loop.set("source.cosine", cosine);
+      this.loop.set("source.sine", sine);
     }
+  }
+
+  /** Cosine and sine of the source's phase at a sample: those of the package, until an event moves the source. */
+  phasorAt(k) {
+    const { marks, phasors } = this.controller;
+    const at = this.sources.length > 1 ? -1 : marks.indexOf(k);
+    if (at >= 0) return phasors.slice(2 * at, 2 * at + 2);
+    const phase = this.phaseAt(k);
+    return [Math.cos(phase), Math.sin(phase)];
   }
 
   /** The phase of the source at a sample, as the package computes it. */
@@ -156,14 +169,14 @@ class Run {
   }
 
   happen() {
-    const { event, info, controller, event_k: k } = this;
+    const { event, info, controller } = this;
     if (event.kind === "step") {
       const name = event.signal === "P" ? "P_ref" : "Q_ref";
       this.loop.set(`refs.${name}`, this.loop.get(`refs.${name}`) + event.size * info.S_rated);
     } else if (event.kind === "sag") {
-      this.voltage(k, (1 - event.size) * info.V_g_rms);
+      this.voltage(info.event_s, (1 - event.size) * info.V_g_rms);
     } else if (event.kind === "phase") {
-      const now = this.moved(k * this.T_s);
+      const now = this.moved(info.event_s);
       this.take({ ...now, phase: now.phase + event.jump });
       this.loop.set("row.turn_cos", this.start.rows[this.loop.at["row.turn_cos"]]);
       this.loop.set("row.turn_sin", this.start.rows[this.loop.at["row.turn_sin"]]);
@@ -186,8 +199,8 @@ class Run {
     this.sources.push([source.t_s, source]);
   }
 
-  voltage(k, V_rms) {
-    this.take({ ...this.moved(k * this.T_s), V: V_rms });
+  voltage(t_s, V_rms) {
+    this.take({ ...this.moved(t_s), V: V_rms });
     const V = V_rms * this.info.peak_per_rms;
     ["re1", "re2", "re3", "im1", "im2", "im3"].forEach((name, j) => {
       this.loop.set(`row.${name}`, V * this.place.source[j]);

@@ -35,10 +35,22 @@ function fileAsk(kept) {
     const text = kept.answers[name];
     return text && readAnswer(await bytesOf(text));
   };
+  const saved = async (place, state) => {
+    const { event } = state;
+    const fault = live.fault(event);
+    if (fault) return { status: 422, faults: [fault] };
+    const saves = JSON.parse(new TextDecoder().decode(await bytesOf(kept.runs.saves)));
+    if (!saves[place]) return refused(kept.runs.info.words.no_save);
+    const to = snapToLattice(kept.info.lattice, { scr: event.to_scr, x_over_r: event.to_x_over_r });
+    const grid = kept.runs.info.grids[to.key];
+    const shown = event.kind === "grid" ? { ...event, to_scr: to.scr, to_x_over_r: to.x_over_r } : event;
+    return { status: 200, answer: live.saved(saves[place], shown, grid) };
+  };
   return async (kind, seq, state) => {
     const { lattice, defaults } = kept.info;
     const held = state.hold ? ",h" : "";
     const place = snapToLattice(lattice, state).key + held;
+    if (kind === "save") return saved(place, state);
     let answer = await stored(`${kind}:${kind === "map" ? state.figure + held : place}`);
     if (!answer) return refused("This file holds no answer for this choice; `vsgdesign explore` computes it.");
     if (kind === "emt" && !sameEvent(state.event, defaults.event)) {

@@ -1,9 +1,14 @@
 // Events that a page without a server simulates by itself, in a worker that is made of a text in the page: a page from the
 // file system may not load another file.
 
-/** A number in the words of the package: "{:.2f}" and "{:.3g}". */
-const worded = (text, value) =>
-  text.replace("{:.2f}", value.toFixed(2)).replace("{:.3g}", String(Number(value.toPrecision(3))));
+/** The words of the package with values in them: "{}", "{:.2f}", "{:.3g}" and "{:+.3g}". */
+const worded = (text, ...values) =>
+  text.replace(/\{(?::(\+?)\.(\d)([fg]))?\}/g, (_, sign, digits, kind) => {
+    const value = values.shift();
+    if (!digits) return String(value);
+    const shown = kind === "f" ? value.toFixed(digits) : String(Number(value.toPrecision(digits)));
+    return sign && value >= 0 ? `+${shown}` : shown;
+  });
 
 export class LiveRuns {
   /** runs: {info, words}; bytes(): the promise of what is behind it; code: the text of the worker. */
@@ -19,10 +24,7 @@ export class LiveRuns {
     if (event.kind === "sag") asked["event.length_s"] = [event.length_s, limits.length_s];
     for (const [field, [value, limit]] of Object.entries(asked)) {
       if (!limit || (value >= limit[0] && value <= limit[1])) continue;
-      const text = [words.labels[field], limit[0], limit[1], limit[2]].reduce(
-        (t, part) => t.replace("{}", part),
-        words.range,
-      );
+      const text = worded(words.range, words.labels[field], ...limit);
       return { field, text };
     }
     return null;
@@ -66,9 +68,7 @@ export class LiveRuns {
     const arrays = {};
     const controllers = stored.header.controllers.map((row, k) => {
       const { name, colour } = row;
-      const note = to
-        ? `${row.note} ${this.info.words.nearest.replace("{}", to.scr).replace("{}", to.x_over_r)}`
-        : row.note;
+      const note = to ? `${row.note} ${worded(this.info.words.nearest, to.scr, to.x_over_r)}` : row.note;
       const none = Object.fromEntries(this.info.figures.map((figure) => [figure, null]));
       const run = runs[k];
       if (!run.curves) return { ...none, name, colour, note, status: "not simulated", why: run.why, verdict: run.why };
@@ -97,5 +97,46 @@ export class LiveRuns {
     if (diverged) return words.diverged;
     const acts = limited < 5e-4 ? "." : worded(words.limited, limited);
     return `${words.no_verdict}${worded(words.peak, Math.max(peak, first || 0))}${acts}`;
+  }
+
+  /** The study file of an event on a grid: its name, its text, and what it does not say. `grid`: R_g and L_g after it. */
+  saved([text, said, P_ref, Q_ref], event, grid) {
+    const { info } = this;
+    const { names } = info.words;
+    const value = (number) => (Number.isInteger(number) ? number.toFixed(1) : String(number));
+    const over = event.kind === "sag" ? Math.round(event.length_s / info.T_s) : 0;
+    const begin_s = info.event_s;
+    const near = over && Math.abs(event.length_s / info.T_s - over) < 1e-6;
+    const end_s = begin_s + (near ? event.length_s : over * info.T_s);
+    const V_pu = info.V_g_rms / info.V_rated_rms;
+    const lines = {
+      step: [
+        [
+          begin_s,
+          worded(names.step, event.signal, event.size),
+          `${event.signal}_ref = ${value((event.signal === "P" ? P_ref : Q_ref) + event.size * info.S_rated)}`,
+        ],
+      ],
+      sag: [
+        [begin_s, worded(names.sag, (1 - event.size) * V_pu), `V_g_pu = ${value((1 - event.size) * V_pu)}`],
+        [end_s, worded(names.sag, V_pu), `V_g_pu = ${value(V_pu)}`],
+      ],
+      phase: [[begin_s, worded(names.phase, event.size), `phase_jump = ${value(event.size * (Math.PI / 180))}`]],
+      grid: [
+        [
+          begin_s,
+          worded(names.grid, event.to_scr, event.to_x_over_r),
+          `grid = { R_g = ${value(grid && grid[0])}, L_g = ${value(grid && grid[1])} }`,
+        ],
+      ],
+    }[event.kind];
+    const after = event.kind === "step" ? info.after_step_s : info.after_s;
+    const wanted = (info.event_s + over * info.T_s + after) / info.log_interval;
+    const duration = Math.max(Math.ceil(wanted - 1e-6), 1) * info.log_interval;
+    const head = `duration = ${value(duration)}\nsurvival = ${event.kind !== "step"}\n`;
+    const events = lines.map(
+      ([t_s, name, change]) => `\n[[events]]\ntime = ${value(t_s)}\nname = "${name}"\n${change}\n`,
+    );
+    return { name: info.words.file, toml: `${text.trimEnd()}\n${head}${events.join("")}`, words: said };
   }
 }

@@ -132,8 +132,7 @@ class Page {
   makeStatic() {
     this.map.snap = this.file.snap;
     byId("hold-box").hidden = !this.file.holds;
-    byId("save").hidden = true;
-    if (!this.info.simulated.length) byId("event").disabled = true;
+    byId("save").hidden = byId("event").disabled = !this.info.simulated.length;
     document.documentElement.classList.add("static");
     for (const field of this.gridFields) field.input.readOnly = true;
   }
