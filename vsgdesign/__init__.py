@@ -25,6 +25,7 @@ _HOMES = {
     "margins": "verbs.facade.assessed",
     "open_table": "verbs.facade.tables",
     "simulate": "verbs.facade.simulated",
+    "step_figures": "metrics.recorded",
     "write_report": "verbs.facade.reporting",
 }
 """Where each public name lives (SPEC 1: lazy loading)."""

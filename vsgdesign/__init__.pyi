@@ -1,6 +1,7 @@
 """Types of the public names, for editors and type checkers; they are loaded when they are used."""
 
 from vsgdesign.errors import VsgDesignError as VsgDesignError
+from vsgdesign.metrics.recorded import step_figures as step_figures
 from vsgdesign.runtime.scheduler import load_scheduler as load_scheduler
 from vsgdesign.study.parameters.loading import case_names as case_names
 from vsgdesign.study.parameters.study import Study as Study
