@@ -66,7 +66,7 @@ def replay(folder: Path, build: Path, record: FieldRecord, *, double: bool, comp
     program, given = build / f"replay_{double}", build / "given.bin"
     told, probes = build / "told.bin", build / "probes.bin"
     sources = [str(Path(__file__).with_name("field_replay.c"))]
-    sources += [str(folder / name) for name in ("vsg_field.c", "vsg_data.c")]
+    sources += [str(folder / name) for name in ("vsg_field.c", "vsg_data.c", "vsg.c")]
     flags = ["-DVSG_DOUBLE"] if double else []
     strict = [flag for flag in STRICT if flag != "-std=c99"]
     run_compiler([compiler, "-std=gnu99", *strict, "-O2", *flags, f"-I{folder}", *sources, "-o", str(program), "-lm"])
