@@ -89,14 +89,14 @@ def noise_of(
 
 
 def of_pair(pair: int, draws: int) -> list[dict[str, Any]]:
-    """Every converter, SCR and draw with a pair of lines; pair 0 sends none. For a process of its own: the constants
-    must be there before anything is compiled."""
+    """Every converter, SCR and draw with a pair of lines; pair 0 sends none, and pairs beyond the first are run on the
+    strongest grid alone. For a process of its own: the constants must be there before anything is compiled."""
     if pair:
         windows.NU_1, windows.NU_2 = PAIRS[pair]
     found = []
     for name in CONVERTERS:
         converter = converter_of(name)
-        for scr in POWERS_PU:
+        for scr in POWERS_PU if pair < 2 else (max(POWERS_PU),):
             for seed in range(EVIDENCE_SEED, EVIDENCE_SEED + draws):
                 figures = noise_of(converter, at_rest(converter, scr, seed), probe=pair > 0)
                 found.append({"pair": pair, "converter": name, "scr": scr, "seed": seed} | figures)
@@ -116,6 +116,9 @@ def main(folder: Path) -> None:
             shown = []
             for pair in (0, *PAIRS):
                 mine = [r for r in rows if (r["pair"], r["converter"], r["scr"]) == (pair, name, scr)]
+                if not mine:
+                    shown.append("–")
+                    continue
                 P, Q = (_rms([row[key] for row in mine]) for key in ("P_pct", "Q_pct"))
                 sigma = f"; {_rms([row['sigma_pct'] for row in mine]):.1f} %" if pair else ""
                 shown.append(f"{P:.3f}, {Q:.3f}{sigma}")

@@ -18,6 +18,8 @@ from vsgdesign.equations.field.tracks import LineTrack, wider_by
 from vsgdesign.equations.field.windows import (
     SIGN_1,
     SIGN_2,
+    SIZE_1,
+    SIZE_2,
     current_at_the_end,
     lines_at,
     shifted,
@@ -103,8 +105,8 @@ def size_of_probe(
     known = grid_sigma(decision.answer, settings) < LARGE_UNTIL or decision.slow.count > LARGE_CYCLES
     rest = 1.0 if decision.mode == TRACK and suspect < 0.5 and known else 0.0
     both = noise_of_probe(noise)
-    a_1 = line_amplitude(both, rest, lock.a_1, one, settings)
-    a_2 = line_amplitude(both, rest, lock.a_2, two, settings)
+    a_1 = line_amplitude(both, rest, SIZE_1, lock.a_1, one, settings)
+    a_2 = line_amplitude(both, rest, SIZE_2, lock.a_2, two, settings)
     return a_1, a_2
 
 

@@ -103,19 +103,21 @@ def response_of(line: LineTrack, before: Response, settings: FieldSettings) -> R
     return Response(v=v, pcc=pcc, i=i)
 
 
-def line_amplitude(noise: Any, calm: Any, before: Any, response: Response, settings: FieldSettings) -> Any:
+def line_amplitude(noise: Any, calm: Any, size: Any, before: Any, response: Response, settings: FieldSettings) -> Any:
     """Amplitude of a line (:eq:`field-amplitude`): what the wanted standard deviation needs, within the limits.
 
-    ``calm`` is 1 at rest and 0 while the estimator learns, doubts or suspects a change. ``before`` is the amplitude of
-    the last cycle: after a burst it sinks by no more than SINKS_TO in a cycle.
+    ``calm`` is 1 at rest and 0 while the estimator learns, doubts or suspects a change. ``size`` is how much larger the
+    line is at rest. ``before`` is the amplitude of the last cycle: after a burst it sinks by no more than SINKS_TO in a
+    cycle.
     """
     rest = calm > 0.5
+    larger = size if rest else 1.0
     cycles = REST_CYCLES if rest else BURST_CYCLES
     sigma = settings.sigma_rest if rest else settings.sigma_burst
-    wanted = np.sqrt(noise / (2.0 * cycles)) / (sigma * response.v)
+    wanted = larger * np.sqrt(noise / (2.0 * cycles)) / (sigma * response.v)
     arrives = settings.amplitude_rest if rest else settings.amplitude_burst
-    # Each line may make its part of the ripple of the power.
-    by_current = np.minimum(settings.current_rest, settings.ripple_rest) / response.i
+    # Each line may make its part of the ripple of the power, an rms value over the changes of the sign.
+    by_current = np.minimum(settings.current_rest, size * settings.ripple_rest) / response.i
     largest = np.minimum(settings.amplitude_burst / response.pcc, settings.amplitude_sent)
     top = np.minimum(arrives / response.pcc, settings.amplitude_sent)
     top = np.minimum(top, by_current) if rest else top
