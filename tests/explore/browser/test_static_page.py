@@ -12,6 +12,8 @@ import pytest
 from tests.explore.browser.chromium import Chromium
 from tests.explore.browser.explorer import COUNTER, SETTLED, TABLE, Explorer, ExplorerPage, explorer_of
 from tests.explore.test_page_runs import session_in
+from vsgdesign import __version__
+from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.report.explore import static
 from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.live import SIGNALS, simulated
@@ -171,6 +173,35 @@ def test_a_file_shows_another_event(explorer: Explorer, browser: Chromium, tmp_p
     page.close()
 
 
+def test_a_title_is_no_markup_and_the_page_says_what_it_is(browser: Chromium, tmp_path: Path) -> None:
+    title = """</script><script>window.done = 1</script><img src=x onerror='window.done = 1'>{}"""
+    study = study_from_text(SMALL.format(title=json.dumps(title)))
+    path = tmp_path / "page.html"
+    path.write_text(static.static_text(small(Session(study, NOTHING)), lattices=((2, 1),)), encoding="utf-8")
+    page = browser.page()
+    page.goto(path.as_uri())
+    page.wait("window.page && page.answers.emt && page.answers.map")
+    page.evaluate(CHOOSE)
+    page.wait("page.answers.emt.header.controllers[0].status === 'not judged'")
+    assert page.evaluate("document.getElementById('title').textContent") == title
+    assert page.evaluate("[window.done === undefined, document.images.length]") == [True, 0]
+    said = page.evaluate("document.getElementById('fields').textContent")
+    assert said.endswith(static.MADE.format(__version__, "study", study.hash[:12]))
+    toml = page.evaluate("page.ask('save', 0, page.store.state).then((reply) => reply.answer.toml)")
+    assert study_from_text(toml).title.startswith(title)
+    assert list(page.faults) == []
+    page.close()
+
+
+SMALL = """
+base = "case:hoang2025_5kva"
+study = {{ title = {title} }}
+grid = {{ scr = 4, x_over_r = 1 }}
+simulation = {{ duration = "0.3 s", P_ref = "2 kW", Q_ref = "1 kvar" }}
+[[controllers]]
+name = "fixed"
+kind = "fixed"
+"""
 CHOOSE = """(() => {
   const event = document.getElementById("event");
   event.value = "sag";

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain, staged_file
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import ArtifactError, VsgDesignError
@@ -46,6 +47,8 @@ POLICY = (
 from a text of its own, and never evaluates a text as a script."""
 _START_BYTES = 300
 """About what the start of one controller on one grid takes, deflated."""
+MADE = "Made by vsgdesign {} from the study {} ({}). Other events are simulated here, without a verdict."
+"""What a page says of itself: the version, the study and the beginning of its hash."""
 MARK = "written by vsgdesign explore --static"
 
 
@@ -135,6 +138,7 @@ def _static_text(session: Session, study: Study, info: dict[str, Any], counts: t
         "info": info
         | {
             "static": True,
+            "made": MADE.format(__version__, study.name, study.hash[:12]),
             "defaults": start.document(),
             "lattice": {"scr": scr, "x_over_r": x_over_r, "hold": {"scr": hold.scr, "x_over_r": hold.x_over_r}},
         },

@@ -283,13 +283,13 @@ export class FieldList {
   }
 
   /** The values of a file that cannot be changed, in words in place of the fields. */
-  describe(specs) {
+  describe(specs, made_by) {
     const values = [...this.fields.values()].filter((field) => field.textOf && specs.includes(field.spec));
     const words = values.map((field) => {
       const text = field.textOf(field.value());
       return `${field.spec.label} ${text} ${text === "none" ? "" : field.spec.unit}`.trim();
     });
-    this.root.replaceChildren(made("p", { className: "note" }, `Computed for ${words.join(", ")}.`));
+    this.root.replaceChildren(made("p", { className: "note" }, `Computed for ${words.join(", ")}. ${made_by}`));
     this.fields.clear();
   }
 

@@ -38,7 +38,7 @@ class Page {
     this.event = new EventPanel(info, this.store, (signal) => this.chooseShown(signal));
     this.makeSwitches();
     this.fields = new FieldList(byId("fields"), info, this.store, ["scr", "x_over_r", ...this.event.paths]);
-    if (info.static) this.fields.describe(info.fields);
+    if (info.static) this.fields.describe(info.fields, info.made);
     for (const field of [...this.gridFields, ...this.event.fields]) this.fields.add(field.spec.path, field);
     this.actions = new Actions(this);
     this.store.listen(() => this.changed());
