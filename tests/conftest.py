@@ -59,7 +59,7 @@ def pytest_collection_finish() -> None:
     """What is loaded by now stays: the collector need not look through it again and again."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(50_000, 20, 50)
+    gc.set_threshold(200_000, 20, 50)
     # Pictures of a third of the product's resolution: what tests see of a PNG is that it is one, and the same twice.
     style: Any = sys.modules.get("vsgdesign.report.drawing.style")
     if style is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,7 +49,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
     (folder / "few.toml").write_text(RECIPE, encoding="utf-8")
     arguments = (folder / "study.toml", "--recipe", folder / "few.toml", "--seed", "2", "--report", folder / "report")
-    result = call("estimator", "train", *arguments, "--out", folder / "w.json", "--windows", folder / "runs.npz")
+    files = ("--workers", "1", "--out", folder / "w.json", "--windows", folder / "runs.npz")
+    result = call("estimator", "train", *arguments, *files)
     assert result.exit_code == 0, result.output
     assert "w.json: recipe few, 8 runs in" in result.stdout
     return folder
@@ -79,7 +81,8 @@ def test_the_report_has_the_three_ways(folder: Path) -> None:
 
 
 def test_interrupted_and_continued_gives_the_same_weights(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One block is made, the second is interrupted; the next call makes the second one alone."""
+    """One block is made, the second is interrupted; the next call makes the second one alone. What a block is made of
+    goes through what another process would get."""
     monkeypatch.setattr(specification, "FIELD_NETWORK", replace(specification.FIELD_NETWORK, block=4))
     original, calls = specification.make_block, []
 
@@ -87,7 +90,7 @@ def test_interrupted_and_continued_gives_the_same_weights(folder: Path, monkeypa
         calls.append(arguments[-1])
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return original(*arguments)  # type: ignore[arg-type]
+        return original(*pickle.loads(pickle.dumps(arguments)))  # noqa: S301
 
     monkeypatch.setattr(specification, "make_block", interrupted)
     arguments = ("estimator", "train", folder / "study.toml", "--recipe", folder / "few.toml", "--seed", "2")

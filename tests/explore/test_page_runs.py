@@ -67,7 +67,9 @@ def test_every_way_of_gains_has_its_starts(session: Session) -> None:
     assert data[:4] == b"\0asm"
     counts = [one["width"] + 2 * len(one["varying"]) for one in found["controllers"]]
     assert len(numbers) == sum(counts)
-    rows = found["places"][found["controllers"][0]["loop"]]["rows"]
+    loops = [one["loop"] for one in found["controllers"]]
+    assert len(set(loops)) == 1  # they are of one kind
+    rows = found["places"][loops[0]]["rows"]
     first, at = numbers[: counts[0]], rows.index("state.P_f")
     columns = first[found["controllers"][0]["width"] :].reshape(-1, 2)
     varying = dict(zip(found["controllers"][0]["varying"], columns, strict=True))

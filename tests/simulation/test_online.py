@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +20,11 @@ from vsgdesign.simulation import (
     build_timeline,
     simulate,
 )
+from vsgdesign.simulation.feeds import LateSchedule
+from vsgdesign.simulation.following import MeasuredPowers
 from vsgdesign.simulation.scenario import derive_series
 from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.grid import Grid
 
 EVENTS = """
 [[events]]
@@ -76,6 +80,41 @@ def test_the_same_gains_at_the_same_instants_give_the_same_bits(kind: str, bridg
         (0.04, FAST_GAINS),
         (0.06, DAMPED),
     ]
+
+
+class Asked(LateSchedule):
+    """Counts its updates, all of which may answer something new if ``always``."""
+
+    def __init__(self, *of: Any, always: bool, **more: Any) -> None:
+        super().__init__(*of, **more)
+        self.always, self.updates = always, 0
+
+    @property
+    def answers_after(self) -> tuple[float, ...] | None:
+        return None if self.always else super().answers_after
+
+    def update(self, window: MeasuredPowers) -> PowerLoopGains | None:
+        self.updates += 1
+        return super().update(window)
+
+
+def test_a_schedule_is_asked_only_where_it_can_answer_anything_new() -> None:
+    """It is told nothing from 30 ms on, is stale after 0.1 s, and is told another grid at 0.1799 s. The source's ramp
+    keeps every update, and the bits stay those of a run that asks at every update."""
+    ramp = '[[events]]\ntime = "0.31 s"\nf_g = "50.3 Hz"\nover = "0.1 s"\n'
+    study = lc_study("1 s", EVENTS + ramp)
+    spec = replace(study.controllers[0], kind="scheduled", gains=None)
+    told = ((0.0, Grid(1.0, 8e-3)), (0.03, None), (0.1799, Grid(2.0, 6e-3)))
+    runs = {}
+    for always in (True, False):
+        feed = Asked(study, spec, told, safe=Grid(1.0, 4e-3), stale_s=0.1, always=always)
+        runs[always] = simulate(study, feed), feed.updates
+    (every, of_every), (few, of_few) = runs[True], runs[False]
+    assert few.log.tobytes() == every.log.tobytes()
+    assert few.gain_changes == every.gain_changes
+    assert len(few.gain_changes) >= 3
+    assert of_every == 49
+    assert 5 <= of_few <= 20
 
 
 @pytest.mark.parametrize("kind", ["lc", "lcl"])

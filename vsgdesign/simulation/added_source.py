@@ -95,11 +95,17 @@ class AddedSource:
         start, end = sample * self._T_s, (sample + 1) * self._T_s
         return [t for t in self._changes if start < t < end and on_sample(t, self._T_s) is None]
 
+    def adds(self, sample: int) -> bool:
+        """Whether something may be added in the interval of a sample that is not cut."""
+        return self._distorted or not self._timeline.source_at((sample + 1e-6) * self._T_s).steady
+
     def over(self, first: int, count: int) -> Added | None:
         """What is added over a stretch; None: nothing."""
         if not self._always:
             return None
         T_s, inside = self._T_s, self._inside(first)
+        if not inside and not self.adds(first):
+            return None
         start, end = first * T_s, (first + 1) * T_s
         instants = [start, *inside]
         lengths = np.diff([*instants, end]).tolist() if inside else [T_s]

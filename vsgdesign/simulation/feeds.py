@@ -163,6 +163,15 @@ class LateSchedule:
         return self._period
 
     @property
+    def answers_after(self) -> tuple[float, ...] | None:
+        """The instants (s) after which the next update may give other gains than the one before; None: every update
+        may. What a closed form is told is known beforehand, and so is when it is stale."""
+        if self._holds or self._follows:
+            return None
+        silent = zip(self._starts, self._grids, strict=True)
+        return (*self._starts, *(t_s + self._stale_s for t_s, grid in silent if grid is None))
+
+    @property
     def grid(self) -> Grid:
         """The grid that the present gains are for."""
         return self._answers.grid

@@ -74,6 +74,11 @@ class RunFeed:
         del samples
         return set()
 
+    def quiet(self, samples: int) -> set[int]:
+        """Those of the cuts at which the gains stay, whatever is measured."""
+        del samples
+        return set()
+
     def grid(self, sample: int) -> Grid | None:
         """The grid that the gains of a sample are for; None where nothing says which."""
         del sample

@@ -81,6 +81,14 @@ class OnlineGains(RunFeed):
     def cuts(self, samples: int) -> set[int]:
         return set(range(self._period, samples + 1, self._period))
 
+    def quiet(self, samples: int) -> set[int]:
+        instants: Sequence[float] | None = getattr(self._scheduler, "answers_after", None)
+        if instants is None or not self._powers_alone or self.probe_hold is not None:
+            return set()
+        # Rounding decides which update is the first one after an instant: its neighbours are asked as well.
+        last = [math.floor(t_s / (self._period * self._T_s)) for t_s in instants]
+        return self.cuts(samples) - {(k + near) * self._period for k in last for near in (-1, 0, 1, 2)}
+
     def grid(self, sample: int) -> Grid | None:
         del sample
         return grid_of(self._scheduler)

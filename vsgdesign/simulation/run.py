@@ -135,9 +135,9 @@ def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress
     (batch, circuits), marks, loop_seconds = begin_together(runs, switched), [], 0.0
     writer, cut = program_of(runs, batch, circuits)
     for number, run in enumerate(runs):
-        marks.append(run.marks())
-        begins = marks[-1][:-1]
-        writer.put(np.full(len(begins), number), begins, batch.span("source").start, run.phasors(begins))
+        own = run.marks()
+        writer.put(np.full(len(own) - 1, number), own[:-1], batch.span("source").start, run.phasors(own[:-1]))
+        marks.append(run.stops(own))
     batch.follow(writer, cut)
     deferred = interrupts_deferred if interrupts_come() else nullcontext
     ordered = sorted(set().union(*marks))

@@ -120,12 +120,18 @@ class RunState:
         """The sample with which the stretch begins that is under way."""
 
     def marks(self) -> list[int]:
-        """The samples before which Python does something for this run, in ascending order."""
+        """The samples at which a stretch of this run begins, and its last one, in ascending order."""
         samples = self.samples
-        cuts = {0, samples} | self.feed.cuts(samples) | self._added.marks(samples) | self._connecting.cuts(samples)
+        cuts = {0, samples} | self._added.marks(samples) | self._connecting.cuts(samples)
         cuts |= set() if self._held is None else self._held.cuts(samples)
         cuts |= {math.ceil(t_s / self.T_s - 1e-6) for t_s, _ in self.timeline.references}
-        return sorted(k for k in cuts if 0 <= k <= samples)
+        self._quiet = {k for k in self.feed.quiet(samples) - cuts if not self._added.adds(k)}
+        return sorted(k for k in cuts | self.feed.cuts(samples) if 0 <= k <= samples)
+
+    def stops(self, marks: list[int]) -> list[int]:
+        """Those of the marks at which the loop has to end: not where a schedule is going to say what it said before.
+        The source takes up its phase there all the same."""
+        return [mark for mark in marks if mark not in self._quiet]
 
     def phasors(self, marks: list[int]) -> Array:
         """Of the source at samples, (n, 2)."""

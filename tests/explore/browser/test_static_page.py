@@ -65,9 +65,9 @@ def test_a_file_alone_shows_the_numbers_of_the_explorer(
 def test_a_file_simulates_other_events_with_the_bits_of_the_package(browser: Chromium, tmp_path: Path) -> None:
     """Every sample of the current, of P and of the frequency, for each way in which gains come about, and held.
 
-    Some are equal to ten digits: where an event moves the source, whose sines are the browser's then, and with a table
-    after a jump of the grid, where a single run of the package takes NumPy's logarithm. The study that the page saves
-    says the same.
+    Some are equal to ten digits: where an event moves the source, whose sines are the browser's then; on a ramp, which
+    is fed to a single run of the package; and with a table after a jump of the grid, where such a run takes NumPy's
+    logarithm. The study that the page saves says the same.
     """
     session = small(session_in(tmp_path))
     path = tmp_path / "page.html"
@@ -93,7 +93,7 @@ def test_a_file_simulates_other_events_with_the_bits_of_the_package(browser: Chr
             assert count == len(log)
             np.testing.assert_allclose(most, np.abs(log).max(axis=0), rtol=1e-10)
             exact += sum_of_bits == str(int(log.view(np.uint64).sum(dtype=np.uint64)))
-            near = event["kind"] in ("phase", "sag") or (to and k == 3 and not held)
+            near = event["kind"] in ("phase", "sag", "ramp") or (to and k == 3 and not held)
             assert near or sum_of_bits == str(int(log.view(np.uint64).sum(dtype=np.uint64))), (event, k)
             if not held:
                 saved[event["kind"], k] = run
@@ -121,6 +121,7 @@ EVENTS = (
     {"kind": "sag", "size": 0.4, "length_s": 0.15},
     {"kind": "grid", "size": 0.0},
     {"kind": "phase", "size": 20.0},
+    {"kind": "ramp", "size": -0.5, "length_s": 0.15},
 )
 ENGINE = """
 const unpacked = Uint8Array.from(atob(STATIC.runs.data), (c) => c.charCodeAt(0));

@@ -37,6 +37,7 @@ NAMES = {
     "grid": "SCR {:.3g}, X/R {:.3g}",
     "phase": "phase {:+.3g}°",
     "sag": "V_g {:.3g} pu",
+    "ramp": "{:+.3g} Hz over {:.3g} s",
 }
 """What an event is called in a study file."""
 
@@ -144,4 +145,4 @@ def events_at(study: Study, event: EventOfState, t_s: float, P_ref: float, Q_ref
             Event(t_s + event.length_s, NAMES["sag"].format(source.V_g_rms / c.V_rated_rms), V_g_rms=source.V_g_rms),
         )
     omega = source.omega_g + 2.0 * math.pi * event.size
-    return (Event(t_s, f"{event.size:+.3g} Hz over {event.length_s:.3g} s", omega_g=omega, over=event.length_s),)
+    return (Event(t_s, NAMES["ramp"].format(event.size, event.length_s), omega_g=omega, over=event.length_s),)

@@ -23,6 +23,7 @@ from vsgdesign.codegen.records import numbers_of
 from vsgdesign.codegen.wasm import wasm_module
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import gain_transfer
+from vsgdesign.equations.sampled_path import source_response
 from vsgdesign.equations.scheduler_data import SchedulerState
 from vsgdesign.errors import VsgDesignError
 from vsgdesign.linear.operating_point.plants import plant_steps
@@ -34,7 +35,9 @@ from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.lookup import gain_lookup
+from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.bodies import names_of
+from vsgdesign.simulation.circuit_program import RAMP_DRIFT
 from vsgdesign.simulation.every_sample import with_every_sample
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.following import KnownGridScheduler
@@ -65,7 +68,7 @@ WORDS = {
     "limited": LIMITED,
 }
 """What the page says of its own runs."""
-EVENTS = ("step", "grid", "phase", "sag")
+EVENTS = ("step", "grid", "phase", "sag", "ramp")
 """Events that the page simulates by itself."""
 
 
@@ -109,7 +112,7 @@ def page_runs(study: Study, ready: Ready, states: Iterable[tuple[str, State]]) -
     follow the grid, then those on which they are held. A controller whose gains are held is another one.
     """
     found: dict[bool, list[_Controller]] = {False: [], True: []}
-    loops = {"transfer": _function_spec(gain_transfer, {})}
+    loops = {"transfer": _function_spec(gain_transfer, {}), "response": _function_spec(source_response, {})}
     common: dict[str, Any] = {}
     saves: dict[str, WithoutEvent] = {}
     grids: dict[str, tuple[float, float]] = {}
@@ -126,7 +129,7 @@ def page_runs(study: Study, ready: Ready, states: Iterable[tuple[str, State]]) -
             if why is None:
                 try:
                     document, own, one.starts[key] = _start(study_of(scene, ready, state, k), ready)
-                    one.document, loops = one.document or document, loops | own
+                    one.document = one.document or document | _named(own, loops)
                 except VsgDesignError as error:
                     why = str(error)
             if why is not None:
@@ -158,6 +161,8 @@ def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
         "V_g_rms": study.grid_source.V_g_rms,
         "omega": study.grid_source.omega_g,
         "phase": build_timeline(study).source_at(0.0).phase,
+        "circuit": {f"circuit.{name}": value for name, value in study.circuit()._asdict().items()},
+        "drift": RAMP_DRIFT,
         "first_s": FIRST_S,
         "events": EVENTS,
         "limits": {"size": {kind: SIZES[kind] for kind in EVENTS if kind in SIZES}, "length_s": LENGTHS_S},
@@ -180,33 +185,43 @@ def _start(study: Study, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSp
     for at, row, count, source in zip(program.at, program.row, program.count, program.source, strict=True):
         if at == 0:
             rows[row : row + count] = program.values[source : source + count]
-    mark = spec.name.encode().hex()
-    loops = {f"run_{mark}": spec_of(batch.kind, LOGGED)}
+    ramped = batch.kind._replace(ramped=True)
+    loops = {"loop": spec_of(batch.kind, LOGGED), "ramp": spec_of(ramped, LOGGED)}
     document: dict[str, Any] = {
-        "loop": f"run_{mark}",
         "uniform": batch.uniform.tolist(),
+        "ramp_uniform": Batch(ramped, calm, 1).uniform.tolist(),
         "gains": "fixed" if spec.kind == "fixed" else "listed",
         "period_s": spec.update_period or calm.converter.T_s,
     }
     state: list[float] = []
     if isinstance(feed, KnownGridScheduler):
-        own, loops[f"update_{mark}"], state = _following(feed, calm, spec)
-        document |= own | {"update": f"update_{mark}", "period_s": feed.update_period}
+        own, loops["update"], state = _following(feed, calm, spec)
+        document |= own | {"period_s": feed.update_period}
     grid, T_s = calm.grid, calm.converter.T_s
-    marks = _marks(study, document, T_s)
+    marks = _marks(study, document["period_s"], T_s, updates="update" in loops)
     document |= {"marks": marks, "phasors": run.phasors(marks).ravel().tolist()}
     source = plant_steps(calm, grid.R_g, grid.L_g, T_s, calm.grid_source.omega_g).source[0, 0]
-    parts = [rows[: len(loops[f"run_{mark}"].rows)], source.real, source.imag, [grid.R_g, grid.L_g], state]
+    parts = [rows[: len(loops["loop"].rows)], source.real, source.imag, [grid.R_g, grid.L_g], state]
     return document, loops, np.concatenate([np.asarray(part, dtype=float) for part in parts])
 
 
-def _marks(study: Study, document: dict[str, Any], T_s: float) -> list[int]:
+def _named(own: dict[str, LoopSpec], loops: dict[str, LoopSpec]) -> dict[str, str]:
+    """The names of a controller's loops. Controllers of one kind share theirs."""
+    found = {}
+    for role, spec in own.items():
+        same = (name for name, known in loops.items() if known is spec)
+        found[role] = next(same, f"{role}_{len(loops)}")
+        loops[found[role]] = spec
+    return found
+
+
+def _marks(study: Study, period_s: float, T_s: float, *, updates: bool) -> list[int]:
     """The samples at which a run of the page may put its source anew before anything has moved it: the event, every
     second, the updates of the gains, and the one that sees a jump of the grid."""
-    begin_s, period_s = event_s(study), document["period_s"]
+    begin_s = event_s(study)
     longest = round((begin_s + LENGTHS_S[1] + study.simulation.duration) / T_s)
     found = {round(begin_s / T_s), *range(0, longest, max(round(1.0 / T_s), 1))}
-    if "update" in document:
+    if updates:
         found |= set(range(0, longest, round(period_s / T_s)))
     found.add(math.ceil((math.floor(begin_s / period_s + 1e-9) + 1) * period_s / T_s - 1e-6))
     return sorted(found)

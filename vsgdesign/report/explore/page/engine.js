@@ -78,6 +78,8 @@ class Loop {
 const GAINS = ["K_ip", "D_p", "K_iq", "D_q", "K_pq", "K_qp", "k_P", "k_Q"];
 const REFERENCES = ["P_ref", "Q_ref", "omega_0", "V_n"];
 const LIMITED = 1;
+/** Events that last. */
+const LASTING = ["sag", "ramp"];
 
 /** One run that is under way. */
 class Run {
@@ -86,9 +88,11 @@ class Run {
     Object.assign(this, { engine, info, controller, loop, event });
     this.T_s = info.T_s;
     this.start = engine.startOf(controller, key);
-    loop.memory.floats.set(this.start.rows, loop.rows);
+    const { rows } = info.places[controller.loop];
+    rows.forEach((name, at) => loop.set(name, this.start.rows[at]));
+    this.at = Object.fromEntries(rows.map((name, at) => [name, at]));
     this.event_k = Math.round(info.event_s / this.T_s);
-    const length = event.kind === "sag" ? event.length_s : 0;
+    const length = LASTING.includes(event.kind) ? event.length_s : 0;
     this.over = Math.round(length / this.T_s);
     // An event begins and ends at a sample; its instants are those of the study's file.
     const near = Math.abs(length / this.T_s - this.over) < 1e-6;
@@ -96,7 +100,7 @@ class Run {
     const after = event.kind === "step" ? info.after_step_s : info.after_s;
     const wanted = (info.event_s + this.over * this.T_s + after) / info.log_interval;
     this.samples = Math.round((Math.max(Math.ceil(wanted - 1e-6), 1) * info.log_interval) / this.T_s);
-    this.source = { t_s: 0, V: info.V_g_rms, phase: info.phase };
+    this.source = { t_s: 0, V: info.V_g_rms, phase: info.phase, omega: info.omega, slope: 0 };
     this.sources = [[0, this.source]];
     this.place = this.start;
     this.limited = 0;
@@ -115,7 +119,7 @@ class Run {
     this.period = Math.round(controller.period_s / T_s);
     if (this.update) for (let at = this.period; at <= samples; at += this.period) found.add(at);
     found.add(k);
-    if (event.kind === "sag") found.add(k + this.over);
+    if (LASTING.includes(event.kind)) found.add(k + this.over);
     if (event.kind === "grid" && controller.gains === "listed") {
       const updates = Math.floor((k * T_s) / controller.period_s + 1e-9) + 1;
       this.change = Math.max(Math.ceil((updates * controller.period_s) / T_s - 1e-6), 0);
@@ -123,6 +127,12 @@ class Run {
     }
     this.phased = new Set(found);
     if (event.kind === "phase") found.add(k - 1);
+    if (event.kind === "ramp") {
+      // So long the responses to one frequency serve a ramp.
+      this.slope = (2 * Math.PI * event.size) / (this.end_s - this.info.event_s);
+      const stretch = Math.max(Math.round(this.info.drift / Math.max(Math.abs(this.slope), 1e-12) / T_s / T_s), 1);
+      for (let at = k; at < k + this.over; at += stretch) found.add(at);
+    }
     return [...found].filter((at) => at >= 0 && at <= samples).sort((a, b) => a - b);
   }
 
@@ -144,6 +154,7 @@ class Run {
     if (k === begin) this.happen();
     if (event.kind === "sag" && k === begin + this.over) this.voltage(this.end_s, this.info.V_g_rms);
     if (event.kind === "phase" && k === begin - 1) this.turn(event.jump);
+    if (event.kind === "ramp") this.ramp(k);
     if (this.phased.has(k)) {
       const [cosine, sine] = this.phasorAt(k);
       this.loop.set("source.cosine", cosine);
@@ -165,6 +176,7 @@ class Run {
     const start = k * this.T_s;
     const t_s = start + 1e-6 * this.T_s;
     const [, source] = this.sources.findLast(([at]) => at <= t_s);
+    if (source.slope || source.omega !== this.info.omega) return this.moved(start, source).phase;
     return source.phase + this.info.omega * (t_s - source.t_s) + this.info.omega * (start - t_s);
   }
 
@@ -178,20 +190,21 @@ class Run {
     } else if (event.kind === "phase") {
       const now = this.moved(info.event_s);
       this.take({ ...now, phase: now.phase + event.jump });
-      this.loop.set("row.turn_cos", this.start.rows[this.loop.at["row.turn_cos"]]);
-      this.loop.set("row.turn_sin", this.start.rows[this.loop.at["row.turn_sin"]]);
-    } else {
+      this.loop.set("row.turn_cos", this.start.rows[this.at["row.turn_cos"]]);
+      this.loop.set("row.turn_sin", this.start.rows[this.at["row.turn_sin"]]);
+    } else if (event.kind === "grid") {
       this.place = this.engine.startOf(controller, event.key);
-      for (const [name, at] of Object.entries(this.loop.at)) {
+      for (const [name, at] of Object.entries(this.at)) {
         if (name.startsWith("row.")) this.loop.set(name, this.place.rows[at]);
       }
     }
   }
 
   /** The source described from an instant on. */
-  moved(t_s) {
-    const dt = t_s - this.source.t_s;
-    return { t_s, V: this.source.V, phase: this.source.phase + this.info.omega * dt + 0.5 * 0 * dt * dt };
+  moved(t_s, from = this.source) {
+    const { omega, slope } = from;
+    const dt = t_s - from.t_s;
+    return { ...from, t_s, omega: omega + slope * dt, phase: from.phase + omega * dt + 0.5 * slope * dt * dt };
   }
 
   take(source) {
@@ -206,6 +219,33 @@ class Run {
       this.loop.set(`row.${name}`, V * this.place.source[j]);
     });
     this.loop.set("V_g", V);
+  }
+
+  /** A ramp of the frequency: from a sample on, the responses to the frequency at it, and how it goes on. */
+  ramp(k) {
+    const { event_k: begin, loop, info } = this;
+    if (k === begin) this.take({ ...this.moved(info.event_s), slope: this.slope });
+    if (k === begin + this.over) {
+      this.take({ ...this.moved(this.end_s), omega: info.omega + 2 * Math.PI * this.event.size, slope: 0 });
+    }
+    const now = this.moved(k * this.T_s);
+    const given = { ...info.circuit, h: this.T_s, omega: now.omega };
+    [given["circuit.R_g"], given["circuit.L_g"]] = this.start.grid;
+    for (const [name, at] of Object.entries(this.at)) {
+      if (/^row\.p\d\d$/.test(name)) given[name.replace("row.", "transition.")] = this.start.rows[at];
+    }
+    const said = this.engine.response.answer(given);
+    ["of_constant", "of_slope", "of_square"].forEach((of, m) => {
+      ["i_s", "v_c", "i_g"].forEach((state, j) => {
+        for (const part of ["re", "im"]) loop.set(`ramp_of.${part}${m}${j + 1}`, said(`${of}.${state}.${part}`));
+      });
+    });
+    loop.set("ramp_of.V_slope", 0);
+    loop.set("ramp_of.omega_slope", now.slope);
+    loop.set("ramp.V_pk", now.V * info.peak_per_rms);
+    loop.set("ramp.drift", 0);
+    loop.set("row.turn_cos", said("turn.re"));
+    loop.set("row.turn_sin", said("turn.im"));
   }
 
   /** A jump of the phase is part of the turn of the interval before. */
@@ -235,7 +275,7 @@ class Run {
   listed() {
     const { transfer } = this.engine;
     const gains = {};
-    for (const name of GAINS) gains[name] = this.place.rows[this.loop.at[`power_gains.${name}`]];
+    for (const name of GAINS) gains[name] = this.place.rows[this.at[`power_gains.${name}`]];
     const given = { omega_i: this.loop.get("state.omega_i"), ...this.inForce("refs.") };
     for (const [name, value] of Object.entries(this.gains())) given[`old.${name}`] = value;
     for (const name of GAINS) given[`new.${name}`] = gains[name];
@@ -296,6 +336,7 @@ export class Engine {
       at += controller.width + count * varying;
     }
     this.transfer = this.loop("transfer", [], 1);
+    this.response = this.loop("response", [], 1);
   }
 
   loop(name, uniform, slots) {
@@ -331,9 +372,11 @@ export class Engine {
   /** Every sample of an event: (samples, logged) numbers, row by row, and how many rows are good. */
   run(controller, key, event) {
     const { info } = this;
-    const length = event.kind === "sag" ? event.length_s : 0;
+    const length = LASTING.includes(event.kind) ? event.length_s : 0;
     const longest = Math.max(info.after_step_s, info.after_s) + info.event_s + length + 2 * info.log_interval;
-    const loop = this.loop(controller.loop, controller.uniform, Math.ceil(longest / info.T_s) + 1);
+    const [name, uniform] =
+      event.kind === "ramp" ? [controller.ramp, controller.ramp_uniform] : [controller.loop, controller.uniform];
+    const loop = this.loop(name, uniform, Math.ceil(longest / info.T_s) + 1);
     const run = new Run(this, controller, loop, key, event);
     const done = run.finish();
     return { rows: loop.memory.floats.slice(loop.log, loop.log + done * loop.logged), width: loop.logged, done, run };

@@ -21,7 +21,7 @@ export class LiveRuns {
     const { events, limits, words } = this.info;
     if (!events.includes(event.kind)) return { field: null, text: words.no_event };
     const asked = { "event.size": [event.size, limits.size[event.kind]] };
-    if (event.kind === "sag") asked["event.length_s"] = [event.length_s, limits.length_s];
+    if (["sag", "ramp"].includes(event.kind)) asked["event.length_s"] = [event.length_s, limits.length_s];
     for (const [field, [value, limit]] of Object.entries(asked)) {
       if (!limit || (value >= limit[0] && value <= limit[1])) continue;
       const text = worded(words.range, words.labels[field], ...limit);
@@ -104,7 +104,7 @@ export class LiveRuns {
     const { info } = this;
     const { names } = info.words;
     const value = (number) => (Number.isInteger(number) ? number.toFixed(1) : String(number));
-    const over = event.kind === "sag" ? Math.round(event.length_s / info.T_s) : 0;
+    const over = ["sag", "ramp"].includes(event.kind) ? Math.round(event.length_s / info.T_s) : 0;
     const begin_s = info.event_s;
     const near = over && Math.abs(event.length_s / info.T_s - over) < 1e-6;
     const end_s = begin_s + (near ? event.length_s : over * info.T_s);
@@ -120,6 +120,13 @@ export class LiveRuns {
       sag: [
         [begin_s, worded(names.sag, (1 - event.size) * V_pu), `V_g_pu = ${value((1 - event.size) * V_pu)}`],
         [end_s, worded(names.sag, V_pu), `V_g_pu = ${value(V_pu)}`],
+      ],
+      ramp: [
+        [
+          begin_s,
+          worded(names.ramp, event.size, end_s - begin_s),
+          `f_g = ${value(info.omega / (2 * Math.PI) + event.size)}\nover = ${value(end_s - begin_s)}`,
+        ],
       ],
       phase: [[begin_s, worded(names.phase, event.size), `phase_jump = ${value(event.size * (Math.PI / 180))}`]],
       grid: [

@@ -67,7 +67,7 @@ function simulated(engine, k, key, event) {
   const kept = thinned(Object.values(curves));
   const found = { t: Float32Array.from(kept, (j) => j * info.T_s - info.event_s) };
   for (const [name, values] of Object.entries(curves)) found[name] = Float32Array.from(kept, (j) => values[j]);
-  const events = run.over ? [run.event_k, run.event_k + run.over] : [run.event_k];
+  const events = event.kind === "sag" ? [run.event_k, run.event_k + run.over] : [run.event_k];
   return { curves: found, diverged: done < run.samples, ...loads(info, current, column("limited_samples"), events) };
 }
 
