@@ -140,7 +140,21 @@ def cases() -> list[Row]:
             values.append((time.process_time() - begin) / count * 1e3)
         what = f"{count} cases of {'2' if family == 'step' else '2.7'} s, {family}, projection limiter: one case"
         rows.append(Row("lanes", what, figure(values), "ms", limit="the loop takes 70 to 85 %"))
-    return rows
+    return [*rows, *field_cases()]
+
+
+def field_cases(count: int = 128) -> list[Row]:
+    """Steps of a controller that finds its grid with the field estimator, each with a background and sensors of its own
+    and beside the same run without the step."""
+    study = load_study(STUDIES / "field" / "study.toml")
+    spec = next(one for one in study.controllers if one.name == "FIELD")
+    some, values = drawn(replace(study, controllers=(spec,)), "step", count), []
+    for _ in range(3):
+        begin = time.process_time()
+        run_lanes(study, spec, NOTHING, some)
+        values.append((time.process_time() - begin) / count * 1e3)
+    what = f"{count} steps with field estimator, background, sensors and twins: one case"
+    return [Row("lanes", what, figure(values[1:]), "ms", limit="a third draws noise, a third is the loop")]
 
 
 BENCHMARKS = {"lanes": loop, "lanes-sets": instruction_sets, "lanes-compile": compilation, "lanes-cases": cases}

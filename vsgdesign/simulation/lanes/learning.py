@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
 
 
-_GROUPS = 4
+_GROUPS = 16
 """Groups that are moved at once where they are given noise or log something."""
 
 _TIE = 1e-6
