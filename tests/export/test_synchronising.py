@@ -11,6 +11,7 @@ import pytest
 from tests.export.conftest import built
 from tests.export.exchange import written
 from tests.export.live_grid import LiveGrid
+from tests.simulation.finding import found_in
 from tests.simulation.test_connecting import run_of, tripped
 from vsgdesign.equations.controller_data import Measurement
 from vsgdesign.equations.filters import capacitor_node_voltage
@@ -19,7 +20,6 @@ from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.export import CompiledC, export_c_files
-from vsgdesign.simulation.reclosing import reclosed
 from vsgdesign.study.parameters import Study, study_from_text
 
 CASES = ("hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz")
@@ -109,7 +109,7 @@ def test_the_exported_code_sets_the_same_angle_and_closes_at_the_same_sample(
     """A converter that trips and connects again in the EMT. The compiled C, in single precision, is given the
     samples of that run."""
     study = tripped("utility_1mva_60hz")
-    found = reclosed(study, study.controllers[0])
+    found = found_in(study)
     run, c = run_of(found), study.converter
     closing = next(event for event in found.events if event.name == "breaker closes in step")
     control = compiled.control(

@@ -10,16 +10,19 @@ import pytest
 
 from tests.oracles.clearing_reference import Interrupting
 from tests.oracles.emt_reference import run_reference
+from tests.simulation.finding import finding, found_in
 from tests.simulation.studies import lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import errors_pu, library_start
 from tests.simulation.test_networks import with_networks
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.frames import clarke_inverse
 from vsgdesign.simulation import build_timeline, gain_changes, simulate
-from vsgdesign.simulation.clearing import cleared_at_zeros, found_events, with_instants
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.run import Simulation
+from vsgdesign.simulation.loop import LOG_COLUMNS
+from vsgdesign.simulation.run import Simulation, run_together, simulation_of
+from vsgdesign.simulation.run_state import RunOf, RunState
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.simulation.search import found_events
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Network
 
@@ -78,7 +81,7 @@ def run_of(study: Study) -> Simulation:
 
 
 def resolved(study: Study) -> Study:
-    return cleared_at_zeros(study, study.controllers[0])
+    return found_in(study)
 
 
 def peak_pu(study: Study) -> float:
@@ -162,7 +165,7 @@ def test_instants_and_states_against_the_oracle(
     study = build("30 ms", f'[[events]]\ntime = "{1e3 * asked_s} ms"\ngrid = {{ scr = 2 }}\n')
     changes = ((2.01e-3, Network(fault=fault)), (asked_s, PLAIN))
     study = with_networks(study, *changes)
-    found = cleared_at_zeros(study, study.controllers[0], bridge=bridge)
+    found = found_in(study, bridge)
     gains = gain_changes(study, study.controllers[0], build_timeline(study))
     run = simulate(found, gains, bridge=bridge, log_states=10**9)
     start = library_start(study, gains)
@@ -285,7 +288,7 @@ time = "0.75 s"
 fault = "cleared"
 """
     study = faulted(THREE_PHASE, more, duration=0.8)
-    found = with_instants(study, study.controllers[0])
+    found = found_in(study)
     states = [(network.connected, network.fault is not None) for _, network in build_timeline(found).networks[1:]]
     fault, none = (True, True), (True, False)
     assert states == [fault, fault, none, (False, False), none, fault, none]
@@ -295,7 +298,38 @@ fault = "cleared"
     assert run_of(found).divergence is None
 
 
+def test_with_the_instants_as_events_a_run_is_the_same() -> None:
+    """A run that is told the instants is an oracle that looks for nothing. The source's phase is taken up anew at an
+    event, so that the last bits of v_g in the row before may differ."""
+    line = f'[[events]]\ntime = {ASKED_S}\ngrid = {{ scr = 5 }}\nP_ref = "2 kW"\n'
+    line += "[[events]]\ntime = 0.2231\nV_g_pu = 0.9"
+    run = finding(faulted(THREE_PHASE, line))
+    again = run_of(run.study)
+    assert len(build_timeline(run.study).networks) == 4
+    voltages = [LOG_COLUMNS.index(name) for name in ("v_g_alpha", "v_g_beta")]
+    np.testing.assert_allclose(run.log[:, voltages], again.log[:, voltages], rtol=0.0, atol=1e-10)
+    np.testing.assert_array_equal(np.delete(run.log, voltages, 1), np.delete(again.log, voltages, 1))
+    np.testing.assert_array_equal(run.circuit_log, again.circuit_log)
+
+
+def test_runs_side_by_side_find_their_own_instants() -> None:
+    """One stands still where its instant is found, and the others finish the sample: the bits are those of runs alone.
+    The first one has nothing to find."""
+    two, whole = '{ kind = "phase_to_phase", at = 0.5, R = 0 }', faulted(THREE_PHASE)
+    studies = [replace(whole, events=()), whole, faulted(two), faulted(THREE_PHASE, scr=15.0)]
+    runs = [
+        RunState(RunOf(one, feed_of(one, one.controllers[0], build_timeline(one), NOTHING), finds=one.controllers[0]))
+        for one in studies
+    ]
+    run_together(runs, switched=False)
+    for study, run in zip(studies[1:], runs[1:], strict=True):
+        alone, found = finding(study), simulation_of(run)
+        assert found.study.events == alone.study.events
+        np.testing.assert_array_equal(found.log, alone.log)
+        np.testing.assert_array_equal(found.circuit_log, alone.circuit_log)
+    assert np.abs(simulation_of(runs[0]).column("P") - 2500.0).max() < 1e-3
+
+
 def test_a_study_without_faults_is_returned_as_it_is() -> None:
     study = replace(faulted(THREE_PHASE), events=())
-    assert with_instants(study, study.controllers[0]) is study
     assert resolved(study) is study

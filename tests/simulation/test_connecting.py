@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tests.parameters.documents import case_document, the_fault
+from tests.simulation.finding import found_in
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation import build_timeline, simulate
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.reclosing import reclosed
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.study.parameters import Study, study_from_text
 
@@ -80,6 +80,6 @@ def test_what_cannot_be_synchronised_is_said() -> None:
     dark = TRIP + '[[events]]\ntime = "0.06 s"\nV_g_pu = 0.0\n'
     study = tripped("hoang2025_5kva", dark)
     study = replace(study, simulation=replace(study.simulation, duration=0.15))
-    found = reclosed(study, study.controllers[0])
+    found = found_in(study)
     assert [event.name for event in found.events][-1] == "converter synchronises: the breaker never closes"
     assert not build_timeline(found).network_at(0.14).connected

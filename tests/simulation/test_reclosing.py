@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from tests.parameters.documents import build, case_document, the_fault
+from tests.simulation.finding import found_in
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.report.scenario.tables import metrics_table
 from vsgdesign.simulation import build_timeline, simulate
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.reclosing import reclosed
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import Study, study_from_text
@@ -73,7 +73,7 @@ def lead_before(run: Simulation, study: Study, t_s: float) -> tuple[float, float
 @pytest.mark.parametrize(("around", "angle"), [(-25.0, 5.0), (-60.0, 4.0)])
 def test_the_breaker_closes_at_the_first_sample_that_is_near(around: float, angle: float) -> None:
     study = island(f'{{ angle = "{angle} deg", around = "{around} deg", V_pu = 0.2, df = "2 Hz" }}')
-    found = reclosed(study, study.controllers[0])
+    found = found_in(study)
     closing = next(event for event in found.events if event.name.startswith("breaker closes"))
     assert closing.t_s > 0.55
     assert closing.network is not None
@@ -96,7 +96,7 @@ def test_the_breaker_closes_at_the_first_sample_that_is_near(around: float, angl
 def test_later_events_know_that_it_is_closed() -> None:
     more = '[[events]]\ntime = "2.9 s"\nload = "none"\n[[events]]\ntime = "0.51 s"\nload = { P_pu = 0.35 }\n'
     study = island('{ angle = "5 deg", around = "-30 deg", V_pu = 0.2, df = "2 Hz" }', more)
-    found = reclosed(study, study.controllers[0])
+    found = found_in(study)
     timeline = build_timeline(found)
     assert [timeline.network_at(t).connected for t in (0.1, 0.52, 2.95)] == [True, False, True]
     assert timeline.network_at(2.95).load is None
@@ -135,7 +135,7 @@ def test_faults_of_a_synchro_check(events: list[dict[str, Any]], field: str, pro
     timed = [{"time": 1.0 + k} | event for k, event in enumerate(events)]
     assert problem in the_fault(case_document() | {"events": timed}, field).problem
     study = build(case_document() | {"events": []})
-    assert reclosed(study, study.controllers[0]) is study
+    assert found_in(study) is study
 
 
 def test_pages_tell_the_instants_that_each_run_found() -> None:

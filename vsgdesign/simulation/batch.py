@@ -26,6 +26,9 @@ from vsgdesign.study.parameters.study import Study
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
 
+STANDS = 2.0
+"""What a run has found by standing still before the interval in which the instant lies; 1: it has gone on."""
+
 _NEVER = 2**62
 """A sample that no run reaches."""
 
@@ -167,6 +170,50 @@ class Batch:
         """The samples in whose intervals events fall."""
         return [one for some in self._cut.values() for one in some]
 
+    def follow_anew(self, run: int, writer: ProgramWriter, cut: Sequence[CutSample], sample: int) -> None:
+        """What happens in one run from a sample on, in place of what was known. What is due before this sample is put
+        into its rows at once; the loop goes on with the next one."""
+        group, lane = self.lane(run)
+        old, new = self.program, writer.program(len(self.rows), self.spec.width)
+        of_old = np.repeat(np.arange(len(old.done)), np.diff(old.first))
+        kept = (of_old != group) | (old.lane != lane) | (old.at < sample)
+        later = new.at >= sample
+        moved = np.where(new.source >= 0, new.source + len(old.values), new.source)
+        groups = np.concatenate([of_old[kept], np.full(int(later.sum()), group)])
+        columns = {name: (getattr(old, name), getattr(new, name)) for name in ("at", "lane", "row", "count")}
+        parts = {name: np.concatenate([a[kept], b[later]]) for name, (a, b) in columns.items()}
+        order = np.lexsort((np.arange(len(groups)), parts["at"], groups))
+        first = np.searchsorted(groups[order], np.arange(len(old.done) + 1)).astype(np.int64)
+        source = np.concatenate([old.source[kept], moved[later]])[order]
+        parts = {name: values[order] for name, values in parts.items()}
+        due = np.bincount(groups[order][parts["at"] <= sample], minlength=len(old.done))
+        values = np.concatenate([old.values, new.values])
+        self.program = Program(first=first, source=source, values=values, done=first[:-1] + due, **parts)
+        self._put_due(self.rows[group, :, lane], run, sample)
+        self._cut = {at: [one for one in some if one.lane != run or at < sample] for at, some in self._cut.items()}
+        for one in cut:
+            if one.sample >= sample:
+                self._cut.setdefault(one.sample, []).append(one)
+        self._divide()
+
+    def cut_at(self, run: int, sample: int) -> CutSample:
+        """A sample of a run as its own loop is given it, whether events fall in its interval or not."""
+        of_run = next((one for one in self._cut.get(sample, ()) if one.lane == run), None)
+        slopes = self.kind.bridge.slopes
+        if of_run is not None or not slopes:
+            return of_run or CutSample(run, sample, ("",), {})
+        place = sample % len(slopes)
+        return CutSample(run, sample, (slopes[place],), {"part": self._cyclic[place]})
+
+    def _put_due(self, now: Array, run: int, sample: int) -> None:
+        """Puts what is due before a sample into the numbers of a run."""
+        group, lane = self.lane(run)
+        p, due = self.program, slice(self.program.first[group], self.program.first[group + 1])
+        for r in np.flatnonzero((p.at[due] == sample) & (p.lane[due] == lane)) + due.start:
+            row, count, source = p.row[r], p.count[r], p.source[r]
+            values = p.values[source : source + count] if source >= 0 else now[-1 - source : -1 - source + count].copy()
+            now[row : row + count] = values
+
     def log(self, *logs: Log) -> None:
         """What is logged from now on, one after the other."""
         self.logs = logs
@@ -212,7 +259,8 @@ class Batch:
             after = [(one, self.after_cut(one, here)) for one in self._cut.get(at, ())]
             done = self._call(at, stop, here, groups)
             for one, state in after:
-                self.put_state(one.lane, state)
+                if not self.kind.seeks or self.found(one.lane) < STANDS:  # else it is computed anew
+                    self.put_state(one.lane, state)
             at += done
             if done < stop - (at - done) or (after and self.spec.stop):
                 break
@@ -272,6 +320,16 @@ class Batch:
             into.rows[:, first:last] = log.rows[:, rows, : into.rows.shape[2]][:, : last - first]
         return done
 
+    def found(self, run: int) -> float:
+        """Whether a run has found an instant in the last sample, after which the loop has ended: 0, 1, or STANDS."""
+        group, lane = self.lane(run)
+        return float(self.rows[group, self.place["seek.found"], lane])
+
+    def state(self, run: int) -> Array:
+        """The numbers that a sample moves of one run."""
+        group, lane = self.lane(run)
+        return self.rows[group, : len(self.spec.state), lane].copy()
+
     def put_state(self, run: int, state: Array) -> None:
         """Sets the numbers that a sample moves of one run."""
         group, lane = self.lane(run)
@@ -284,11 +342,7 @@ class Batch:
         build = self.build._replace(lanes=1, vectors=1, quickly=True)  # it runs for one sample of one run
         own = loop_of(self.kind._replace(added=self._adds(fed), cut=one.slopes), (), build)
         now = self.rows[group, :, lane].copy()
-        p, due = self.program, slice(self.program.first[group], self.program.first[group + 1])
-        for r in np.flatnonzero((p.at[due] == k) & (p.lane[due] == lane)) + due.start:
-            row, count, source = p.row[r], p.count[r], p.source[r]
-            values = p.values[source : source + count] if source >= 0 else now[-1 - source : -1 - source + count].copy()
-            now[row : row + count] = values
+        self._put_due(now, one.lane, k)
         rows = np.zeros((1, len(own.spec.rows), 1))
         for name, place in own.place.items():
             if name in self.place:

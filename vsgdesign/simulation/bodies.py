@@ -7,17 +7,22 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from vsgdesign.codegen.blocks import Part, Writer, joined, with_outputs
-from vsgdesign.codegen.expressions import Number
+from vsgdesign.codegen.expressions import Expression, Number
 from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.loop_spec import Product
 from vsgdesign.codegen.records import Kinds
 from vsgdesign.equations.controller import ControllerSettings, ControllerState
 from vsgdesign.equations.field import LockIn
 from vsgdesign.equations.limiters import LimiterLaw
-from vsgdesign.simulation import circuit_sample, sample, watched_sample
+from vsgdesign.equations.synchronising import GridWatch
+from vsgdesign.simulation import circuit_sample, sample, seeking_sample, watched_sample
 from vsgdesign.simulation.axes import PEAK, RISING, Axes, headed, states_of, two_axes
 from vsgdesign.simulation.circuit_sample import CarrierPart, Coefficients, EdgeRow, PlantRow
 from vsgdesign.simulation.ramp_sample import with_ramp
+
+FAULT, RELAY, SYNC = "fault", "relay", "sync"
+"""Instants that only a run can tell: a current into a fault passes through zero, a relay closes a breaker, a converter
+has set itself to the grid behind its breaker."""
 
 STEP, DISTURBANCE = "step", "disturbance"
 """What is watched of a run: a step of a reference, judged by the mean of its power over some samples; anything else."""
@@ -70,6 +75,9 @@ class Kind(NamedTuple):
     waits: bool = False
     """Whether a run stands still where a cycle of its field estimator has ended, until the runs beside it are there,
     too. Alone, the loop ends there."""
+    seeks: tuple[str, ...] = ()
+    """Of the instants that only a run can tell, those that the loop finds: FAULT, RELAY, SYNC. A run in which one is
+    found stands still before the interval in which it lies, and the loop ends after this sample."""
     together: bool = False
     """Of runs that may wait: whether no cycle ends before the last sample of the loop. Then none has to stand still."""
 
@@ -130,6 +138,7 @@ def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], .
         found += [(name, name.replace("lock.", "heard.", 1)) for name in names_of(LockIn, "lock")]
     if kind.ramped:
         found += [("ramp.V_pk", "ramp_after.V_pk"), ("ramp.drift", "ramp_after.drift")]
+    found += _seek_moves(kind)
     renamed = {"watch.delta": "next_delta"} if kind.field else {}
     found += [(name, renamed.get(name, name.replace("watch.", "watched.", 1))) for name in watched]
     if kind.waits:
@@ -137,12 +146,36 @@ def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], .
     return tuple(found)
 
 
+def _seek_moves(kind: Kind) -> list[tuple[str, str]]:
+    """What is moved of a run that looks for instants."""
+    pairs = {
+        RELAY: (("own", "followed"), ("behind", "followed_behind")),
+        SYNC: (("watch", "watched_grid"),),
+    }
+    found: list[tuple[str, str]] = [("seek.found", "found")] if kind.seeks else []
+    for what in kind.seeks:
+        for before, after in pairs.get(what, ()):
+            head = f"seek.{before}_{what}"
+            found += [(name, name.replace(head, after, 1)) for name in names_of(GridWatch, head)]
+    return found + ([("seek.ready", "in_step_for")] if SYNC in kind.seeks else [])
+
+
+def held(pairs: tuple[tuple[str, str], ...], kind: Kind) -> tuple[tuple[str, str], ...]:
+    """What is moved of runs that stand still where an instant is found."""
+    if not kind.seeks or kind.cut:
+        return pairs
+    return tuple((before, after if after == "found" else f"kept.{after}") for before, after in pairs)
+
+
 @functools.cache
 def control(kind: Kind) -> Block:
     """From the circuit's state to the voltage that acts over the interval: sensors, probe, controller, delay."""
     own = headed(flat_block(sample.controlled, fixed={"limiter": kind.law}, kinds=kind.records))
-    true = headed(flat_block(circuit_sample.measured_by), measurement="true" if kind.sensors else "measured")
-    parts = [Part(true)]
+    true = headed(flat_block(circuit_sample.measured_by), measurement=_true(kind))
+    parts, chosen = [Part(true)], {}
+    if SYNC in kind.seeks:
+        chosen = {name: name.replace("state.", "chosen.", 1) for name in kind.names(ControllerState, "state")}
+        parts += [*_source(kind), _set_to_grid(kind)]
     if kind.sensors:
         parts.append(Part(headed(flat_block(sample.sensed))))
     if kind.field:
@@ -157,14 +190,92 @@ def control(kind: Kind) -> Block:
             Part(headed(flat_block(sample.without_probe)), after),
         ]
     else:
-        parts += [Part(own), Part(headed(flat_block(sample.kept_angle)), {"theta": "following.theta"})]
-    parts.append(Part(headed(flat_block(sample.source_voltage_with if kind.added else sample.source_voltage))))
+        parts += [Part(own, chosen), Part(headed(flat_block(sample.kept_angle)), {"theta": "following.theta"})]
+    parts += [] if SYNC in kind.seeks else _source(kind)
+    return joined(*parts, *_relay(kind))
+
+
+def _true(kind: Kind) -> str:
+    """What the measurement without the errors of the sensors is called."""
+    return "true" if kind.sensors else "measured"
+
+
+def _source(kind: Kind) -> list[Part]:
+    """The voltage of the source."""
+    parts = [Part(headed(flat_block(sample.source_voltage_with if kind.added else sample.source_voltage)))]
     for wave in wave_names(kind):
         own = {f"source.{part}": f"{wave}.phasor.{part}" for part in ("cosine", "sine")}
         heads = {"v_g_alpha": f"{wave}.alpha", "v_g_beta": f"{wave}.beta"}
         parts.append(Part(headed(flat_block(sample.source_voltage), **heads), own | {"V_g": f"{wave}.V"}))
         parts += [Part(_sum(f"v_g_{axis}", f"{wave}.{axis}", "+", f"v_g_{axis}")) for axis in ("alpha", "beta")]
-    return joined(*parts)
+    return parts
+
+
+def _set_to_grid(kind: Kind) -> Part:
+    """A converter that sets itself to the grid behind its breaker."""
+    called = {name: f"{_true(kind)}.{name.partition('.')[2]}" for name in names_of(sample.Measurement, "measured")}
+    called |= {name: name.replace("watch.", "seek.watch_sync.", 1) for name in names_of(GridWatch, "watch")}
+    called |= {name: f"seek.{name}" for name in names_of(seeking_sample.Setting, "setting")}
+    block = headed(flat_block(seeking_sample.set_to_grid, kinds=kind.records))
+    return Part(block, called | {"ready": "seek.ready", "T_s": "settings.T_s"})
+
+
+def _relay(kind: Kind) -> list[Part]:
+    """A relay that waits for both sides of a breaker."""
+    if RELAY not in kind.seeks:
+        return []
+    called = {"T_s": "settings.T_s"} | {f"v_{axis}": f"{_true(kind)}.v_{axis}" for axis in ("alpha", "beta")}
+    for side in ("own", "behind"):
+        called |= {name: name.replace(side, f"seek.{side}_relay", 1) for name in names_of(GridWatch, side)}
+    called |= {name: f"seek.{name}" for name in names_of(seeking_sample.Relay, "relay")}
+    return [Part(headed(flat_block(seeking_sample.relay_sees)), called)]
+
+
+def seek_names(kind: Kind) -> list[str]:
+    """What a run that looks for instants has for itself: the current into a fault per state, on both axes, and for
+    which phases, the relay's limits, and whether the converter sets itself to the grid."""
+    found = []
+    if FAULT in kind.seeks:
+        found += [f"seek.current.{axis}_{state}" for axis in ("alpha", "beta") for state in kind.states]
+        found += names_of(seeking_sample.Phases, "seek.phases")
+    found += names_of(seeking_sample.Relay, "seek.relay") if RELAY in kind.seeks else []
+    return found + (names_of(seeking_sample.Setting, "seek.setting") if SYNC in kind.seeks else [])
+
+
+def _found(kind: Kind, moved: tuple[tuple[str, str], ...]) -> list[Part]:
+    """Whether an instant is found in this sample (1: the run goes on after it, 2: it stands still), and what is kept of
+    a run that stands still."""
+    parts, line = [], Writer()
+    if FAULT in kind.seeks:
+        after = "arrived" if kind.added else "moved"
+        current = Writer()
+        for when, head in (("begin", "x"), ("end", after)):
+            for axis in ("alpha", "beta"):
+                factors = ((f"seek.current.{axis}_{state}", f"{head}.{state}") for state in kind.states)
+                terms = [current.does("*", *map(current.input, pair)) for pair in factors]
+                current.output(f"{when}_{axis}", current.sum_of(*terms))
+        called = {name: f"seek.{name}" for name in names_of(seeking_sample.Phases, "phases")}
+        parts += [
+            Part(current.block()),
+            Part(headed(flat_block(seeking_sample.passes_zero), passes_zero="crossed"), called),
+        ]
+    stops = {FAULT: "crossed", RELAY: "near", SYNC: "done"}
+    still: Expression = Number(0.0)
+    found: Expression = line.input("seek.found")
+    for what in kind.seeks:
+        flag: Expression = line.input(stops[what])
+        if what != SYNC:
+            still = line.does("max", still, flag)
+            flag = line.does("*", Number(2.0), flag)
+        found = line.does("max", found, flag)
+    line.output("found", found)
+    if kind.field and not kind.waits:
+        line.output("ends", line.does("max", found, line.input("closed")))
+    stands = line.does(">", still, Number(0.5))
+    for before, after in moved:
+        if after != "found":
+            line.output(f"kept.{after}", line.does("select", stands, line.input(before), line.input(after)))
+    return [*parts, Part(line.block())]
 
 
 def wave_names(kind: Kind) -> list[str]:
@@ -340,9 +451,18 @@ def bodies(kind: Kind, outputs: tuple[str, ...], moved: tuple[tuple[str, str], .
     ends = [] if seen is None else [Part(seen)]
     if kind.waits:
         ends.append(Part(_standing_still(moved, kind.together)))
+    if kind.seeks:
+        ends += [Part(_nothing_found())] if kind.cut else _found(kind, moved)
     slopes = tuple(dict.fromkeys(kind.bridge.slopes)) or ("",)
     plants = [_plant_in_pieces(kind)] if kind.cut else [plant(kind, slope) for slope in slopes]
     return tuple(with_outputs(joined(Part(control(kind)), Part(one), *ends), outputs) for one in plants)
+
+
+def _nothing_found() -> Block:
+    """Of a sample that is computed apart: what is found in it has been seen."""
+    line = Writer()
+    line.output("found", line.does("*", Number(0.0), line.input("seek.found")))
+    return line.block()
 
 
 def _standing_still(moved: tuple[tuple[str, str], ...], together: bool) -> Block:

@@ -94,13 +94,16 @@ class CircuitProgram:
         segments: Segments,
         circuits: Circuits | None = None,
         waves: Waves | None = None,
+        *,
+        first: int = 0,
     ) -> None:
-        """``spans``: where the numbers of the runs stand. ``waves``: what the sources have besides their fundamental,
+        """``spans``: where the numbers of the runs stand. ``first``: which of the batch the first of these lanes is.
+        ``waves``: what the sources have besides their fundamental,
         without ramps and with equal axes."""
         self.cut: list[CutSample] = []
         self._study, self._spans, self._writer, self._slopes = study, spans, writer, kind.bridge.slopes
         self._circuits, self._segments, self._T_s = circuits, segments, study.converter.T_s
-        self._waves = waves
+        self._waves, self._first = waves, first
         self._switched, self._ramped, self._axes = bool(kind.bridge.slopes), kind.ramped, kind.axes
         if self._axes is not None:
             rows = range(self._axes.states)
@@ -203,7 +206,7 @@ class CircuitProgram:
             if self._ramped:
                 values["ramp_of"] = _held_ramp(pieces[0].source[0].added[k : k + 1])[0]
                 values["ramp"] = np.array([1.0, 0.0])
-            self.cut.append(CutSample(lane, int(at[k]), tuple(slopes), values))
+            self.cut.append(CutSample(self._first + lane, int(at[k]), tuple(slopes), values))
 
     def _jumped(self, lanes: NDArray[np.intp], at: Index, every: Segments, after: Segments) -> None:
         """Where an event coincides with a sample, a jump of the phase is part of the turn of the interval before."""
@@ -265,7 +268,7 @@ class CircuitProgram:
     def _write(self, lanes: NDArray[np.intp], at: Index, name: str, values: Array) -> None:
         """Before a sample, a record or a number takes values; nothing happens where the runs have none of this name."""
         if name in self._spans:
-            self._writer.put(lanes, at, self._spans[name].start, values)
+            self._writer.put(lanes + self._first, at, self._spans[name].start, values)
 
     def _steps(self, source: Segments, h: Array | float) -> PlantSteps:
         if self._circuits is None:

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import CircuitError, InfeasibleStudyError
-from vsgdesign.linear.operating_point.network import NetworkStates, network_circuit, states_of_networks
+from vsgdesign.linear.operating_point.network import (
+    NetworkCircuit,
+    NetworkStates,
+    network_circuit,
+    states_of_networks,
+)
 from vsgdesign.linear.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
 from vsgdesign.linear.operating_point.plants import PlantSteps
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, steady_state
@@ -58,15 +63,17 @@ class Circuits:
         *,
         switched: bool,
         states: NetworkStates | None = None,
+        possible: Sequence[Connection] = (),
     ) -> None:
         """``study``: one of the runs, whose filter they share. ``states``: of the networks of these runs and of others;
-        None: of these. Raises InfeasibleStudyError where the circuits of a run do not fit together
-        (:func:`circuits_of`)."""
+        None: of these. ``possible``: what the runs may be connected to besides. Raises InfeasibleStudyError where the
+        circuits of a run do not fit together (:func:`circuits_of`)."""
         self.more = states_of_timelines(timelines) if states is None else states
         self.of = circuits_of(study, timelines, circuit, self.more)
+        """The circuit of a connection."""
         """The states of the networks; None where there is nothing but grids."""
         self._switched, self._steps = switched, functools.lru_cache(maxsize=256)(self._step)
-        self._met = list(dict.fromkeys(one for timeline in timelines for one in connections(timeline)))
+        self._met = list(dict.fromkeys([*(one for timeline in timelines for one in connections(timeline)), *possible]))
         self._places = {one: at for at, one in enumerate(self._met)}
         T_s, self._omega = study.converter.T_s, study.converter.omega_n
         degree = max(len(self._steps(one, T_s, self._omega).edge) - 1 for one in self._met) if switched else 0
@@ -88,6 +95,18 @@ class Circuits:
     def place(self, timeline: Timeline, t_s: float) -> int:
         """Which of the circuits a run has from an instant on."""
         return self._places[connection_at(timeline, t_s)]
+
+    def meet(self, timeline: Timeline) -> None:
+        """A run has another timeline now, with circuits that fit to those of before."""
+        for one in connections(timeline):
+            if one not in self._places:
+                self._places[one] = len(self._met)
+                self._met.append(one)
+
+    def current_into_fault(self, connection: Connection) -> Array:
+        """(2, states): the current into a fault per state (:eq:`fault-current`)."""
+        rows: Array = self.of(connection).fault_per_state  # type: ignore[union-attr]
+        return rows
 
     def steps(self, place: NDArray[np.int64], h: Array, omega: Array) -> PlantSteps:
         """The steps of n circuits, by their places, over intervals h (s) with sources of omega (rad/s), (n,) each."""
@@ -186,12 +205,17 @@ def circuits_of(
                 "circuit: it says all that is between the bridge and the source, so it cannot meet a load, a fault or "
                 "an open breaker of the study. Leave circuit out, or put them into the circuit."
             )
-        with_network = {
-            one: network_circuit(study.filter, *one, states) for line in timelines for one in connections(line)
-        }
-        for one, of in with_network.items():
-            _check_stiffness(of, one.network, study.converter)
-        return with_network.__getitem__
+        filter_, converter = study.filter, study.converter
+
+        @functools.cache
+        def with_network(one: Connection) -> NetworkCircuit:
+            found = network_circuit(filter_, *one, states)
+            _check_stiffness(found, one.network, converter)
+            return found
+
+        for one in (one for line in timelines for one in connections(line)):
+            with_network(one)
+        return with_network
     if circuit is None:
         return lambda one: study.circuit(one.grid)
     found = {grid: circuit(grid) for timeline in timelines for _, grid in timeline.grids}

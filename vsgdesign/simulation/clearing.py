@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.frames import clarke_inverse
-from vsgdesign.errors import SimulationDivergedError
-from vsgdesign.linear.operating_point.network import NetworkCircuit, network_circuit
-from vsgdesign.simulation.circuits import connection_at, states_of_timelines
-from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.reclosing import closings_of, reclosed, waits_to_close
-from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.simulation.timeline import build_timeline
-from vsgdesign.study.parameters.network import PHASE_TO_PHASE, THREE_PHASE, Fault, Network
-from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
+from vsgdesign.study.parameters.network import PHASE_PAIRS, PHASE_TO_PHASE, THREE_PHASE, Fault, Network
+from vsgdesign.study.parameters.study import Event, Study
 
 Array = NDArray[np.float64]
 
@@ -34,38 +29,159 @@ _REST = {"a": "bc", "b": "ca", "c": "ab"}
 _PHASE = ": phase"
 """Follows the name of an event that clears a fault, before the phases with their instants."""
 
-
-def with_instants(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, bridge: str | None = None) -> Study:
-    """The study with every instant that only a run can tell as an event of its own: those at which the currents of
-    faults are interrupted (:func:`cleared_at_zeros`), and that at which a breaker that waits closes
-    (:func:`vsgdesign.simulation.reclosing.reclosed`).
-
-    They are found in order of time, because each depends on those before it. A study without such events is returned
-    unchanged. ``study`` has the current limit of the controller. Raises what a run raises.
-    """
-    for asked_s in clearings(study):
-        if any(waits_to_close(one) and one.t_s < asked_s for one in study.events):
-            closed = reclosed(study, spec, ready, bridge=bridge)
-            if any(one.t_s < asked_s for one in closings_of(study, closed)):
-                study = closed
-        study = _cleared(study, asked_s, spec, ready, bridge)
-    return reclosed(study, spec, ready, bridge=bridge)
+SLACK = 1e-6
+"""Share of a sample by which an instant may lie beside a sample and still belong to it."""
 
 
-def cleared_at_zeros(study: Study, spec: ControllerSpec, ready: Ready = NOTHING, *, bridge: str | None = None) -> Study:
-    """The study in which each fault is cleared phase by phase at the zeros of its currents (:eq:`fault-current`).
+class Clearing:
+    """A fault that is cleared phase by phase at the zeros of its currents (:eq:`fault-current`), while a run goes on.
 
     A fault between two phases ends at the first zero of its current at or after the asked instant. Of a three-phase
     fault, the phase that comes to zero first is interrupted. The other two then have one current, through 2R, and are
     interrupted at its zero. All that happens in the grid together with the clearing happens at the last zero: a line
     whose breakers interrupt the fault is out when the last phase is interrupted. A current that has no zero within
-    MOST_CYCLES, or before the next fault, is interrupted then, and the event says so. The instants belong to the
-    controller ``spec``: each is found in a run of the study up to it. A study without such an event is returned
-    unchanged. ``study`` has the current limit of the controller. Raises what a run raises.
+    MOST_CYCLES, or before the next fault, is interrupted then, and the event says so.
     """
-    for asked_s in clearings(study):
-        study = _cleared(study, asked_s, spec, ready, bridge)
-    return study
+
+    def __init__(self, study: Study, asked_s: float) -> None:
+        listed, cycle = build_timeline(study).networks, 2.0 * math.pi / study.converter.omega_n
+        self.asked_s, self._T_s = asked_s, study.converter.T_s
+        self._before = [network for t_s, network in listed if t_s < asked_s][-1]
+        again = [t_s for t_s, network in listed if t_s > asked_s and network.fault is not None]
+        self.latest = min([asked_s + MOST_CYCLES * cycle, study.simulation.duration, *again])
+        """The instant at which the current is interrupted without a zero, s."""
+        changes = [t for (_, old), (t, new) in itertools.pairwise(listed) if t < asked_s and new.fault != old.fault]
+        self._since = _Since(asked_s, max(changes, default=0.0))
+        self._steps: list[_Step] = []
+        self.fault = self._before.fault
+        """What is left of it; None: it is over."""
+
+    @property
+    def since_s(self) -> float:
+        """From when on a zero is looked for, s."""
+        return self._since.t_s
+
+    @property
+    def phases(self) -> tuple[float, float, float]:
+        """1 for each of the phases a, b, c whose zero is looked for, else 0."""
+        waited = "" if self.fault is None else "abc" if self.fault.kind == THREE_PHASE else self.fault.phases[0]
+        return tuple(float(phase in waited) for phase in "abc")  # type: ignore[return-value]
+
+    def held(self, study: Study) -> Study:
+        """The study with what is left of the fault, and without the events at the instant of its clearing."""
+        return _held(study, self.asked_s, self._before, self._steps, self.latest)
+
+    def zero(self, sample: int, at: Sequence[SampleOfFault], changed: bool, *, surely: bool = False) -> float | None:
+        """Looks at an interval of the run, from a sample to the next one. Returns the instant at which a phase is
+        interrupted; None: in none of it. ``surely``: the loop has seen a zero, which a last bit may have moved out of
+        the interval.
+
+        Between two samples the current is a cubic with the exact values and slopes at both. It is a straight line where
+        the slopes jump in between: at another event (``changed``), and where the bridge's voltage acts on the fault's
+        current at once.
+        """
+        slack, t_0 = SLACK * self._T_s, sample * self._T_s
+        t_1, since, fault = t_0 + self._T_s, self._since, self.fault
+        found = None if fault is None else self._first_zero(t_0, t_1, at, changed)
+        if found is None and surely and fault is not None:
+            currents = at[0].currents
+            nearest = min((k for k, waited in enumerate(self.phases) if waited), key=lambda k: abs(currents[k]))
+            found = _Zero(t_0, "abc"[nearest], currents)
+        if fault is None or (found is None and t_1 < self.latest - slack):
+            return None
+        if found is None or found.t_s > self.latest:
+            self.interrupted()
+        elif fault.kind == PHASE_TO_PHASE:
+            self._steps.append(_Step(found.t_s, f"{_listed(fault.phases)} at", None))
+        else:
+            rest = rest_of_fault(fault, _REST[found.phase])
+            self._steps.append(_Step(found.t_s, f"{found.phase} at", rest))
+            since = _Since(found.t_s, found.t_s, found.currents)
+        self._since, self.fault = since, self._steps[-1].fault
+        return self._steps[-1].t_s
+
+    def interrupted(self) -> None:
+        """It is interrupted without a zero."""
+        if self.fault is not None:
+            self._steps.append(_Step(self.latest, f"{_listed(_phases(self.fault))} without a zero until", None))
+            self.fault = None
+
+    def _first_zero(self, t_0: float, t_1: float, at: Sequence[SampleOfFault], changed: bool) -> _Zero | None:
+        since, slack = self._since, SLACK * self._T_s
+        if since.t_s >= t_1 - slack:
+            return None
+        currents = [one.currents for one in at]
+        columns = [k for k, waited in enumerate(self.phases) if waited]
+        inside = since.t_s > t_0 + slack
+        if not inside and not (currents[0][columns] * currents[1][columns] <= 0.0).any():
+            return None
+        begin = since.t_s if inside else t_0
+        if inside and since.begun_s > t_0 + slack:
+            if since.currents is None:
+                return None
+            piece = _Piece(begin, t_1, since.currents, currents[1])
+        else:
+            slopes = None if changed else _slopes(at)
+            piece = _Piece(t_0, t_1, currents[0], currents[1], slopes)
+        roots = [(root, "abc"[column]) for column in columns if (root := piece.root(begin, column)) is not None]
+        if not roots:
+            return None
+        t_s, phase = min(roots)
+        return _Zero(t_s, phase, piece.at(t_s))
+
+    def found(self, study: Study) -> Study:
+        """The study in which the fault is cleared phase by phase."""
+        timeline, steps, asked_s = build_timeline(study), self._steps, self.asked_s
+        last = steps[-1].t_s
+        words = ", ".join(f"{step.words} {step.t_s:.4f} s" for step in steps)
+        plural = "s" if " and " in steps[0].words else ""
+        events = list(_held(study, asked_s, self._before, steps[:-1], last).events)
+        later = [event for event in study.events if asked_s < event.t_s <= last]
+        at_last = [event for event in study.events if event.t_s == asked_s]
+        told = next(k for k, event in enumerate(at_last) if event.network is not None and event.network.fault is None)
+        for k, event in enumerate(at_last):
+            name = f"{event.name}{_PHASE}{plural} {words}" if k == told else event.name
+            network = None if event.network is None else timeline.network_at(last)
+            events.append(replace(_without(event, later), t_s=last, name=name, network=network))
+        return replace(study, events=tuple(sorted(events, key=lambda event: event.t_s)))
+
+
+def rest_of_fault(fault: Fault, phases: str) -> Fault:
+    """What is left between two phases of a three-phase fault of which the third is interrupted."""
+    return Fault(kind=PHASE_TO_PHASE, at=fault.at, R=2.0 * fault.R, phases=phases)
+
+
+def rests_of_fault(network: Network) -> list[Network]:
+    """The networks that a clearing may leave of one with a three-phase fault; none of another one."""
+    fault = network.fault
+    if fault is None or fault.kind != THREE_PHASE:
+        return []
+    return [replace(network, fault=rest_of_fault(fault, phases)) for phases in PHASE_PAIRS]
+
+
+class SampleOfFault(NamedTuple):
+    """What is known of a fault's current at a sample."""
+
+    x: Array
+    """The circuit's states."""
+    v_g: Array
+    """(2,): the voltage of the source, V peak."""
+    circuit: NetworkCircuit
+
+    @property
+    def currents(self) -> Array:
+        """(3,): of the phases into the fault, A (:eq:`fault-current`)."""
+        return np.array(clarke_inverse(*(self.x @ self.circuit.fault_per_state.T)))
+
+
+def _slopes(at: Sequence[SampleOfFault]) -> tuple[Array, Array] | None:
+    """Of the currents at a sample and at the next one, A/s; None where the bridge's voltage acts on them at once."""
+    circuit = at[0].circuit
+    rows = circuit.fault_per_state
+    if np.abs(rows @ circuit.B).max() > 0.0:
+        return None
+    first, second = (np.array(clarke_inverse(*(rows @ (circuit.A @ one.x + circuit.E @ one.v_g)))) for one in at)
+    return first, second
 
 
 def clearings(study: Study) -> tuple[float, ...]:
@@ -77,12 +193,6 @@ def clearings(study: Study) -> tuple[float, ...]:
             found.append(t_s)
         before = network
     return tuple(found)
-
-
-def found_events(study: Study, found: Study) -> tuple[Event, ...]:
-    """The events of ``found`` that say an instant which :func:`with_instants` has found for ``study``."""
-    told = (*cleared_events(study, found), *closings_of(study, found))
-    return tuple(sorted(told, key=lambda event: event.t_s))
 
 
 def cleared_events(study: Study, found: Study) -> tuple[Event, ...]:
@@ -114,56 +224,6 @@ class _Zero(NamedTuple):
     phase: str
     currents: Array
     """(3,): of all phases at that instant, A."""
-
-
-def _cleared(study: Study, asked_s: float, spec: ControllerSpec, ready: Ready, bridge: str | None) -> Study:
-    """The study in which one fault is cleared phase by phase."""
-    timeline = build_timeline(study)
-    before = [network for t_s, network in timeline.networks if t_s < asked_s][-1]
-    steps = _interruptions(study, asked_s, before, _Runs(spec, ready, bridge))
-    last = steps[-1].t_s
-    words = ", ".join(f"{step.words} {step.t_s:.4f} s" for step in steps)
-    plural = "s" if " and " in steps[0].words else ""
-    events = list(_held(study, asked_s, before, steps[:-1], last).events)
-    later = [event for event in study.events if asked_s < event.t_s <= last]
-    at_last = [event for event in study.events if event.t_s == asked_s]
-    told = next(k for k, event in enumerate(at_last) if event.network is not None and event.network.fault is None)
-    for k, event in enumerate(at_last):
-        name = f"{event.name}{_PHASE}{plural} {words}" if k == told else event.name
-        network = None if event.network is None else timeline.network_at(last)
-        events.append(replace(_without(event, later), t_s=last, name=name, network=network))
-    return replace(study, events=tuple(sorted(events, key=lambda event: event.t_s)))
-
-
-def _interruptions(study: Study, asked_s: float, before: Network, runs: _Runs) -> list[_Step]:
-    """When the phases of a fault that is cleared at ``asked_s`` are interrupted. ``before``: the network until then."""
-    listed = build_timeline(study).networks
-    cycle = 2.0 * math.pi / study.converter.omega_n
-    again = [t_s for t_s, network in listed if t_s > asked_s and network.fault is not None]
-    latest = min([asked_s + MOST_CYCLES * cycle, study.simulation.duration, *again])
-    changes = [t for (_, old), (t, new) in itertools.pairwise(listed) if t < asked_s and new.fault != old.fault]
-    since = _Since(asked_s, max(changes, default=0.0))
-    steps: list[_Step] = []
-    fault = before.fault
-    while fault is not None:
-        held = _held(study, asked_s, before, steps, latest)
-        zero = None
-        # A second, longer run only where the first one shows no zero.
-        for until in dict.fromkeys((min(since.t_s + 1.05 * cycle, latest), latest)):
-            run = runs.until(held, until)
-            zero = None if run is None else _first_zero(held, run, fault, since)
-            if zero is not None:
-                break
-        if zero is None or zero.t_s > latest:
-            steps.append(_Step(latest, f"{_listed(_phases(fault))} without a zero until", None))
-        elif fault.kind == PHASE_TO_PHASE:
-            steps.append(_Step(zero.t_s, f"{_listed(fault.phases)} at", None))
-        else:
-            rest = Fault(kind=PHASE_TO_PHASE, at=fault.at, R=2.0 * fault.R, phases=_REST[zero.phase])
-            steps.append(_Step(zero.t_s, f"{zero.phase} at", rest))
-            since = _Since(zero.t_s, zero.t_s, zero.currents)
-        fault = steps[-1].fault
-    return steps
 
 
 def _phases(fault: Fault) -> str:
@@ -201,67 +261,6 @@ def _held(study: Study, asked_s: float, before: Network, steps: list[_Step], unt
     return replace(study, events=tuple(events))
 
 
-class _Runs(NamedTuple):
-    """Short runs of one controller."""
-
-    spec: ControllerSpec
-    ready: Ready
-    bridge: str | None
-
-    def until(self, study: Study, until: float) -> Simulation | None:
-        """The run up to the first samples after an instant, with every sample; None where it diverges at once."""
-        T_s = study.converter.T_s
-        duration = min(math.ceil(until / T_s + 2.0) * T_s, study.simulation.duration)
-        # No breaker closes here: a run that looks for the instant at which it may would end there.
-        events = [
-            event
-            if event.synchronised_until is None
-            else replace(event, synchronised_until=min(event.synchronised_until, duration + 1.0))
-            for event in study.events
-        ]
-        simulation = replace(study.simulation, duration=duration, log_interval=T_s)
-        short = replace(study, events=tuple(events), simulation=simulation)
-        try:
-            feed = feed_of(short, self.spec, build_timeline(short), self.ready)
-            return simulate(short, feed, bridge=self.bridge)
-        except SimulationDivergedError:
-            return None
-
-
-def _first_zero(study: Study, run: Simulation, fault: Fault, since: _Since) -> _Zero | None:
-    """The first instant at which the current of a phase of a fault is zero; None if there is none.
-
-    Between two samples the current is a cubic with the exact values and slopes at both. It is a straight line where the
-    slopes jump in between: at another event, and where the bridge's voltage acts on the fault's current at once.
-    """
-    T_s, slack = study.converter.T_s, 1e-6 * study.converter.T_s
-    columns = ["abc".index(phase) for phase in (_phases(fault) if fault.kind == THREE_PHASE else fault.phases[0])]
-    first = max(math.floor(since.t_s / T_s - 1e-6), 0)
-    currents = _fault_currents(study, run, first)
-    for k in range(len(currents) - 1):
-        t_0 = (first + k) * T_s
-        t_1 = t_0 + T_s
-        if since.t_s >= t_1 - slack:
-            continue
-        inside = since.t_s > t_0 + slack
-        if not inside and not (currents[k, columns] * currents[k + 1, columns] <= 0.0).any():
-            continue
-        begin = since.t_s if inside else t_0
-        if inside and since.begun_s > t_0 + slack:
-            if since.currents is None:
-                continue
-            piece = _Piece(begin, t_1, since.currents, currents[k + 1])
-        else:
-            changed = any(t_0 + slack < t_s <= t_1 + slack for t_s in run.timeline.plant_changes())
-            slopes = None if changed else _slopes(study, run, first + k)
-            piece = _Piece(t_0, t_1, currents[k], currents[k + 1], slopes)
-        roots = [(root, "abc"[column]) for column in columns if (root := piece.root(begin, column)) is not None]
-        if roots:
-            t_s, phase = min(roots)
-            return _Zero(t_s, phase, piece.at(t_s))
-    return None
-
-
 class _Piece(NamedTuple):
     """The currents of the phases (3,) between two instants."""
 
@@ -294,36 +293,3 @@ class _Piece(NamedTuple):
             else:
                 low = middle
         return high
-
-
-def _circuit_at(study: Study, run: Simulation, t_s: float) -> NetworkCircuit:
-    states = states_of_timelines([run.timeline])
-    if states is None:
-        raise ValueError("there is no fault in this run")
-    return network_circuit(study.filter, *connection_at(run.timeline, t_s), states)
-
-
-def _fault_currents(study: Study, run: Simulation, first: int) -> Array:
-    """(n, 3): currents of the phases into the fault from a row on, A (:eq:`fault-current`)."""
-    T_s, end = study.converter.T_s, len(run.log)
-    x = np.column_stack([run.log[first:, :6], run.circuit_log[first:]])
-    found = np.zeros((len(x), 2))
-    changes = [max(math.ceil(t_s / T_s - 1e-6), first) for t_s in run.timeline.plant_changes()]
-    cuts = sorted({first, end, *(k for k in changes if k < end)})
-    for begin, until in itertools.pairwise(cuts):
-        circuit = _circuit_at(study, run, (begin + 1e-6) * T_s)
-        found[begin - first : until - first] = x[begin - first : until - first] @ circuit.fault_per_state.T
-    return np.column_stack(clarke_inverse(*found.T))
-
-
-def _slopes(study: Study, run: Simulation, row: int) -> tuple[Array, Array] | None:
-    """Of the currents at a row and at the next one, A/s; None where the voltage of the bridge acts on them at once."""
-    circuit = _circuit_at(study, run, (row + 1e-6) * study.converter.T_s)
-    rows = circuit.fault_per_state
-    if np.abs(rows @ circuit.B).max() > 0.0:
-        return None
-    found = []
-    for k in (row, row + 1):
-        x = np.concatenate([run.log[k, :6], run.circuit_log[k]])
-        found.append(np.array(clarke_inverse(*(rows @ (circuit.A @ x + circuit.E @ run.log[k, 6:8])))))
-    return found[0], found[1]

@@ -127,7 +127,8 @@ class EverySample:
     def __init__(self, study: Study, timeline: Timeline, per_mean: int, t_s: Array | None = None) -> None:
         """``study``: with its own log, and with the current limit of the controller. ``per_mean``: how many of these
         samples come to a mean of the powers. ``t_s``: of rows that are given at once; None: of a run's samples."""
-        self._at_pcc, self._per_mean, c = AtPcc(study, timeline), per_mean, study.converter
+        self._study, self._per_mean, c = study, per_mean, study.converter
+        self.follow(timeline)
         self.every = spacing_of_figures(study) if t_s is None else 1
         """Samples from one that is taken to the next."""
         self.length = 0
@@ -152,6 +153,10 @@ class EverySample:
             log=self._log,
             every=1,
         )
+
+    def follow(self, timeline: Timeline) -> None:
+        """The run has another timeline from the rows on that have not been taken yet."""
+        self._at_pcc = AtPcc(self._study, timeline)
 
     def take(self, first: int, every: int, log: Array, more: Array) -> None:
         """Rows of a log that begins at sample ``first`` and has every so-many-th one: (n, 15) of LOG_COLUMNS, and

@@ -144,13 +144,23 @@ class LateSchedule:
         if not told or told[0][0] > 0.0 or told[0][1] is None:
             raise ValueError("told: the first entry must be a grid, at or before t = 0.")
         self._answers = ScheduledAnswers(study, spec, ready)
-        self._starts, self._grids = [t_s for t_s, _ in told], [grid for _, grid in told]
+        self._spec = spec
+        self._take(told)
         self._first: Grid = told[0][1]
         self._safe, self._stale_s = safe, stale_s
         self._holds = spec.schedule == "table"
         self._follows = follows_measured(spec)
         self._period = ready.update_period(spec) or UPDATE_PERIOD
         self._T_s = study.converter.T_s
+
+    def _take(self, told: Told) -> None:
+        self._starts, self._grids = [t_s for t_s, _ in told], [grid for _, grid in told]
+
+    def hear(self, study: Study, timeline: Timeline) -> None:
+        """The events of the run are these from now on."""
+        knowledge = knowledge_of(self._spec, timeline)
+        if knowledge is not None:
+            self._take(told_of(study, knowledge, timeline))
 
     @property
     def update_period(self) -> float:

@@ -177,6 +177,11 @@ class KnownGridScheduler:
         self._answers, self._timeline = ScheduledAnswers(study, spec, ready), timeline
         self._period, self._T_s = ready.update_period(spec) or study.converter.T_s, study.converter.T_s
 
+    def hear(self, study: Study, timeline: Timeline) -> None:
+        """The events of the run are these from now on."""
+        del study
+        self._timeline = timeline
+
     @property
     def update_period(self) -> float:
         """That of the controller, s."""

@@ -91,6 +91,10 @@ class RunFeed:
         del sample, state, refs, log, log_every
         return present
 
+    def follow(self, timeline: Timeline, changes: Sequence[GainChange]) -> None:
+        """The run has another timeline now, with these changes of listed gains."""
+        del timeline, changes
+
     def conclude(self, sample: int, present: PowerLoopGains, state: ControllerState) -> PowerLoopGains:
         """Gains from a sample on, before which a cycle of the field estimator has ended."""
         del sample, state

@@ -34,6 +34,16 @@ class ListedGains(RunFeed):
     """Gains over time that are known beforehand, as a run takes them."""
 
     def __init__(self, changes: Sequence[GainChange], T_s: float) -> None:
+        self._T_s = T_s
+        self._take(changes)
+
+    def follow(self, timeline: Timeline, changes: Sequence[GainChange]) -> None:
+        del timeline
+        if changes:
+            self._take(changes)
+
+    def _take(self, changes: Sequence[GainChange]) -> None:
+        T_s = self._T_s
         if not changes or changes[0].t_s > 0.0:
             raise ValueError("the first gain change must be at or before t = 0")
         self.changes = list(changes)
@@ -77,6 +87,10 @@ class OnlineGains(RunFeed):
 
     def wanted(self) -> Probe | None:
         return self._wanted
+
+    def follow(self, timeline: Timeline, changes: Sequence[GainChange]) -> None:
+        del changes
+        self._timeline, self._at_pcc = timeline, AtPcc(self._study, timeline)
 
     def cuts(self, samples: int) -> set[int]:
         return set(range(self._period, samples + 1, self._period))

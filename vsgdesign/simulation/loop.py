@@ -26,16 +26,19 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.simulation.axes import FALLING, PEAK, RISING, Axes
 from vsgdesign.simulation.bodies import (
     DISTURBANCE,
+    SYNC,
     WAVE_ROW,
     Bridge,
     Kind,
     bodies,
+    held,
     moves,
     names_of,
     pcc_names,
     piece_names,
     products,
     row_names,
+    seek_names,
     wave_names,
 )
 from vsgdesign.simulation.circuit_sample import CarrierPart, carrier
@@ -131,15 +134,18 @@ def loop_of(kind: Kind, logged: tuple[str, ...] = (), build: Build = ALONE) -> K
 def spec_of(kind: Kind, logged: tuple[str, ...] = (), build: Build = ALONE) -> LoopSpec:
     """Where the numbers of a kind of run stand. Rows and uniform numbers are the same whatever is added or logged.
 
-    A field estimator that is alone ends the loop with its cycle.
+    A field estimator that is alone ends the loop with its cycle, and an instant that is found where it is found.
     """
     moved, rings = moves(kind, watched_names(kind)), () if kind.cut else kind.rings
     stop = "closed" if kind.field and not kind.waits else ""
+    if kind.seeks and not kind.cut:
+        stop = "ends" if stop else "found"
+    still = moved if kind.seeks else tuple(pair for pair in (*moved, *rings) if pair[0] != "k")
+    moved = held(moved, kind)
     state = {name for name, _ in moved}
     wanted = [*(output for _, output in (*moved, *rings)), *([stop] if stop else [])]
     wanted += [name for name in logged if name not in state]
-    held = tuple(pair for pair in (*moved, *rings) if pair[0] != "k")
-    made = bodies(kind, tuple(dict.fromkeys(wanted)), held if kind.waits else ())
+    made = bodies(kind, tuple(dict.fromkeys(wanted)), still if kind.waits or kind.seeks else ())
     known = {name for block in made for name in block.inputs}
     known |= {name for product in products(kind) for name in product.matrix}
     return LoopSpec(
@@ -182,6 +188,8 @@ def log_names(kind: Kind, states_logged: bool = False) -> tuple[str, ...]:
     """What the log of a run has: LOG_COLUMNS, SENSED_COLUMNS where the sensors are not ideal, the circuit's other
     states, and the controller's own where they are ``states_logged``."""
     commanded = {"state.theta": "commanded_theta", "state.V": "commanded_V"} if kind.field else {}
+    if SYNC in kind.seeks:
+        commanded = {name: name.replace("state.", "chosen.", 1) for name in kind.names(ControllerState, "state")}
     logged = [f"x.{name}" for name in kind.states[:6]]
     logged += ["v_g_alpha", "v_g_beta", "said.P", "said.Q", "said.omega"]
     logged += [commanded.get(name, name) for name in ("state.V", "state.theta")]
@@ -197,7 +205,7 @@ def _constant_names(kind: Kind) -> list[str]:
     found += [name for wave in wave_names(kind) for name in (*(f"{wave}.row.{one}" for one in WAVE_ROW), f"{wave}.V")]
     found += names_of(RampRow, "ramp_of") if kind.ramped else []
     found += [*names_of(References, "refs"), *names_of(PowerLoopGains, "power_gains"), *names_of(GridEstimate, "grid")]
-    found += names_of(Sensors, "sensors") if kind.sensors else []
+    found += [*(names_of(Sensors, "sensors") if kind.sensors else []), *seek_names(kind)]
     if kind.watched is not None:
         found += [*names_of(kind.watched[1], "of"), *names_of(LoadDemand, "load_of"), "circuit.R_g", "circuit.L_g"]
         found += pcc_names(kind)

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.identification import Probe
+from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 
@@ -113,6 +115,16 @@ class WindowPowers(NamedTuple):
     """The Q loop's voltage, phase rms V."""
     limited: int
     """In how many of the controller's samples within the window it limited its current."""
+
+
+@runtime_checkable
+class Hears(Protocol):
+    """A scheduler that knows its grid, and hears what a run has found of its own events
+    (:class:`vsgdesign.simulation.search.Search`)."""
+
+    def hear(self, study: Study, timeline: Timeline) -> None:
+        """The events are these from now on; up to now they were the same."""
+        ...
 
 
 class KnowsItsGrid(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import time
@@ -18,19 +19,18 @@ from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
 from vsgdesign.identification import Probe
 from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch, Log
-from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample, ProgramWriter
+from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, start_of
 from vsgdesign.simulation.every_sample import BLOCK, EverySample
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.loop import ALONE, LOG_COLUMNS, fed_names, kind_of, log_names
+from vsgdesign.simulation.loop import ALONE, LOG_COLUMNS, fed_names, kind_of, log_names, side_by_side
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence
 from vsgdesign.simulation.run_state import RunOf, RunState, Twin
-from vsgdesign.simulation.segments import segments_of_timelines
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.simulation.twin import TwinRun, Twins
-from vsgdesign.study.parameters.study import Study
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 
@@ -57,6 +57,8 @@ class Simulation:
     connected."""
     controller_log: NDArray[np.float64]
     """All controller states at the first samples, as many as were asked for; else zero rows."""
+    study: Study
+    """As it ran: with the instants that only this run could tell among its events."""
     timeline: Timeline
     gain_changes: tuple[GainChange, ...]
     final_state: ControllerState
@@ -99,6 +101,7 @@ def simulate(
     circuit: CircuitOfGrid | None = None,
     twins: Sequence[float] = (),
     every_sample: EverySample | None = None,
+    finds: ControllerSpec | None = None,
     progress: Progress | None = None,
 ) -> Simulation:
     """Simulate a study with given gains over time (the first change at or before t = 0), or with a scheduler
@@ -108,17 +111,29 @@ def simulate(
     first so many samples; ``probe`` is sent from t = 0 on, in place of one that the scheduler asks for, and not
     beside that of a field estimator; ``circuit`` replaces the study's circuit between bridge and source, and its axes
     may differ; ``twins``: the instants of steps beside which the run without them is wanted (:mod:`.twin`);
-    ``every_sample`` gets every sample, whatever is logged. Raises InfeasibleStudyError where the start has
-    no steady state or a scheduler's or probe's period does not fit the sampling. A run whose states leave every
-    sensible bound ends there and says so (``divergence``); SimulationDivergedError is raised where less than two rows
-    of the log come before, or of ``every_sample``.
+    ``every_sample`` gets every sample, whatever is logged.
+
+    With ``finds``, the controller whose gains these are, the run finds the instants that only it can tell: each phase
+    of a fault that is cleared is interrupted at a zero of its current (:eq:`fault-current`), and a breaker that waits
+    closes when it may (:eq:`synchro-check`). They are events of the study that is returned. Without it, all events come
+    at the instants that they give, and a breaker that waits stays open.
+
+    Raises InfeasibleStudyError where the start has no steady state or a scheduler's or probe's period does
+    not fit the sampling. A run whose states leave every sensible bound ends there and says so (``divergence``);
+    SimulationDivergedError is raised where less than two rows of the log come before, or of ``every_sample``.
     """
-    run = RunState(RunOf(study, schedule, log_states, probe, circuit, tuple(twins), every_sample))
-    switched = (study.simulation.bridge if bridge is None else bridge) == "pwm"
-    loop_seconds = run_together([run], switched=switched, progress=progress)
+    of = RunOf(study, schedule, log_states, probe, circuit, tuple(twins), every_sample, finds)
+    return simulated(of, bridge=bridge, progress=progress)
+
+
+def simulated(of: RunOf, *, bridge: str | None = None, progress: Progress | None = None) -> Simulation:
+    """What is simulated, alone, as :func:`simulate` does it."""
+    run = RunState(of)
+    switched = (of.study.simulation.bridge if bridge is None else bridge) == "pwm"
+    run_together([run], switched=switched, progress=progress)
     if run.too_short and run.divergence is not None:
         raise SimulationDivergedError(run.divergence.reason)
-    return simulation_of(run, loop_seconds)
+    return simulation_of(run)
 
 
 def check_run(
@@ -127,60 +142,73 @@ def check_run(
     """Prepares a run up to its first sample. Raises what :func:`simulate` raises until then."""
     run = RunState(RunOf(study, schedule))
     switched = (study.simulation.bridge if bridge is None else bridge) == "pwm"
-    program_of([run], *begin_together([run], switched))
+    begin_together([run], switched)
+    program_of([run])
 
 
-def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress | None = None) -> float:
-    """Takes runs of one kind to their ends, side by side. Returns the seconds inside the compiled loop."""
-    (batch, circuits), marks, loop_seconds = begin_together(runs, switched), [], 0.0
-    writer, cut = program_of(runs, batch, circuits)
-    for number, run in enumerate(runs):
-        own = run.marks()
-        writer.put(np.full(len(own) - 1, number), own[:-1], batch.span("source").start, run.phasors(own[:-1]))
-        marks.append(run.stops(own))
-    batch.follow(writer, cut)
+def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress | None = None) -> None:
+    """Takes runs of one kind to their ends, side by side: in groups of as many as a register holds, because the loop of
+    a group ends where one of its runs has found an instant. More than one have no field estimators."""
+    if len(runs) > (most := side_by_side(strict=True).lanes):
+        for some in (runs[k : k + most] for k in range(0, len(runs), most)):
+            run_together(some, switched=switched, progress=progress)
+        return
+    batch = begin_together(runs, switched)
+    batch.follow(*program_of(runs))
+    twins, begin = Twins(runs[0], batch), 0
+    while begin >= 0:  # from the instants that are found on, the runs have other events
+        begin = _spells(runs, batch, twins, begin, progress)
+    for run in runs:
+        if run.divergence is None:
+            run.finish()
+        else:
+            run.give_up()
+    runs[0].twins = twins.finish()
+
+
+def _spells(runs: Sequence[RunState], batch: Batch, twins: Twins, begin: int, progress: Progress | None) -> int:
+    """Takes the runs from a sample on to their ends, or to the sample before which one of them has found an instant.
+    Returns this sample; -1 at their ends."""
     deferred = interrupts_deferred if interrupts_come() else nullcontext
-    ordered = sorted(set().union(*marks))
     due: dict[int, list[RunState]] = {}
-    for run, own in zip(runs, marks, strict=True):
-        for mark in own:
+    for run in runs:
+        for mark in run.stops(run.marks()):
             due.setdefault(mark, []).append(run)
-    twins = Twins(runs[0], batch)
-    for some in _in_spells(ordered):
+    for some in _in_spells(sorted({begin, *(mark for mark in due if mark >= begin)})):
         with deferred():
             for first, following in some:
-                loop_seconds += _through(runs, due, batch, twins, first, following)
+                done, changed = _through(runs, due, batch, twins, first, following)
+                if changed:
+                    return done
         if all(run.divergence is not None for run in runs):
             break
         if progress is not None:
             progress(some[-1][1] * runs[0].T_s)
-    for run in runs:
-        if run.divergence is None:
-            run.finish()
-    runs[0].twins = twins.finish()
-    return loop_seconds
+    return -1
 
 
 def _through(
     runs: Sequence[RunState], due: dict[int, list[RunState]], batch: Batch, twins: Twins, first: int, following: int
-) -> float:
-    """Takes the runs through a stretch, with whatever is ``due`` before and after it. Returns the seconds inside the
-    compiled loop."""
+) -> tuple[int, bool]:
+    """Takes the runs through a stretch, with whatever is ``due`` before and after it. Returns the sample before which
+    they are, and whether one of them has found an instant there."""
     twin = twins.begin(first)
-    for run in due[first]:
+    for run in runs:
         run.log.make_room(first, following)
+    for run in due.get(first, ()):
         run.before(first)
     if twin is not None:
         twin.before(first)
     fed = _fed(runs, batch, first, following - first)
     clock = time.perf_counter()
-    done = _advance(runs, batch, first, following, fed, twin)
-    seconds = time.perf_counter() - clock
-    for run in due[following]:
+    done, changed = _advance(runs, batch, first, following, fed, twin)
+    runs[0].loop_seconds += time.perf_counter() - clock
+    for run in [one for one in runs if done in one.stops(one.marks())] if changed else due[following]:
         run.after(done)
     if twin is not None:
         twin.after(done)
-    return seconds
+        twins.cut(done if changed else None)
+    return done, changed
 
 
 def _in_spells(marks: list[int]) -> Iterator[list[tuple[int, int]]]:
@@ -196,7 +224,7 @@ def _in_spells(marks: list[int]) -> Iterator[list[tuple[int, int]]]:
         yield spell
 
 
-def simulation_of(run: RunState, loop_seconds: float) -> Simulation:
+def simulation_of(run: RunState) -> Simulation:
     """A run that is over, as a result."""
     rows, every = run.log.rows, run.kept // run.log_every
     rows = rows if every == 1 and rows.flags.c_contiguous else rows[::every].copy()
@@ -205,25 +233,31 @@ def simulation_of(run: RunState, loop_seconds: float) -> Simulation:
         log=rows,
         circuit_log=run.log.more[::every].copy(),
         controller_log=run.log.states,
+        study=run.study,
         timeline=run.timeline,
         gain_changes=tuple(run.feed.changes),
         final_state=run.final_state,
         final_plant=run.final_plant,
-        loop_seconds=loop_seconds,
+        loop_seconds=run.loop_seconds,
         divergence=run.divergence,
         twins=run.twins,
     )
 
 
-def begin_together(runs: Sequence[RunState], switched: bool) -> tuple[Batch, Circuits]:
-    """The runs at their starts, and the circuits that they meet."""
+def begin_together(runs: Sequence[RunState], switched: bool) -> Batch:
+    """The runs at their starts."""
     study, first = runs[0].study, runs[0]
-    circuits = Circuits(study, [run.timeline for run in runs], first.of.circuit, switched=switched)
+    timelines = [run.timeline for run in runs]
+    possible = [one for run in runs for one in run.search.possible(run.timeline)]
+    circuits = Circuits(study, timelines, first.of.circuit, switched=switched, possible=possible)
     memory = first.feed.memory
     sensors = study.sensors is not None and study.sensors.act
-    kind = kind_of(study, switched=switched, axes=circuits.axes)._replace(sensors=sensors, field=memory is not None)
+    seeks = tuple(dict.fromkeys(what for run in runs for what in run.search.seeks))
+    kind = kind_of(study, switched=switched, axes=circuits.axes)
+    kind = kind._replace(sensors=sensors, field=memory is not None, seeks=seeks)
     samples = max(run.samples for run in runs)
-    build = ALONE._replace(quickly=samples <= _SHORT)
+    build = ALONE if len(runs) == 1 else side_by_side(strict=True)._replace(vectors=1)
+    build = build._replace(quickly=samples <= _SHORT)
     shared = {} if memory is None else {"allowed": memory.allowed}
     batch = Batch(kind, study, len(runs), build, logged=log_names(kind), shared=shared)
     every = math.gcd(*(run.log_every for run in runs))
@@ -231,7 +265,7 @@ def begin_together(runs: Sequence[RunState], switched: bool) -> tuple[Batch, Cir
     for number, run in enumerate(runs):
         gains = run.feed.first()
         run.begin(batch, number, start_of(run.study, run.timeline, circuits, gains), circuits)
-    return batch, circuits
+    return batch
 
 
 def _logs(batch: Batch, samples: int, every: int, of: RunOf) -> list[Log]:
@@ -251,13 +285,10 @@ def _logs(batch: Batch, samples: int, every: int, of: RunOf) -> list[Log]:
     return [Log(np.empty((groups, states, len(more), width)), more, end=states, into=main), main]
 
 
-def program_of(runs: Sequence[RunState], batch: Batch, circuits: Circuits) -> tuple[ProgramWriter, list[CutSample]]:
+def program_of(runs: Sequence[RunState]) -> tuple[ProgramWriter, list[CutSample]]:
     """What circuits and sources do in the runs."""
     writer = ProgramWriter()
-    segments = segments_of_timelines([run.timeline for run in runs], circuits.place)
-    circuit = CircuitProgram(runs[0].study, batch.kind, batch.spans, writer, segments, circuits)
-    circuit.write()
-    return writer, circuit.cut
+    return writer, [one for run in runs for one in run.write(writer)]
 
 
 def _fed(runs: Sequence[RunState], batch: Batch, first: int, count: int) -> Array | None:
@@ -281,17 +312,22 @@ def _fed(runs: Sequence[RunState], batch: Batch, first: int, count: int) -> Arra
 
 def _advance(
     runs: Sequence[RunState], batch: Batch, first: int, end: int, fed: Array | None, twin: TwinRun | None = None
-) -> int:
-    """Moves the runs through a stretch, and a twin behind the only one. Returns the sample before which they are. A
-    field estimator's cycles may end anywhere within it, and a run that has diverged there goes no further."""
-    done = first
-    while done < end:
+) -> tuple[int, bool]:
+    """Moves the runs through a stretch, and a twin behind the only one. Returns the sample before which they are, and
+    whether one of them has found an instant there, from which on it has other events. A field estimator's cycles may
+    end anywhere within it, and a run that has diverged there goes no further."""
+    done, changed = first, False
+    while done < end and not changed:
         rest = None if fed is None else fed[:, done - first :]
         begun, done = done, done + batch.advance(done, end, rest)
         if twin is not None and not twin.lost:
             twin.follow(begun, done, rest)
+        if batch.kind.seeks:
+            given = functools.partial(_fed, runs, batch, done - 1, 1)
+            found = [run.look(done - 1, given) for run in runs]
+            changed = any(found)
         if batch.kind.field and not runs[0].conclude(done):
             break
         if batch.kind.field and twin is not None and not twin.lost:
             twin.conclude(done)
-    return done
+    return done, changed

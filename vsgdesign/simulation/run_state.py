@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,30 +12,39 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
+from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
+from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.added_source import AddedSource, sensors_of
-from vsgdesign.simulation.batch import Batch
-from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits
-from vsgdesign.simulation.connecting import Connecting
+from vsgdesign.simulation.batch import STANDS, Batch
+from vsgdesign.simulation.bodies import SYNC
+from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample, ProgramWriter
+from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, connection_at
+from vsgdesign.simulation.clearing import SLACK, SampleOfFault
 from vsgdesign.simulation.every_sample import EverySample
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.gains import GainChange, RunFeed
+from vsgdesign.simulation.gains import GainChange, RunFeed, gain_changes
 from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
 from vsgdesign.simulation.loop import LOG_COLUMNS, SENSED_COLUMNS
-from vsgdesign.simulation.online import OnlineScheduler
+from vsgdesign.simulation.online import Hears, OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, good_rows, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
+from vsgdesign.simulation.reclosing import check_setting
+from vsgdesign.simulation.search import Search
+from vsgdesign.simulation.seeking_sample import Relay, relay_sees
+from vsgdesign.simulation.segments import segments_of_timelines
 from vsgdesign.simulation.timeline import Timeline, build_timeline
-from vsgdesign.study.parameters.study import Study
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 
-_gain_transfer = on_floats(gain_transfer)
+_gain_transfer, _relay_sees = on_floats(gain_transfer), on_floats(relay_sees)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +63,11 @@ class RunOf:
     """The instants (s) of steps from which on the run without them goes beside it (``twin.steps_with_twin``)."""
     every_sample: EverySample | None = None
     """Gets every sample of the run, or as many as figures need, beside its log."""
+    finds: ControllerSpec | None = None
+    """The controller that the gains are those of, in a run that finds the instants which only it can tell; None: it
+    finds none (:class:`vsgdesign.simulation.search.Search`)."""
+    ends: Callable[[Study], float] | None = None
+    """When the run may end, s, with the instants found so far; None: at the end of the study."""
 
 
 @dataclass(frozen=True)
@@ -73,18 +87,24 @@ class Twin:
 class RunState:
     """A run that is under way."""
 
-    def __init__(self, of: RunOf, timeline: Timeline | None = None) -> None:
+    def __init__(self, of: RunOf) -> None:
         """Raises InfeasibleStudyError where the scheduler's or the probe's period does not fit the sampling."""
-        self.of, self.study = of, of.study
-        self.timeline = build_timeline(of.study) if timeline is None else timeline
+        self.of, self.search = of, Search(of.study, finds=of.finds is not None)
+        self.study = self.search.study
+        """With the instants that are found so far."""
+        self.timeline = build_timeline(self.study)
         self.T_s = self.study.converter.T_s
         self.samples = round(self.study.simulation.duration / self.T_s)
         self.feed = _feed(of, self.timeline)
+        if self.study is not of.study:
+            self._follow_feed()
         self.kept = round(self.study.simulation.log_interval / self.T_s)
         self.log_every = math.gcd(self.kept, self.feed.log_samples)  # a scheduler's samples are taken from the log
         self.divergence: Divergence | None = None
-        self.ended = self.samples
+        self.ended = self._end()
         """The sample before which the run ends."""
+        self.loop_seconds = 0.0
+        """Wall time inside the compiled loop."""
         self.twins: tuple[Twin, ...] = ()
         """What became of the twins that were asked for."""
 
@@ -92,7 +112,8 @@ class RunState:
         """Puts the run, which is the ``number``-th of a batch, at its start."""
         study = self.study
         self._like = start.controller
-        names = ("x", "state", "limited", "refs", "power_gains", "grid")
+        names = ("x", "state", "limited", "refs", "power_gains", "grid", "source", "V_g", "seek.found", "seek.phases")
+        names += ("seek.relay", "seek.relay.on", "seek.own_relay", "seek.behind_relay")
         self._now = {name: batch.view(name, number) for name in names if name in batch.spans}
         """The numbers of the run that Python reads or sets."""
         batch.set("x", start.plant.tolist(), number)
@@ -105,33 +126,40 @@ class RunState:
             batch.set("before", self._sensors.before, number)
         if self.feed.memory is not None:
             self.feed.memory.moves_in(batch.view("lock", number))
-        self._added = AddedSource(study, self.timeline, circuits, switched=bool(batch.kind.bridge.slopes))
+        self._batch, self._number, self._circuits, self._before = batch, number, circuits, None
+        self._added = self._added_source()
         self.log = RunLog(batch, number, -(-self.samples // self.log_every), self.of.every_sample)
         self.feed.sensed, self.feed.more = self.log.sensed, self.log.more
         hold = self.feed.probe_hold if self.of.probe is None else self.of.probe.hold
         self._held = None if hold is None else HeldProbe(hold, study, self.samples)
         self.feed.held = self._held
         probes = hold is not None or isinstance(self.of.schedule, FieldScheduler)
-        self._connecting = Connecting(study, self.timeline, probes=probes)
+        if SYNC in batch.kind.seeks and any(one.synchronised_until is not None for one in study.events):
+            check_setting(self.timeline, probes)
         self._gains, self._refs = self.feed.first(), self._references(0)
         self._state, self._offset = self._read_state(), None
         self._put: dict[str, object] = {}  # what the loop was given last
         self._begun = 0
         """The sample with which the stretch begins that is under way."""
 
+    def _end(self) -> int:
+        end_s = math.inf if self.of.ends is None else self.of.ends(self.study)
+        return self.samples if math.isinf(end_s) else min(round(end_s / self.T_s), self.samples)
+
     def marks(self) -> list[int]:
         """The samples at which a stretch of this run begins, and its last one, in ascending order."""
-        samples = self.samples
-        cuts = {0, samples} | self._added.marks(samples) | self._connecting.cuts(samples)
+        samples = self.ended
+        cuts = {0, samples} | self._added.marks(samples)
         cuts |= set() if self._held is None else self._held.cuts(samples)
         cuts |= {math.ceil(t_s / self.T_s - 1e-6) for t_s, _ in self.timeline.references}
         self._quiet = {k for k in self.feed.quiet(samples) - cuts if not self._added.adds(k)}
         return sorted(k for k in cuts | self.feed.cuts(samples) if 0 <= k <= samples)
 
     def stops(self, marks: list[int]) -> list[int]:
-        """Those of the marks at which the loop has to end: not where a schedule is going to say what it said before.
-        The source takes up its phase there all the same."""
-        return [mark for mark in marks if mark not in self._quiet]
+        """The samples at which the loop has to end, in ascending order: the marks, but not where a schedule is going to
+        say what it said before, and what is looked at apart. The source takes up its phase at the marks alone."""
+        apart = {at for k in self.search.special(self.timeline) for at in (k, k + 1) if at <= self.ended}
+        return sorted(apart.union(mark for mark in marks if mark not in self._quiet))
 
     def phasors(self, marks: list[int]) -> Array:
         """Of the source at samples, (n, 2)."""
@@ -149,7 +177,6 @@ class RunState:
         # With the references of the samples before: a step of them at this sample belongs to the new gains.
         state = with_gains(read, self._refs, self._gains, gains)
         self._gains, self._refs = gains, refs
-        state = self._connecting.set_to_grid(first, state, gains, self._now["x"])
         if self._held is not None:
             self._held.ask(first, feed.wanted() if self.of.probe is None else self.of.probe)
             refs = self._held.references(first, refs)
@@ -159,6 +186,7 @@ class RunState:
             self._put_state(state)
         self._put_changed("refs", refs)
         self._put_gains(first)
+        self._before = self._batch.state(self._number) if first in self.search.special(self.timeline) else None
 
     def fed(self, first: int, count: int) -> tuple[Array | None, Array | None, Array | None]:
         """What the run is given over a stretch: what is added to the source (count, states + 2), over the later pieces
@@ -215,13 +243,134 @@ class RunState:
         rows, apart = (self.log.length, self.kept // self.log_every) if seen is None else (seen.length, 1)
         return self.divergence is not None and rows <= apart
 
+    def look(self, sample: int, fed: Callable[[], Array | None]) -> bool:
+        """Takes up the instants in the interval of a sample that has been computed, if there are any. ``fed``: what the
+        batch is given in it. Returns whether the run goes on with other events than before."""
+        batch, number = self._batch, self._number
+        if not batch.kind.seeks or sample >= self.ended:
+            return False
+        found, special = batch.found(number), self._before
+        self._now["seek.found"][:] = 0.0
+        if 0.0 < found < STANDS:  # the breaker closes before the next sample
+            self.search.closed((sample + 1) * self.T_s, None)
+            self._follow(sample + 1)
+            return True
+        if found < STANDS and (special is None or sample != self._begun):
+            return False
+
+        def computed() -> Array:
+            return batch.after_cut(batch.cut_at(number, sample), fed())
+
+        after = batch.state(number) if found < STANDS else computed()
+        if found < STANDS and special is not None:
+            batch.put_state(number, special)
+        changed, lead = False, self._lead(sample) if found >= STANDS else None
+        if lead is not None:
+            self.search.closed(sample * self.T_s, lead)
+            self._now["seek.relay.on"][:] = 0.0
+            self._follow(sample)
+            changed, after = True, computed()
+        crossed = found >= STANDS and lead is None
+        while self._passes_zero(sample, after, crossed):
+            self._now["seek.phases"][:] = 0.0
+            self._follow(sample)
+            changed, after, crossed = True, computed(), False
+        batch.put_state(number, after)
+        return changed
+
+    def _lead(self, sample: int) -> float | None:
+        """By how much the converter's side of a breaker that closes before a sample leads, rad; None: none closes."""
+        if "seek.relay" not in self._now:
+            return None
+        own, behind = (GridWatch(*self._now[f"seek.{side}_relay"].tolist()) for side in ("own", "behind"))
+        x = self._now["x"]
+        v = [float(capacitor_node_voltage(x[k], x[2 + k], x[4 + k], self.study.circuit())) for k in (0, 1)]
+        v_g = self._source_voltage(sample, self._now["source"]).tolist()
+        seen, other, near = _relay_sees(own, behind, Relay(*self._now["seek.relay"].tolist()), *v, *v_g, self.T_s)
+        if near < 0.5:
+            return None
+        return math.atan2(seen.v_beta, seen.v_alpha) - math.atan2(other.v_beta, other.v_alpha)
+
+    def _passes_zero(self, sample: int, after: Array, crossed: bool) -> bool:
+        """Whether a phase of a fault is interrupted in the interval of a sample, whose state is that before it;
+        ``after``: the state after it. ``crossed``: the loop has seen it."""
+        clearing, circuits, T_s = self.search.clearing, self._circuits, self.T_s
+        if clearing is None:
+            return False
+        spans, at = self._batch.spans, []
+        for k, x, source in (
+            (sample, self._now["x"].copy(), self._now["source"]),
+            (sample + 1, after[spans["x"]], after[spans["source"]]),
+        ):
+            circuit = circuits.of(connection_at(self.timeline, (k + SLACK) * T_s))
+            if not isinstance(circuit, NetworkCircuit):
+                return False
+            at.append(SampleOfFault(x, self._source_voltage(k, source), circuit))
+        begin, end = (sample + SLACK) * T_s, (sample + 1 + SLACK) * T_s
+        changed = any(begin < t_s <= end for t_s in self.timeline.plant_changes())
+        if clearing.zero(sample, at, changed, surely=crossed) is None:
+            return False
+        self.search.found_zero()
+        return True
+
+    def _source_voltage(self, sample: int, source: Array) -> Array:
+        """(2,): at a sample in which the source's fundamental has this phasor, V peak."""
+        added = self._added.over(sample, 1)
+        v_g: Array = self._now["V_g"] * source
+        return v_g if added is None else v_g + added.rows[0, -2:]
+
+    def _follow(self, sample: int) -> None:
+        """The run goes on with what has been found, from a sample on."""
+        self.study = self.search.study
+        self.timeline = build_timeline(self.study)
+        self.ended = self._end()
+        self._circuits.meet(self.timeline)
+        self._follow_feed()
+        self._added = self._added_source()
+        writer = ProgramWriter()
+        self._batch.follow_anew(self._number, writer, self.write(writer), sample)
+
+    def _follow_feed(self) -> None:
+        """Gains and figures follow what has been found."""
+        if self.of.every_sample is not None:
+            self.of.every_sample.follow(self.timeline)
+        schedule, spec = self.of.schedule, self.of.finds
+        if isinstance(schedule, Hears):
+            schedule.hear(self.study, self.timeline)
+        changes = gain_changes(self.study, spec, self.timeline) if spec and isinstance(schedule, Sequence) else ()
+        self.feed.follow(self.timeline, changes)
+
+    def _added_source(self) -> AddedSource:
+        switched = bool(self._batch.kind.bridge.slopes)
+        return AddedSource(self.study, self.timeline, self._circuits, switched=switched)
+
+    def write(self, writer: ProgramWriter) -> list[CutSample]:
+        """Writes what circuit and source do in the run, and what it looks for. Returns the samples in whose intervals
+        events fall."""
+        batch, number, spans = self._batch, self._number, self._batch.spans
+        segments = segments_of_timelines([self.timeline], self._circuits.place)
+        circuit = CircuitProgram(self.study, batch.kind, spans, writer, segments, self._circuits, first=number)
+        circuit.write()
+        for one in self.search.records(self.timeline, self._circuits) if batch.kind.seeks else ():
+            writer.put([number], [one.sample], spans[one.name].start, one.values[None])
+        marks = self.marks()[:-1]
+        writer.put(np.full(len(marks), number), marks, spans["source"].start, self.phasors(marks))
+        return circuit.cut
+
     def finish(self) -> None:
         """Hands over the last window."""
-        self.log.end(self.samples)
+        self.log.end(self.ended)
         self.feed.limited_samples = int(self._now["limited"][0])
         state = self._read_state()
-        refs = self._references(self.samples)
-        self.feed.finish(self.samples, self._gains, state, refs, self.log.rows, self.log_every)
+        refs = self._references(self.ended)
+        self.give_up()
+        self.feed.finish(self.ended, self._gains, state, refs, self.log.rows, self.log_every)
+
+    def give_up(self) -> None:
+        """The run is over: what it has not found by now it does not find."""
+        self.search.give_up()
+        self.study = self.search.study
+        self.timeline = build_timeline(self.study)
 
     @property
     def final_state(self) -> ControllerState:

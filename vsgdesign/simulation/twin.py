@@ -40,7 +40,8 @@ def steps_with_twin(study: Study, spec: ControllerSpec, *, probes: bool = False)
     probes = probes or (samples_itself(spec.estimate) and probe_of(study).send)
     never_rests = probes or restless(study.sensors, study.background, study.replay)
     instants = {event.t_s for event in study.events if event.t_s > 0.0}
-    connected_s = max((one.synchronised_until or 0.0 for one in study.events), default=0.0)
+    until = (one.synchronised_until for one in study.events if one.synchronised_until is not None)
+    connected_s = max((t_s for t_s in until if math.isfinite(t_s)), default=0.0)
     return tuple(t_s for t_s in sorted(instants) if never_rests and _steps_alone(study, t_s, connected_s))
 
 
@@ -64,11 +65,15 @@ class TwinRun(RunState):
         """``batch``: that of the main run alone, before sample ``first``, from which on the step acts."""
         vars(self).update(vars(main))
         self.batch, self._main_batch, self._event_s, self.end = batch.apart(), batch, event_s, end
+        self._batch = self.batch
         held = tuple(one for one in main.timeline.references if one[0] < event_s)
         self.timeline = replace(main.timeline, references=held)
         self.feed = _AsMain(main, batch, self.batch)
         self._put = dict(self._put)
         self._now = {name: self.batch.view(name) for name in self._now}
+        for name in ("seek.phases", "seek.relay.on"):  # it looks for nothing
+            if name in self._now:
+                self._now[name][:] = 0.0
         own = batch.logs[-1]
         if main.of.every_sample is not None:
             self.kept, self.log_every = main.of.every_sample.every, own.every
@@ -96,6 +101,11 @@ class TwinRun(RunState):
         del done
         self._take_offset_away()
         self.lost |= self._outside(self._state) is not None
+
+    def cut(self, sample: int) -> None:
+        """It ends before a sample."""
+        rows = max(-(-sample // self.log_every) - self._first_row, 0)
+        self.log.length = min(self.log.length, rows)
 
     def over(self) -> Twin:
         """What it logged."""
@@ -145,21 +155,26 @@ class Twins:
     """The twins of a run that is alone in its batch, one after the other."""
 
     def __init__(self, run: RunState, batch: Batch) -> None:
-        T_s, events = run.T_s, sorted({event.t_s for event in run.study.events})
         self._run, self._batch, self.done = run, batch, list[Twin]()
-        self._windows: dict[int, tuple[float, int]] = {}
-        for t_s in run.of.twins:
-            end_s = min([other for other in events if other > t_s], default=run.study.simulation.duration)
-            self._windows[math.ceil(t_s / T_s - 1e-6)] = t_s, min(math.ceil(end_s / T_s - 1e-6), run.samples)
+        self._steps = {math.ceil(t_s / run.T_s - 1e-6): t_s for t_s in run.of.twins}
         self._now: TwinRun | None = None
 
     def begin(self, first: int) -> TwinRun | None:
         """The twin of the stretch that begins with a sample, before anything has happened in it; None: none."""
         if self._now is not None and (self._now.end <= first or self._now.lost):
             self._end()
-        if first in self._windows:
-            self._now = TwinRun(self._run, self._batch, self._windows[first][0], first, self._windows[first][1])
+        run, t_s = self._run, self._steps.get(first)
+        if t_s is not None and not run.search.under_way(t_s):
+            later = [event.t_s for event in run.study.events if event.t_s > t_s]
+            end = math.ceil(min(later, default=run.study.simulation.duration) / run.T_s - 1e-6)
+            self._now = TwinRun(run, self._batch, t_s, first, min(end, run.samples))
         return self._now
+
+    def cut(self, sample: int | None) -> None:
+        """The run has found an instant: its twin ends before this sample. None: it has not."""
+        if sample is not None and self._now is not None:
+            self._now.cut(sample)
+            self._end()
 
     def _end(self) -> None:
         if self._now is not None and not self._now.lost:

@@ -4,6 +4,7 @@ and the instants that only a run can tell."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +15,7 @@ from vsgdesign.campaigns.compliance.suite import OURS, Source, SuiteTest
 from vsgdesign.campaigns.verification.case_study import base_document, controller_document
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.metrics.survival import SurvivalDemand
-from vsgdesign.simulation.clearing import MOST_CYCLES, cleared_events, clearings, with_instants
+from vsgdesign.simulation.clearing import MOST_CYCLES, cleared_events, clearings
 from vsgdesign.simulation.lanes.telling import learns, told_controller
 from vsgdesign.simulation.reclosing import closings_of
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
@@ -220,35 +221,76 @@ def _whole_rows(subject: Subject, duration_s: float) -> float:
     return math.ceil(duration_s / row_s - 1e-9) * row_s
 
 
-def closed_test(subject: Subject, test: SuiteTest) -> SuiteTest:
-    """The test with the instant at which the breaker closes in the place of the synchro-check.
+def waiting_case(subject: Subject, test: SuiteTest) -> tuple[Study, Callable[[Study], float] | None]:
+    """The study of a test, with the current limit of the controller, for a run that finds the instants which only it
+    can tell, and when that run may end, s; None: at the end of the study.
 
-    A test without a synchro-check is returned as it is. Raises StudyError where the breaker never closes or where the
-    test cannot be said in a study, and what a simulation raises.
+    With a synchro-check it may wait for WAIT_S, and the test goes on from the closing of the breaker. Raises StudyError
+    where the test cannot be said in a study.
     """
-    waits = [event for event in test.events if event.synchro_check is not None]
-    if not waits:
-        return test
-    study = case_of(subject, replace(test, duration_s=max(test.duration_s or 0.0, WAIT_S)))
-    spec = study.controllers[0]
-    study = study.with_limit_of(spec)
-    closings = closings_of(study, with_instants(study, spec, subject.ready))
+    asked = case_of(subject, test)
+    spec = asked.controllers[0]
+    if _waiting(test) is None:
+        return asked.with_limit_of(spec), None
+    asked = case_of(subject, replace(test, duration_s=max(test.duration_s or 0.0, WAIT_S))).with_limit_of(spec)
+    until_s = asked.simulation.duration
+    longest = replace(asked.simulation, duration=_whole_rows(subject, until_s + after_s(subject, test)))
+
+    def ends(found: Study) -> float:
+        closings = closings_of(asked, found)
+        if not closings:
+            return until_s
+        return _simulation(subject, _closed(subject, test, closings[-1].t_s), asked.simulation).duration
+
+    return replace(asked, simulation=longest), ends
+
+
+def _waiting(test: SuiteTest) -> Event | None:
+    return next((event for event in test.events if event.synchro_check is not None), None)
+
+
+def _closed(subject: Subject, test: SuiteTest, t_s: float) -> SuiteTest:
+    """The test with the instant of its run at which the breaker closes in the place of the synchro-check."""
+    waiting = _waiting(test)
+    events = (
+        replace(event, t_s=t_s - subject.lead_s, synchro_check=None) if event is waiting else event
+        for event in test.events
+    )
+    return replace(test, events=tuple(sorted(events, key=lambda event: event.t_s)))
+
+
+def test_closed(subject: Subject, test: SuiteTest, asked: Study, found: Study) -> SuiteTest:
+    """The test with the instant at which its breaker closed in the place of a synchro-check; ``asked`` and ``found`` as
+    in :func:`test_as_run`. Raises StudyError where it never closes."""
+    closings = closings_of(asked, found)
     if not closings:
         problem = f"both sides are never near enough within {WAIT_S:g} s, so the breaker stays open"
         advice = "An island whose frequency is near that of the grid takes long to drift there."
         raise StudyError(test.id, [Fault("synchro_check", "", problem, advice)])
-    closed = replace(waits[0], t_s=closings[-1].t_s - subject.lead_s, synchro_check=None)
-    events = tuple(closed if event is waits[0] else event for event in test.events)
-    return replace(test, events=tuple(sorted(events, key=lambda event: event.t_s)))
+    return _closed(subject, test, closings[-1].t_s)
 
 
-def test_as_run(test: SuiteTest, study: Study, found: Study, lead_s: float) -> SuiteTest:
-    """The test with the instants at which the phases of its faults were interrupted.
+def test_as_run(subject: Subject, test: SuiteTest, asked: Study, found: Study) -> tuple[SuiteTest, Study]:
+    """The test and its study with the instants at which the breaker closed and the phases of faults were interrupted.
 
-    ``study``: the test as it was asked for; ``found``: with these instants
-    (:func:`vsgdesign.simulation.clearing.with_instants`). Everything that comes with a clearing moves to the last
-    interruption, and the first one of a three-phase fault is an event of its own.
+    ``asked``: the study of :func:`waiting_case`; ``found``: as its run was. Everything that comes with a clearing moves
+    to the last interruption, and the first one of a three-phase fault is an event of its own. Raises StudyError where a
+    breaker that waits never closes.
     """
+    events, study, lead_s = list(found.events), found, subject.lead_s
+    if _waiting(test) is not None:
+        test, closing = test_closed(subject, test, asked, found), closings_of(asked, found)[-1]
+        study = case_of(subject, test).with_limit_of(asked.controllers[0])
+        told = {closing.name, *(event.name for event in asked.events if event.synchro_check is not None)}
+        events = [event for event in events if event.name not in told]
+        events += [event for event in study.events if abs(event.t_s - closing.t_s) < 1e-9]
+    if cleared_events(asked, found):
+        study = replace(study, events=tuple(sorted(events, key=lambda event: event.t_s)))
+    return _with_clearings(test, asked, found, lead_s), study
+
+
+def _with_clearings(test: SuiteTest, study: Study, found: Study, lead_s: float) -> SuiteTest:
+    """The test with the instants at which the phases of its faults were interrupted; ``study``: as it was asked for."""
     events = list(test.events)
     for asked_s, cleared in zip(clearings(study), cleared_events(study, found), strict=True):
         moved = {k for k, event in enumerate(events) if abs(lead_s + event.t_s - asked_s) < 1e-9}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.campaigns.compliance.case import Subject, case_of, closed_test, test_as_run
+from vsgdesign.campaigns.compliance.case import Subject, test_as_run, test_closed, waiting_case
 from vsgdesign.campaigns.compliance.measuring import Trace
 from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.equations.filters import capacitor_node_voltage
@@ -21,10 +21,10 @@ from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, li
 from vsgdesign.linear.stability.loops import network_frequency_perturbation
 from vsgdesign.metrics.step_response import unwrapped
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
-from vsgdesign.simulation.clearing import with_instants
 from vsgdesign.simulation.energy import dc_energy_steps
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.run import Simulation, simulate
+from vsgdesign.simulation.run import Simulation, simulated
+from vsgdesign.simulation.run_state import RunOf
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.source import GridSource
@@ -61,19 +61,11 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
     and where an island does not drift to the angle at which its breaker is to close out of phase; CircuitError where
     the simulation cannot follow the circuit.
     """
-    study = case_of(subject, test)
-    spec = study.controllers[0]
-    study = study.with_limit_of(spec)
+    asked, ends = waiting_case(subject, test)
+    study, spec = asked, asked.controllers[0]
     try:
-        closed = closed_test(subject, test)
-        if closed is not test:
-            test = closed
-            study = case_of(subject, test).with_limit_of(spec)
-        found = with_instants(study, spec, subject.ready)
-        if found is not study:
-            test, study = test_as_run(test, study, found, subject.lead_s), found
-        feed = feed_of(study, spec, build_timeline(study), subject.ready)
-        simulation = simulate(study, feed)
+        simulation = run_of(subject, asked, ends)
+        test, study = test_as_run(subject, test, asked, simulation.study)
     except StudyError as error:  # the test itself has been said above: its breaker never closes
         if any(one.synchro_check is not None and one.synchro_check.around for one in test.events):
             raise
@@ -95,6 +87,21 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
         survival=judge_scenario(study, spec, subject.ready, simulation, own_rest=True),
         gains=before[-1],
     )
+
+
+def run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | None) -> Simulation:
+    """The run of :func:`vsgdesign.campaigns.compliance.case.waiting_case`, which finds the instants that only it can
+    tell."""
+    spec = asked.controllers[0]
+    feed = feed_of(asked, spec, build_timeline(asked), subject.ready)
+    return simulated(RunOf(asked, feed, finds=spec, ends=ends))
+
+
+def closed_test(subject: Subject, test: SuiteTest) -> SuiteTest:
+    """The test with the instant at which its breaker closes in the place of a synchro-check, for a file. A test without
+    one is returned as it is, and not run. Raises what :func:`run_test` raises."""
+    asked, ends = waiting_case(subject, test)
+    return test if ends is None else test_closed(subject, test, asked, run_of(subject, asked, ends).study)
 
 
 def _trace(subject: Subject, study: Study, simulation: Simulation) -> Trace | None:

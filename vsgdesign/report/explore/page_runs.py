@@ -177,8 +177,8 @@ def _start(study: Study, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSp
     calm = with_every_sample(replace(study.with_limit_of(spec), events=()))
     feed = feed_of(calm, spec, build_timeline(calm), ready)
     run = RunState(RunOf(calm, feed))
-    batch, circuits = begin_together([run], False)
-    writer, _ = program_of([run], batch, circuits)
+    batch = begin_together([run], False)
+    writer, _ = program_of([run])
     batch.follow(writer)
     run.before(0)
     rows, program = batch.rows[0, :, 0].copy(), batch.program

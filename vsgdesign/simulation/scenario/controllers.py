@@ -18,7 +18,6 @@ from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.survival import Survival, peaks_of
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import pcc_over_time
-from vsgdesign.simulation.clearing import found_events, with_instants
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.every_sample import (
     EverySample,
@@ -41,9 +40,11 @@ from vsgdesign.simulation.outcome import (
     outcome_of,
     unanswered,
 )
+from vsgdesign.simulation.reclosing import reclosed, waits_to_close
 from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario.checking import deaf_in_words
+from vsgdesign.simulation.search import found_events
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.simulation.twin import steps_with_twin
@@ -187,30 +188,33 @@ def _run_controllers(
     warn: Callable[[str], None] | None,
 ) -> tuple[dict[str, ControllerResult], list[Instability]]:
     """Check controllers, then simulate them: their results by name, and where they are unstable."""
-    own = [with_instants(study.with_limit_of(spec), spec, ready, bridge=bridge) for spec in specs]
-    timelines = [timeline if one.events == study.events else build_timeline(one) for one in own]
-    feeds = [feed_of(*of, ready) for of in zip(own, specs, timelines, strict=True)]
-    expected = [expected_rests(one, line, spec, ready) for one, spec, line in zip(own, specs, timelines, strict=True)]
+    own = [study.with_limit_of(spec) for spec in specs]
+    feeds = [feed_of(one, spec, timeline, ready) for one, spec in zip(own, specs, strict=True)]
+    expected = [_expected(one, timeline, spec, ready) for one, spec in zip(own, specs, strict=True)]
     unstable = [one for spec, found in zip(specs, expected, strict=True) for one in instabilities(study, spec, found)]
     if warn is not None and unstable:
         for text in (*(one.message for one in unstable), WHERE_TO_LOOK):
             warn(text)
-    results = {}
-    for own_study, spec, timeline, feed, found in zip(own, specs, timelines, feeds, expected, strict=True):
+    results, unstable = {}, []
+    for asked, spec, feed, found in zip(own, specs, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
         twins = steps_with_twin(
-            own_study, spec, probes=isinstance(feed, EstimatedScheduler) and feed.probe_hold is not None
+            asked, spec, probes=isinstance(feed, EstimatedScheduler) and feed.probe_hold is not None
         )
-        spacing = spacing_of_figures(own_study) * study.converter.T_s
-        every_sample = EverySample(own_study, timeline, samples_per_mean(study, np.array([0.0, spacing])))
-        run = simulate(own_study, feed, bridge=bridge, twins=twins, every_sample=every_sample, progress=report)
+        spacing = spacing_of_figures(asked) * study.converter.T_s
+        every_sample = EverySample(asked, timeline, samples_per_mean(study, np.array([0.0, spacing])))
+        run = simulate(asked, feed, bridge=bridge, twins=twins, every_sample=every_sample, finds=spec, progress=report)
+        own_study, ran = run.study, run.timeline
+        if own_study.events != asked.events:
+            found = expected_rests(own_study, ran, spec, ready)
+        unstable += instabilities(study, spec, found)
         seen = every_sample.signals
         logged = replace(run, t_s=seen.t_s[:: rows_apart(own_study)].copy())
         at_limit = None if run.divergence else rest_at_limit(own_study, every_sample.end_of(run), seen)
-        estimates = feed.log(timeline) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
+        estimates = feed.log(ran) if isinstance(feed, EstimatedScheduler | FieldScheduler) else None
         used = bridge or study.simulation.bridge
-        if estimates is not None or not knows_its_rests(own_study, spec, timeline):  # the gains that it really had
-            found = rests(own_study, timeline, run.gain_changes)
+        if estimates is not None or not knows_its_rests(own_study, spec, ran):  # the gains that it really had
+            found = rests(own_study, ran, run.gain_changes)
         events = measure_events(
             own_study,
             seen,
@@ -243,6 +247,14 @@ def _run_controllers(
             late_peak_pu=_late_peak_pu(own_study, seen),
         )
     return results, unstable
+
+
+def _expected(study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready) -> tuple[Rest, ...]:
+    """The rests of a run, as if a breaker that waits closed at once."""
+    if any(map(waits_to_close, study.events)):
+        study = reclosed(study, next(one.t_s for one in study.events if waits_to_close(one)))
+        timeline = build_timeline(study)
+    return expected_rests(study, timeline, spec, ready)
 
 
 def _late_peak_pu(study: Study, seen: SignalsAtPcc) -> float | None:

@@ -308,7 +308,8 @@ def _case_name(row: Mapping[str, Any]) -> str:
 def _write_cases(job: SuiteJob, chosen: Sequence[Mapping[str, Any]], folder: str, place: str) -> None:
     """Study files that repeat rows with ``vsgdesign simulate``, and the gain tables that they name, in ``folder``,
     which will be at ``place``."""
-    from vsgdesign.campaigns.compliance.case import case_text, closed_test
+    from vsgdesign.campaigns.compliance.case import case_text
+    from vsgdesign.campaigns.compliance.run import closed_test
 
     if not chosen:
         return
