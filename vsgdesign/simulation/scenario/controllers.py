@@ -246,6 +246,7 @@ def _run_controllers(
             found=found_events(study, own_study),
             late_peak_pu=_late_peak_pu(own_study, seen),
         )
+        del every_sample, seen  # the next controller takes the same memory
     return results, unstable
 
 
@@ -290,11 +291,11 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
         "L_g": L_g,
     }
     gain_index = _index(t_s, [change.t_s for change in run.gain_changes], study.converter.T_s)
-    gains = np.array([change.gains for change in run.gain_changes])[gain_index]
+    changes = np.array([change.gains for change in run.gain_changes])
     always = len(PowerLoopGains._fields) - len(PowerLoopGains._field_defaults)
     for k, name in enumerate(PowerLoopGains._fields):
-        if k < always or gains[:, k].any():  # the published structure has the first four only
-            series[name] = gains[:, k]
+        if k < always or changes[:, k].any():  # the published structure has the first four only
+            series[name] = changes[:, k][gain_index]
     return series
 
 
@@ -319,7 +320,8 @@ def _grid_over_time(study: Study, run: Simulation) -> tuple[Array, Array]:
 
 def _index(t_s: Array, starts: list[float], T_s: float) -> NDArray[np.intp]:
     """Which of several successive values holds at each sample, with the simulator's slack on coincidence."""
-    return np.searchsorted(np.array(starts) - 1e-6 * T_s, t_s, side="right") - 1
+    begins = np.searchsorted(t_s, np.array(starts) - 1e-6 * T_s)
+    return np.repeat(np.arange(-1, len(starts)), np.diff(begins, prepend=0, append=len(t_s)))
 
 
 def measure_events(
