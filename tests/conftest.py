@@ -71,14 +71,18 @@ _SVG: dict[str, str] = {}
 _ADDRESS = re.compile(rb"\x8a\x06.{6}", re.DOTALL)
 
 
-def everything_in(figure: Any, options: Any) -> str:
-    """Hash of a figure with all that it holds. The only thing that differs between two equal figures are addresses of
-    objects: each becomes its number in the order of its first appearance."""
+def everything_in(figure: Any, options: Any) -> str | None:
+    """Hash of a figure with all that it holds; None where something in it cannot be pickled.
+
+    The only thing that differs between two equal figures are addresses of objects: each becomes its number in the order
+    of its first appearance."""
     numbers: dict[bytes, int] = {}
-    return hashlib.sha256(
-        _ADDRESS.sub(lambda found: b"%d" % numbers.setdefault(found.group(), len(numbers)), pickle.dumps(figure, 4))
-        + repr(options).encode()
-    ).hexdigest()
+    try:
+        content = pickle.dumps(figure, 4)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None
+    content = _ADDRESS.sub(lambda found: b"%d" % numbers.setdefault(found.group(), len(numbers)), content)
+    return hashlib.sha256(content + repr(options).encode()).hexdigest()
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -101,11 +105,12 @@ def each_picture_once(request: pytest.FixtureRequest) -> Iterator[None]:
             file.write_bytes(_DRAWN[file.name])
         elif options.get("format") == "svg" and isinstance(file, io.StringIO):
             key = everything_in(figure, options)
-            if key not in _SVG:
-                draw(figure, file, **options)
-                _SVG[key] = file.getvalue()
-            else:
+            if key is not None and key in _SVG:
                 file.write(_SVG[key])
+                return
+            draw(figure, file, **options)
+            if key is not None:
+                _SVG[key] = file.getvalue()
         else:
             draw(figure, file, **options)
 
