@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -139,6 +140,22 @@ def test_the_twin_is_the_run_without_the_step_and_with_the_tape(bridge: str) -> 
 def test_gains_that_follow_what_is_measured_are_those_of_the_main_run() -> None:
     run = main_run(study := study_of("averaged", "known"))
     assert len(run.gain_changes) > 20
+    same(run, simulate(without_the_step(study), run.gain_changes))
+
+
+def test_a_record_is_played_to_both(tmp_path: Path) -> None:
+    """A recorded voltage that is not symmetrical: no power rests in it."""
+    t_s = np.arange(16_000) / 10_000.0
+    x = 2.0 * np.pi * 50.03 * t_s - 2.0 * np.pi / 3.0 * np.arange(3)[:, None]
+    np.savez(tmp_path / "grid.npz", v=(np.cos(x) * np.array([[1.0], [0.98], [1.0]])).T, sampling_rate=1e4)
+    text = STUDY.replace('background = { level = "measured", seed = 3, voltage_factor = 1.0 }\n', "")
+    text = text.replace(
+        'sensors = { level = "typical", seed = 3 }', f'replay = {{ file = "{tmp_path}/grid.npz", scale = "rated" }}'
+    )
+    study = study_from_text(text.replace("BRIDGE", "averaged"))
+    study = with_every_sample(replace(study, controllers=study.controllers[1:]))
+    assert study.sensors is None
+    run = main_run(study)
     same(run, simulate(without_the_step(study), run.gain_changes))
 
 
