@@ -82,8 +82,9 @@ class LaneFeed:
             for lane in lanes if self._sources else ():
                 rows = slice(late[lane], late[lane] + counts[lane])
                 self._sources[lane].put(found[group - first, rows, :, lane % width], int(begin[lane]))
-            if self._apart > 1:
-                found[group - first, ..., 1::2] = found[group - first, ..., ::2]
+            if self._apart > 1 and self._sources:
+                columns = self._sources[0].columns
+                found[group - first, :, :columns, 1::2] = found[group - first, :, :columns, ::2]
         return found
 
     def _add_noise(
@@ -95,10 +96,12 @@ class LaneFeed:
         normal = self._normal[:, : len(found)]
         for lane in lanes:
             rows = slice(late[lane], late[lane] + counts[lane])
-            self._sensors[lane].draw(int(begin[lane]), normal[lane // each % len(normal), rows])
+            of_lane = normal[lane // each % len(normal), rows]
+            self._sensors[lane].draw(int(begin[lane]), of_lane)
+            of_lane *= self._rms[group, :, lane % self._rms.shape[2]]
         at = self._columns - len(CHANNELS) - (self._batch.kind.moved and self._batch.kind.watch == DISTURBANCE)
-        into = found[:, at : at + len(CHANNELS), ::each]
-        np.multiply(normal.transpose(1, 2, 0), self._rms[group][:, ::each], out=into)
+        for k in range(each):
+            found[:, at : at + len(CHANNELS), k::each] = normal.transpose(1, 2, 0)
 
 
 class _SourceOfLane:
@@ -111,8 +114,10 @@ class _SourceOfLane:
         samples = round(study.simulation.duration / self._T_s) + 1
         self.marks = sorted(self._added.marks(samples) | {0, samples})
         """The samples at which its stretches begin, and the first one after its end."""
-        self._turns, self._added_columns = batch.kind.watch == DISTURBANCE, len(batch.kind.states) + 2
-        self._begin, self._rows = 0, np.zeros((0, self._added_columns + self._turns))
+        self._turns = batch.kind.watch == DISTURBANCE
+        self.columns = len(batch.kind.states) + 2
+        """How many are given to every run; one that is a disturbance has one more, at the end."""
+        self._begin, self._rows = 0, np.zeros((0, self.columns + self._turns))
 
     def phasors(self, marks: list[int]) -> Array:
         """At samples, (n, 2)."""
@@ -127,7 +132,7 @@ class _SourceOfLane:
                 self._move(at)
             rows = self._rows[at - self._begin : at - self._begin + len(found) - done]
             into = found[done : done + len(rows)]
-            into[:, : self._added_columns] = rows[:, : self._added_columns]
+            into[:, : self.columns] = rows[:, : self.columns]
             if self._turns:
                 into[:, -1] = rows[:, -1]
             done += len(rows)
@@ -136,10 +141,10 @@ class _SourceOfLane:
         """The rows of the stretch in which a sample is."""
         following = bisect_right(self.marks, at)
         end = min(self.marks[following] if following < len(self.marks) else at + _AHEAD, at + _AHEAD)
-        self._begin, self._rows = at, np.zeros((end - at, self._added_columns + self._turns))
+        self._begin, self._rows = at, np.zeros((end - at, self.columns + self._turns))
         added = self._added.over(at, end - at)
         if added is not None:
-            self._rows[:, : self._added_columns] = added.rows
+            self._rows[:, : self.columns] = added.rows
             if added.others is not None:
                 self._batch.others[self._number, at] = added.others
         if self._turns:
