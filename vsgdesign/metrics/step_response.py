@@ -109,8 +109,8 @@ def disturbance_response(
     )
 
 
-_ROWS = 8192
-"""So many rows of a response are worked on at a time, because they fit into the processor's cache."""
+_ROWS = 32_768
+"""So many rows are worked on at a time: few enough for the cache, and so many that the calls of NumPy cost little."""
 
 
 def _of_error(t: Array, error_of: Callable[[slice], Array], band: float) -> tuple[float | None, float]:
