@@ -104,6 +104,8 @@ class CircuitProgram:
         self._study, self._spans, self._writer, self._slopes = study, spans, writer, kind.bridge.slopes
         self._circuits, self._segments, self._T_s = circuits, segments, study.converter.T_s
         self._waves, self._first = waves, first
+        # A run with a timeline of its own takes up its source's phase anew, and what moves a source is fed.
+        self._turns = circuits is None or ("watch" in spans and not kind.moved)
         self._switched, self._ramped, self._axes = bool(kind.bridge.slopes), kind.ramped, kind.axes
         if self._axes is not None:
             rows = range(self._axes.states)
@@ -136,7 +138,7 @@ class CircuitProgram:
         if whole.any():
             start = after.at(np.where(inside, first * T_s, after.t_s))
             self._whole(lanes[whole], first[whole], start.take(whole), following[whole])
-        if self._circuits is None:  # a run with a timeline of its own takes up its source's phase anew
+        if self._turns:
             self._jumped(lanes[~inside], begin[~inside], every.take(~inside), after.take(~inside))
 
     def _cut_interval(self, lanes: NDArray[np.intp], at: Index, every: Segments) -> None:
@@ -201,7 +203,7 @@ class CircuitProgram:
                 values |= {f"{head}part": part[k], f"{head}edge": piece.edge[k]}
                 low, high = part[k, 0], part[k, 1]
                 slopes.append(slope if slope != PEAK or low < 0.5 < high else FALLING if low >= 0.5 else RISING)
-            if self._circuits is None:  # else it is fed where it is watched
+            if self._turns:  # else it is fed where it is watched
                 values["of.turn"] = pieces[0].source[0].turn[k : k + 1]
             if self._ramped:
                 values["ramp_of"] = _held_ramp(pieces[0].source[0].added[k : k + 1])[0]
@@ -262,7 +264,7 @@ class CircuitProgram:
             self._write(lanes, at, name, rows)
         self._write(lanes, at, "V_g", interval.V_g)
         self._write(lanes, at, "edge", interval.edge)
-        if self._circuits is None:  # else it is fed where it is watched
+        if self._turns:  # else it is fed where it is watched
             self._write(lanes, at, "of.turn", interval.source[0].turn)
 
     def _write(self, lanes: NDArray[np.intp], at: Index, name: str, values: Array) -> None:

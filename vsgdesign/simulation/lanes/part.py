@@ -164,18 +164,19 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     index, rests, ends = index[order], rests.take(order), ends[order]
     sensors, own_rest = cases.around.act, beside or bridge == "pwm" or cases.around.distort(study)
     # The loop itself turns what is constant; all else is fed, as in a run of its own.
-    moved = cases.around.moves or (ramped and (sensors or cases.around.distort(study))) or cases.networks is not None
+    distorted, linked = cases.around.distort(study), cases.networks is not None
+    moved = cases.around.moves or (ramped and (sensors or distorted or linked)) or (linked and distorted)
     waves = None if moved else cases.around.waves(study, len(cases))
     segments, lines, circuits = segments_of(cases), [], None
-    studies = [study_of_case(study, cases, k, int(end)) for k, end in enumerate(ends)] if moved else []
-    if moved:
+    studies = [study_of_case(study, cases, k, int(end)) for k, end in enumerate(ends)] if moved or linked else []
+    if studies:
         lines = [build_timeline(one) for one in studies]
         circuits = Circuits(study, lines, switched=bridge == "pwm", states=rests.states)
         segments = segments_of_timelines(lines, circuits.place)
     watch = STEP_WATCHED if step else DISTURBANCE
     kind = kind_of(study, switched=bridge == "pwm", axes=None if circuits is None else circuits.axes)
     kind = kind._replace(ramped=ramped and not moved, moved=moved, watch=watch, own_rest=own_rest)
-    kind = kind._replace(sensors=sensors, field=listening, waits=listening, network=cases.networks is not None)
+    kind = kind._replace(sensors=sensors, field=listening, waits=listening, network=linked)
     kind = kind if waves is None else kind._replace(waves=waves.order.shape[1])
     c = study.converter
     limit = c.I_rated_pk * (demand.i_max_pu if demand.i_max_pu is not None else 1e6)
@@ -198,7 +199,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
         part.feed = LaneFeed(part, beside=beside)
     if part.feed is not None and sensors:
         part.feed.add_sensors(cases.around.sensors or (), np.array(rests.start.plant), cases.omega_g)
-    if part.feed is not None and circuits is not None:
+    if part.feed is not None and circuits is not None and moved:
         part.feed.add_sources(writer, studies, lines, circuits)
     elif waves is not None or sensors:
         take_up_phasors(part, writer, cases, segments, waves, part.end)
