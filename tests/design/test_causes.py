@@ -70,7 +70,7 @@ CASES: dict[str, tuple[str, float, float]] = {
         0.7,
     ),
     LIMIT: (text(EXACT, STIFF, WEAK, ("margin = 1.0", "margin = 1.3")), 1.2, 0.3),
-    NONE: (text(EXACT, STIFF, ("1.3 s", "0.05 s")), 3.0, 1.0),
+    NONE: (text(EXACT, STIFF, ("Q = [-2000, 2000]", "Q = [0]"), ("1.3 s", "0.05 s")), 3.0, 1.0),
 }
 
 
