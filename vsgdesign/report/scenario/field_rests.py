@@ -136,7 +136,7 @@ def answers_text(result: ScenarioResult, controller: ControllerResult) -> str:
     if moved > 0.0:
         text += (
             f" Its probe moves P at rest by up to {number(100.0 * moved, 2)} % of the rating (rms of the two-cycle "
-            "mean), which is part of the overshoot of a small step."
+            "mean), with a step as without, so that it is no part of the figures of a step."
         )
     if found and max(found) < math.inf:
         times = " and ".join(f"{plain(t, 2)} s" for t in found)
