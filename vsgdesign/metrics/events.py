@@ -34,7 +34,7 @@ is not known in what state the signal settles."""
 SIGMAS = 4.5
 """So many times its rms the noise of a difference may be: of the means over two cycles within 10 s, none is more."""
 
-_APART = 2
+_APART = 1.5
 """Lengths of the mean that lie between values of which the noise is found: neighbouring means are alike, because the
 power loops smooth what the sensors' rounding leaves."""
 

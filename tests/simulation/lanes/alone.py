@@ -116,7 +116,7 @@ def _judge_step(
     found = step_response(run.t_s[begin:] - t_s, left, 0.0, step)
     results.overshoot[k] = (found.overshoot_pct or 0.0) / 100.0
     results.settling_s[k] = math.inf if found.settling_time_s is None else found.settling_time_s
-    seconds = [float(np.std(_second(one[len(one) // 2 :: count // 20], 40))) for one in (left, rest)]
+    seconds = [float(np.std(_second(one[len(one) // 2 :: count // 20], 30))) for one in (left, rest)]
     results.noise[k] = 4.5 * min(seconds[0], 1.5 * seconds[1]) / math.sqrt(6.0) / abs(step)
     if results.noise[k] > 0.02:
         results.status[k] = IN_NOISE
