@@ -282,7 +282,7 @@ breaker = "closed"
 {closing}
 [[events]]
 time = "0.7 s"
-fault = {{ kind = "phase_to_phase", at = 0.5, R = 0 }}
+fault = {THREE_PHASE}
 [[events]]
 time = "0.75 s"
 fault = "cleared"
@@ -291,7 +291,7 @@ fault = "cleared"
     found = found_in(study)
     states = [(network.connected, network.fault is not None) for _, network in build_timeline(found).networks[1:]]
     fault, none = (True, True), (True, False)
-    assert states == [fault, fault, none, (False, False), none, fault, none]
+    assert states == [fault, fault, none, (False, False), none, fault, fault, none]
     assert [event.name.partition(" ")[0] for event in found_events(study, found)] == ["fault", "breaker", "fault"]
     assert name in [event.name for event in found.events]
     # A converter that has set itself to the grid is not set any more.

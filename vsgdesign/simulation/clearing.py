@@ -46,7 +46,7 @@ class Clearing:
     def __init__(self, study: Study, asked_s: float) -> None:
         listed, cycle = build_timeline(study).networks, 2.0 * math.pi / study.converter.omega_n
         self.asked_s, self._T_s = asked_s, study.converter.T_s
-        self._before = [network for t_s, network in listed if t_s < asked_s][-1]
+        self.renew(study)
         again = [t_s for t_s, network in listed if t_s > asked_s and network.fault is not None]
         self.latest = min([asked_s + MOST_CYCLES * cycle, study.simulation.duration, *again])
         """The instant at which the current is interrupted without a zero, s."""
@@ -55,6 +55,10 @@ class Clearing:
         self._steps: list[_Step] = []
         self.fault = self._before.fault
         """What is left of it; None: it is over."""
+
+    def renew(self, study: Study) -> None:
+        """The study has other events before the fault than were known so far."""
+        self._before = [network for t_s, network in build_timeline(study).networks if t_s < self.asked_s][-1]
 
     @property
     def since_s(self) -> float:

@@ -108,6 +108,8 @@ class Search:
     def closed(self, t_s: float, lead: float | None) -> None:
         """The breaker that waits closes."""
         self._study = reclosed(self._study, t_s, lead)
+        if self._clearing is not None:
+            self._clearing.renew(self._study)
 
     def give_up(self) -> None:
         """The run is over."""
