@@ -80,15 +80,17 @@ class AddedSource:
     def phasors(self, marks: list[int]) -> Array:
         """Cosine and sine of the source's phase at samples, (n, 2): where a stretch begins, the loop takes up its phase
         anew, so that rounding does not add up."""
-        return np.array([(math.cos(phase), math.sin(phase)) for phase in map(self._phase, marks)]).reshape(-1, 2)
-
-    def _phase(self, sample: int) -> float:
-        start = sample * self._T_s
-        t_s = start + 1e-6 * self._T_s
-        source = self._timeline.source_at(t_s, described=False)
-        if source.steady and not self._distorted and not self._inside(sample):
-            return source.phase + source.omega * (t_s - source.t_s) + source.omega * (start - t_s)
-        return self._timeline.source_at(t_s).at(start).phase
+        T_s, sources = self._T_s, self._timeline.sources
+        starts = np.array(marks, dtype=np.float64) * T_s
+        t_s = starts + 1e-6 * T_s
+        held = np.maximum(np.searchsorted([s.t_s for s in sources], t_s, side="right") - 1, 0)
+        begin, omega, phase = np.array([(s.t_s, s.omega, s.phase) for s in sources])[held].T
+        phases = (phase + omega * (t_s - begin) + omega * (starts - t_s)).tolist()
+        cut = {math.floor(t / T_s) for t in self._changes}
+        for k, (mark, source) in enumerate(zip(marks, held.tolist(), strict=True)):
+            if self._distorted or not sources[source].steady or (mark in cut and self._inside(mark)):
+                phases[k] = self._timeline.source_at(float(t_s[k])).at(float(starts[k])).phase
+        return np.array([(math.cos(phase), math.sin(phase)) for phase in phases]).reshape(-1, 2)
 
     def _inside(self, sample: int) -> list[float]:
         """The changes within the interval of a sample."""

@@ -69,11 +69,9 @@ class Timeline:
     replay: Replay | None = field(default=None, compare=False)
     """The recorded voltage that is the source, where the study has one; ``sources`` then holds its fundamental."""
 
-    def source_at(self, t_s: float, *, described: bool = True) -> SourceSegment:
-        """The source described from t_s on (after a change at t_s), without what its background does over time; as it
-        is listed, if it is not to be ``described`` from there."""
-        source = _last(self.sources, t_s, lambda s: s.t_s)
-        return source.at(t_s) if described else source
+    def source_at(self, t_s: float) -> SourceSegment:
+        """The source described from t_s on (after a change at t_s), without what its background does over time."""
+        return _last(self.sources, t_s, lambda s: s.t_s).at(t_s)
 
     def grid_at(self, t_s: float) -> Grid:
         """The grid from t_s on."""
