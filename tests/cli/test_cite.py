@@ -1,4 +1,4 @@
-"""vsgdesign cite: what a study or a result is behind, and the same entries wherever the project cites itself."""
+"""vsgdesign cite: what a study or a result is behind, and the same names in its citation file."""
 
 from __future__ import annotations
 
@@ -75,10 +75,7 @@ def test_every_paper_belongs_to_something(field: str, name: str) -> None:
     assert PAPERS[field, name] in references()
 
 
-def test_the_project_cites_itself_in_one_way(tmp_path: Path) -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8").partition("```bibtex\n")[2].partition("```")[0]
-    found = entries(call("cite", study_file(tmp_path), "--bibtex").stdout)
-    assert entries(readme) == {key: found[key] for key in ("vsgdesign", "hoang2025")}
+def test_the_project_cites_itself_in_one_way() -> None:
     cff = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     known = references()
     titles = [known[key]["title"].replace("{", "").replace("}", "") for key in ("vsgdesign", "hoang2025")]
