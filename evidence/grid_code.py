@@ -8,6 +8,7 @@ Finished runs are kept. ``VSGDESIGN_FIELD_SHARE=0.1`` runs a tenth of the tests,
 from __future__ import annotations
 
 import functools
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -246,8 +247,9 @@ def list_of_failures(found: Sequence[Result]) -> list[str]:
     rows = []
     for key in dict.fromkeys((task.told, task.controller, str(one["group"])) for task, one in late):
         own = [(task, one) for task, one in late if (task.told, task.controller, str(one["group"])) == key]
-        task, worst = max(own, key=lambda each: each[1]["recovery_s"])
-        latest = f"{worst['recovery_s']:.2f} s: {task.converter}, P {task.P_pu:g} pu, {task.test}"
+        task, worst = max(own, key=lambda each: math.inf if each[1]["recovery_s"] is None else each[1]["recovery_s"])
+        when = "not in the run" if worst["recovery_s"] is None else f"{worst['recovery_s']:.2f} s"
+        latest = f"{when}: {task.converter}, P {task.P_pu:g} pu, {task.test}"
         rows.append([", ".join(key), f"{len(own)}", latest])
     lines = [*table(("late: what is told, controller, group", "runs", "the latest"), rows), ""] if late else []
     told = [f"- {t.converter}, {t.controller}, {t.told}, P {t.P_pu:g} pu, {t.test}: {one['why']}" for t, one in others]
