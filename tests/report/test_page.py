@@ -251,12 +251,17 @@ def test_a_step_beside_its_twin_is_told_with_its_noise(short):
         assert tables.targets_table(outcomes).head[8] == "Rests in, rms"
         return table.rows[0][3:9]
 
+    def cell_of(found, outcomes):
+        answer = steps_answer(found, outcomes)
+        assert answer is not None
+        return answer.rows[0].cells[0]
+
     # AVSG is asked for 1 s and no overshoot of P and Q. 4.5 times 1.333 W of 500 W: 1.2 %.
     quiet, outcomes = outcomes_with(4 / 3, 0.9, 1.1)
     assert row_of(outcomes) == ("0.900", "met", "0.0", "1.1 ± 1.2", "met", "13.6 W")
     assert not any(outcome.misses for outcome in outcomes)
     assert verdict(quiet, outcomes)[0] == "AVSG meets its settling time and overshoot on every step."
-    assert "0.900 s, 1.1 ± 1.2 %; rests in 13.6 W rms" in steps_answer(quiet, outcomes).rows[0].cells[0].detail
+    assert "0.900 s, 1.1 ± 1.2 %; rests in 13.6 W rms" in cell_of(quiet, outcomes).detail
     assert "difference from the same run without the step" in tables.targets_table(outcomes).notes[1]
     terminal = tables.responses_table(quiet)
     assert terminal.head[-1] == "rests in, rms"
@@ -270,7 +275,7 @@ def test_a_step_beside_its_twin_is_told_with_its_noise(short):
     text = " ".join(verdict(loud, outcomes))
     assert "cannot be judged, neither met nor missed" in text
     assert "a step of at least 675 W can be judged" in text
-    shown = steps_answer(loud, outcomes).rows[0].cells[0]
+    shown = cell_of(loud, outcomes)
     assert (shown.mark, shown.words) == (UNKNOWN, "cannot be judged")
     assert scenario_answer(loud, outcomes, (), ()).rows[0].cells[0].words == "cannot be judged"
     for settled in (0.9, None):
