@@ -64,6 +64,18 @@ def passes_zero(begin_alpha: Any, begin_beta: Any, end_alpha: Any, end_beta: Any
     return np.maximum(in_a, np.maximum(in_b, in_c))
 
 
+def _relay_watch(before: GridWatch, relay: Relay, v_alpha: Any, v_beta: Any, T_s: Any) -> GridWatch:
+    """What a relay follows on one side; at its first sample it begins with the voltage that it sees."""
+    at_first = relay.fresh > 0.5
+    begun = GridWatch(
+        v_alpha=np.where(at_first, v_alpha, before.v_alpha),
+        v_beta=np.where(at_first, v_beta, before.v_beta),
+        omega=np.where(at_first, relay.omega_n, before.omega),
+    )
+    refs = References(P_ref=0.0, Q_ref=0.0, omega_0=relay.omega_n, V_n=relay.V_n)
+    return watch_grid(begun, v_alpha, v_beta, refs, T_s)
+
+
 def relay_sees(
     own: GridWatch,
     behind: GridWatch,
@@ -76,30 +88,8 @@ def relay_sees(
 ) -> Any:
     """A sample of the voltages on both sides of an open breaker: what the relay follows, and whether both are near each
     other (:eq:`synchro-check`). Returns (followed, followed_behind, near)."""
-    refs = References(P_ref=0.0, Q_ref=0.0, omega_0=relay.omega_n, V_n=relay.V_n)
-    at_first = relay.fresh > 0.5
-    seen = watch_grid(
-        GridWatch(
-            v_alpha=np.where(at_first, v_alpha, own.v_alpha),
-            v_beta=np.where(at_first, v_beta, own.v_beta),
-            omega=np.where(at_first, relay.omega_n, own.omega),
-        ),
-        v_alpha,
-        v_beta,
-        refs,
-        T_s,
-    )
-    other = watch_grid(
-        GridWatch(
-            v_alpha=np.where(at_first, v_g_alpha, behind.v_alpha),
-            v_beta=np.where(at_first, v_g_beta, behind.v_beta),
-            omega=np.where(at_first, relay.omega_n, behind.omega),
-        ),
-        v_g_alpha,
-        v_g_beta,
-        refs,
-        T_s,
-    )
+    seen = _relay_watch(own, relay, v_alpha, v_beta, T_s)
+    other = _relay_watch(behind, relay, v_g_alpha, v_g_beta, T_s)
     along = seen.v_alpha * other.v_alpha + seen.v_beta * other.v_beta
     across = seen.v_beta * other.v_alpha - seen.v_alpha * other.v_beta
     turned = along * relay.cosine + across * relay.sine
