@@ -93,6 +93,8 @@ def drawing(kept: Sequence[dict[str, Any]]) -> Figure:
     """How many times better each group is than in the first record: the geometric mean over its figures."""
     from matplotlib.figure import Figure
 
+    from vsgdesign.report.drawing.style import COLOURS
+
     titles = ["{committed:.10}\n{commit}".format_map(record["environment"]) for record in kept]
     groups = {(row["what"], row["unit"]): row["group"] for record in kept for row in record["rows"]}
     better: dict[str, list[list[float]]] = {group: [[] for _ in kept] for group in groups.values()}
@@ -103,10 +105,13 @@ def drawing(kept: Sequence[dict[str, Any]]) -> Figure:
                 better[groups[key]][k].append(value / first if key[1] == "RT" else first / value)
     figure = Figure(figsize=(7.2, 3.2), layout="constrained")
     axes = figure.subplots()
-    for marker, (group, ratios) in zip(cycle("os^vDPX*"), better.items(), strict=False):
+    for marker, colour, (group, ratios) in zip(cycle("os^vDPX*"), cycle(COLOURS), better.items(), strict=False):
         there = [(k, geometric_mean(one)) for k, one in enumerate(ratios) if one]
-        axes.plot(*zip(*there, strict=True), marker=marker, linewidth=1.2, label=group)
+        axes.plot(*zip(*there, strict=True), marker=marker, color=colour, linewidth=1.2, label=group)
     axes.set_yscale("log", base=2)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 0.45), max(high, 2.2))  # no small change fills the figure
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set_xticks(range(len(titles)), titles)
     axes.set_ylabel("times as good as at first")
     axes.grid(alpha=0.3)
