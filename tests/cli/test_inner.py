@@ -210,7 +210,7 @@ def test_faults_are_told_before_anything_is_designed(study: Path) -> None:
 def test_a_run_says_the_same_of_them(kept: Path, tmp_path: Path) -> None:
     """Scenario and verb: one document, one text."""
     alone = json.loads(call("inner", kept, "--no-what-if", "--json").stdout)
-    result = call("run", kept, "--out", tmp_path / "out")
+    result = call("run", kept, "--no-explorer", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     in_run = json.loads((tmp_path / "out" / "results.json").read_text())["inner_loops"]
     del alone["phase_jumps"]  # of the whole run

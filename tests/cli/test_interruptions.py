@@ -13,7 +13,7 @@ import pytest
 
 from tests.cli.small_studies import call, study_file
 from vsgdesign.execution.jobs import begun
-from vsgdesign.verbs.pipeline import margins
+from vsgdesign.verbs.pipeline import live_part, margins
 
 WRITING = {
     "report": "vsgdesign.verbs.pipeline.report_stability",
@@ -54,8 +54,8 @@ def test_a_signal_while_another_process_makes_the_explorer(
         threading.Timer(later_s, signal.pthread_kill, (threading.get_ident(), signal.SIGINT)).start()
 
     monkeypatch.setattr(margins, "assess_study", lambda study, **_: SimpleNamespace(study=study, ready=None))
-    monkeypatch.setattr(margins, "worker_count", lambda _: 2)
-    monkeypatch.setattr(margins, "begun", lambda executor, *_: begun(executor, time.sleep, 60.0))
+    monkeypatch.setattr(live_part, "worker_count", lambda _: 2)
+    monkeypatch.setattr(live_part, "begun", lambda executor, *_: begun(executor, time.sleep, 60.0))
     monkeypatch.setattr(margins, "write_stability_tables", interrupt)
     monkeypatch.setattr("vsgdesign.report.write_stability_figures", lambda *_: [])
     begin = time.monotonic()

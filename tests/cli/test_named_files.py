@@ -154,7 +154,7 @@ def test_validate_finds_all_faults_at_once(tmp_path: Path) -> None:
 def test_a_run_says_of_its_table_what_results_say(tmp_path: Path) -> None:
     """Page, terminal and results.json: one text."""
     study = with_table(tmp_path / "there")
-    result = call("run", study, "--out", tmp_path / "out")
+    result = call("run", study, "--no-explorer", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     document = json.loads((tmp_path / "out" / "results.json").read_text())["controllers"]["tabled"]["table"]
     page = html.unescape(re.sub(r"<[^>]+>", "", (tmp_path / "out" / "report.html").read_text()))

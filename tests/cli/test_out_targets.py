@@ -174,6 +174,6 @@ def test_simulate_then_run_without_out(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     study = study_file(tmp_path)
     for verb in ("simulate", "run", "simulate"):
-        result = call(verb, study)
+        result = call(verb, study, *(["--no-explorer"] if verb == "run" else []))
         assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["small", "small-simulation"]

@@ -143,7 +143,7 @@ def test_files_are_written_while_tables_are_verified(
     monkeypatch.setattr(making, "_stepped", lambda *_: (LATER, 0.1))
     monkeypatch.setattr("vsgdesign.design.table.compiled_ahead", lambda: None)
     monkeypatch.setattr(run, "_exports", lambda *_: [])
-    run_study(study, tmp_path / "out", workers=2, progress=tell)
+    run_study(study, tmp_path / "out", report="still", workers=2, progress=tell)
     assert given[0].certificate == RECORD
     document = json.loads((tmp_path / "out" / "tabled.table.json").read_text(encoding="utf-8"))
     assert document["verification"] == COUNTS
@@ -180,7 +180,7 @@ def test_an_interrupted_run_ends_while_tables_are_verified(
     monkeypatch.setattr(making, "verified_tables", verify)
     monkeypatch.setattr("vsgdesign.design.table.compiled_ahead", lambda: None)
     with pytest.raises(KeyboardInterrupt):
-        run_study(study, tmp_path / "out", workers=2, progress=stop)
+        run_study(study, tmp_path / "out", report="still", workers=2, progress=stop)
     assert not (tmp_path / "out").exists()
 
 

@@ -38,7 +38,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_quick_run_leaves_out_what_would_have_to_be_made(study: Path) -> None:
-    result = call("run", study, "--quick", "--sheet", "sheet.pdf")
+    result = call("run", study, "--quick", "--no-explorer", "--sheet", "sheet.pdf")
     assert result.exit_code == 0, result.output
     left_out = [line for line in result.stderr.splitlines() if "left out" in line]
     assert [line.split()[0] for line in left_out] == ["tabled", "network"]
@@ -57,7 +57,7 @@ def test_a_quick_run_takes_a_table_that_is_there(study: Path) -> None:
     )
     study.write_text(text + "[verification]\nwith_run = 1000\n", encoding="utf-8")
     write_table_file(table(base=base_of(load_study(study), "impedance")), study.with_name("mine.table.json"))
-    found = call("run", study, "--quick", "--json")
+    found = call("run", study, "--quick", "--no-explorer", "--json")
     document = json.loads(found.stdout)
     assert list(document["controllers"]) == ["fixed", "scheduled", "tabled"]
     assert document["controllers"]["tabled"]["table"]["verification"] is None

@@ -45,7 +45,7 @@ def test_page_terminal_and_results_show_the_same_numbers(tmp_path: Path) -> None
     text = SMALL.replace('duration = "0.3 s"', 'duration = "5 s"\nlog_interval = "1 ms"').partition(
         '[[events]]\ntime = "0.2'
     )[0]
-    result = call("run", study_file(tmp_path, text), "--bridge", "pwm", "--out", tmp_path / "out")
+    result = call("run", study_file(tmp_path, text), "--bridge", "pwm", "--no-explorer", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     top = rows_on(tmp_path / "out" / "report.html")

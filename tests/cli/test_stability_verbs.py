@@ -18,9 +18,9 @@ from tests.report.pdf_texts import texts_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.progress import silent
 from vsgdesign.report.explore import static
-from vsgdesign.report.explore.static import StaticPage
+from vsgdesign.report.explore.static import Lattices, StaticPage
 from vsgdesign.study.parameters import Study, study_from_text
-from vsgdesign.verbs.pipeline import assess_study, margins
+from vsgdesign.verbs.pipeline import assess_study, live_part, margins
 
 AXES = "\n[stability]\nscr = [2, 8]\nx_over_r = [1]\nerrors = [-0.1, 0, 0.1]\n"
 ONE = SMALL.replace('[[controllers]]\nname = "scheduled"\nkind = "scheduled"\n', "")
@@ -75,11 +75,11 @@ def test_margins_in_words_with_evidence(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
 
 
-def small_page(study: Study, ready: Ready) -> StaticPage:
+def small_page(study: Study, ready: Ready, _: Lattices) -> StaticPage:
     return static.static_page_of(study, ready, ((2, 1),))
 
 
-def no_page(study: Study, _: Ready) -> StaticPage:
+def no_page(study: Study, *_: object) -> StaticPage:
     return StaticPage(None, f"{study.name} has no explorer in this test.")
 
 
@@ -88,8 +88,8 @@ def end_process(*_: object) -> StaticPage:
 
 
 def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(margins, "worker_count", lambda _: 2)
-    monkeypatch.setattr(margins, "static_page_of", small_page)
+    monkeypatch.setattr(live_part, "worker_count", lambda _: 2)
+    monkeypatch.setattr(live_part, "static_page_of", small_page)
     out = tmp_path / "out"
     result = call("report", study_file(tmp_path, ONE + AXES), "--out", out)
     assert result.exit_code == 0, result.output
@@ -117,11 +117,11 @@ def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path, monke
 def test_a_report_without_explorer_says_why(
     make: Callable[..., StaticPage], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(margins, "worker_count", lambda _: 2)
-    monkeypatch.setattr(margins, "static_page_of", make)
+    monkeypatch.setattr(live_part, "worker_count", lambda _: 2)
+    monkeypatch.setattr(live_part, "static_page_of", make)
     result = assess_study(study_from_text(ONE + AXES), evidence=False)
-    with margins._explorer_begun(result, None) as explored:
-        found = margins._write_explorer(explored, tmp_path, silent)
+    with live_part.live_begun(result.study, result.ready) as explored:
+        found = margins._written(*live_part.waited_for(explored, silent), tmp_path)
     assert found.name == ""
     assert said in found.why
     assert list(tmp_path.iterdir()) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 
 from tests.cli.small_studies import call, failure
 from vsgdesign.campaigns.survival import many
-from vsgdesign.report.terminals import survival_blocks
+from vsgdesign.report.survival import survival_blocks
 from vsgdesign.simulation import survival
 from vsgdesign.simulation.survival import GridState, SurvivalCase
 from vsgdesign.study.parameters.event import Event
@@ -67,7 +68,7 @@ def study(tmp_path: Path) -> Path:
 
 
 def survive(study: Path, *arguments: str) -> Any:
-    return call("survive", str(study), "--workers", "1", "--controller", "scheduled", *arguments)
+    return call("survive", str(study), "--workers", "1", "--no-explorer", "--controller", "scheduled", *arguments)
 
 
 def test_it_prints_and_leaves_the_same_numbers(study: Path, tmp_path: Path, few: tuple[SurvivalCase, ...]) -> None:
@@ -86,7 +87,13 @@ def test_it_prints_and_leaves_the_same_numbers(study: Path, tmp_path: Path, few:
     assert not list(tmp_path.glob(".out*"))
     text = survive(study, "--out", str(out)).stdout
     assert f"{one['stale_to_1_s']['survived']}/{one['stale_to_1_s']['judged']}" in text
-    assert "results.json" in text
+    assert "report.html" in text
+    page = (out / "report.html").read_text(encoding="utf-8")
+    lost = one["stale_to_1_s"]["judged"] - one["stale_to_1_s"]["survived"]
+    assert len(one["lost"]) == lost > 0
+    assert f"and loses {lost}." in page
+    for case in one["lost"]:
+        assert case["reason"] in html.unescape(page)
 
 
 def test_an_interruption_is_continued(

@@ -54,7 +54,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def verified(study: Path) -> tuple[Path, dict[str, Any]]:
     out = study.parent / "out"
-    return out, as_json("verify", study, "--workers", "1", "--search", "0", "--out", out)
+    return out, as_json("verify", study, "--workers", "1", "--search", "0", "--no-explorer", "--out", out)
 
 
 def test_what_is_printed_is_what_is_kept(verified: tuple[Path, dict[str, Any]]) -> None:
@@ -86,8 +86,8 @@ def test_a_table_is_verified_with_the_errors_of_the_cases(study: Path, tmp_path:
     write_table_file(gain_tables.table(), tmp_path / "table.json")
     out = tmp_path / "out"
     found = as_json(
-        *("verify", tmp_path / "table.json", "--study", study, "--runs", "6"),
-        *("--workers", "1", "--search", "0", "--out", out),
+        *("verify", tmp_path / "table.json", "--study", study, "--runs", "6", "--no-explorer"),
+        *("--workers", "1", "--search", "0", "--no-explorer", "--out", out),
     )
     assert (found["controller"], found["runs"]) == ("tabled", 6)
     assert all(row["agrees"] for row in found["worst"])
@@ -106,7 +106,7 @@ def test_an_interruption_says_what_is_kept(study: Path, tmp_path: Path, monkeypa
     monkeypatch.setattr(blocks.VerificationJob, "run", stopping)
     monkeypatch.setattr(blocks.VerificationJob, "span", lambda _, number: (8 * number, 8))
     monkeypatch.setattr(blocks.VerificationJob, "blocks", range(3))
-    result = call("verify", study, "--workers", "1", "--out", tmp_path / "out")
+    result = call("verify", study, "--workers", "1", "--no-explorer", "--out", tmp_path / "out")
     assert result.exit_code == 130
     assert result.stderr == "interrupted: 8 finished runs are kept; the same command continues there\n"
     assert not (tmp_path / "out").exists()

@@ -53,6 +53,6 @@ def test_keys_of_a_run(study: Study, tmp_path: Path) -> None:
 
 
 def test_keys_of_a_verification(study: Study, tmp_path: Path) -> None:
-    document = verify_study(study, tmp_path / "out", Asked(runs=4, search=0), workers=1)
+    document = verify_study(study, tmp_path / "out", Asked(runs=4, search=0, explorer=False), workers=1)
     named = {key.partition(".")[0] for key in listed("verify.md", "## Read results.json")}
     assert set(document) == named

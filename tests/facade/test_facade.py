@@ -154,7 +154,7 @@ def test_a_picture_never_replaces_something_else(run: vd.Run, tmp_path: Path) ->
 
 
 def test_reports_are_those_of_the_verbs(run: vd.Run, tmp_path: Path) -> None:
-    found = vd.write_report(run, tmp_path / "run")
+    found = vd.write_report(run, tmp_path / "run", explorer=False)
     assert found["controllers"]["AVSG"]["events"] == run.to_dict()["controllers"]["AVSG"]["events"]
     assert (tmp_path / "run" / "report.html").is_file()
     (tmp_path / "run" / "mine.txt").write_text("mine", encoding="utf-8")

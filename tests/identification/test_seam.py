@@ -77,7 +77,7 @@ def no_other_probe(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("own")
 def test_a_study_runs_with_it_and_the_page_says_so(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(TEXT)
-    run_study(load_study(tmp_path / "study.toml"), tmp_path / "out")
+    run_study(load_study(tmp_path / "study.toml"), tmp_path / "out", report="still")
     rows = np.genfromtxt(tmp_path / "out" / "own.estimates.csv", delimiter=",", skip_header=1)
     np.testing.assert_allclose(rows[:, 3:5], [ANSWER] * 10)
     # The probe as sent, which the estimator gave back as a deviation: what it asked for after its third window.

@@ -20,7 +20,7 @@ from vsgdesign.verbs.pipeline import verify
 from vsgdesign.verbs.pipeline.verify import WORK, Asked, check_verifiable, merge_shards, verify_study
 
 RUNS = 1000
-ASKED = Asked(runs=RUNS, search=0)
+ASKED = Asked(runs=RUNS, search=0, explorer=False)
 
 
 @pytest.fixture(autouse=True)
@@ -117,7 +117,7 @@ def shard(folder: Path, number: int, of: int, asked: Asked = ASKED) -> Path:
 def test_shards_merge_into_the_whole(whole: Path, tmp_path: Path) -> None:
     for number in (3, 1, 2):
         shard(tmp_path / "parts", number, 3)
-    merge_shards(STUDY, [tmp_path / "parts"], tmp_path / "merged", Asked(search=0), workers=1)
+    merge_shards(STUDY, [tmp_path / "parts"], tmp_path / "merged", Asked(search=0, explorer=False), workers=1)
     assert counts(tmp_path / "merged") == counts(whole)
     files = [folder / "results.json" for folder in (whole, tmp_path / "merged")]
     results = [json.loads(file.read_bytes()) for file in files]

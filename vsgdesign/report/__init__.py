@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from vsgdesign.design.comparison import Comparison
     from vsgdesign.estimator.trained import TrainedEstimator
     from vsgdesign.linear.stability.gain_table import TableCheck
+    from vsgdesign.report.page.live import StaticPage
     from vsgdesign.simulation.scenario import ScenarioResult
     from vsgdesign.simulation.stability_result import StabilityResult
 
@@ -68,15 +69,16 @@ def write_report(
     trained: TrainedEstimator | None = None,
     inner: dict[str, Any] | None = None,
     jumps: dict[str, Any] | None = None,
+    live: StaticPage | None = None,
 ) -> Path:
     """Write the report of a scenario: one HTML file that contains the text, the tables and the given figures.
 
     ``inner`` says what designed inner loops keep, and ``jumps`` what current phase jumps make (results.json of the verb
-    ``inner`` and its ``phase_jumps``).
+    ``inner`` and its ``phase_jumps``). ``live`` becomes the part on which one tries other grids and events.
     """
     from vsgdesign.report.scenario.page import write_page
 
-    return write_page(result, figures, Path(out_path), trained, inner, jumps)
+    return write_page(result, figures, Path(out_path), trained, inner, jumps, live)
 
 
 def write_stability_figures(result: StabilityResult, folder: str | Path) -> list[WrittenFigure]:
@@ -115,15 +117,19 @@ def write_table_figures(table: GainTable, folder: str | Path) -> list[WrittenFig
 
 
 def write_table_report(
-    table: GainTable, figures: Sequence[WrittenFigure], out_path: str | Path, checked: TableCheck | None = None
+    table: GainTable,
+    figures: Sequence[WrittenFigure],
+    out_path: str | Path,
+    checked: TableCheck | None = None,
+    live: StaticPage | None = None,
 ) -> Path:
     """Write the page of a gain table: one HTML file with text, tables and the given figures, in seven parts.
 
-    ``checked``: what a check of its file found.
+    ``checked``: what a check of its file found. ``live`` becomes the part on which one tries other grids and events.
     """
     from vsgdesign.report.gain_table.page import write_table_page
 
-    return write_table_page(table, figures, Path(out_path), checked)
+    return write_table_page(table, figures, Path(out_path), checked, live)
 
 
 def write_comparison_figures(comparison: Comparison, folder: str | Path) -> list[WrittenFigure]:
@@ -142,14 +148,17 @@ def write_comparison_report(comparison: Comparison, figures: Sequence[WrittenFig
     return print_html(comparison_page(comparison, figures), Path(out_path))
 
 
-def write_verification_report(document: Mapping[str, Any], folder: str | Path) -> list[Path]:
+def write_verification_report(
+    document: Mapping[str, Any], folder: str | Path, live: StaticPage | None = None
+) -> list[Path]:
     """Write ``report.html`` and ``figures/`` of a verification into ``folder`` (made if missing).
 
     ``document`` is results.json of the verb ``verify``. The page's links lead to the study files of the worst cases,
-    which the document names relative to the folder. Returns every file that was written.
+    which the document names relative to the folder. ``live`` becomes the part on which one tries other grids and
+    events. Returns every file that was written.
     """
     from vsgdesign.report.verification.page import write_verification_page
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    return write_verification_page(document, folder)
+    return write_verification_page(document, folder, live)

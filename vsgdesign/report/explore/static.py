@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +26,8 @@ from vsgdesign.report.explore.page_runs import page_runs
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
 from vsgdesign.report.explore.state import PlaceOfState, State
+from vsgdesign.report.page.html import POLICY
+from vsgdesign.report.page.live import StaticPage
 from vsgdesign.study.parameters.study import Study
 
 LIMIT_BYTES = 5_000_000
@@ -35,16 +37,12 @@ LATTICES: Lattices = ((14, 9), (12, 8), (10, 7), (8, 6), (7, 5), (6, 4), (5, 3))
 """Numbers of SCR and of X/R of a page that is sent, the finest first."""
 QUICK_LATTICES = LATTICES[3:]
 """Of a page that is made beside something else: it takes half the time."""
+PART_LATTICES = LATTICES[5:]
+"""Of a part of a report."""
 BITS = 11
 """Bits of the mantissa that curves keep: 2e-4 of a value, less than the width of a line. Figures keep all of them."""
 POINTS = 160
 """Most points of a curve. Its least and its largest value stay."""
-POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; "
-    "img-src data: blob:; base-uri 'none'"
-)
-"""The content security policy of the page: it asks nobody for anything. It may compile WebAssembly and start a worker
-from a text of its own, and never evaluates a text as a script."""
 _START_BYTES = 300
 """About what the start of one controller on one grid takes, deflated."""
 MADE = "Made by vsgdesign {} from the study {} ({}). Other events are simulated here, without a verdict."
@@ -82,13 +80,6 @@ def is_static_page(path: str | Path) -> bool:
     """Whether a file is a page that :func:`write_static` has written."""
     with Path(path).open(encoding="utf-8", errors="replace") as stream:
         return MARK in stream.read(400)
-
-
-class StaticPage(NamedTuple):
-    """A page as text, or why there is none."""
-
-    text: str | None
-    why: str = ""
 
 
 def static_page_of(

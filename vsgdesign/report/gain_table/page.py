@@ -50,6 +50,7 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.html import print_html
+from vsgdesign.report.page.live import StaticPage, try_it, way_to_it
 from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
 
@@ -124,13 +125,22 @@ def table_figures(table: GainTable, measured: MeasuredErrors | None = None) -> I
 
 
 def write_table_page(
-    table: GainTable, figures: Sequence[WrittenFigure], out_path: Path, checked: TableCheck | None = None
+    table: GainTable,
+    figures: Sequence[WrittenFigure],
+    out_path: Path,
+    checked: TableCheck | None = None,
+    live: StaticPage | None = None,
 ) -> Path:
     """Write the page, with the figures' SVG text as it lies on disk."""
-    return print_html(table_page(table, figures, checked), out_path)
+    return print_html(table_page(table, figures, checked, live), out_path)
 
 
-def table_page(table: GainTable, figures: Sequence[WrittenFigure] = (), checked: TableCheck | None = None) -> Page:
+def table_page(
+    table: GainTable,
+    figures: Sequence[WrittenFigure] = (),
+    checked: TableCheck | None = None,
+    live: StaticPage | None = None,
+) -> Page:
     """The page: the answer, what the table is for, margins, gains, constraints, the proof, and stale schedules.
     ``checked``: what a check of its file found."""
     rest, asked = figures[1:], tuple((_heading(name), value) for name, value in specification_rows(table))
@@ -141,7 +151,9 @@ def table_page(table: GainTable, figures: Sequence[WrittenFigure] = (), checked:
     verified = verified if table.verification is None else marked(verified)
     faults = [_with_code(fault) for fault in (() if checked is None else checked.faults)]
     blocks: list[Block] = [
+        *way_to_it(live),
         *opening(table_headline(table, checked), table_answer(table, checked), figures),
+        *try_it(live, table.name),
         Heading("In words"),
         *([words(*faults, style=BULLETS)] if faults else []),
         Box([words(verdict_of(table))]),

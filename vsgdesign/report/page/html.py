@@ -43,6 +43,15 @@ from vsgdesign.report.page.blocks import (
 if TYPE_CHECKING:
     import jinja2
 
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; base-uri 'none'"
+)
+"""The content security policy of a page that is a file: it asks nobody for anything. It may compile WebAssembly and
+start a worker from a text of its own, and never evaluates a text as a script."""
+BESIDE = "; frame-src 'self' file:"
+"""A report may show a page beside it in a frame."""
+
 _FEW_ROWS, _FEW_LETTERS, _FEW_TEXTS = 14, 28, 6
 """A table of so many rows stays on one sheet of paper; a text of so many letters stays on one line, where so many
 columns have texts."""
@@ -56,6 +65,7 @@ def print_html(page: Page, out_path: Path) -> Path:
         .get_template("skeleton.html.j2")
         .render(
             title=page.title,
+            policy=Markup(POLICY + BESIDE),
             style=Markup(text_file("style.css") + page.style),
             main=_set(blocks, blocks),
             origin=_line(page.origin),

@@ -1,4 +1,5 @@
-"""The report of a scenario: one HTML file that contains everything, loads nothing and executes nothing."""
+"""The report of a scenario: one HTML file that contains everything and loads nothing. Its only scripts are those of
+the part on which one tries other grids."""
 
 from __future__ import annotations
 
@@ -31,6 +32,7 @@ from vsgdesign.report.page.blocks import (
 )
 from vsgdesign.report.page.converter import converter_table, filter_table, known_grid
 from vsgdesign.report.page.html import print_html
+from vsgdesign.report.page.live import StaticPage, try_it, way_to_it
 from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
 from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
@@ -55,9 +57,10 @@ def write_page(
     trained: TrainedEstimator | None = None,
     inner: dict[str, Any] | None = None,
     jumps: dict[str, Any] | None = None,
+    live: StaticPage | None = None,
 ) -> Path:
     """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
-    return print_html(scenario_page(result, figures, trained, inner, jumps), out_path)
+    return print_html(scenario_page(result, figures, trained, inner, jumps, live), out_path)
 
 
 def scenario_page(
@@ -66,6 +69,7 @@ def scenario_page(
     trained: TrainedEstimator | None = None,
     inner: dict[str, Any] | None = None,
     jumps: dict[str, Any] | None = None,
+    live: StaticPage | None = None,
 ) -> Page:
     """The page: the answer, all figures, what was asked for, the system, and the response to each event."""
     study = result.study
@@ -80,7 +84,9 @@ def scenario_page(
         words(_scenario(result)),
         *left_out(result),
         *_warnings(result),
+        *way_to_it(live),
         *opening(answer, [one for one in answers if one is not None], figures),
+        *try_it(live, study.title),
         Heading("In words"),
         Box([words(*(line for line in said if line != answer))]),
         *([Heading("Why the closed form misses"), words(*why)] if why else []),

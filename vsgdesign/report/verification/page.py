@@ -45,6 +45,7 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.html import print_html
+from vsgdesign.report.page.live import StaticPage, try_it, way_to_it
 from vsgdesign.report.verification.maps import map_figures
 from vsgdesign.report.verification.promises import promises_figure
 
@@ -60,15 +61,17 @@ def verification_figures(document: Mapping[str, Any]) -> Iterator[NamedFigure]:
     yield from map_figures(document)
 
 
-def write_verification_page(document: Mapping[str, Any], folder: Path) -> list[Path]:
+def write_verification_page(document: Mapping[str, Any], folder: Path, live: StaticPage | None = None) -> list[Path]:
     """Write ``figures/`` and ``report.html`` into an existing folder; returns every file that was written."""
     (folder / "figures").mkdir(exist_ok=True)
     figures = [write_figure(figure, folder / "figures") for figure in verification_figures(document)]
-    page = print_html(verification_page(document, figures), folder / "report.html")
+    page = print_html(verification_page(document, figures, live), folder / "report.html")
     return [path for figure in figures for path in (figure.svg, figure.png)] + [page]
 
 
-def verification_page(document: Mapping[str, Any], figures: Sequence[WrittenFigure] = ()) -> Page:
+def verification_page(
+    document: Mapping[str, Any], figures: Sequence[WrittenFigure] = (), live: StaticPage | None = None
+) -> Page:
     """The page: the answer, the promises, the maps, the worst cases, and how all of this was found."""
     worst, draws = document["worst"], draws_table(document)
     left_out = Where.BOTH if document["judged"] < document["runs"] else Where.PAGE
@@ -81,6 +84,7 @@ def verification_page(document: Mapping[str, Any], figures: Sequence[WrittenFigu
                 "linearised.",
             )
         ),
+        *way_to_it(live),
         Box(
             (
                 words(headline(document), style=HEADLINE, on=Where.BOTH),
@@ -88,6 +92,7 @@ def verification_page(document: Mapping[str, Any], figures: Sequence[WrittenFigu
             ),
             warning=not kept(document),
         ),
+        *try_it(live, document["title"]),
         Heading("Promises", numbered=True),
         replace(promises_table(document), on=Where.BOTH),
         *drawings(figures, 1),

@@ -29,6 +29,11 @@ EXIT_WRONG_INPUT = 2
 STUDY = click.argument("study_file", metavar="STUDY.toml", type=click.Path())
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
 BRIDGE = click.option("--bridge", type=click.Choice(["averaged", "pwm"]), help="Override the study's bridge model.")
+EXPLORER = click.option(
+    "--explorer/--no-explorer",
+    default=True,
+    help="Also write what simulates in the browser, on which one drags the grid.  [default: yes]",
+)
 
 WORKERS = click.option(
     "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"

@@ -12,6 +12,7 @@ import click
 from vsgdesign.errors import counted
 from vsgdesign.verbs.cli.common import (
     BRIDGE,
+    EXPLORER,
     JSON,
     STUDY,
     WORKERS,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Averaged bridge; nothing is designed, trained or verified.  --out is out/NAME-quick by default.",
 )
+@EXPLORER
 @WORKERS
 @JSON
 @verb
@@ -49,6 +51,7 @@ def run(
     bridge: str | None,
     sheet: str | None,
     quick: bool,
+    explorer: bool,
     workers: int | None,
     as_json: bool,
 ) -> None:
@@ -61,7 +64,7 @@ def run(
         raise click.UsageError("--quick has an averaged bridge: leave --bridge pwm out, or --quick")
     if sheet is not None and not sheet.lower().endswith(".pdf"):
         raise click.UsageError(f'--sheet writes a PDF: give a name that ends in .pdf, not "{sheet}"')
-    _run(study_file, out, bridge, as_json, "-quick" if quick else "", sheet=sheet, workers=workers)
+    _run(study_file, out, bridge, as_json, "-quick" if quick else "", sheet=sheet, explorer=explorer, workers=workers)
 
 
 @click.command()
@@ -96,6 +99,7 @@ def _run(
     *,
     workers: int | None,
     sheet: str | None = None,
+    explorer: bool = False,
 ) -> None:
     from vsgdesign.artifacts.files import check_new
     from vsgdesign.verbs.pipeline import run_study
@@ -128,7 +132,7 @@ def _run(
                 study,
                 folder,
                 bridge=bridge,
-                report=report,
+                report=report and (explorer or "still"),
                 workers=workers,
                 progress=tell,
                 warn=_warn,

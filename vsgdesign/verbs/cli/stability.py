@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from vsgdesign.verbs.cli.common import EXIT_IMPOSSIBLE, JSON, STUDY, load, print_json, progress, results_at, verb
+from vsgdesign.verbs.cli.common import (
+    EXIT_IMPOSSIBLE,
+    EXPLORER,
+    JSON,
+    STUDY,
+    load,
+    print_json,
+    progress,
+    results_at,
+    verb,
+)
 
 if TYPE_CHECKING:
     from vsgdesign.report.page.blocks import Block
@@ -75,7 +85,7 @@ def margins(study_file: str, evidence: bool, as_json: bool) -> None:
 @STUDY
 @click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-stability]")
 @click.option("--pdf", is_flag=True, help="Also write report.pdf.")
-@click.option("--explorer/--no-explorer", default=True, help="Also write explorer.html.  [default: yes]")
+@EXPLORER
 @JSON
 @verb
 def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json: bool) -> None:

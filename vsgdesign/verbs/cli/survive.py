@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.verbs.cli.common import JSON, STUDY, in_blocks, keeping, load, print_json, progress, verb
+from vsgdesign.verbs.cli.common import EXPLORER, JSON, STUDY, in_blocks, keeping, load, print_json, progress, verb
 
 if TYPE_CHECKING:
     from vsgdesign.execution.executors import How
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 @click.option(
     "--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True, help="Bridge model."
 )
+@EXPLORER
 @in_blocks
 @JSON
 @verb
@@ -41,6 +42,7 @@ def survive(
     controllers: tuple[str, ...],
     limiters: tuple[str, ...],
     bridge: str,
+    explorer: bool,
     how: How,
     as_json: bool,
 ) -> None:
@@ -51,7 +53,7 @@ def survive(
     """
     from pathlib import Path
 
-    from vsgdesign.verbs.pipeline.survival import report_survival
+    from vsgdesign.verbs.pipeline.survival import Asked, report_survival
 
     study = load(study_file, left_tables=True)
     folder = Path("out") / f"{study.name}-survival" if out is None else Path(out)
@@ -60,9 +62,7 @@ def survive(
             document = report_survival(
                 study,
                 folder,
-                controllers=controllers or None,
-                limiters=limiters or None,
-                bridge=bridge,
+                Asked(controllers or None, limiters or None, bridge, explorer),
                 progress=tell,
                 **how,
             )
@@ -70,7 +70,7 @@ def survive(
             print_json(document)
             return
         from vsgdesign.report.page.terminal import print_terminal
-        from vsgdesign.report.terminals import survival_blocks
+        from vsgdesign.report.survival import survival_blocks
 
         print_terminal(survival_blocks(document))
-        click.echo(f"results: {folder / 'results.json'}, every case: {folder / 'cases.csv'}")
+        click.echo(f"results: {folder / 'report.html'}, every case: {folder / 'cases.csv'}")

@@ -9,6 +9,7 @@ import click
 
 from vsgdesign.verbs.cli.common import (
     EXIT_IMPOSSIBLE,
+    EXPLORER,
     JSON,
     STUDY,
     in_blocks,
@@ -22,6 +23,7 @@ from vsgdesign.verbs.cli.common import (
 
 if TYPE_CHECKING:
     from vsgdesign.execution.executors import How
+    from vsgdesign.study.parameters.study import Study
 
 _FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
 
@@ -184,12 +186,17 @@ def compare(table_files: tuple[str, ...], as_json: bool) -> None:
 @table.command()
 @_FILE
 @click.option("--out", default=None, metavar="DIR", help="Folder for the report.  [default: out/NAME-table]")
+@click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter that is simulated."
+)
+@EXPLORER
 @JSON
 @verb
-def report(table_file: str, out: str | None, as_json: bool) -> None:
+def report(table_file: str, out: str | None, study_file: str | None, explorer: bool, as_json: bool) -> None:
     """Write the table as one page with figures.
 
-    The page shows gains, margin maps, active constraints, the certificate, and stale schedules.
+    The page shows gains, margin maps, active constraints, the certificate, and stale schedules. With --study it
+    simulates in the browser, too.
     """
     from pathlib import Path
 
@@ -198,10 +205,21 @@ def report(table_file: str, out: str | None, as_json: bool) -> None:
 
     found = read_table_file(table_file)
     folder = Path("out") / f"{Path(table_file).stem}-table" if out is None else Path(out)
+    study = None if study_file is None or not explorer else _with_table(study_file, table_file)
     with results_at(folder):
         with progress(quiet=as_json) as tell:
-            document = report_table(found, folder, inputs=[table_file], progress=tell)
+            document = report_table(found, folder, study=study, inputs=[table_file], progress=tell)
         if as_json:
             print_json(document)
         else:
             click.echo(f"report: {folder / 'report.html'}")
+
+
+def _with_table(study_file: str, table_file: str) -> Study:
+    """The study with nothing but the controller that has the table."""
+    from dataclasses import replace
+
+    from vsgdesign.verbs.pipeline.verify import with_table
+
+    study, name = with_table(load(study_file), table_file)
+    return replace(study, controllers=tuple(spec for spec in study.controllers if spec.name == name))

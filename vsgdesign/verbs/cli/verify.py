@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.verbs.cli.common import JSON, in_blocks, kept_words, load, print_json, progress, results_at, verb
+from vsgdesign.verbs.cli.common import (
+    EXPLORER,
+    JSON,
+    in_blocks,
+    kept_words,
+    load,
+    print_json,
+    progress,
+    results_at,
+    verb,
+)
 
 if TYPE_CHECKING:
     from vsgdesign.campaigns.verification.blocks import Shard
@@ -70,6 +80,7 @@ def _shard(_context: click.Context, _parameter: click.Parameter, text: str | Non
     help="Read the parts in this folder instead of simulating. May be repeated.",
 )
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-verification]")
+@EXPLORER
 @JSON
 @verb
 def verify(
@@ -86,6 +97,7 @@ def verify(
     shard: Shard | None,
     merge: tuple[str, ...],
     out: str | None,
+    explorer: bool,
     as_json: bool,
 ) -> None:
     """Simulate random cases, and bound the share of failures.
@@ -104,7 +116,14 @@ def verify(
     name = f"{study.name}-verification" + ("" if shard is None else f"/shard-{shard.number}-of-{shard.of}")
     folder = Path("out") / name if out is None else Path(out)
     asked = Asked(
-        controller=controller, runs=runs, seed=seed, confidence=confidence, bridge=bridge, strict=strict, search=search
+        controller=controller,
+        runs=runs,
+        seed=seed,
+        confidence=confidence,
+        bridge=bridge,
+        strict=strict,
+        search=search,
+        explorer=explorer,
     )
     with results_at(folder, lambda: kept_words(folder, WORK, "run")):
         with progress(quiet=as_json) as tell:

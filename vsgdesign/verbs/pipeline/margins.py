@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,9 +15,6 @@ from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.definitions import damping_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
-from vsgdesign.errors import WorkerError
-from vsgdesign.execution.executors import known_here_alone, worker_count, worker_processes
-from vsgdesign.execution.jobs import begun
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.linear.stability.assessment import (
     VIEW_HEADER,
@@ -31,11 +28,12 @@ from vsgdesign.linear.stability.assessment import (
 from vsgdesign.linear.stability.verdict import clause_matrix, left_out, worst_cases
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.report.drawing.figure_types import ExplorerFile
-from vsgdesign.report.explore.static import StaticPage, static_page_of
+from vsgdesign.report.explore.static import QUICK_LATTICES
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.study.parameters import Study
 from vsgdesign.study.parameters.study import ControllerSpec
+from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 from vsgdesign.verbs.pipeline.study_tables import study_tables
 
 if TYPE_CHECKING:
@@ -132,12 +130,13 @@ def _write(
     from vsgdesign.report import write_stability_figures, write_stability_report
 
     begin = time.perf_counter()
-    with _explorer_begun(result, workers) if explorer else nullcontext() as explored:
+    begun = live_begun(result.study, result.ready, workers, QUICK_LATTICES) if explorer else nullcontext()
+    with begun as explored:
         write_stability_tables(result, folder)
         tell("draw figures", 0.0)
         figures = write_stability_figures(result, folder / "figures")
         tell("draw figures", 1.0)
-        page = None if explored is None else _write_explorer(explored, folder, tell)
+        page = None if explored is None else _written(*waited_for(explored, tell), folder)
     found = phase_jumps(result.study)
     jumps = None if found is None else found.document()
     paper = folder / "report.pdf" if pdf else None
@@ -146,28 +145,11 @@ def _write(
     return write_record(folder, stability_document(result) | {"phase_jumps": jumps}, VERB)
 
 
-@contextmanager
-def _explorer_begun(result: StabilityResult, workers: int | None) -> Iterator[Callable[[], StaticPage]]:
-    """Begins to make the explorer of a study in another process; what is yielded waits for it. With one worker it is
-    made in that call."""
-    with ExitStack() as held:
-        alone = worker_count(workers) == 1 or known_here_alone()
-        executor = None if alone else held.enter_context(worker_processes(1))
-        yield begun(executor, static_page_of, result.study, result.ready)
-
-
-def _write_explorer(explored: Callable[[], StaticPage], folder: Path, tell: Progress) -> ExplorerFile:
-    """Waits for the explorer and writes it. The report does without it where there is none."""
-    tell("make the explorer", 0.0)
-    try:
-        text, why = explored()
-    except WorkerError as error:
-        text, why = None, f"It was not made: {error}"
-    tell("make the explorer", 1.0)
+def _written(text: str | None, why: str, folder: Path) -> ExplorerFile:
+    """Writes the explorer. The report does without it where there is none."""
     if text is None:
         return ExplorerFile(why=why)
-    size = (folder / EXPLORER_FILE).write_bytes(text.encode("utf-8"))
-    return ExplorerFile(EXPLORER_FILE, size)
+    return ExplorerFile(EXPLORER_FILE, (folder / EXPLORER_FILE).write_bytes(text.encode("utf-8")))
 
 
 def write_stability_tables(result: StabilityResult, folder: Path) -> None:

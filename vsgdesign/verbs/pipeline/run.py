@@ -6,10 +6,10 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -39,12 +39,23 @@ from vsgdesign.simulation.scenario.judging import judge_estimates
 from vsgdesign.simulation.scenario.promises import Kept, promises_kept
 from vsgdesign.study.parameters import Study
 from vsgdesign.verbs.pipeline.inner import assess_inner_loops, inner_document
+from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 from vsgdesign.verbs.pipeline.making import Made, made, nothing_to_make
 from vsgdesign.verbs.pipeline.opening import check_possible
 from vsgdesign.verbs.pipeline.training import judgement_document, network_document, training_document, trains
 
 if TYPE_CHECKING:
     from vsgdesign.report.drawing.figure_types import WrittenFigure
+    from vsgdesign.report.page.live import StaticPage
+
+
+class Shown(NamedTuple):
+    """What a run writes for a reader."""
+
+    report: bool
+    explorer: bool
+    """Whether the report has a live part."""
+    workers: int | None
 
 
 def run_study(
@@ -52,7 +63,7 @@ def run_study(
     out: str | Path,
     *,
     bridge: str | None = None,
-    report: bool = True,
+    report: bool | Literal["still"] = True,
     workers: int | None = None,
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
@@ -64,7 +75,8 @@ def run_study(
 
     Gain tables that the study asks for are designed first, on ``workers`` processes (None means one per core), and its
     network is trained beside them (:func:`vsgdesign.verbs.pipeline.making.made`). With ``report`` tables are verified
-    if the study's [verification] says ``with_run``. All is written to the same folder.
+    if the study's [verification] says ``with_run``; a "still" one does not simulate in the browser. All is written to
+    the same folder.
     ``warn`` is called before a controller is simulated that is unstable by the full-order model, since its run
     shows no meaningful response. A design that ``out`` has already, made from the same inputs by the same program,
     is taken from there, and ``say`` is told; the files are the same. ``done`` is given the result and the content of
@@ -79,7 +91,7 @@ def run_study(
         room_for(out, verb, inputs=study.input_files),
         nullcontext(check_possible(study)),  # after the folder, before any work
         # What it keeps goes after the folder is in its place: an interruption in between loses no finished work.
-        made(study, out, bridge=bridge, verify=report, workers=workers, progress=progress, say=say) as have,
+        made(study, out, bridge=bridge, verify=bool(report), workers=workers, progress=progress, say=say) as have,
         staged_folder(out, verb, inputs=study.input_files) as folder,
     ):
         begin = time.perf_counter()
@@ -93,7 +105,8 @@ def run_study(
         )
         have.timing_s["simulate"] = time.perf_counter() - begin
         result = replace(result, left_out=tuple(left_out))
-        result, document = _write(result, folder, verb, have, report=report, tell=tell, warn=warn)
+        shown = Shown(bool(report), report is True, workers)
+        result, document = _write(result, folder, verb, have, shown, tell=tell, warn=warn)
     if done is not None:
         done(result, document)
     return document
@@ -117,12 +130,14 @@ def what_is_there(study: Study) -> tuple[Study, list[str]]:
     return replace(study, controllers=tuple(kept), simulation=averaged, verification=None), left_out
 
 
-def write_run(result: ScenarioResult, out: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
+def write_run(
+    result: ScenarioResult, out: str | Path, *, explorer: bool = True, progress: Progress | None = None
+) -> dict[str, Any]:
     """Writes the folder of :func:`run_study` for a scenario that was simulated before. Raises ArtifactError."""
     verb = "vsgdesign run"
     with staged_folder(out, verb, inputs=result.study.input_files) as folder:
         have = nothing_to_make(result.ready)
-        return _write(result, folder, verb, have, report=True, tell=progress or silent)[1]
+        return _write(result, folder, verb, have, Shown(True, explorer, None), tell=progress or silent)[1]
 
 
 def _write_made(ready: Ready, folder: Path) -> None:
@@ -137,8 +152,8 @@ def _write(
     folder: Path,
     verb: str,
     have: Made,
+    shown: Shown,
     *,
-    report: bool,
     tell: Progress,
     warn: Callable[[str], None] | None = None,
 ) -> tuple[ScenarioResult, dict[str, Any]]:
@@ -158,25 +173,27 @@ def _write(
     timing["write"] = time.perf_counter() - begin
     inner, jumps = _inner_loops(study), None
     drawn: Callable[[], list[WrittenFigure]] | None = None
-    if report:
-        from vsgdesign.report import begin_figures
+    with _live(result, have, shown) as live:
+        if shown.report:
+            from vsgdesign.report import begin_figures
 
-        begin = time.perf_counter()
-        tell("draw figures", 0.0)
-        drawn = begin_figures(result, folder / "figures", trained, have.executor)
-        jumps = _phase_jumps(study)
-        timing["report"] = time.perf_counter() - begin
-    result = replace(result, ready=have.verified())
-    _write_made(result.ready, folder)
-    exports = _exports(study, result.ready, folder, have.executor, warn)
-    if drawn is not None:
-        from vsgdesign.report import write_report
+            begin = time.perf_counter()
+            tell("draw figures", 0.0)
+            drawn = begin_figures(result, folder / "figures", trained, have.executor)
+            jumps = _phase_jumps(study)
+            timing["report"] = time.perf_counter() - begin
+        result = replace(result, ready=have.verified())
+        _write_made(result.ready, folder)
+        exports = _exports(study, result.ready, folder, have.executor, warn)
+        if drawn is not None:
+            from vsgdesign.report import write_report
 
-        begin = time.perf_counter()
-        figures = drawn()
-        tell("draw figures", 1.0)
-        write_report(result, figures, folder / "report.html", trained, inner, jumps)
-        timing["report"] += time.perf_counter() - begin
+            begin = time.perf_counter()
+            figures = drawn()
+            tell("draw figures", 1.0)
+            page = None if live is None else waited_for(live, tell)
+            write_report(result, figures, folder / "report.html", trained, inner, jumps, page)
+            timing["report"] += time.perf_counter() - begin
     for wait in exports:
         wait()
     document = results_document(result, timing)
@@ -192,6 +209,13 @@ def _write(
         if trained is not None:
             document["estimator"]["training"] = training_document(trained)
     return result, write_record(folder, document, verb)
+
+
+def _live(result: ScenarioResult, have: Made, shown: Shown) -> AbstractContextManager[Callable[[], StaticPage] | None]:
+    """Begins to make the live part of the report, where one is asked for."""
+    if not (shown.report and shown.explorer):
+        return nullcontext()
+    return live_begun(result.study, result.ready, shown.workers, executor=have.executor)
 
 
 def export_tables(study: Study, ready: Ready, folder: Path, *, warn: Callable[[str], None] | None = None) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +13,10 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.equations.limiters import LIMITERS as KNOWN
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.execution.progress import Progress
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification import estimator_kind
 from vsgdesign.study.parameters.study import NO_LIMITER, Study
+from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
     from vsgdesign.simulation.survival import CaseResult, Subject, SurvivalCase
@@ -35,22 +37,31 @@ def variant_name(controller: str, limiter: str | None) -> str:
     return controller if limiter is None else f"{controller}, {limiter}"
 
 
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a measurement; ``controllers`` and ``limiters`` are those of :func:`subjects_of`."""
+
+    controllers: Iterable[str] | None = None
+    limiters: Sequence[str] | None = None
+    bridge: str = "averaged"
+    explorer: bool = True
+    """Whether the page simulates in the browser, too."""
+
+
 def report_survival(
     study: Study,
     out: str | Path,
+    asked: Asked = Asked(),
     *,
-    controllers: Iterable[str] | None = None,
-    limiters: Sequence[str] | None = None,
-    bridge: str = "averaged",
     workers: int | None = None,
     cluster: str | None = None,
     fresh: bool = False,
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Sends a study's controllers through all disturbances; writes results.json and cases.csv to ``out``.
+    """Sends a study's controllers through all disturbances; writes report.html, results.json and cases.csv.
 
-    ``controllers`` and ``limiters`` are those of :func:`subjects_of`. Gain tables without a file are designed first.
+    Gain tables without a file are designed first.
     Finished runs and tables are kept beside ``out`` until everything is done, so the same call continues after an
     interruption; ``fresh`` starts anew. ``workers`` and ``cluster`` are those of
     :func:`vsgdesign.execution.executors.executor_of`. ``say`` takes a sentence where what is kept is of other work.
@@ -58,7 +69,10 @@ def report_survival(
     """
     from vsgdesign.campaigns.survival.many import run_many
     from vsgdesign.execution.journal import work_folder
+    from vsgdesign.report.page.html import print_html
+    from vsgdesign.report.survival import survival_page
 
+    controllers, limiters = asked.controllers, asked.limiters
     with (
         room_for(out, VERB, inputs=study.input_files),
         # What it keeps goes after the folder is in its place: an interruption in between loses no finished run.
@@ -70,7 +84,7 @@ def report_survival(
         names = None if controllers is None else set(controllers)
         part = replace(study, controllers=tuple(c for c in study.controllers if names is None or c.name in names))
         ready = survival_tables(part, kept, workers=workers, progress=progress)
-        subjects = subjects_of(study, ready, controllers=controllers, limiters=limiters, bridge=bridge)
+        subjects = subjects_of(study, ready, controllers=controllers, limiters=limiters, bridge=asked.bridge)
         results = run_many(
             subjects,
             survival_cases(study),
@@ -81,7 +95,10 @@ def report_survival(
             say=say,
         )
         write_cases(folder / "cases.csv", results)
-        document = survival_document(study, subjects, results) | {"bridge": bridge, "provenance": provenance()}
+        document = survival_document(study, subjects, results) | {"bridge": asked.bridge, "provenance": provenance()}
+        with live_begun(part, ready, workers) if asked.explorer else nullcontext() as live:
+            page = None if live is None else waited_for(live, progress or silent)
+        print_html(survival_page(document, page), folder / "report.html")
         return write_record(folder, document, VERB)
 
 

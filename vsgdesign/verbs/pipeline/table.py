@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +13,15 @@ import numpy as np
 from vsgdesign.artifacts import staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.table_text import certificate_summary
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.journal import begins_again, kept_elsewhere, work_folder
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.report.page.live import StaticPage
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 from vsgdesign.verbs.pipeline.study_tables import CELLS
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds
@@ -151,18 +155,31 @@ def check_document(outcome: TableCheck) -> dict[str, Any]:
     return {"good": outcome.good} | vars(outcome)
 
 
+def _live(table: GainTable, study: Study | None) -> AbstractContextManager[Callable[[], StaticPage] | None]:
+    """Begins to make the live part of the page, with the converter of a study."""
+    if study is None:
+        return nullcontext()
+    return live_begun(study, Ready(tables={study.controllers[-1].name: table}))
+
+
 def report_table(
-    table: GainTable, out: str | Path, *, inputs: Iterable[str | Path] = (), progress: Progress | None = None
+    table: GainTable,
+    out: str | Path,
+    *,
+    study: Study | None = None,
+    inputs: Iterable[str | Path] = (),
+    progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Writes table.json, figures, results.json and report.html to ``out``. Returns the content of results.json.
 
-    ``inputs`` are the files from which the table comes. A folder that contains one of them is not replaced. The folder
-    appears when everything is done. Raises ArtifactError.
+    With a ``study`` whose only controller has the table, the page simulates in the browser: a table alone has no filter
+    and no inner loops. ``inputs`` are the files from which the table comes. A folder that contains one of them is not
+    replaced. The folder appears when everything is done. Raises ArtifactError.
     """
     from vsgdesign.report import write_table_figures, write_table_report
 
     tell = progress or silent
-    with staged_folder(out, REPORT, inputs=inputs) as folder:
+    with staged_folder(out, REPORT, inputs=inputs) as folder, _live(table, study) as live:
         tell("check the table", 0.0)
         outcome = check_whole_table(table)
         tell("check the table", 1.0)
@@ -170,7 +187,8 @@ def report_table(
         tell("draw figures", 0.0)
         figures = write_table_figures(table, folder / "figures")
         tell("draw figures", 1.0)
-        write_table_report(table, figures, folder / "report.html", outcome)
+        page = None if live is None else waited_for(live, tell)
+        write_table_report(table, figures, folder / "report.html", outcome, page)
         document = {
             "table": {
                 "name": table.name,

@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 
 if TYPE_CHECKING:  # the simulation is loaded by who verifies
     from concurrent.futures import Executor
@@ -49,6 +50,8 @@ class Asked:
     """Whether the loop rounds as Python does, on any instruction set."""
     search: int | None = None
     """Evaluations of the search for the worst; None: 5 % of the runs."""
+    explorer: bool = True
+    """Whether the page simulates in the browser, too."""
 
 
 def verify_study(
@@ -96,7 +99,7 @@ def verify_study(
             if shard is not None:
                 about |= {"shard": str(shard), "runs": summary.drawn, "judged": summary.judged}
                 return write_record(folder, about | {"timing_s": timing, "provenance": provenance()}, SHARD)
-            return _concluded(folder, out, job, summary, about, confidence, asked.search, executor, timing, progress)
+            return _concluded(folder, out, job, summary, about, confidence, asked, executor, timing, progress)
 
 
 def merge_shards(
@@ -143,7 +146,7 @@ def merge_shards(
         about = _about(job, confidence, summary, worker_count(workers)) | {"shards": len(files)}
         timing = {"prepare": time.perf_counter() - begin, "runs": 0.0}
         with executor_of(workers, reproducible=job.strict) as executor:
-            return _concluded(folder, out, job, summary, about, confidence, asked.search, executor, timing, progress)
+            return _concluded(folder, out, job, summary, about, confidence, asked, executor, timing, progress)
 
 
 def with_table(study: Study, table_file: str | Path, controller: str | None = None) -> tuple[Study, str]:
@@ -326,7 +329,7 @@ def _concluded(
     summary: Summary,
     about: Mapping[str, Any],
     confidence: float,
-    evaluations: int | None,
+    asked: Asked,
     executor: Executor | None,
     timing: dict[str, float],
     progress: Progress | None,
@@ -337,7 +340,7 @@ def _concluded(
     from vsgdesign.campaigns.verification.worst import CaseFolder, search_from_worst, write_found, write_worst
     from vsgdesign.report import write_verification_report
 
-    begin = time.perf_counter()
+    begin, evaluations = time.perf_counter(), asked.search
     if evaluations is None:
         evaluations = min(math.ceil(SEARCH_SHARE * job.runs), MOST_SEARCHED)
     for table in job.tables.values():
@@ -357,5 +360,7 @@ def _concluded(
         "provenance": provenance(),
     }
     document = plain(document)
-    write_verification_report(document, folder)
+    own = replace(job.study, controllers=tuple(one for one in job.study.controllers if one.name == job.spec.name))
+    with live_begun(own, job.ready, 1, executor=executor) if asked.explorer else nullcontext() as live:
+        write_verification_report(document, folder, None if live is None else waited_for(live, progress or silent))
     return write_record(folder, document, VERB)

@@ -1,7 +1,7 @@
 // The explorer's page. It computes nothing of the physics: every number is an answer of the package's own functions.
 // Order: svg draw notice state live transport map modes bode response units fields event table save actions main
 import { onThemeChange } from "./draw.js";
-import { Store, linkOf, stateOfLink } from "./state.js";
+import { Store, framed, linkOf, stateOfLink } from "./state.js";
 import { Transport, loadInfo, serverAsk, waitAfter } from "./transport.js";
 import { GridMap, figureText, paintScale } from "./map.js";
 import { ModesPlot } from "./modes.js";
@@ -132,6 +132,7 @@ class Page {
   makeStatic() {
     this.map.snap = this.file.snap;
     byId("hold-box").hidden = !this.file.holds;
+    byId("link").hidden = framed;
     byId("save").hidden = byId("event").disabled = !this.info.simulated.length;
     document.documentElement.classList.add("static");
     for (const field of this.gridFields) field.input.readOnly = true;

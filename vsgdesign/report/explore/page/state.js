@@ -1,5 +1,8 @@
 // The state that the page can change, its history (undo and redo), and the link's part after #.
 
+/** Whether the page is a part of another one, kept in its text: it has no address of its own then. */
+export const framed = window.location.protocol === "about:";
+
 const copyOf = (value) => JSON.parse(JSON.stringify(value));
 
 const sameJson = (a, b) => JSON.stringify(a) === JSON.stringify(b);
@@ -68,6 +71,7 @@ export class Store {
   }
 
   writeLink() {
+    if (framed) return;
     const link = linkOf(this.state, this.defaults);
     window.history.replaceState(null, "", link || window.location.pathname + window.location.search);
   }
