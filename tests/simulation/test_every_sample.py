@@ -15,7 +15,7 @@ from vsgdesign.artifacts import read_npz
 from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.simulation import GainChange, build_timeline, every_sample, simulate
-from vsgdesign.simulation.at_pcc import pcc_over_time
+from vsgdesign.simulation.at_pcc import AtPcc
 from vsgdesign.simulation.every_sample import MOST_SAMPLES, EverySample, spacing_of_figures
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import study_from_text
@@ -108,7 +108,7 @@ def test_parts_of_a_run_are_the_whole_of_it(monkeypatch: pytest.MonkeyPatch, apa
     run, logged = simulate(coarse, gains, every_sample=seen), simulate(whole, gains)
     assert max(parts) <= 20_001
     log, t_s = logged.log[::apart], logged.t_s[::apart]
-    v, i = pcc_over_time(study, timeline, t_s, log, logged.circuit_log[::apart])
+    v, i = AtPcc(study, timeline).rows(t_s, log, logged.circuit_log[::apart])
     powers = instantaneous_power(*v.T, *i.T)
     for found, power, mean in zip(seen.signals[1:3], powers, seen.means, strict=True):
         np.testing.assert_array_equal(found, power)

@@ -18,7 +18,7 @@ from vsgdesign.linear.operating_point.network import network_circuit, states_of_
 from vsgdesign.linear.operating_point.plant import plant_step
 from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation import GainChange, gain_changes, simulate
-from vsgdesign.simulation.at_pcc import pcc_over_time, pcc_vectors
+from vsgdesign.simulation.at_pcc import AtPcc, pcc_vectors
 from vsgdesign.simulation.scenario import derive_series, run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, study_from_text
@@ -216,7 +216,7 @@ def test_the_voltage_at_the_pcc(build: Callable[..., Study]) -> None:
     ]
     study = with_networks(build("18 ms"), *changes)
     run = simulate(study, CHANGES)
-    v, i = pcc_over_time(study, run.timeline, run.t_s, run.log, run.circuit_log)
+    v, i = AtPcc(study, run.timeline).rows(run.t_s, run.log, run.circuit_log)
     V_pk, t = study.converter.v_max_pk, np.round(run.t_s * 1e3, 6)
 
     def within(begin: float, end: float) -> np.ndarray:

@@ -22,9 +22,6 @@ _AT_PCC = FilterGrid(L_1=0.0, R_1=0.0, C=0.0, R_c=0.0, L_2=0.0, R_2=0.0, R_g=0.0
 _SAME_INSTANT = 1e-6
 """Part of a sampling period by which a change may lie behind a sample and still belong to it."""
 
-_ROWS = 4096
-"""So many rows are worked on at a time, because they fit into the processor's cache."""
-
 
 def pcc_vectors(log: Array, circuit: FilterGrid) -> tuple[Array, Array]:
     """v_pcc and i_pcc, (n, 2) each as (α, β), of rows of a run's log where nothing but a grid is connected
@@ -36,21 +33,8 @@ def pcc_vectors(log: Array, circuit: FilterGrid) -> tuple[Array, Array]:
     return pcc_voltage(i_s, v_c, i_g, v_g, circuit), i_g
 
 
-def pcc_over_time(study: Study, timeline: Timeline, t_s: Array, log: Array, more: Array) -> tuple[Array, Array]:
-    """v_pcc and i_pcc, (n, 2) each as (α, β), of rows of a run's log at increasing instants (:eq:`pcc-voltage`,
-    :eq:`network-pcc`). i_pcc is the current out of the filter, into load, fault and grid together.
-
-    ``more`` (n, m): the circuit's other states. A row at which the circuit changes has the voltage just after it.
-    """
-    v, done = np.empty((2, len(log))), 0
-    for part, circuit in AtPcc(study, timeline).parts(t_s, log, more, _ROWS):
-        v[:, done : done + len(part)] = pcc_vectors(np.asfortranarray(part), circuit)[0].T
-        done += len(part)
-    return v.T, log[:, 4:6]
-
-
 class AtPcc:
-    """What :func:`pcc_over_time` needs to know of a run, for many parts of its log."""
+    """Voltage and current at the PCC of a run, for many parts of its log (:eq:`pcc-voltage`, :eq:`network-pcc`)."""
 
     def __init__(self, study: Study, timeline: Timeline) -> None:
         """Finds the instants at which the circuit changes."""
@@ -62,7 +46,11 @@ class AtPcc:
         self._grids = [timeline.grid_at(instant) for instant in self._instants]
 
     def rows(self, t_s: Array, log: Array, more: Array) -> tuple[Array, Array]:
-        """As :func:`pcc_over_time`, for few rows."""
+        """v_pcc and i_pcc, (n, 2) each as (α, β), of rows of a run's log at increasing instants. i_pcc is the current
+        out of the filter, into load, fault and grid together.
+
+        ``more`` (n, m): the circuit's other states. A row at which the circuit changes has the voltage just after it.
+        """
         if self._states is not None:
             return self._behind_network(t_s, log, more), log[:, 4:6]
         parts = list(self.parts(t_s, log, more, len(log)))

@@ -69,51 +69,41 @@ class SignalsAtPcc(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What the means of the powers are made of: how many samples are in a mean, the powers of the first one (W, var),
-    and the sums of what all differ from them."""
+    """What the means of the powers are made of: 1 once there is a sample, the powers of the first one (W, var), and the
+    sums of what all differ from them."""
 
-    count: Any
+    begun: Any
     P_0: Any
     Q_0: Any
     P: Any
     Q: Any
 
 
-def taken(
-    sums: Sums,
-    P_ago: Any,
-    Q_ago: Any,
-    x: PlantState,
-    v_g_alpha: Any,
-    v_g_beta: Any,
-    circuit: FilterGrid,
-    I_rated: Any,
-    per_mean: Any,
-) -> Any:
-    """What is taken of a sample; P_ago and Q_ago are the sums of ``per_mean`` samples before.
-    Returns (sums_after, P_pcc, Q_pcc, i_pu, i_s_pu, mean_P, mean_Q)."""
+def taken(sums: Sums, P_ago: Any, Q_ago: Any, x: PlantState, v_g_alpha: Any, v_g_beta: Any, circuit: FilterGrid) -> Any:
+    """What is taken of a sample: the powers, the squared lengths of i_g and i_s (A² peak), and the sums of the powers
+    over the samples of a mean. P_ago and Q_ago are the sums of as many samples before. Roots and quotients are left for
+    whole arrays (:class:`EverySample`). Returns (sums_after, P_pcc, Q_pcc, i_sq, i_s_sq, sum_P, sum_Q)."""
     P, Q = power_at_pcc(x, v_g_alpha, v_g_beta, circuit)
-    begins = sums.count < 0.5
+    begins = sums.begun < 0.5
     P_0, Q_0 = np.where(begins, P, sums.P_0), np.where(begins, Q, sums.Q_0)
-    after = Sums(np.minimum(sums.count + 1.0, per_mean), P_0, Q_0, sums.P + (P - P_0), sums.Q + (Q - Q_0))
-    i_pu = np.sqrt(x.i_g_alpha * x.i_g_alpha + x.i_g_beta * x.i_g_beta) / I_rated
-    i_s_pu = np.sqrt(x.i_s_alpha * x.i_s_alpha + x.i_s_beta * x.i_s_beta) / I_rated
-    mean_P, mean_Q = (after.P - P_ago) / after.count + P_0, (after.Q - Q_ago) / after.count + Q_0
-    return after, P, Q, i_pu, i_s_pu, mean_P, mean_Q
+    after = Sums(1.0, P_0, Q_0, sums.P + (P - P_0), sums.Q + (Q - Q_0))
+    i_sq = x.i_g_alpha * x.i_g_alpha + x.i_g_beta * x.i_g_beta
+    i_s_sq = x.i_s_alpha * x.i_s_alpha + x.i_s_beta * x.i_s_beta
+    return after, P, Q, i_sq, i_s_sq, after.P - P_ago, after.Q - Q_ago
 
 
 @functools.cache
 def _loop() -> Loop:
-    """:func:`taken`, sample by sample: the bits of NumPy in a fifth of its time."""
+    """:func:`taken`, sample by sample: the bits of NumPy in a fraction of its time."""
     block = flat_block(taken)
     return compiled_loop(
         LoopSpec(
             bodies=(block,),
             state=tuple((f"sums.{name}", f"sums_after.{name}") for name in Sums._fields),
-            uniform=tuple(name for name in block.inputs if name.startswith(("circuit.", "I_", "per_"))),
+            uniform=tuple(name for name in block.inputs if name.startswith("circuit.")),
             fed=(*(f"x.{name}" for name in PlantState._fields), "v_g_alpha", "v_g_beta"),
             rings=(("P_ago", "sums_after.P"), ("Q_ago", "sums_after.Q")),
-            logged=(*SignalsAtPcc._fields[1:], "mean_P", "mean_Q"),
+            logged=("P_pcc", "Q_pcc", "i_sq", "i_s_sq", "sum_P", "sum_Q"),
             strict=True,
         ),
         quickly=True,
@@ -143,8 +133,7 @@ class EverySample:
         self._means = np.empty((2, -(-len(t_s) // self._apart)))
         self._kept: list[tuple[Array, Array]] = []
         loop = _loop()
-        known = dict(zip(loop.spec.uniform, (*study.circuit(), c.I_rated_pk, float(per_mean)), strict=True))
-        self._uniform, self._log = np.array(list(known.values())), np.empty((1, _ROWS, len(loop.spec.logged), 1))
+        self._uniform, self._log = np.array(study.circuit()), np.empty((1, _ROWS, len(loop.spec.logged), 1))
         self._loop = loop.standing(
             empty_rows(loop.spec, 1),
             self._uniform,
@@ -177,12 +166,19 @@ class EverySample:
         self._loop.log_from(begin)
         x = x if x.strides[1] == x.itemsize else x.copy()
         self._loop(begin, end, x[None, :, :, None])
-        found = self._log[0, : end - begin, :, 0].T
-        for values, column in zip(self._signals[1:], found, strict=False):
-            values[begin:end] = column
+        P, Q, *squares, sum_P, sum_Q = self._log[0, : end - begin, :, 0].T
+        signals = self._signals
+        signals.P_pcc[begin:end], signals.Q_pcc[begin:end] = P, Q
+        for values, square in zip((signals.i_pu, signals.i_s_pu), squares, strict=True):
+            lengths = values[begin:end]
+            lengths[:] = square
+            np.sqrt(lengths, out=lengths)
+            lengths /= self._study.converter.I_rated_pk
         logged = -begin % self._apart
-        means = found[4:, logged :: self._apart]
-        self._means[:, (begin + logged) // self._apart :][:, : means.shape[1]] = means
+        numbers = np.arange(begin + logged, end, self._apart)
+        means, count = self._means[:, (begin + logged) // self._apart :], np.minimum(numbers + 1.0, self._per_mean)
+        for values, first, total in zip(means, (signals.P_pcc[0], signals.Q_pcc[0]), (sum_P, sum_Q), strict=True):
+            values[: len(numbers)] = total[logged :: self._apart] / count + first
         self.length = end
 
     @property
