@@ -33,6 +33,9 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 BEYOND_S = 0.1
 """For how long the angle may stay beyond the largest power at the soft limit, s."""
 
+CERTAIN = 0.5
+"""Opening of the gate from which on the grid has a voltage that the way back may go to."""
+
 CARRIED = 1.3
 """Share of the largest power up to which a rest is taken to exist, because the estimate of the grid may be wrong."""
 
@@ -148,7 +151,8 @@ def way_back(beyond: Any, soft: Any, across: Any, along: Any, turn_d: Any, turn_
     (:eq:`way-back`).
 
     along and across are those of :func:`no_angle_carries`, turn the cosine and sine of the impedance angle. ``beyond``
-    is the answer of the last sample, ``soft`` whether the soft limit acts, and ``step`` what one sample adds.
+    is the answer of the last sample, ``soft`` whether the soft limit acts while the grid has a voltage, and ``step``
+    what one sample adds.
     """
     slope = across * turn_d + along * turn_q
     # A converter that is held at the soft limit touches it in most samples and not in all: the time counts back then.
@@ -248,7 +252,10 @@ def projection_limit(
     along, across = instantaneous_power(v_d, v_q, v_d - v_Z_d, v_q - v_Z_q)
     # With a power that no angle carries, even with the voltage at its reference, there is no rest to go back to.
     carried = rest_exists(view.P + missing, v_ref, v_d - v_Z_d, v_q - v_Z_q, Z, turn_d)
-    beyond = carried * way_back(memory.beyond, soft, across, along, turn_d, turn_q, c.beyond_step)
+    # The time counts only where the grid has a voltage for certain: in a deep sag, a wrong estimate makes one up that
+    # turns with the converter, and the way to its angle never ends.
+    counts = soft * (gate >= CERTAIN)
+    beyond = carried * way_back(memory.beyond, counts, across, along, turn_d, turn_q, c.beyond_step)
     returning = 1.0 * (beyond >= 1.0)
     no_angle = no_angle_carries(view.P + missing, v_d, v_q, along, across, Z, turn_d)
     low = low_voltage(v_d - v_Z_d, v_q - v_Z_q, LOW_VOLTAGE * c.v_gate_pk)
