@@ -6,7 +6,7 @@ OUT ?= out
 SPAWNED := tests/execution tests/verification/test_pipeline.py tests/cli/test_run_quick.py \
 	tests/artifacts/test_gain_table_file.py tests/codegen/test_every_equation.py
 
-.PHONY: paper test test-spawn lint bench evidence docs docs-test clean
+.PHONY: paper test test-thorough test-spawn lint bench evidence docs docs-test clean
 
 paper: $(VENV)/.train
 	$(BIN)/vsgdesign run studies/published/study.toml --out $(OUT)/published
@@ -14,6 +14,10 @@ paper: $(VENV)/.train
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest
+
+# What takes longer and is mostly seen by a quicker test as well: see tests/thorough.txt.
+test-thorough: $(VENV)/.dev
+	$(BIN)/python -m pytest --thorough
 
 # As on Windows: no process is forked, and no text is UTF-8 by itself.
 test-spawn: $(VENV)/.dev
@@ -28,7 +32,7 @@ lint: $(VENV)/.dev
 bench: $(VENV)/.dev
 	$(BIN)/python -m bench
 
-evidence: $(VENV)/.dev
+evidence: test-thorough
 	$(BIN)/python -m evidence --out $(OUT)/evidence
 
 docs: $(VENV)/.docs

@@ -55,6 +55,40 @@ def pytest_collection(session: pytest.Session) -> None:
             importlib.import_module(name)
 
 
+def thorough() -> dict[str, int]:
+    """The tests of `tests/thorough.txt`, each with the number of its cases that stay in `make test`."""
+    lines = (Path(__file__).parent / "thorough.txt").read_text(encoding="utf-8").splitlines()
+    parts = [line.partition(" ; ") for line in lines if not line.startswith("#")]
+    return {name: int(stay or 0) for name, _, stay in parts}
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--thorough", action="store_true", help="run the tests of tests/thorough.txt, and no other")
+
+
+def chosen(names: list[str], stay: dict[str, int], only: bool) -> list[bool]:
+    """Whether each test belongs to the suite: that of `make test`, or with `only` that of `make test-thorough`."""
+    left = dict(stay)
+    answers = []
+    for name in names:
+        key = name if name in left else name.partition("[")[0]
+        answers.append((left.get(key, 1) <= 0) == only)
+        if key in left:
+            left[key] -= 1
+    return answers
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """The whole suite leaves out what `tests/thorough.txt` lists. Tests that were named run whatever it says."""
+    only = config.getoption("--thorough")
+    if not only and config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return
+    kept = chosen([item.nodeid for item in items], thorough(), only)
+    config.hook.pytest_deselected(items=[item for item, keep in zip(items, kept, strict=True) if not keep])
+    items[:] = [item for item, keep in zip(items, kept, strict=True) if keep]
+
+
 def pytest_collection_finish() -> None:
     """What is loaded by now stays: the collector need not look through it again and again."""
     gc.collect()
