@@ -1,24 +1,35 @@
-"""Puts the explorer of a study into a page of the web site, in place of its picture."""
+"""Puts the page that simulates a study into pages of the web site."""
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-MARK = re.compile(r"^<!-- explorer: (\S+) -->\n(\S.*)$", re.MULTILINE)
-"""In a page: a study file relative to the page, and under it the picture that stands for its explorer elsewhere."""
+if TYPE_CHECKING:
+    from vsgdesign.study.parameters import Study
+
+MARK = re.compile(r"^<!-- explorer: (\S+)(?: (\{.*\}))?(?: ([^{].*))? -->$", re.MULTILINE)
+"""In a page: a study file relative to the page, the state with which its explorer begins, as in the part of a link
+behind #, and words above it. Of a study with more controllers than this state names, the explorer has these alone."""
+HOW = "Drag the ring on the map to another grid, or choose another event: your browser simulates."
 WIDE = "---\nhide:\n  - navigation\n  - toc\n---\n"
 """The explorer needs 1000 px for its three columns. The tabs on top still lead everywhere."""
 
+Make = Callable[[Path, Path, Mapping[str, Any]], object]
 
-def embed_explorers(folder: Path, make: Callable[[Path, Path], object]) -> list[Path]:
-    """Replaces every marked picture under ``folder`` by a frame; returns the explorers that the frames show.
 
-    ``make(study, page)`` writes the explorer of a study file. Raises ValueError where there is no such study, and for a
-    page whose address is not that of its folder.
+def embed_explorers(folder: Path, make: Make) -> list[Path]:
+    """Puts a frame in the place of every mark under ``folder``; returns the explorers that the frames show.
+
+    ``make(study, page, state)`` writes the explorer of a study file. What follows the mark stays: a picture shows the
+    same to those whose browser does not simulate. Raises ValueError where there is no such study, and for a page whose
+    address is not that of its folder.
     """
-    made: list[Path] = []
+    made: dict[Path, tuple[Path, Mapping[str, Any]]] = {}
     for page in sorted(folder.rglob("*.md")):
         text = page.read_text(encoding="utf-8")
         if not MARK.search(text):
@@ -30,28 +41,43 @@ def embed_explorers(folder: Path, make: Callable[[Path, Path], object]) -> list[
             study = page.parent / match[1]
             if not study.is_file():
                 raise ValueError(f"{page.relative_to(folder)}: there is no study {match[1]}")
-            made.append(study.with_name("explorer.html"))
-            make(study, made[-1])
-            return frame_of(made[-1].relative_to(page.parent).as_posix(), made[-1].stat().st_size)
+            explorer, asked = study.with_name("explorer.html"), (study, json.loads(match[2] or "{}"))
+            if made.setdefault(explorer, asked) != asked:
+                raise ValueError(f"{page.relative_to(folder)}: {match[1]} has an explorer with another state")
+            if not explorer.exists():
+                make(study, explorer, asked[1])
+            return frame_of(explorer.relative_to(page.parent).as_posix(), explorer.stat().st_size, match[3] or "")
 
         page.write_text(WIDE + MARK.sub(frame, text), encoding="utf-8")
-    return made
+    return list(made)
 
 
-def frame_of(address: str, size: int) -> str:
-    """The frame, and a link to the explorer on a page of its own."""
+def frame_of(address: str, size: int, words: str = "") -> str:
+    """The frame with words above it, and a link to the explorer on a page of its own."""
     return (
+        f"**Live.** {f'{words} {HOW}' if words else HOW}\n\n"
         f'<div class="explorer"><iframe src="{address}" title="Explorer" loading="lazy"></iframe>\n'
         f'<p><a href="{address}">Open it on a page of its own</a> '
-        f"({size / 1e6:.1f} MB, one file without server).</p></div>"
+        f"({size / 1e6:.1f} MB, one file without server).</p></div>\n"
     )
 
 
-def write_explorer(study: Path, page: Path) -> None:
-    """Writes the explorer of a study that needs no gain table."""
+def shown_of(study: Path, state: Mapping[str, Any]) -> tuple[Study, dict[str, Any]]:
+    """A study with the controllers of a state alone, and the state with which its explorer begins."""
+    from vsgdesign.report.explore.state import defaults
+    from vsgdesign.study.parameters import load_study
+
+    found = load_study(study)
+    names = state.get("controllers", [spec.name for spec in found.controllers])
+    shown = replace(found, controllers=tuple(spec for spec in found.controllers if spec.name in names))
+    return shown, defaults(shown) | dict(state)
+
+
+def write_explorer(study: Path, page: Path, state: Mapping[str, Any]) -> None:
+    """Writes the explorer of a study whose shown controllers need no gain table."""
     from vsgdesign.artifacts.ready import NOTHING
     from vsgdesign.report.explore.session import Session
     from vsgdesign.report.explore.static import LATTICES, write_static
-    from vsgdesign.study.parameters import load_study
 
-    write_static(Session(load_study(study), NOTHING), page, lattices=LATTICES[2:])
+    shown, start = shown_of(study, state)
+    write_static(Session(shown, NOTHING, start=start), page, lattices=LATTICES[2:])

@@ -94,7 +94,8 @@ def stage(folder: Path, render: Callable[[str], str]) -> None:
         shutil.copy(ROOT / name, folder / name)
     for name in FOLDERS:
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "out", "*.pyc"))
-    shutil.copy(ROOT / "website" / "site.css", folder / "site.css")
+    for name in ("site.css", "iframe-worker.js"):
+        shutil.copy(ROOT / "website" / name, folder / name)
     for page in folder.rglob("*.md"):
         text = NOTE.sub("", page.read_text(encoding="utf-8"))
         page.write_text(EQUATION.sub(lambda match: equation(match[1], render), text), encoding="utf-8")

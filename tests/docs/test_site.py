@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from latex2mathml.converter import convert
 
-from website.explorer import MARK, embed_explorers
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.report.explore.session import Session
+from website.explorer import HOW, MARK, embed_explorers, shown_of
 from website.staging import API, EQUATION, FILES, FOLDERS, NOTE, ROOT, equation, exists, parted
 
+GALLERY = (ROOT / "studies" / "README.md").read_text(encoding="utf-8")
 NAVIGATION = (ROOT / "website" / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:\n")[1]
 
 
@@ -72,19 +78,31 @@ def test_links_lead_to_pages_and_files_of_the_site() -> None:
     assert lost == []
 
 
-def test_an_explorer_takes_the_place_of_its_picture(tmp_path: Path) -> None:
+def test_an_explorer_takes_the_place_of_its_mark(tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     (tmp_path / "one" / "study.toml").write_text("", encoding="utf-8")
-    page = tmp_path / "README.md"
-    page.write_text("# A\n\n<!-- explorer: one/study.toml -->\n[![P](p.png)](how.md)\n\nB\n", encoding="utf-8")
-    made = embed_explorers(tmp_path, lambda _, page: page.write_bytes(b"x" * 10**6))
-    assert made == [tmp_path / "one" / "explorer.html"]
-    text = page.read_text(encoding="utf-8")
+    pages, asked = [tmp_path / "README.md", tmp_path / "one" / "README.md"], []
+    mark = '<!-- explorer: {}study.toml {{"scr": 8.0}}{} -->\n\n[![P](p.png)](how.md)\n\nB\n'
+    pages[0].write_text("# A\n\n" + mark.format("one/", " Words."), encoding="utf-8")
+    pages[1].write_text(mark.format("", ""), encoding="utf-8")
+
+    def make(study: Path, page: Path, state: Mapping[str, Any]) -> None:
+        asked.append((study, state))
+        page.write_bytes(b"x" * 10**6)
+
+    assert embed_explorers(tmp_path, make) == [tmp_path / "one" / "explorer.html"]
+    assert asked == [(tmp_path / "one" / "study.toml", {"scr": 8.0})]  # one for both pages
+    text = pages[0].read_text(encoding="utf-8")
     assert text.startswith("---\nhide:")
+    assert f"**Live.** Words. {HOW}" in text
     assert '<iframe src="one/explorer.html"' in text
     assert "(1.0 MB" in text
-    assert "p.png" not in text
-    assert text.endswith("</div>\n\nB\n")
+    assert text.endswith("</div>\n\n\n[![P](p.png)](how.md)\n\nB\n")  # the picture stays for who cannot simulate
+    assert f"**Live.** {HOW}" in pages[1].read_text(encoding="utf-8")
+    pages[1].write_text(mark.format("", "").replace("8.0", "9.0"), encoding="utf-8")
+    pages[0].write_text(mark.format("one/", ""), encoding="utf-8")
+    with pytest.raises(ValueError, match="another state"):
+        embed_explorers(tmp_path, make)
 
 
 @pytest.mark.parametrize(
@@ -97,10 +115,26 @@ def test_an_explorer_that_cannot_be_shown_is_named(name: str, study: str, said: 
         embed_explorers(tmp_path, lambda *_: None)
 
 
-def test_the_gallery_has_an_explorer() -> None:
-    assert [match[1] for match in MARK.finditer((ROOT / "studies" / "README.md").read_text(encoding="utf-8"))] == [
-        "structures/study.toml"
-    ]
+def test_the_gallery_marks_the_studies_that_are_live() -> None:
+    """One picture, one study, one command each; and what is called live has an explorer on its page."""
+    rows = re.findall(r"^\| \[!\[.*\((\w+)/README\.md\) \| .*<br>(.*) \|$", GALLERY, re.MULTILINE)
+    assert len(rows) == GALLERY.count("\n| [!")
+    assert all(re.match(r"`(vsgdesign|python) [^`]+` · [\w ]+", command) for _, command in rows)
+    live = {name for name, command in rows if command.endswith("· **live**")}
+    pages = {
+        page.parent.name: MARK.search(page.read_text(encoding="utf-8")) for page in (ROOT / "studies").glob("*/*.md")
+    }
+    assert live == {name for name, found in pages.items() if found}
+    assert "published" in live
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *(ROOT / "studies").glob("*/README.md")])
+def test_the_state_of_every_explorer_is_one_of_its_study(page: Path) -> None:
+    for match in MARK.finditer(page.read_text(encoding="utf-8")):
+        shown, state = shown_of(page.parent / match[1], json.loads(match[2] or "{}"))
+        session = Session(shown, NOTHING, start=state)
+        assert session.start.controllers == tuple(spec.name for spec in shown.controllers)
+        assert all(spec.schedule != "table" for spec in shown.controllers)  # nobody designs it while the site is made
 
 
 def test_every_equation_of_the_theory_would_be_found() -> None:
@@ -111,8 +145,8 @@ def test_every_equation_of_the_theory_would_be_found() -> None:
 
 def test_notes_of_the_tests_do_not_reach_a_reader() -> None:
     page = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert "<!--" in page
-    assert "<!--" not in NOTE.sub("", page)
+    assert NOTE.search(page)
+    assert "<!--" not in MARK.sub("", NOTE.sub("", page))
 
 
 def test_public_modules_are_there() -> None:
@@ -124,4 +158,5 @@ def test_nothing_is_fetched_when_a_page_is_read() -> None:
     settings = (ROOT / "website" / "mkdocs.yml").read_text(encoding="utf-8")
     assert "font: false" in settings
     assert not re.search(r"https?://", settings)
+    assert "polyfills: [iframe-worker.js]" in settings  # or the theme takes one from the internet
     assert not re.search(r"https?://|@import", (Path(ROOT) / "website" / "site.css").read_text(encoding="utf-8"))
