@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from tests.examples import TIMES
 from tests.gain_tables import table
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.report.explore import live
+from vsgdesign.report.explore import live, words
 from vsgdesign.report.explore.answer import MOST, thinned
 from vsgdesign.report.explore.events import LEAD_S, study_of
 from vsgdesign.report.explore.live import SIGNALS, emt_answer
@@ -277,10 +276,9 @@ def test_an_estimator_of_its_own_does_not_run() -> None:
 
 
 def test_a_current_that_no_hardware_carries_is_told_beside_survived() -> None:
-    state: Any = SimpleNamespace(event=SimpleNamespace(kind="phase"))
     said = {}
     for peak_pu in (1.9, 2.1):
         found = live.NOTHING | {"status": "survived", "recovery_s": 0.5, "peak_pu": peak_pu, "why": ""}
-        said[peak_pu] = live._verdict(found, structures(), state)
+        said[peak_pu] = words.verdict(found, words.asked_of(structures()), "phase", "P")
     assert said[1.9].endswith("The current reaches 1.90 pu.")
     assert said[2.1].endswith("The current reaches 2.10 pu, more than hardware carries.")

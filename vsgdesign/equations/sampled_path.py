@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.filters import FilterGrid
-from vsgdesign.equations.frames import peak_to_rms, rms_to_peak
+from vsgdesign.equations.filters import FilterGrid, pcc_voltage
+from vsgdesign.equations.frames import instantaneous_power, peak_to_rms, rms_to_peak
 from vsgdesign.equations.power_flow import admittance, jacobian_from_admittance, power_flow
 
 
@@ -210,3 +210,48 @@ def droop_step(
     next_delta = delta + (D * e_P - B * e_Q) / determinant
     next_V = V_rms + (A * e_Q - C * e_P) / determinant
     return next_V, next_delta, np.maximum(np.abs(e_P), np.abs(e_Q)) / (np.hypot(b, g) + np.abs(Q_0))
+
+
+class Rest(NamedTuple):
+    """A steady state: P (W), Q (var), V (phase rms, V) and the angle to the source (rad) at the control point, the
+    lengths of the converter's current (A peak) and of the bridge's voltage (V peak), and the powers at the PCC."""
+
+    P: Any
+    Q: Any
+    V_rms: Any
+    delta: Any
+    i_s_pk: Any
+    v_b_pk: Any
+    P_pcc: Any
+    Q_pcc: Any
+
+
+def sampled_rest(
+    transition: Transition,
+    b_1: Any,
+    b_2: Any,
+    b_3: Any,
+    of_constant: PlantPhasors,
+    turn: Phasor,
+    circuit: FilterGrid,
+    V_g_rms: Any,
+    V_rms: Any,
+    delta: Any,
+) -> Rest:
+    """The steady state with V∠δ at the control point: every state of the circuit is affine in this voltage."""
+    bridge = PlantPhasors(Phasor(b_1, 0.0), Phasor(b_2, 0.0), Phasor(b_3, 0.0))
+    per_bridge = rotating(transition, turn, bridge)
+    from_source = each_sum(rms_to_peak(V_g_rms), rotating(transition, turn, of_constant), 0.0, per_bridge)
+    v_pk = rms_to_peak(V_rms)
+    v = Phasor(v_pk * np.cos(delta), v_pk * np.sin(delta))
+    driven = scaled_sum(1.0, v, -1.0, node_phasor(from_source, circuit.R_c))
+    v_b = quotient(driven, node_phasor(per_bridge, circuit.R_c))
+    x = each_sum(1.0, each_product(per_bridge, v_b), 1.0, from_source)
+    P, Q = instantaneous_power(v.re, v.im, x.i_g.re, x.i_g.im)
+    at_pcc = Phasor(
+        pcc_voltage(x.i_s.re, x.v_c.re, x.i_g.re, rms_to_peak(V_g_rms), circuit),
+        pcc_voltage(x.i_s.im, x.v_c.im, x.i_g.im, 0.0, circuit),
+    )
+    P_pcc, Q_pcc = instantaneous_power(at_pcc.re, at_pcc.im, x.i_g.re, x.i_g.im)
+    i_s_pk, v_b_pk = np.hypot(x.i_s.re, x.i_s.im), np.hypot(v_b.re, v_b.im)
+    return Rest(P, Q, V_rms, delta, i_s_pk, v_b_pk, P_pcc, Q_pcc)

@@ -244,20 +244,28 @@ def judge_survival(
         limited_at_end=at_end,
         swing_rad=swing,
     )
-    status, reason = SURVIVED, None
-    if diverged:
-        status, reason = DIVERGED, f"a quantity left every sensible bound at {t[-1]:.4g} s"
-    elif slipped:
-        status = SLIPPED
-    elif t[-1] + 0.5 * step < cleared_s + demand.needed_s - step:
-        status = NOT_KNOWN
-        reason = f"the record ends {t[-1] - cleared_s:.4g} s after the clearing, and {demand.needed_s:.4g} s are needed"
-    elif recovery is None and at_end > LATCHED_SHARE:
-        status = LATCHED
-    elif recovery is None or recovery > demand.deadline_s:
-        status = NOT_AT_REST
+    watched_s, reason = float(t[-1]) - cleared_s, None
+    short = t[-1] + 0.5 * step < cleared_s + demand.needed_s - step
+    given = diverged, slipped, short, math.inf if recovery is None else recovery, demand.deadline_s, at_end
+    status = STATUSES[int(place_of_verdict(*map(float, given)))]
+    if status == DIVERGED:
+        reason = f"a quantity left every sensible bound at {t[-1]:.4g} s"
+    elif status == NOT_KNOWN:
+        reason = f"the record ends {watched_s:.4g} s after the clearing, and {demand.needed_s:.4g} s are needed"
     found = replace(figures, status=status, reason=reason)
-    return found if reason is not None else replace(found, reason=why_lost(found, float(t[-1]) - cleared_s, demand))
+    return found if reason is not None else replace(found, reason=why_lost(found, watched_s, demand))
+
+
+def place_of_verdict(
+    diverged: Any, slipped: Any, too_short: Any, recovery_s: Any, deadline_s: Any, limited_at_end: Any
+) -> Any:
+    """The place in STATUSES of the verdict on a run that has a rest to come to. The first three are 1 or 0: whether it
+    diverged, whether it slipped by a turn, and whether the record is too short. ``recovery_s`` is infinite where it
+    does not come to rest."""
+    late = np.where(recovery_s > deadline_s, 1.0, 0.0)
+    found = np.where((recovery_s == np.inf) and (limited_at_end > LATCHED_SHARE), 3.0, late)
+    found = np.where(too_short > 0.5, 6.0, found)
+    return np.where(diverged > 0.5, 4.0, np.where(slipped > 0.5, 2.0, found))
 
 
 def why_lost(verdict: Survival, watched_s: float, demand: SurvivalDemand) -> str | None:
@@ -347,22 +355,37 @@ def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, dema
 
 def _swing(delta: Array, starts: NDArray[np.intp], rest: float, ended: bool) -> tuple[float, bool]:
     """Largest distance of the angle from its rest after each event, rad, and whether it slipped by a turn."""
-    turn = 2.0 * math.pi
-    angle = unwrapped(delta) - rest
+    angle = unwrapped(delta)
     ends = [*starts[1:], len(angle)]
     swing, slipped = 0.0, False
     for k, (begin, end) in enumerate(zip(starts, ends, strict=True)):
         part = angle[begin:end]
         if part.size == 0:
             continue
-        base = turn * round(float(part[0]) / turn)
-        if ended and k == len(starts) - 1:
-            reached = turn * round(float(part[-1]) / turn)
-            if either_way(float(part[0]), reached, base, rest):
-                base = reached
-            slipped = reached != base
-        swing = max(swing, abs(float(part.max()) - base), abs(float(part.min()) - base))
-    return swing, slipped or swing > turn
+        final = 1.0 if ended and k == len(starts) - 1 else 0.0
+        first, least, most, last = (float(one) for one in (part[0], part.min(), part.max(), part[-1]))
+        far, gone = swung(first, least, most, last, rest, final)
+        swing, slipped = max(swing, float(far)), slipped or bool(gone > 0.5)
+    return swing, slipped
+
+
+_TURN = 2.0 * math.pi
+
+
+def swung(first: Any, least: Any, most: Any, last: Any, rest: Any, final: Any) -> tuple[Any, Any]:
+    """How far the angle is from its rest after an event, and whether it slipped by a turn.
+
+    ``first``, ``least``, ``most``: the angle right after the event, and its least and largest until the next one;
+    ``last``: at the end of the record, ``rest``: of the rest after the last event; rad, not wrapped. ``final``: 1 of
+    the last event of a record that does not end with a divergence, else 0. Returns (far, slipped): rad, and 1 or 0.
+    """
+    base = _TURN * np.floor((first - rest) / _TURN + 0.5)
+    reached = _TURN * np.floor((last - rest) / _TURN + 0.5)
+    own = np.where(either_way(first - rest, reached, base, rest), reached, base)
+    gone = final * np.where(reached != own, 1.0, 0.0)
+    base = np.where(final > 0.5, own, base)
+    far = np.maximum(np.abs(most - rest - base), np.abs(least - rest - base))
+    return far, np.where(far > _TURN, 1.0, gone)
 
 
 def either_way(first: Any, reached: Any, base: Any, rest: Any) -> Any:
@@ -371,9 +394,9 @@ def either_way(first: Any, reached: Any, base: Any, rest: Any) -> Any:
     All are in rad against the rest at ``rest``, scalars or arrays. It may where an event has left it within 20° of the
     unstable equilibrium between the two, or beyond it.
     """
-    lead = rest - 2.0 * math.pi * np.round(np.asarray(rest) / (2.0 * math.pi))
-    beyond = np.maximum(np.where(np.asarray(reached) > base, 2.0 * lead, -2.0 * lead), 0.0)
-    return np.abs(np.asarray(first) - reached) <= math.pi + beyond + _EITHER_WAY
+    lead = rest - _TURN * np.floor(rest / _TURN + 0.5)
+    beyond = np.maximum(np.where(reached > base, 2.0 * lead, -2.0 * lead), 0.0)
+    return np.abs(first - reached) <= math.pi + beyond + _EITHER_WAY
 
 
 def _largest(parts: Sequence[Array]) -> float | None:

@@ -59,21 +59,21 @@ class Divergence:
 RESTING_S = 1.0
 """Length of the end of a run in which it must rest where a limit acts, s."""
 
-_ACTS = 0.05
+ACTS = 0.05
 """Share of the samples from which on a limit counts as acting: a rest at its edge is limited in some samples only."""
 
-_PARTS = 4
-_MOVES = 0.02
+PARTS = 4
+MOVES = 0.02
 """The means of the powers over so many parts of the end of a run differ by at most this share of the rating at rest."""
 
-_NEAR = 0.9
+NEAR = 0.9
 """Where the bridge's voltage is at its limit, a limiter acts on a current that the voltage is not enough for. Its own
 limit acts as well only from this share of the current limit on."""
 
 CURRENT, BRIDGE, VOLTAGE = LIMITS = "current", "bridge voltage", "limiter's voltage"
 """What may limit a run: the current, the voltage of the bridge, and the voltage to which a limiter holds the Q loop."""
 
-_IN_WORDS = {
+IN_WORDS = {
     CURRENT: "its current limit",
     BRIDGE: "the limit of its bridge's voltage",
     VOLTAGE: "a limit that its limiter sets to the voltage",
@@ -103,12 +103,12 @@ class LimitedEnd(NamedTuple):
     @property
     def rests(self) -> bool:
         """Whether the powers rest."""
-        return self.spread <= _MOVES
+        return self.spread <= MOVES
 
     @property
     def where(self) -> str:
         """The limits in words."""
-        return " and ".join(_IN_WORDS[name] for name in self.limits)
+        return " and ".join(IN_WORDS[name] for name in self.limits)
 
 
 def limited_samples(study: Study, run: Simulation) -> LimitedSamples:
@@ -118,16 +118,16 @@ def limited_samples(study: Study, run: Simulation) -> LimitedSamples:
     counted, at_bridge, V = (run.column(name) for name in ("limited_samples", "at_bridge", "V_rms"))
     current = np.diff(counted, prepend=counted[:1]) / every
     if c.current_limit_pu is not None:
-        near = np.hypot(run.column("i_s_alpha"), run.column("i_s_beta")) >= _NEAR * c.current_limit_pu * c.I_rated_pk
+        near = np.hypot(run.column("i_s_alpha"), run.column("i_s_beta")) >= NEAR * c.current_limit_pu * c.I_rated_pk
         current = np.where((at_bridge > 0.0) & ~near, 0.0, current)
     voltage = np.zeros(len(V))
     for end in ("V_low", "V_high"):
         if (limit := getattr(settings.limiter, end, None)) is not None:
-            voltage += np.isclose(V, limit, rtol=_SAME, atol=0.0)
+            voltage += np.isclose(V, limit, rtol=SAME, atol=0.0)
     return LimitedSamples(current, at_bridge, voltage)
 
 
-_SAME = 1e-9
+SAME = 1e-9
 """A voltage that differs from a limit by less than this share of it is at the limit."""
 
 
@@ -140,11 +140,11 @@ def limited_end(
     """
     if t_s[-1] < RESTING_S:
         return None
-    rows = np.array_split(np.arange(int(np.searchsorted(t_s, t_s[-1] - RESTING_S)), len(t_s)), _PARTS)
+    rows = np.array_split(np.arange(int(np.searchsorted(t_s, t_s[-1] - RESTING_S)), len(t_s)), PARTS)
     begin = rows[0][0]
     if t_s[begin] < since_s or any(part.size == 0 for part in rows):
         return None
-    limits = tuple(name for name, one in zip(LIMITS, acting, strict=True) if one[begin:].mean() >= _ACTS)
+    limits = tuple(name for name, one in zip(LIMITS, acting, strict=True) if one[begin:].mean() >= ACTS)
     if not limits:
         return None
     spread = max(float(np.ptp([power[part].mean() for part in rows])) for power in (P, Q)) / study.converter.S_rated
@@ -240,10 +240,18 @@ def outcome_of(
     return Outcome("settled") if short is None else Outcome("not known", short.reason)
 
 
+RESTS_AT, MOVES_AT = (
+    "it rests at {} with P = {} and Q = {}",
+    "in the last second it is at {} and does not rest: the means of P or Q over its quarters differ by {:.3g} % of the "
+    "rating",
+)
+"""What is said of a run at whose end limits act, first, whether it rests there or not."""
+
+
 def _limited(end: LimitedEnd, last: Rest, S_rated: float) -> Outcome | None:
     """The outcome of a run at whose end limits act; None if it is at a rest without them, or on its way there."""
     if last.point is not None:
-        away = max(abs(end.P - last.P_pcc), abs(end.Q - last.Q_pcc)) > _MOVES * S_rated
+        away = max(abs(end.P - last.P_pcc), abs(end.Q - last.Q_pcc)) > MOVES * S_rated
         # Ripple and harmonics may touch the limit of the bridge at a rest as well.
         if not (end.rests and away and CURRENT in end.limits):
             return None
@@ -251,8 +259,6 @@ def _limited(end: LimitedEnd, last: Rest, S_rated: float) -> Outcome | None:
     why = f"{why[0].upper()}{why[1:]}"
     if end.rests:
         P, Q = (float(f"{power:.3g}") for power in (end.P, end.Q))
-        place = f"P = {format_quantity(P, 'W')} and Q = {format_quantity(Q, 'var')}"
-        return Outcome("limited", f"it rests at {end.where} with {place}. {why}", limits=end.limits)
-    moved = f"the means of P or Q over its quarters differ by {100.0 * end.spread:.3g} % of the rating"
-    said = f"in the last second it is at {end.where} and does not rest: {moved}. {why}"
-    return Outcome("not settled", said, limits=end.limits)
+        said = RESTS_AT.format(end.where, format_quantity(P, "W"), format_quantity(Q, "var"))
+        return Outcome("limited", f"{said}. {why}", limits=end.limits)
+    return Outcome("not settled", f"{MOVES_AT.format(end.where, 100.0 * end.spread)}. {why}", limits=end.limits)

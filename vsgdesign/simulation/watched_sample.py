@@ -126,6 +126,16 @@ def loaded(load: Load, of: LoadDemand, x: PlantState) -> Load:
     )
 
 
+def entered_s(entry: Entry, band: Any, T_s: Any, since_s: Any) -> Any:
+    """The time from ``since_s`` on, s, at which a signal entered its band for the last time, interpolated
+    (:eq:`last-entry`, as :func:`vsgdesign.metrics.step_response.settling_time` has it); infinite if it ends outside, 0
+    if it never was."""
+    span = entry.error_out - entry.error_in
+    fraction = (entry.error_out - band) / np.where(span > 0.0, span, 1.0)
+    entered = (entry.last_out + fraction) * T_s - since_s
+    return np.where(entry.was_out > 0.5, np.inf, np.where(entry.last_out < 0.0, 0.0, entered))
+
+
 def power_at_pcc(x: PlantState, v_g_alpha: Any, v_g_beta: Any, circuit: FilterGrid) -> Any:
     """Powers at the PCC behind a second inductor, W and var. Returns (P, Q)."""
     v_alpha = pcc_voltage(x.i_s_alpha, x.v_c_alpha, x.i_g_alpha, v_g_alpha, circuit)
@@ -138,6 +148,11 @@ def power_at_node(true: Measurement) -> Any:
     """Powers at the capacitor node, W and var. Returns (P, Q)."""
     P, Q = instantaneous_power(true.v_alpha, true.v_beta, true.i_g_alpha, true.i_g_beta)
     return P, Q
+
+
+def reached(mean: Any, of: StepDemand) -> Any:
+    """The share of the step that a mean has reached."""
+    return (mean - of.initial) / (of.final - of.initial)
 
 
 def watched_step(
@@ -155,7 +170,7 @@ def watched_step(
     power = of.of_P * P_pcc + of.of_Q * Q_pcc
     total = watch.sum + (power - power_ago)
     mean = total * of.per_cycle
-    progress = (mean - of.initial) / (of.final - of.initial)
+    progress = reached(mean, of)
     after = StepWatch(
         most=np.maximum(watch.most, progress),
         entry=entered(watch.entry, np.abs(progress - 1.0), of.band, k),
@@ -165,6 +180,18 @@ def watched_step(
         late=watch.late + power,
     )
     return after, power
+
+
+def away_from_rest(
+    sum_P: Any, sum_Q: Any, of: DisturbanceDemand, P: Any, Q: Any, P_ago: Any, Q_ago: Any
+) -> tuple[Any, Any, Any]:
+    """The sums of P and Q over a cycle after a sample, and how far their means are from the rest, as a share of the
+    rated power. Returns (next_P, next_Q, error)."""
+    next_P = sum_P + (P - P_ago)
+    next_Q = sum_Q + (Q - Q_ago)
+    error_P = np.abs(next_P * of.per_cycle - of.P_rest)
+    error_Q = np.abs(next_Q * of.per_cycle - of.Q_rest)
+    return next_P, next_Q, np.maximum(error_P, error_Q) * of.per_S
 
 
 def watched_disturbance(
@@ -186,14 +213,11 @@ def watched_disturbance(
     P_ago and Q_ago are the powers one cycle ago. ``next_theta`` is the converter's angle at the next sample, before it
     is drawn back by a turn. ``extra``: by how much more than ``of.turn`` the source turns, rad. Returns (watched).
     """
-    sum_P = watch.sum_P + (P - P_ago)
-    sum_Q = watch.sum_Q + (Q - Q_ago)
-    error_P = np.abs(sum_P * of.per_cycle - of.P_rest)
-    error_Q = np.abs(sum_Q * of.per_cycle - of.Q_rest)
+    sum_P, sum_Q, error = away_from_rest(watch.sum_P, watch.sum_Q, of, P, Q, P_ago, Q_ago)
     return DisturbanceWatch(
         sum_P=sum_P,
         sum_Q=sum_Q,
-        entry=entered(watch.entry, np.maximum(error_P, error_Q) * of.per_S, of.band, k),
+        entry=entered(watch.entry, error, of.band, k),
         load=loaded(watch.load, load_of, x),
         delta=watch.delta + ((next_theta - theta) - (of.turn + extra)),
         least=np.minimum(watch.least, watch.delta),

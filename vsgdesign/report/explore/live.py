@@ -10,20 +10,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import SimulationDivergedError, VsgDesignError
-from vsgdesign.metrics.beside_limit import beside_limit
-from vsgdesign.metrics.events import DIVERGED, MEASURED, TOO_SHORT, UNSTABLE, EventMetrics
-from vsgdesign.metrics.met import OVERSHOOT_ROOM, overshoot_met, settling_met
+from vsgdesign.metrics.events import MEASURED, TOO_SHORT, EventMetrics
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.metrics.survival import HARDWARE_PU, LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, TRIPPED, loads_of
+from vsgdesign.metrics.survival import loads_of
 from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
-from vsgdesign.report.explore.events import LEAD_S, SHOWN_S, after_s, event_s, events_of, length_s, study_of
+from vsgdesign.report.explore.events import LEAD_S, after_s, event_s, events_of, length_s, study_of
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import State
+from vsgdesign.report.explore.words import SETTLED, asked_of, verdict
 from vsgdesign.simulation.every_sample import signals_at_pcc, with_every_sample
 from vsgdesign.simulation.expected_rests import expected_rests_of
 from vsgdesign.simulation.feeds import feed_of
@@ -183,28 +181,10 @@ def _band(
     return {"signal": signal, "from_s": over_s[0], "to_s": over_s[1], "low": low, "high": high, "label": label}
 
 
-SETTLED = "settled"
-
 NOTHING: dict[str, Any] = dict.fromkeys(
     ("overshoot", "settling_s", "needs_s", "recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_deg")
 )
 """The figures of a controller that could not be simulated."""
-
-PEAK, LIMITED = " The current reaches {:.2f} pu", ", and its limiter acts for {:.3g} s."
-"""Ends of sentences, as a page without server says them, too."""
-
-VERDICTS = {
-    "not settled": "It does not come to rest.",
-    "no steady state": "There is no steady state after the step.",
-    "no model": "No model knows the circuit after the step.",
-    DIVERGED: "It is lost: the run diverges.",
-    SLIPPED: "It is lost: the angle slips by a turn.",
-    LATCHED: "It is lost: it stays in its current limit.",
-    TRIPPED: "It is lost: its protection trips.",
-    NOT_AT_REST: "It is not at rest in time.",
-    "no rest": "There is no steady state after the event.",
-    "rest over limit": "The steady state after the event needs more current than the limiter leaves.",
-}
 
 
 def no_run(status: str, why: str) -> dict[str, Any]:
@@ -227,7 +207,7 @@ def figures_of(
     if found["limited_s"] is None:
         loads = loads_of(record_of(own, run), (event_s(study),), None)
         found |= {"peak_pu": loads.peak_pu, "first_peak_pu": loads.first_peak_pu, "limited_s": loads.limited_s}
-    return found | {"verdict": _verdict(found, study, state)}
+    return found | {"verdict": verdict(found, asked_of(study), state.event.kind, state.event.signal)}
 
 
 def _of_disturbance(study: Study, ready: Ready, run: Simulation) -> dict[str, Any]:
@@ -256,53 +236,6 @@ def _of_step(study: Study, state: State, run: Simulation, rests: Sequence[Rest])
     return {"status": SETTLED, "why": "", "overshoot": _share(event), "settling_s": event.cycle_mean.settling_time_s}
 
 
-def _beside(value: float, limit: float | None, met: bool, decimals: int) -> str:
-    """A value beside what the specification asks for."""
-    return beside_limit(value, limit, not met, lambda v, n: f"{v:.{n}f}", decimals)
-
-
 def _share(event: EventMetrics) -> float | None:
     percent = event.cycle_mean.overshoot_pct
     return None if percent is None else percent / 100.0
-
-
-def _verdict(found: dict[str, Any], study: Study, state: State) -> str:
-    """One or two sentences on a run."""
-    status = found["status"]
-    if status == SETTLED and found["settling_s"] is not None:
-        over, settled = found["overshoot"], found["settling_s"]
-        asked = study.specification if study.specification is not None and study.specification.settles else None
-        late, too_much = (None, None) if asked is None else (asked.settling_time, asked.overshoot)
-        beyond = ""
-        if over is not None:
-            below = too_much is None or overshoot_met(over, too_much)
-            limit = None if too_much is None else 100.0 * too_much
-            beyond = (
-                " without overshoot"
-                if over < OVERSHOOT_ROOM
-                else f" with {_beside(100.0 * over, limit, below, 1)} % overshoot"
-            )
-        in_time = late is None or settling_met(settled, late)
-        said = f"{state.event.signal} settles in {_beside(settled, late, in_time, 2)} s{beyond}."
-    elif status == SURVIVED and found["recovery_s"] is not None:
-        since = {"sag": "the end of the sag", "ramp": "the end of the ramp"}.get(state.event.kind, "the event")
-        said = f"It survives and is back at rest {found['recovery_s']:.2f} s after {since}."
-    elif status == TOO_SHORT:
-        needs = math.ceil(100.0 * found["needs_s"]) / 100.0
-        said = f"{state.event.signal} is not judged in {SHOWN_S:g} s: the slowest mode needs {needs:.2f} s."
-    elif status == "limited" or (status == "not settled" and found["why"].startswith("in the last second")):
-        said = f"{found['why'][0].upper()}{found['why'][1:].split('. ')[0].removesuffix('.')}."
-    elif status == UNSTABLE:
-        said = f"The operating point after the step is {found['why'] or status}."
-    elif status in VERDICTS:
-        said = VERDICTS[status]
-        if found["why"].startswith("before"):
-            said = said.replace("after the event", "before the event")
-    else:
-        return f"There is no verdict: {found['why'] or status}."
-    if found["peak_pu"] is not None and status != DIVERGED:
-        said += PEAK.format(max(found["peak_pu"], found["first_peak_pu"] or 0.0))
-        limited = found["limited_s"] or 0.0
-        said += f", {MORE_THAN_HARDWARE}" * (status == SURVIVED and found["peak_pu"] > HARDWARE_PU)
-        said += "." if limited < 5e-4 else LIMITED.format(limited)
-    return said

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.codegen.llvm import LoopSpec, flat_block
+from vsgdesign.codegen.llvm import LoopSpec
 from vsgdesign.codegen.llvm_loop import INTEGERS, POINTERS
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.codegen.wasm import wasm_module
@@ -27,9 +27,9 @@ from vsgdesign.equations.sampled_path import source_response
 from vsgdesign.equations.scheduler_data import SchedulerState
 from vsgdesign.errors import VsgDesignError
 from vsgdesign.linear.operating_point.plants import plant_steps
-from vsgdesign.metrics.survival import DIVERGED, FIRST_S
 from vsgdesign.report.explore.events import NAMES, after_s, event_s, study_of
-from vsgdesign.report.explore.live import LIMITED, NOTHING, PEAK, VERDICTS
+from vsgdesign.report.explore.live import NOTHING
+from vsgdesign.report.explore.page_verdicts import common_of_verdicts, function_spec, judged_with, verdict_loops
 from vsgdesign.report.explore.saving import WithoutEvent, saved_without_event
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State
@@ -41,7 +41,7 @@ from vsgdesign.simulation.circuit_program import RAMP_DRIFT
 from vsgdesign.simulation.every_sample import with_every_sample
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.following import KnownGridScheduler
-from vsgdesign.simulation.loop import spec_of
+from vsgdesign.simulation.loop import log_names, spec_of
 from vsgdesign.simulation.rescheduled import refollowed, rescheduled
 from vsgdesign.simulation.run import begin_together, program_of
 from vsgdesign.simulation.run_state import RunOf, RunState
@@ -50,22 +50,13 @@ from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 
-LOGGED = (
-    "x.i_s_alpha", "x.i_s_beta", "said.P", "said.Q", "said.omega", "measured.v_alpha", "measured.v_beta",
-    "limited_samples",
-)  # fmt: skip
-"""What the page keeps of every sample."""
 WORDS = {
-    "no_verdict": "There is no verdict: this file judges its first event alone, and `vsgdesign explore` every event.",
     "no_event": "This file does not simulate this event; `vsgdesign explore` does.",
     "nearest": "The jump leads to SCR {}, X/R {}, the nearest grid of this file.",
     "range": "{} must be a number between {} and {} {}.",
     "labels": LABELS,
     "no_save": "Nothing can be saved on this grid: no controller has an operating point there.",
     "no_start": "This file has no start for it on this grid.",
-    "diverged": VERDICTS[DIVERGED],
-    "peak": PEAK,
-    "limited": LIMITED,
 }
 """What the page says of its own runs."""
 EVENTS = ("step", "grid", "phase", "sag", "ramp")
@@ -112,7 +103,8 @@ def page_runs(study: Study, ready: Ready, states: Iterable[tuple[str, State]]) -
     follow the grid, then those on which they are held. A controller whose gains are held is another one.
     """
     found: dict[bool, list[_Controller]] = {False: [], True: []}
-    loops = {"transfer": _function_spec(gain_transfer, {}), "response": _function_spec(source_response, {})}
+    loops = {"transfer": function_spec(gain_transfer, {}), "response": function_spec(source_response, {})}
+    loops |= verdict_loops()
     common: dict[str, Any] = {}
     saves: dict[str, WithoutEvent] = {}
     grids: dict[str, tuple[float, float]] = {}
@@ -163,7 +155,7 @@ def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
         "phase": build_timeline(study).source_at(0.0).phase,
         "circuit": {f"circuit.{name}": value for name, value in study.circuit()._asdict().items()},
         "drift": RAMP_DRIFT,
-        "first_s": FIRST_S,
+        "judge": common_of_verdicts(study),
         "events": EVENTS,
         "limits": {"size": {kind: SIZES[kind] for kind in EVENTS if kind in SIZES}, "length_s": LENGTHS_S},
         "figures": list(NOTHING),
@@ -186,7 +178,7 @@ def _start(study: Study, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSp
         if at == 0:
             rows[row : row + count] = program.values[source : source + count]
     ramped = batch.kind._replace(ramped=True)
-    loops = {"loop": spec_of(batch.kind, LOGGED), "ramp": spec_of(ramped, LOGGED)}
+    loops = {"loop": spec_of(batch.kind, log_names(batch.kind)), "ramp": spec_of(ramped, log_names(ramped))}
     document: dict[str, Any] = {
         "uniform": batch.uniform.tolist(),
         "ramp_uniform": Batch(ramped, calm, 1).uniform.tolist(),
@@ -199,6 +191,7 @@ def _start(study: Study, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSp
         document |= own | {"period_s": feed.update_period}
     grid, T_s = calm.grid, calm.converter.T_s
     marks = _marks(study, document["period_s"], T_s, updates="update" in loops)
+    document["judge"] = judged_with(calm, spec, ready)
     document |= {"marks": marks, "phasors": run.phasors(marks).ravel().tolist()}
     source = plant_steps(calm, grid.R_g, grid.L_g, T_s, calm.grid_source.omega_g).source[0, 0]
     parts = [rows[: len(loops["loop"].rows)], source.real, source.imag, [grid.R_g, grid.L_g], state]
@@ -234,22 +227,20 @@ def _following(
     runtime = feed.runtime
     if runtime is None:
         lookup = gain_lookup(closed_form_schedule(study, spec.target), V_n_rms=study.converter.V_rated_rms)
-        return {"gains": "followed"}, _function_spec(refollowed, {"table": lookup.table, "law": lookup.functions}), []
+        return {"gains": "followed"}, function_spec(refollowed, {"table": lookup.table, "law": lookup.functions}), []
     lookup, settings = runtime.lookup, runtime.settings
-    update = _function_spec(rescheduled, {"table": lookup.table, "law": lookup.functions})
+    update = function_spec(rescheduled, {"table": lookup.table, "law": lookup.functions})
     limits = [float(getattr(settings.limits, name.removeprefix("limits."))) for name in update.uniform]
     document = {"gains": "table", "limits": limits, "tick": settings.tick, "state": names_of(SchedulerState, "s")}
     return document, update, numbers_of(runtime.present)
 
 
 def _places(spec: LoopSpec) -> dict[str, Any]:
-    return {"rows": spec.rows, "logged": spec.logged, "uniform": spec.uniform}
-
-
-def _function_spec(function: Any, fixed: dict[str, Any]) -> LoopSpec:
-    """A function as a loop of one sample: its arguments are rows, limits are uniform, and its results are logged."""
-    block = flat_block(function, fixed=fixed)
-    limits = tuple(name for name in block.inputs if name.startswith("limits."))
-    rows = [name for name in block.inputs if name not in limits]
-    outputs = tuple(name for name, _ in block.outputs)
-    return LoopSpec((block,), ((rows[0], outputs[0]),), tuple(rows[1:]), limits, logged=outputs, strict=True)
+    return {
+        "rows": spec.rows,
+        "state": len(spec.state),
+        "logged": spec.logged,
+        "uniform": spec.uniform,
+        "fed": len(spec.fed),
+        "rings": len(spec.rings),
+    }

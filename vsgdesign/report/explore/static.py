@@ -45,7 +45,7 @@ POINTS = 160
 """Most points of a curve. Its least and its largest value stay."""
 _START_BYTES = 300
 """About what the start of one controller on one grid takes, deflated."""
-MADE = "Made by vsgdesign {} from the study {} ({}). Other events are simulated here, without a verdict."
+MADE = "Made by vsgdesign {} from the study {} ({}). Other events are simulated and judged here."
 """What a page says of itself: the version, the study and the beginning of its hash."""
 MARK = "written by vsgdesign explore --static"
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.metrics.survival import either_way
+from vsgdesign.metrics.survival import swung
+from vsgdesign.simulation.watched_sample import Entry, entered_s
 
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
@@ -80,12 +80,8 @@ class LastEntry(NamedTuple):
     was_out: Array
 
     def time(self, band: float, T_s: float, since_s: Array) -> Array:
-        """The time from ``since_s`` on at which the signal entered its band for the last time, interpolated
-        (:func:`vsgdesign.metrics.step_response.settling_time`); inf if it ends outside, 0 if it never was."""
-        span = self.error_out - self.error_in
-        fraction = (self.error_out - band) / np.where(span > 0.0, span, 1.0)
-        entered = (self.last_out + fraction) * T_s - since_s
-        return np.where(self.was_out > 0.5, np.inf, np.where(self.last_out < 0.0, 0.0, entered))
+        """:func:`vsgdesign.simulation.watched_sample.entered_s` of every lane."""
+        return entered_s(Entry(*self), band, T_s, since_s)
 
 
 class Swings(NamedTuple):
@@ -103,17 +99,11 @@ def swings_of(angle: Swings, events: Array, last: Array, rest: Array) -> tuple[A
     ``events``: whether an event is one of the lane, (n, E). ``last``: the angle at the end, ``rest``: the angle of the
     rest after the last event, (n,). As one run is judged (:func:`vsgdesign.metrics.survival.judge_survival`).
     """
-    turn = 2.0 * math.pi
     swing, slipped = np.zeros(len(rest)), np.zeros(len(rest), dtype=bool)
     final = events.sum(axis=1) - 1
     for k in range(events.shape[1]):
-        first = angle.first[:, k] - rest
-        base = turn * np.round(first / turn)
-        ends = final == k
-        reached = turn * np.round((last - rest) / turn)
-        other = ends & either_way(first, reached, base, rest)
-        base = np.where(other, reached, base)
-        slipped |= ends & (reached != base)
-        far = np.maximum(np.abs(angle.most[:, k] - rest - base), np.abs(angle.least[:, k] - rest - base))
+        each = angle.first[:, k], angle.least[:, k], angle.most[:, k]
+        far, gone = swung(*each, last, rest, 1.0 * (final == k))
+        slipped |= events[:, k] & (gone > 0.5)
         swing = np.where(events[:, k], np.maximum(swing, far), swing)
-    return swing, slipped | (swing > turn)
+    return swing, slipped

@@ -36,6 +36,9 @@ class Loop {
     this.output = Object.fromEntries(places.logged.map((row, k) => [row, k]));
     this.rows = memory.room(places.rows.length);
     this.log = memory.room(this.logged * slots);
+    Object.assign(this, { rings: places.rings, ringRoom: 0, count: places.rows.length, next: 0 });
+    this.pointers = Object.fromEntries(info.pointers.map((key, k) => [key, info.integers.length + k]));
+    this.whole = Object.fromEntries(info.integers.map((key, k) => [key, k]));
     const [own, nothing] = [memory.room(places.uniform.length), memory.room(4)];
     this.given = memory.room(info.integers.length + info.pointers.length);
     memory.floats.set(uniform, own);
@@ -56,6 +59,52 @@ class Loop {
     whole[this.given] = BigInt(begin);
     whole[this.given + 1] = BigInt(end);
     this.run(8 * this.given);
+  }
+
+  /** Sets all rows to zero but for those that are given, and the rings, which have so many samples. */
+  clear(length, given) {
+    if (this.ringRoom < length) {
+      Object.assign(this, {
+        ringRoom: length,
+        ring: this.memory.room(length * this.rings),
+        ringLength: this.memory.room(1),
+      });
+    }
+    const { floats, whole } = this.memory;
+    floats.fill(0, this.ring, this.ring + length * this.rings);
+    floats.fill(0, this.rows, this.rows + this.count);
+    whole[this.ringLength] = BigInt(length);
+    whole[this.given + this.whole.ring_size] = BigInt(length);
+    whole[this.given + this.pointers.rings] = BigInt(8 * this.ring);
+    whole[this.given + this.pointers.ring_length] = BigInt(8 * this.ringLength);
+    this.next = 0;
+    for (const [name, value] of Object.entries(given)) this.set(name, value);
+  }
+
+  /** The log of another loop is read from this sample on. */
+  begin(k) {
+    this.next = k;
+  }
+
+  /** Reads the log of another loop up to a sample, which is not read any more. */
+  read(source, end) {
+    if (end <= this.next) return;
+    const { whole } = this.memory;
+    whole[this.given + this.whole.fed_sample] = BigInt(source.logged);
+    whole[this.given + this.pointers.fed] = BigInt(8 * (source.log + this.next * source.logged));
+    this.call(this.next, end);
+    this.next = end;
+  }
+
+  /** Does something without a log, so that what is there stays. */
+  unlogged(act) {
+    const at = this.given + this.whole.every;
+    this.memory.whole[at] = 0n;
+    try {
+      return act();
+    } finally {
+      this.memory.whole[at] = 1n;
+    }
   }
 
   get(name) {
@@ -379,6 +428,11 @@ export class Engine {
     const loop = this.loop(name, uniform, Math.ceil(longest / info.T_s) + 1);
     const run = new Run(this, controller, loop, key, event);
     const done = run.finish();
-    return { rows: loop.memory.floats.slice(loop.log, loop.log + done * loop.logged), width: loop.logged, done, run };
+    return {
+      rows: loop.memory.floats.subarray(loop.log, loop.log + done * loop.logged),
+      width: loop.logged,
+      done,
+      run,
+    };
   }
 }

@@ -1,14 +1,6 @@
 // Events that a page without a server simulates by itself, in a worker that is made of a text in the page: a page from the
 // file system may not load another file.
-
-/** The words of the package with values in them: "{}", "{:.2f}", "{:.3g}" and "{:+.3g}". */
-const worded = (text, ...values) =>
-  text.replace(/\{(?::(\+?)\.(\d)([fg]))?\}/g, (_, sign, digits, kind) => {
-    const value = values.shift();
-    if (!digits) return String(value);
-    const shown = kind === "f" ? value.toFixed(digits) : String(Number(value.toPrecision(digits)));
-    return sign && value >= 0 ? `+${shown}` : shown;
-  });
+import { worded } from "./words.js";
 
 export class LiveRuns {
   /** runs: {info, words}; bytes(): the promise of what is behind it; code: the text of the worker. */
@@ -73,30 +65,10 @@ export class LiveRuns {
       const run = runs[k];
       if (!run.curves) return { ...none, name, colour, note, status: "not simulated", why: run.why, verdict: run.why };
       for (const [signal, values] of Object.entries(run.curves)) arrays[`${k}/${signal}`] = values;
-      const { peak_pu: peak, first_peak_pu: first, limited_s: limited, diverged } = run;
-      const status = diverged ? "diverged" : "not judged";
-      return {
-        ...none,
-        name,
-        colour,
-        note,
-        status,
-        why: "",
-        verdict: this.verdict(run),
-        peak_pu: peak,
-        first_peak_pu: first,
-        limited_s: limited,
-      };
+      return { ...run.row, name, colour, note };
     });
     const bands = stored.header.bands.filter((band) => band.signal === "i_s_pu");
     return { header: { event_s: 0, controllers, bands, words: "" }, arrays };
-  }
-
-  verdict({ peak_pu: peak, first_peak_pu: first, limited_s: limited, diverged }) {
-    const { words } = this.info;
-    if (diverged) return words.diverged;
-    const acts = limited < 5e-4 ? "." : worded(words.limited, limited);
-    return `${words.no_verdict}${worded(words.peak, Math.max(peak, first || 0))}${acts}`;
   }
 
   /** The study file of an event on a grid: its name, its text, and what it does not say. `grid`: R_g and L_g after it. */

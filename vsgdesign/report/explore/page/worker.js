@@ -1,5 +1,6 @@
 // The worker of a page without a server: it runs events, and gives curves that can be drawn and the figures of the current.
 import { Engine } from "./engine.js";
+import { Judge } from "./verdict.js";
 
 const BUCKETS = 320;
 
@@ -24,57 +25,50 @@ function thinned(signals) {
   return [...kept].sort((a, b) => a - b);
 }
 
-/** Largest current within `first_s` of an event and later, and how long the limiter acts, as the package counts them. */
-function loads(info, current, limited, events) {
-  const [first, later] = [[], []];
-  const most = (begin, end) => {
-    let found = null;
-    for (let k = begin; k < Math.min(end, current.length); k += 1) found = Math.max(found ?? 0, current[k]);
-    return found;
-  };
-  let at = events[0];
-  for (const begin of events) {
-    const end = Math.ceil((begin * info.T_s + info.first_s - 0.5 * info.T_s) / info.T_s);
-    later.push(most(at, begin));
-    first.push(most(begin, end));
-    at = Math.max(at, end);
-  }
-  later.push(most(at, current.length));
-  const largest = (values) => values.reduce((a, b) => (b === null ? a : Math.max(a ?? 0, b)), null);
-  const acts = limited[limited.length - 1] - limited[events[0]];
-  return { first_peak_pu: largest(first), peak_pu: largest(later), limited_s: acts * info.T_s };
-}
-
 function simulated(engine, k, key, event) {
   const { info } = engine;
   const controller = engine.controller(k, key);
   const missing = [key, event.key].filter((one) => one !== undefined && !controller.keys.includes(one));
   if (missing.length) return { why: controller.why[missing[0]] || info.words.no_start };
   const { rows, width, done, run } = engine.run(controller, key, event);
-  const column = (name) => {
-    const at = info.places[controller.loop].logged.indexOf(name);
-    return Float64Array.from({ length: done }, (_, j) => rows[j * width + at]);
+  const column = (name, scale) => {
+    const [at, values] = [info.places[controller.loop].logged.indexOf(name), new Float64Array(done)];
+    for (let j = 0; j < done; j += 1) values[j] = rows[j * width + at] / scale;
+    return values;
   };
-  const length = (one, other, scale) => one.map((value, j) => Math.hypot(value, other[j]) / scale);
-  const current = length(column("x.i_s_alpha"), column("x.i_s_beta"), info.I_rated_pk);
+  const length = (one, other) => {
+    for (let j = 0; j < done; j += 1) one[j] = Math.sqrt(one[j] * one[j] + other[j] * other[j]);
+    return one;
+  };
+  const vector = (name, scale) => length(column(`${name}_alpha`, scale), column(`${name}_beta`, scale));
   const curves = {
-    P: column("said.P").map((value) => value / info.S_rated),
-    Q: column("said.Q").map((value) => value / info.S_rated),
-    i_s_pu: current,
-    omega_hz: column("said.omega").map((value) => value / (2 * Math.PI)),
-    v_pu: length(column("measured.v_alpha"), column("measured.v_beta"), info.V_rated_pk),
+    P: column("said.P", info.S_rated),
+    Q: column("said.Q", info.S_rated),
+    i_s_pu: vector("x.i_s", info.I_rated_pk),
+    omega_hz: column("said.omega", 2 * Math.PI),
+    v_pu: length(...["alpha", "beta"].map((axis) => node(info, axis, column))),
   };
   const kept = thinned(Object.values(curves));
   const found = { t: Float32Array.from(kept, (j) => j * info.T_s - info.event_s) };
   for (const [name, values] of Object.entries(curves)) found[name] = Float32Array.from(kept, (j) => values[j]);
-  const events = event.kind === "sag" ? [run.event_k, run.event_k + run.over] : [run.event_k];
-  return { curves: found, diverged: done < run.samples, ...loads(info, current, column("limited_samples"), events) };
+  return { curves: found, row: judge.judged(run, done) };
 }
 
+/** The voltage at the control point on an axis. */
+function node(info, axis, column) {
+  const [v, i_s, i_g] = ["v_c", "i_s", "i_g"].map((name) => column(`x.${name}_${axis}`, info.V_rated_pk));
+  const R_c = info.circuit["circuit.R_c"];
+  return v.map((value, j) => value + R_c * (i_s[j] - i_g[j]));
+}
+
+let judge = null;
 let engine = null;
 self.onmessage = ({ data }) => {
   try {
-    if (data.info) engine = new Engine(data.info, new Uint8Array(data.bytes));
+    if (data.info) {
+      engine = new Engine(data.info, new Uint8Array(data.bytes));
+      judge = new Judge(engine);
+    }
     const runs = data.places.map((k) => simulated(engine, k, data.key, data.event));
     self.postMessage({ id: data.id, runs });
   } catch (error) {

@@ -1,0 +1,386 @@
+// Verdicts on the runs of a page without a server. Every figure comes out of the package's own functions, compiled: loops over
+// the log of a run, the rest after the event, and what turns both into figures (report.explore.page_verdicts).
+import { decayOf } from "./modes_of_rest.js";
+import { quantity, verdictOf, worded } from "./words.js";
+
+const GAINS = ["K_ip", "D_p", "K_iq", "D_q", "K_pq", "K_qp", "k_P", "k_Q"];
+
+/** The first sample at or behind an instant, as the package finds it. */
+function firstAt(t_s, T_s, behind = (one) => one >= t_s) {
+  let k = Math.max(Math.floor(t_s / T_s) - 2, 0);
+  while (!behind(k * T_s)) k += 1;
+  return k;
+}
+
+export class Judge {
+  constructor(engine) {
+    Object.assign(this, { engine, about: engine.info.judge });
+    for (const name of ["path", "rest", "entered_s", "needs", "swung", "place"]) this[name] = engine.loop(name, [], 1);
+    this.newton = engine.loop("newton", [], this.about.newton);
+  }
+
+  /** The figures of a run, its status and its verdict. `done`: its samples. */
+  judged(run, done) {
+    this.good = this.goodRows(run.loop, done);
+    const own = run.controller.judge;
+    const found = Object.fromEntries(this.engine.info.figures.map((name) => [name, null]));
+    Object.assign(found, run.event.kind === "step" ? this.step(run) : this.disturbance(run));
+    if (found.limited_s === null) Object.assign(found, this.loads(run, [run.event_k]));
+    const verdict = verdictOf(found, this.about.words, own.rules, run.event);
+    const { at_end: _, unstable: __, before: ___, ...row } = found;
+    return { why: "", ...row, verdict };
+  }
+
+  /** How many rows come before the first that is no number or beyond every sensible bound. */
+  goodRows(loop, done) {
+    const { floats } = loop.memory;
+    const { bounds } = this.about;
+    for (let k = 0; k < done; k += 1) {
+      const at = loop.log + k * loop.logged;
+      for (let j = 0; j < bounds.length; j += 1) if (!(Math.abs(floats[at + j]) <= bounds[j])) return k;
+    }
+    return done;
+  }
+
+  /** A number of a row of the log. */
+  logged(run, k, name) {
+    return run.loop.memory.floats[run.loop.log + k * run.loop.logged + run.loop.output[name]];
+  }
+
+  diverged(run) {
+    return this.good < run.samples;
+  }
+
+  /** A loop over the log of the run: its rows are zero but for those that are given. */
+  over(name, run, length, given) {
+    const loop = this.engine.loop(name, [], 0);
+    loop.clear(length, given);
+    return { loop, to: (end) => loop.read(run.loop, end) };
+  }
+
+  // ---- rests -----------------------------------------------------------------------------------------------------
+
+  /** Gains for the measured powers on the grid of a place, as they are once they have come to rest. */
+  gainsAt(run, place, { P, Q, V_rms }, refs) {
+    const { controller, update } = run;
+    const fixed = Object.fromEntries(GAINS.map((name) => [name, place.rows[run.at[`power_gains.${name}`]] ?? 0]));
+    if (!update) return fixed;
+    const [R_g, L_g] = place.grid;
+    const given = { omega_i: 0 };
+    for (const [name, value] of Object.entries(refs)) given[`refs.${name}`] = value;
+    if (controller.gains === "followed") {
+      for (const name of GAINS) given[`before.${name}`] = 0;
+      const said = update.answer({ ...given, R_g, L_g, P, Q, V_rms });
+      return Object.fromEntries(GAINS.map((name) => [name, said(`gains.${name}`)]));
+    }
+    const { state } = place;
+    const asked = {
+      said: 0,
+      R_g,
+      L_g,
+      has_error: 0,
+      var_R: 0,
+      cov_RL: 0,
+      var_L: 0,
+      P,
+      Q,
+      V_rms,
+      ticks: state["s.ticks"],
+    };
+    for (const [name, value] of Object.entries(asked)) given[`given.${name}`] = value;
+    const said = update.answer({ ...given, ...state, told: 0 });
+    return Object.fromEntries(GAINS.map((name) => [name, said(`following.gains.${name}`)]));
+  }
+
+  /** What the circuit of a place is at the frequency of a source. */
+  circuitAt(run, place, source) {
+    const { info } = this.engine;
+    const given = {};
+    for (const name of Object.keys(run.at)) {
+      if (/^row\.p\d\d$/.test(name)) given[name.replace("row.", "transition.")] = place.rows[run.at[name]];
+    }
+    const circuit = { ...info.circuit };
+    [circuit["circuit.R_g"], circuit["circuit.L_g"]] = place.grid;
+    let parts = place.source;
+    if (source.omega !== info.omega) {
+      const said = this.engine.response.answer({ ...given, ...circuit, h: info.T_s, omega: source.omega });
+      parts = ["re", "im"].flatMap((part) =>
+        ["i_s", "v_c", "i_g"].map((state) => said(`of_constant.${state}.${part}`)),
+      );
+    }
+    ["i_s", "v_c", "i_g"].forEach((state, k) => {
+      given[`of_constant.${state}.re`] = parts[k];
+      given[`of_constant.${state}.im`] = parts[3 + k];
+      given[`b_${k + 1}`] = place.rows[run.at[`row.b${k + 1}`]];
+    });
+    given["turn.re"] = Math.cos(source.omega * info.T_s);
+    given["turn.im"] = Math.sin(source.omega * info.T_s);
+    return { ...given, ...circuit, R_c: circuit["circuit.R_c"], V_g_rms: source.V };
+  }
+
+  /** Where a controller rests on the grid of a place with these references, with its gains; null where it does not. */
+  restOf(run, place, source, refs) {
+    const { info } = this.engine;
+    const numbers = this.circuitAt(run, place, source);
+    const said = this.path.answer(numbers);
+    const path = Object.fromEntries(["R", "X", "V_rms", "angle"].map((name) => [name, said(`sampled_path.${name}`)]));
+    let measured = { P: refs.P_ref, Q: refs.Q_ref, V_rms: info.V_rated_rms };
+    let gains = this.gainsAt(run, place, measured, refs);
+    for (let round = 0; round < 100; round += 1) {
+      const P = refs.P_ref + gains.D_p * (refs.omega_0 - source.omega);
+      const { D_q } = gains;
+      const asked = { P, Q_0: refs.Q_ref + D_q * refs.V_n, D_q, V_g_rms: path.V_rms, R: path.R, X: path.X };
+      const { newton } = this;
+      for (const [name, value] of Object.entries({ ...asked, V_rms: info.V_rated_rms, delta: 0 }))
+        newton.set(name, value);
+      newton.call(0, this.about.newton);
+      const [V_rms, error] = [newton.get("V_rms"), newton.memory.floats[newton.log + this.about.newton - 1]];
+      if (!(error <= this.about.converged) || !(V_rms > 0)) return null;
+      const reached = { P, Q: refs.Q_ref + D_q * (refs.V_n - V_rms), V_rms };
+      const following = this.gainsAt(run, place, reached, refs);
+      const near = ([name, value]) =>
+        Math.abs(value - gains[name]) <= 1e-13 * (Math.abs(value) + Math.abs(gains[name]));
+      gains = following;
+      if (!Object.entries(following).every(near) && round < 99) continue;
+      const answer = this.rest.answer({ ...numbers, V_rms, delta: newton.get("delta") + path.angle });
+      const found = Object.fromEntries(
+        ["P", "Q", "delta", "i_s_pk", "v_b_pk", "P_pcc", "Q_pcc"].map((name) => [name, answer(`rest.${name}`)]),
+      );
+      if (found.v_b_pk > run.controller.judge.v_max_pk) return null;
+      return { ...found, i_s_pu: found.i_s_pk / info.I_rated_pk, gains };
+    }
+    return null;
+  }
+
+  refsOf(run, rows) {
+    const names = ["P_ref", "Q_ref", "omega_0", "V_n"];
+    const now = (name) => (rows ? rows[run.at[name]] : run.loop.get(name));
+    return Object.fromEntries(names.map((name) => [name, now(`refs.${name}`) ?? 0]));
+  }
+
+  // ---- disturbances ----------------------------------------------------------------------------------------------
+
+  /** Largest current within 5 ms of an event and later, and how long the limiter acts. */
+  loads(run, events) {
+    const { loop, to } = this.over("seen_disturbance", run, 1, { "load_of.after": 1 });
+    this.eachPart(run, events, loop, to);
+    return this.loadsOf(run, loop, "seen", events[0]);
+  }
+
+  loadsOf(run, loop, watch, first) {
+    const { I_rated_pk, T_s } = this.engine.info;
+    const counted = this.logged(run, this.good - 1, "limited_samples") - this.logged(run, first, "limited_samples");
+    return {
+      first_peak_pu: Math.sqrt(loop.get(`${watch}.load.first_sq`)) / I_rated_pk,
+      peak_pu: Math.sqrt(loop.get(`${watch}.load.later_sq`)) / I_rated_pk,
+      limited_s: Math.max(counted, 0) * T_s,
+    };
+  }
+
+  /** Reads the log from each event to the next; `begun` and `ended` are called with the number of the event. */
+  eachPart(run, events, loop, to, { marks = {}, begun, ended } = {}) {
+    const { good } = this;
+    const { T_s } = this.engine.info;
+    const until = (end) => {
+      const stop = Math.min(end, good);
+      for (const [k, act] of Object.entries(marks)) {
+        if (Number(k) < loop.next || Number(k) >= stop) continue;
+        to(Number(k));
+        act();
+      }
+      to(stop);
+    };
+    loop.begin(events[0]);
+    events.forEach((event, n) => {
+      const next = n + 1 < events.length ? events[n + 1] : good;
+      const early = Math.ceil((event * T_s + this.about.first_s - 0.5 * T_s) / T_s);
+      until(event);
+      loop.set("load_of.first", 1);
+      if (begun) {
+        until(event + 1);
+        begun(n);
+      }
+      until(Math.min(early, next));
+      loop.set("load_of.first", 0);
+      until(next);
+      if (ended) ended(n);
+    });
+  }
+
+  disturbance(run) {
+    const { info } = this.engine;
+    const { T_s } = info;
+    const own = run.controller.judge;
+    const start = { omega: info.omega, V: info.V_g_rms };
+    const before = this.restOf(run, run.start, start, this.refsOf(run, run.start.rows));
+    const same = ["sag", "phase"].includes(run.event.kind);
+    const after = same ? before : this.restOf(run, run.place, run.source, this.refsOf(run));
+    const { statuses } = this.about;
+    for (const rest of [before, after]) {
+      const over = rest && own.limit_pu !== null && rest.i_s_pu > this.about.rest_share * own.limit_pu;
+      if (rest && !over) continue;
+      return { status: statuses[rest ? 8 : 7], before: rest === before, why: "" };
+    }
+    const diverged = this.diverged(run);
+    const events = run.event.kind === "sag" ? [run.event_k, run.event_k + run.over] : [run.event_k];
+    const cleared_s = ["sag", "ramp"].includes(run.event.kind) ? run.end_s : info.event_s;
+    const cycle = Math.max(Math.round((2 * Math.PI) / run.source.omega / T_s), 1);
+    const of = {
+      P_rest: after.P,
+      Q_rest: after.Q,
+      per_S: 1 / info.S_rated,
+      band: this.about.band,
+      per_cycle: 1 / cycle,
+    };
+    const given = Object.fromEntries(Object.entries(of).map(([name, value]) => [`of.${name}`, value]));
+    const { loop, to } = this.over("seen_disturbance", run, cycle, given);
+    to(events[0]);
+    const anew = () => {
+      loop.set("seen.entry.last_out", -1);
+      loop.set("seen.entry.was_out", 0);
+    };
+    anew();
+    loop.set("load_of.after", 1);
+    const parts = events.map(() => ({}));
+    const begin = () => {
+      loop.set("seen.least", Infinity);
+      loop.set("seen.most", -Infinity);
+    };
+    begin();
+    this.eachPart(run, events, loop, to, {
+      marks: { [firstAt(cleared_s, T_s)]: anew },
+      begun: (n) => (parts[n].first = loop.get("seen.delta")),
+      ended: (n) => {
+        Object.assign(parts[n], { least: loop.get("seen.least"), most: loop.get("seen.most") });
+        begin();
+      },
+    });
+    const last = loop.get("seen.delta");
+    let [swing, slipped] = [0, false];
+    parts.forEach((part, n) => {
+      if (part.first === undefined) return;
+      const final = n + 1 === parts.length && !diverged ? 1 : 0;
+      const said = this.swung.answer({ ...part, last, rest: after.delta, final });
+      [swing, slipped] = [Math.max(swing, said("far")), slipped || said("slipped") > 0.5];
+    });
+    const entry = {};
+    for (const name of ["last_out", "error_out", "error_in", "was_out"])
+      entry[`entry.${name}`] = loop.get(`seen.entry.${name}`);
+    const time = this.entered_s.answer({ ...entry, band: this.about.band, T_s, since_s: cleared_s })("entered_s");
+    const recovery_s = diverged ? Infinity : time;
+    const end_s = (this.good - 1) * T_s;
+    const late = firstAt(end_s - this.about.end_s, T_s, (one) => one > end_s - this.about.end_s);
+    const acts = this.logged(run, this.good - 1, "limited_samples") - this.logged(run, late - 1, "limited_samples");
+    const place = this.place.answer({
+      diverged: diverged ? 1 : 0,
+      slipped: slipped ? 1 : 0,
+      too_short: end_s + 0.5 * T_s < cleared_s + own.needed_s - T_s ? 1 : 0,
+      recovery_s,
+      deadline_s: own.deadline_s,
+      limited_at_end: acts / (this.good - late),
+    })("place_of_verdict");
+    const status = statuses[place];
+    if (own.protected && status === this.about.words.survived)
+      return { status: "not known", why: this.about.words.protected };
+    return {
+      status,
+      recovery_s: Number.isFinite(recovery_s) ? recovery_s : null,
+      swing_deg: swing * (180 / Math.PI),
+      ...this.loadsOf(run, loop, "seen", events[0]),
+    };
+  }
+
+  // ---- steps -----------------------------------------------------------------------------------------------------
+
+  /** The last second of a run in four parts: their first samples, and the end. */
+  parts() {
+    const { ending } = this.about;
+    const { T_s } = this.engine.info;
+    const end_s = (this.good - 1) * T_s;
+    const begin = firstAt(end_s - ending.length_s, T_s);
+    const [size, more] = [Math.floor((this.good - begin) / ending.parts), (this.good - begin) % ending.parts];
+    return Array.from({ length: ending.parts + 1 }, (_, n) => begin + n * size + Math.min(n, more));
+  }
+
+  /** What a run at whose end limits act is said to do; null where none acts, or where it is on its way to a rest. */
+  atLimit(sums, parts, rest) {
+    const { ending, words } = this.about;
+    const { S_rated } = this.engine.info;
+    const total = (name) => sums.reduce((sum, one) => sum + one[name], 0) / (parts[parts.length - 1] - parts[0]);
+    const acts = ["current", "bridge", "voltage"].map((name) => total(name) >= ending.acts);
+    if (!acts.includes(true)) return null;
+    const [P, Q] = [total("P"), total("Q")];
+    const spreads = ["P", "Q"].map((name) => {
+      const means = sums.map((one, n) => one[name] / (parts[n + 1] - parts[n]));
+      return Math.max(...means) - Math.min(...means);
+    });
+    const spread = Math.max(...spreads) / S_rated;
+    const rests = spread <= ending.moves;
+    const far = rest && Math.max(Math.abs(P - rest.P_pcc), Math.abs(Q - rest.Q_pcc)) > ending.moves * S_rated;
+    if (rest && !(rests && far && acts[0])) return null;
+    const where = ending.limits.filter((_, n) => acts[n]).join(" and ");
+    const at_end = rests
+      ? worded(words.rests_at, where, quantity(P, "W"), quantity(Q, "var"))
+      : worded(words.moves_at, where, 100 * spread);
+    return { status: rests ? "limited" : "not settled", at_end };
+  }
+
+  step(run) {
+    const { info } = this.engine;
+    const { T_s, S_rated } = info;
+    const { words, band } = this.about;
+    const own = run.controller.judge;
+    if (this.diverged(run)) return { status: words.diverged };
+    const found = this.restOf(run, run.place, run.source, this.refsOf(run));
+    const rest = found && own.limit_pu !== null && found.i_s_pu > own.limit_pu ? null : found;
+    const decay = rest && run.loop.unlogged(() => decayOf(run, rest.gains));
+    if (rest && decay === null) return { status: "not known", why: words.no_mode };
+    if (rest && !(decay > 1e-6)) return { status: "unstable", unstable: "unstable" };
+    const [signal, cycle] = [run.event.signal === "Q" ? "Q" : "P", this.about.per_mean];
+    const of = { band, per_cycle: 1 / cycle, of_P: signal === "P" ? 1 : 0, of_Q: signal === "Q" ? 1 : 0, final: 1 };
+    const given = { ...info.circuit, T_s, event_s: info.event_s, decay: decay || 1 };
+    [given["circuit.R_g"], given["circuit.L_g"]] = run.place.grid;
+    for (const [name, value] of Object.entries(of)) given[`of.${name}`] = value;
+    for (const [name, value] of Object.entries(own.limits)) given[`limits.${name}`] = value;
+    const { loop, to } = this.over("seen_step", run, cycle, given);
+    to(run.event_k);
+    const before = loop.get("watch.mean");
+    const final = rest ? rest[`${signal}_pcc`] : before + S_rated;
+    const isStep = Math.abs(final - before) > 1e-3 * S_rated;
+    // Where nothing is stepped, the distance from the rest is a share of the rating.
+    const fresh = { "of.initial": isStep ? before : final - S_rated, "of.final": final, "load_of.after": 1 };
+    Object.assign(fresh, { "watch.most": -Infinity, "watch.entry.last_out": -1, "watch.entry.was_out": 0 });
+    Object.assign(fresh, { "need.worst": 0, "need.needed_s": 0 });
+    for (const [name, value] of Object.entries(fresh)) loop.set(name, value);
+    const [parts, sums, marks] = [this.parts(), [], {}];
+    const names = ["P", "Q", "current", "bridge", "voltage"];
+    const take = () => sums.push(Object.fromEntries(names.map((name) => [name, loop.get(`end.${name}`)])));
+    parts.slice(0, -1).forEach((k, n) => {
+      marks[k] = () => {
+        if (n) take();
+        for (const name of names) loop.set(`end.${name}`, 0);
+        loop.set("end.limited", this.logged(run, k - 1, "limited_samples"));
+      };
+    });
+    let first = 0;
+    this.eachPart(run, [run.event_k], loop, to, { marks, begun: () => (first = loop.get("need.worst")) });
+    take();
+    const row = this.loadsOf(run, loop, "watch", run.event_k);
+    const limited = this.atLimit(sums, parts, rest);
+    if (limited) return { ...row, ...limited };
+    if (!rest) return { ...row, status: "no steady state" };
+    const needs = (error) => this.needs.answer({ error, decay })("needs_at_first");
+    const needed = Math.max(needs(first), loop.get("need.needed_s"));
+    const observed = Math.round((run.samples * T_s) / info.log_interval) * info.log_interval - info.event_s;
+    const overshoot = isStep ? Math.max(loop.get("watch.most") - 1, 0) : null;
+    if (needed > observed) {
+      if (observed > 2 * needs(loop.get("need.worst"))) return { ...row, status: "not settled", overshoot };
+      return { ...row, status: words.too_short_status, needs_s: needed };
+    }
+    const entry = { band, T_s, since_s: info.event_s };
+    for (const name of ["last_out", "error_out", "error_in", "was_out"]) {
+      entry[`entry.${name}`] = loop.get(`watch.entry.${name}`);
+    }
+    return { ...row, status: words.settled, overshoot, settling_s: this.entered_s.answer(entry)("entered_s") };
+  }
+}

@@ -1,0 +1,145 @@
+"""What a page without a server judges its runs with: compiled loops over the log of a run, rests, demands and words.
+
+The loops are made of the functions that judge runs side by side and single ones. The page (``page/verdict.js``) calls
+them and puts its figures into the sentences of :mod:`vsgdesign.report.explore.words`.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.codegen.blocks import Part, Writer, joined, with_outputs
+from vsgdesign.codegen.flat import Block
+from vsgdesign.codegen.llvm import LoopSpec, flat_block
+from vsgdesign.equations.sampled_path import droop_step, sampled_path, sampled_rest
+from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.metrics.survival import END_S, FIRST_S, REST_SHARE, STATUSES, place_of_verdict, swung
+from vsgdesign.report.explore import words
+from vsgdesign.simulation.axes import headed
+from vsgdesign.simulation.outcome import ACTS, BOUND_PU, IN_WORDS, LIMITS, MOVES, PARTS, RESTING_S
+from vsgdesign.simulation.scenario.controllers import samples_per_mean
+from vsgdesign.simulation.seen_sample import needs_at_first, seen_disturbance, seen_end, seen_need
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
+from vsgdesign.simulation.watched_sample import entered_s, power_at_pcc, watched_step
+from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+FED = (
+    *(f"x.{name}_{axis}" for name in ("i_s", "v_c", "i_g") for axis in ("alpha", "beta")),
+    "v_g_alpha", "v_g_beta", "P", "Q", "omega", "V_rms", "theta", "limited", "at_bridge",
+)  # fmt: skip
+"""What the loops read of a sample: the columns of a run's log, in its order."""
+
+NEWTON = 12
+"""Newton's steps towards a rest. Eight of them find every rest of drawn ones."""
+_CONVERGED = 1e-9
+"""Largest error of a rest before the last step, as a share of the powers in its equation."""
+
+
+def function_spec(function: Any, fixed: dict[str, Any]) -> LoopSpec:
+    """A function as a loop of one sample: its arguments are rows, limits are uniform, and its results are logged."""
+    block = flat_block(function, fixed=fixed)
+    limits = tuple(name for name in block.inputs if name.startswith("limits."))
+    rows = [name for name in block.inputs if name not in limits]
+    outputs = tuple(name for name, _ in block.outputs)
+    return LoopSpec((block,), ((rows[0], outputs[0]),), tuple(rows[1:]), limits, logged=outputs, strict=True)
+
+
+@functools.cache
+def verdict_loops() -> dict[str, LoopSpec]:
+    """The loops by their names."""
+    newton = flat_block(droop_step)
+    state = ("V_rms", "next_V"), ("delta", "next_delta")
+    rest = tuple(name for name in newton.inputs if name not in ("V_rms", "delta"))
+    return {
+        "path": function_spec(sampled_path, {}),
+        "newton": LoopSpec((newton,), state, rest, logged=("error",), strict=True),
+        "rest": function_spec(sampled_rest, {}),
+        "seen_step": _over_log(_step(), (("power_ago", "power"),)),
+        "seen_disturbance": _over_log(
+            headed(flat_block(seen_disturbance)), (("P_ago", "P_now"), ("Q_ago", "Q_now")), {"seen": "watched"}
+        ),
+        "entered_s": function_spec(entered_s, {}),
+        "needs": function_spec(needs_at_first, {}),
+        "swung": function_spec(swung, {}),
+        "place": function_spec(place_of_verdict, {}),
+    }
+
+
+def _step() -> Block:
+    return joined(
+        Part(headed(flat_block(power_at_pcc), P="P_pcc", Q="Q_pcc")),
+        Part(headed(flat_block(watched_step))),
+        Part(headed(flat_block(seen_need), need="needed"), {"mean": "watched.mean"}),
+        Part(headed(flat_block(seen_end), end="ended")),
+    )
+
+
+_MOVED = {"watch": "watched", "need": "needed", "end": "ended"}
+
+
+def _over_log(block: Block, rings: tuple[tuple[str, str], ...], moved: dict[str, str] | None = None) -> LoopSpec:
+    """A block as a loop that reads the log of a run."""
+    line = Writer()
+    for name in FED:
+        line.input(name)
+    heads = _MOVED if moved is None else moved
+    outputs = {name for name, _ in block.outputs}
+    pairs = []
+    for name in block.inputs:
+        head, _, rest = name.partition(".")
+        if (after := f"{heads.get(head, '')}.{rest}") in outputs:
+            pairs.append((name, after))
+    wanted = dict.fromkeys([*(after for _, after in pairs), *(output for _, output in rings)])
+    whole = with_outputs(joined(Part(block), Part(line.block())), tuple(wanted))
+    placed = {*FED, "k", *(name for name, _ in (*pairs, *rings))}
+    constant = tuple(name for name in whole.inputs if name not in placed)
+    return LoopSpec((whole,), tuple(pairs), constant, fed=FED, rings=rings, index="k", strict=True)
+
+
+def judged_with(study: Study, spec: ControllerSpec, ready: Ready) -> dict[str, Any]:
+    """What a controller's runs are judged with. ``study`` is that of a run, with the controller's own limit."""
+    c, settings = study.converter, study.controller_settings()
+    demand = demand_of(c, settling_time_of(spec, ready), silent_s=silent_s_of(spec))
+    limit = c.current_limit_pu
+    return {
+        "deadline_s": demand.deadline_s,
+        "needed_s": demand.needed_s,
+        "limit_pu": limit,
+        "v_max_pk": settings.v_max_pk,
+        "limits": {
+            "current_sq": -1.0 if limit is None else (limit * c.I_rated_pk) ** 2,
+            **{name: getattr(settings.limiter, name, -1.0) for name in ("V_low", "V_high")},
+        },
+        "rules": words.rules(words.asked_of(study)),
+        "protected": study.protection is not None,
+    }
+
+
+def common_of_verdicts(study: Study) -> dict[str, Any]:
+    """What all controllers share."""
+    c = study.converter
+    rated = {"i": c.I_rated_pk, "v": c.V_rated_rms, "S": c.S_rated, "omega": c.omega_n, "V": c.V_rated_rms}
+    bounds = [rated[name] * BOUND_PU for name in ("i", "i", "v", "v", "i", "i", "v", "v", "S", "S", "omega", "V")]
+    return {
+        "per_mean": samples_per_mean(study, np.array([0.0, c.T_s])),
+        "bounds": bounds,
+        "band": SETTLING_BAND,
+        "end_s": END_S,
+        "first_s": FIRST_S,
+        "rest_share": REST_SHARE,
+        "newton": NEWTON,
+        "converged": _CONVERGED,
+        "statuses": STATUSES,
+        "ending": {
+            "length_s": RESTING_S,
+            "parts": PARTS,
+            "acts": ACTS,
+            "moves": MOVES,
+            "limits": [IN_WORDS[name] for name in LIMITS],
+        },
+        "words": words.TEMPLATES,
+    }

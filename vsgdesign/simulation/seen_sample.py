@@ -1,0 +1,132 @@
+"""What is seen of a run in the log of its samples, where a host without arrays judges it, such as a page.
+
+What these functions have in common with runs side by side is in :mod:`vsgdesign.simulation.watched_sample`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.simulation.circuit_sample import PlantState
+from vsgdesign.simulation.outcome import NEAR, SAME
+from vsgdesign.simulation.watched_sample import (
+    DisturbanceDemand,
+    Entry,
+    Load,
+    LoadDemand,
+    StepDemand,
+    away_from_rest,
+    entered,
+    loaded,
+    reached,
+)
+
+TURN = 6.283185307179586
+
+
+class SeenDisturbance(NamedTuple):
+    """Of a disturbance: the sums of P and Q over a cycle, W and var, when their means entered the band, what the
+    current did, and the angle against the source, its least and its largest value, rad, not wrapped."""
+
+    sum_P: Any
+    sum_Q: Any
+    entry: Entry
+    load: Load
+    delta: Any
+    least: Any
+    most: Any
+
+
+class Need(NamedTuple):
+    """Of a step: the largest error of the mean, as a share of the step, and how long the window must be, s
+    (:eq:`window-needed`)."""
+
+    worst: Any
+    needed_s: Any
+
+
+class End(NamedTuple):
+    """Of the end of a run: sums of the powers (W, var) and of the samples in which each limit acts, and the number of
+    samples up to here in which the current's limiter acted."""
+
+    P: Any
+    Q: Any
+    current: Any
+    bridge: Any
+    voltage: Any
+    limited: Any
+
+
+class Limits(NamedTuple):
+    """The limit of the current, A² peak, and the voltages to which a limiter holds the Q loop, phase rms V; each −1
+    without one."""
+
+    current_sq: Any
+    V_low: Any
+    V_high: Any
+
+
+def seen_disturbance(
+    seen: SeenDisturbance,
+    of: DisturbanceDemand,
+    load_of: LoadDemand,
+    x: PlantState,
+    v_g_alpha: Any,
+    v_g_beta: Any,
+    P: Any,
+    Q: Any,
+    theta: Any,
+    P_ago: Any,
+    Q_ago: Any,
+    k: Any,
+) -> Any:
+    """What is known of a disturbance after a sample of its log. Returns (watched, P_now, Q_now)."""
+    sum_P, sum_Q, error = away_from_rest(seen.sum_P, seen.sum_Q, of, P, Q, P_ago, Q_ago)
+    angle = theta - np.arctan2(v_g_beta, v_g_alpha)
+    delta = angle - TURN * np.floor((angle - seen.delta) / TURN + 0.5)
+    after = SeenDisturbance(
+        sum_P=sum_P,
+        sum_Q=sum_Q,
+        entry=entered(seen.entry, error, of.band, k),
+        load=loaded(seen.load, load_of, x),
+        delta=delta,
+        least=np.minimum(seen.least, delta),
+        most=np.maximum(seen.most, delta),
+    )
+    return after, P, Q
+
+
+def seen_need(need: Need, of: StepDemand, mean: Any, decay: Any, T_s: Any, event_s: Any, k: Any) -> Need:
+    """What a window needs after a sample with this mean of the stepped power."""
+    since_s = k * T_s - event_s
+    error = np.abs(reached(mean, of) - 1.0)
+    worst = np.maximum(need.worst, error)
+    needed_s = since_s + np.log(np.maximum(error, SETTLING_BAND) / SETTLING_BAND) / decay
+    return Need(worst, np.where(error > SETTLING_BAND, np.maximum(need.needed_s, needed_s), need.needed_s))
+
+
+def needs_at_first(error: Any, decay: Any) -> Any:
+    """How long a window must be at least, s, with this error at its beginning (:eq:`window-needed`)."""
+    return np.log(np.maximum(error, 1.0) / SETTLING_BAND) / decay
+
+
+def seen_end(
+    end: End, limits: Limits, x: PlantState, P_pcc: Any, Q_pcc: Any, limited: Any, at_bridge: Any, V_rms: Any
+) -> End:
+    """The sums after a sample; ``limited``: the number of samples so far in which the current's limiter acted."""
+    length_sq = x.i_s_alpha * x.i_s_alpha + x.i_s_beta * x.i_s_beta
+    far = np.where(length_sq < NEAR * NEAR * limits.current_sq, 1.0, 0.0)
+    acts = np.where(at_bridge > 0.0, 1.0 - far, 1.0) * (limited - end.limited)
+    low = np.where(np.abs(V_rms - limits.V_low) <= SAME * limits.V_low, 1.0, 0.0)
+    high = np.where(np.abs(V_rms - limits.V_high) <= SAME * limits.V_high, 1.0, 0.0)
+    return End(
+        P=end.P + P_pcc,
+        Q=end.Q + Q_pcc,
+        current=end.current + acts,
+        bridge=end.bridge + at_bridge,
+        voltage=end.voltage + low + high,
+        limited=limited,
+    )
