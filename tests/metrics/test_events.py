@@ -272,3 +272,41 @@ def test_a_window_that_is_too_short_stays_so_beside_a_twin() -> None:
     for one in (alone, beside):  # what it has reached so far, for who asks for no more
         assert one.so_far is not None
         assert one.so_far.settling_time_s is not None
+
+
+def at_a_changed_grid(rms: float, restless: bool = True, hidden: np.ndarray | float = 0.0) -> EventMetrics:
+    """A swing by 500 W about 2 kW after a change of the grid, in noise of ``rms`` in the mean of a cycle."""
+    noise = rms * math.sqrt(PER_CYCLE) * np.random.default_rng(5).standard_normal(T.size)
+    y = 2000.0 + noise + (T > 0.4 - 0.5 * DT) * (500.0 * np.exp(-np.maximum(T - 0.4, 0.0) / TAU) + hidden)
+    window, end = EventWindow("grid", 0.4, 6.0, False), EndState(None, 1.0 / TAU)
+    return measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end, restless=restless)
+
+
+def test_a_disturbance_in_noise_that_leaves_its_band_cannot_be_judged() -> None:
+    """The band is 100 W, and 4.5 times 30 W are 135 W."""
+    settled = at_a_changed_grid(0.0, restless=False).cycle_mean.settling_time_s
+    assert settled == pytest.approx(TAU * math.log(5.0) + 0.01, abs=0.02)
+    quiet, loud = at_a_changed_grid(10.0), at_a_changed_grid(30.0)
+    assert quiet.noise is not None
+    assert loud.noise is not None
+    assert (quiet.noise.judgeable, quiet.lost_in_noise, quiet.reason) == (True, False, None)
+    assert quiet.cycle_mean.settling_time_s == pytest.approx(settled, abs=0.1)
+    assert (loud.status, loud.lost_in_noise, loud.cycle_mean.settling_time_s) == (MEASURED, True, None)
+    assert loud.noise.rest == pytest.approx(30.0, rel=0.2)
+    assert loud.noise.least_band == pytest.approx(4.5 * loud.noise.rest, rel=1e-9)
+    assert str(loud.reason).startswith(f"cannot be judged: P rests in {loud.noise.rest:.3g} W rms")
+    assert f"a band of at least {loud.noise.least_band:.3g} W could be judged" in str(loud.reason)
+    # Where nothing explains a movement, it is none of a noise: a run that rests stays outside its band.
+    assert at_a_changed_grid(30.0, restless=False).reason != loud.reason
+
+
+def test_the_noise_of_a_disturbance_is_found_after_its_slowest_mode() -> None:
+    """A mode of 2.5 s moves through a half of the window, and is none of its noise."""
+    slow = at_a_changed_grid(3.0, hidden=400.0 * np.exp(-(T - 0.4) / 0.7))
+    window, end = EventWindow("grid", 0.4, 6.0, False), EndState(None, 1.0 / 0.7)
+    y = np.asarray(2000.0 + (T > 0.4 - 0.5 * DT) * 900.0 * np.exp(-np.maximum(T - 0.4, 0.0) / 0.7), dtype=float)
+    alone = measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end, restless=True)
+    for m in (slow, alone):
+        assert m.noise is not None
+        assert m.noise.judgeable
+        assert m.cycle_mean.settling_time_s is not None

@@ -286,6 +286,10 @@ def test_a_small_step_is_true_to_its_values():
     assert middle[0] == pytest.approx(0.25 * spark.WIDTH, abs=1e-6)
     assert middle[1] == pytest.approx((1.1 - (1.0 - np.exp(-1.5))) / 1.2 * spark.HEIGHT, abs=1e-3)
     assert "&#34;b&#34;" in svg(sketch)
+    banded = spark.step(t, y, (0.0, 2.0), (-0.1, 1.1), 1, "", final=1.0, band=0.02)
+    (grey,) = [part for part in banded.parts if isinstance(part, Area)]
+    edges = 1.1 - 1.2 * grey.points[:, 1] / spark.HEIGHT
+    assert (edges.min(), edges.max()) == pytest.approx((0.98, 1.02), abs=1e-9)
 
 
 def test_a_curve_that_diverges_stays_small_and_finite():

@@ -13,7 +13,7 @@ import pytest
 
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.metrics import StepNoise
-from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE
+from vsgdesign.metrics.events import MEASURED, TOO_SHORT, UNSTABLE, lost_in_noise
 from vsgdesign.metrics.step_response import no_figures
 from vsgdesign.report import write_report
 from vsgdesign.report.drawing.quantities import number, plain_quantity, prefix_for, quantity
@@ -282,6 +282,25 @@ def test_a_step_beside_its_twin_is_told_with_its_noise(short):
         early = row_of(outcomes_with(3.0, settled, 1.1)[1])
         assert early[1] == ("met" if settled else "cannot be judged")
         assert early[4] == "cannot be judged"
+
+
+def test_a_disturbance_in_noise_has_no_settling_time(short):
+    """It is a word in the table of events and on the terminal, and its reason stands below with the band."""
+    controller = short.result.controllers[1]
+    noise = StepNoise(5000.0, 40.0, 40.0, twin=False)
+    lost = {"noise": noise, "reason": lost_in_noise(noise, "P_pcc")}
+    events = tuple(
+        replace(e, cycle_mean=replace(e.cycle_mean, settling_time_s=None), status=MEASURED, **lost)
+        for e in controller.events
+        if e.kind == "disturbance"
+    )
+    found = replace(short.result, controllers=(replace(controller, events=events),))
+    table, terminal = tables.metrics_table(found, found.controllers[0]), tables.responses_table(found)
+    assert {(row[4], row[-1].split()[0]) for row in table.rows} == {("cannot be judged", "40.0")}
+    assert not any("±" in row[3] for row in table.rows)
+    for notes in (table.notes, terminal.notes):
+        assert any("Where 4.5 times this is more than the band of 2 % of the rating" in note for note in notes)
+    assert {row[5] for row in terminal.rows} == {"cannot be judged"}
 
 
 def test_an_unstable_end_is_a_miss_without_figures(short):

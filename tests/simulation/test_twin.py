@@ -194,4 +194,25 @@ def test_a_scenario_judges_its_steps_beside_their_twins() -> None:
     assert ours.drift == 0.0
     others = [event for event in controller.events if event.t_s != STEP_S]
     assert others
-    assert all(event.noise is None for event in others)
+    assert not any(event.noise is not None and event.noise.twin for event in others)
+    # The curve that is drawn: the difference of the means from the run without the step.
+    drawn = controller.means["P_pcc"] - controller.without[STEP_S]["P_pcc"]
+    before = controller.series["t_s"] < STEP_S
+    np.testing.assert_allclose(drawn[before], 0.0, atol=1e-6)
+    assert drawn[controller.series["t_s"] < 1.3][-1] == pytest.approx(ours.noise.step, rel=0.02)
+
+
+def test_a_change_of_a_grid_that_wanders_cannot_be_judged() -> None:
+    """The rest of Q after a change of the grid moves by more than its band, which a run in a still grid does not."""
+    noisy = replace(study_of("averaged", "known"), events=study_of("averaged", "known").events[:1])
+    noisy = replace(noisy, simulation=replace(noisy.simulation, duration=2.3))
+    (moves,), (rests,) = (
+        run_scenario(one).controllers for one in (noisy, replace(noisy, background=None, sensors=None))
+    )
+    Q, expected = (one.events[1] for one in (moves, rests))
+    assert (Q.signal, Q.lost_in_noise, Q.cycle_mean.settling_time_s) == ("Q_pcc", True, None)
+    assert Q.noise is not None
+    late = moves.means["Q_pcc"][moves.series["t_s"] > 1.3]
+    assert Q.noise.rest == pytest.approx(float(np.std(late)), rel=0.05)
+    assert 4.5 * Q.noise.rest > 0.02 * noisy.converter.S_rated
+    assert (expected.noise, expected.lost_in_noise) == (None, False)

@@ -44,6 +44,9 @@ _VALUES = 20
 _MOST_NOISE = 1.5
 """So many times as much noise as one mean the difference of two has at most: √2, and what an estimate may be off."""
 
+_LEAST_MEANS = 10
+"""Means at rest from which their noise is found."""
+
 _SMALLEST_STEP = 1e-3
 """A change of less than this share of the rating is not a step."""
 
@@ -89,15 +92,17 @@ class EventWindow:
 
 @dataclass(frozen=True)
 class StepNoise:
-    """What noise does to the figures of a step that is judged beside its twin (:eq:`twin-noise`)."""
+    """What noise does to the figures of a step or of a disturbance (:eq:`twin-noise`)."""
 
     step: float
-    """The size of the step, in the unit of the signal, with its sign."""
+    """The size of the step, in the unit of the signal, with its sign beside a twin; of a disturbance the rating."""
     left: float
-    """Rms of the noise that is left in the judged difference, in the unit of the signal; infinite where it is not
-    known."""
+    """Rms of the noise that is left in what is judged, in the unit of the signal; infinite where it is not known."""
     rest: float
-    """Rms by which the judged mean moves at rest, without the step, in the unit of the signal."""
+    """Rms by which the judged mean moves at rest, without the step or after the disturbance, in the unit of the
+    signal."""
+    twin: bool = True
+    """Whether the difference from a twin is judged. Without one all of the noise is left."""
 
     @property
     def share(self) -> float:
@@ -112,7 +117,12 @@ class StepNoise:
     @property
     def least_step(self) -> float:
         """The smallest step that could be judged with this noise, in the unit of the signal."""
-        return SIGMAS * self.left / SETTLING_BAND
+        return self.least_band / SETTLING_BAND
+
+    @property
+    def least_band(self) -> float:
+        """The smallest band that the noise does not leave, in the unit of the signal."""
+        return SIGMAS * self.left
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,9 +150,15 @@ class EventMetrics:
     """By how much the mean of the last cycle before the event differs from that of the cycle before it, in the unit of
     the signal; 0 where there are no two cycles, and beside a twin."""
     noise: StepNoise | None = None
-    """Of a step that was judged beside its twin; None: it was judged alone."""
+    """Of a step that was judged beside its twin, and of all that was judged alone in a run that never rests; else
+    None."""
     so_far: ResponseMetrics | None = None
     """What a step has reached in a window that is too short for it, of the mean; None in any other window."""
+
+    @property
+    def lost_in_noise(self) -> bool:
+        """Whether it is a disturbance that cannot be judged, because the power leaves the band without it."""
+        return self.kind == "disturbance" and self.noise is not None and not self.noise.judgeable
 
 
 def measure_event(
@@ -155,6 +171,7 @@ def measure_event(
     samples_per_cycle: int,
     end: EndState,
     without: Array | None = None,
+    restless: bool = False,
 ) -> EventMetrics:
     """Results of one signal in one window.
 
@@ -167,6 +184,9 @@ def measure_event(
     ``without`` (the whole run): the signal of the same run without the step, equal before it. What is judged is then
     the difference of both (:eq:`twin`): the initial and the final value are the means of ``without`` and of ``y`` over
     the last whole cycles. It is left out where there is no steady state.
+
+    ``restless``: whether the signal never rests, because of noise or of the grid. An event without a twin then has the
+    noise of its own rest. Where this leaves the band, a disturbance has no settling time, and the reason says so.
     """
     # Half a sample of slack: event and sample times are both rounded.
     slack = 0.5 * (t[1] - t[0])
@@ -194,6 +214,12 @@ def measure_event(
         noise = StepNoise(final - initial, noise_left(left, alone, samples_per_cycle), float(np.std(alone)))
     is_step = window.steps_signal and abs(final - initial) > _SMALLEST_STEP * rating
     reference = abs(final - initial) if is_step else rating
+    moved_s = max(end.changed_s - window.t_s, 0.0)
+    noise = noise if is_step else None
+    if without is None and restless and end.decay is not None and end.decay > 0.0:
+        moves = moved_s + time_within_band(float(np.abs(mean - final).max()) / reference, end.decay)
+        noise = _noise_of_rest(mean[since >= max(moves, 0.5 * observed)], reference, samples_per_cycle)
+    judgeable = noise is None or noise.judgeable
     status, reason, needs = MEASURED, None, None
     if end.decay is None:
         status, reason = NO_STEADY_STATE if end.modelled else NO_MODEL, end.obstacle
@@ -202,13 +228,12 @@ def measure_event(
     else:
         share = 1.0 if end.final is not None else _SHARE_OF_BAND
         error = np.abs(mean - final) / reference
-        if noise is not None and is_step and not noise.judgeable:  # the noise alone leaves the band
+        if not judgeable:  # the noise alone leaves the band
             error = error[:1]
-        moved_s = max(end.changed_s - window.t_s, 0.0)
         needed = time_needed(since[: len(error)], error, end.decay, moved_s, share)
         if needed > observed:
             what = "step" if is_step else "event"
-            expected = moved_s + math.log(max(float(error.max()), 1.0) / (share * SETTLING_BAND)) / end.decay
+            expected = moved_s + time_within_band(float(error.max()), end.decay, share)
             if observed > _LATE * expected:
                 late = float(since[np.flatnonzero(error > SETTLING_BAND)[-1]])
                 status = NOT_SETTLED
@@ -222,6 +247,8 @@ def measure_event(
                     f"the window is too short: {observed:.3g} s after the {what}, "
                     f"the slowest mode needs {_rounded_up(needed)} s"
                 )
+    if status == MEASURED and not is_step and not judgeable:
+        reason = lost_in_noise(noise, signal)
 
     def measure(values: Array) -> ResponseMetrics:
         if status not in (MEASURED, NOT_SETTLED):
@@ -231,7 +258,7 @@ def measure_event(
             if is_step
             else disturbance_response(since, values, initial, final, rating, SETTLING_BAND)
         )
-        return found if status == MEASURED else replace(found, settling_time_s=None)
+        return found if status == MEASURED and reason is None else replace(found, settling_time_s=None)
 
     return EventMetrics(
         name=window.name,
@@ -245,9 +272,36 @@ def measure_event(
         reason=reason,
         needs_s=needs,
         drift=drift,
-        noise=noise if is_step else None,
+        noise=noise,
         so_far=step_response(since, mean, initial, final) if is_step and status == TOO_SHORT else None,
     )
+
+
+def lost_in_noise(noise: StepNoise | None, signal: str) -> str | None:
+    """Why a disturbance cannot be judged, with the smallest band that could be; None without noise."""
+    if noise is None:
+        return None
+    name, unit = ("P", "W") if signal == "P_pcc" else ("Q", "var")
+    band, rest, least = (f"{value:.3g} {unit}" for value in (SETTLING_BAND * noise.step, noise.rest, noise.least_band))
+    return (
+        f"cannot be judged: {name} rests in {rest} rms, and its noise leaves the band of {band} (2 % of the rating) by "
+        f"itself; with this noise, a band of at least {least} could be judged"
+    )
+
+
+def time_within_band(error: float, decay: float, share: float = 1.0) -> float:
+    """When the slowest mode has brought a relative error, at least the whole step, into the band, s. ``share``: of the
+    band."""
+    return math.log(max(error, 1.0) / (share * SETTLING_BAND)) / decay
+
+
+def _noise_of_rest(mean: Array, reference: float, samples_per_mean: int) -> StepNoise | None:
+    """The noise of what has no twin: the rms by which its mean moves at rest. None where there are fewer than
+    _LEAST_MEANS of it."""
+    if len(mean) < _LEAST_MEANS * samples_per_mean:
+        return None
+    rest = float(np.std(mean))
+    return StepNoise(reference, rest, rest, twin=False)
 
 
 def noise_left(difference: Array, without: Array, samples_per_mean: int) -> float:
@@ -301,7 +355,7 @@ def time_needed(since: Array, error: Array, decay: float, moved_s: float = 0.0, 
     rating) counts as seen at ``moved_s``, when the last change ended, even if the signal itself has not begun to
     move. ``error`` is relative to the step or the rating; ``share``: of the band.
     """
-    needed = moved_s + math.log(max(float(error[0]), 1.0) / (share * SETTLING_BAND)) / decay
+    needed = moved_s + time_within_band(float(error[0]), decay, share)
     outside = error > SETTLING_BAND
     if outside.any():
         needed = max(needed, float(np.max(since[outside] + np.log(error[outside] / (share * SETTLING_BAND)) / decay)))

@@ -83,7 +83,7 @@ def step_figures(t: ArrayLike, P: ArrayLike, *, at: float, f_hz: float = 50.0) -
         overshoot_pct=found.overshoot_pct,
         rise_time_s=found.rise_time_s,
         cycles=n,
-        noise=StepNoise(found.final - found.initial, noise[n], noise[1]),
+        noise=StepNoise(found.final - found.initial, noise[n], noise[1], twin=False),
     )
 
 

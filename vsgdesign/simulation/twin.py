@@ -37,12 +37,17 @@ def steps_with_twin(study: Study, spec: ControllerSpec, *, probes: bool = False)
     sensors have noise or bits, its grid wanders or is a record, or it sends a probe. ``probes``: whether its scheduler
     asks for one. Without any of these a run rests, and there is no twin.
     """
-    probes = probes or (samples_itself(spec.estimate) and probe_of(study).send)
-    never_rests = probes or restless(study.sensors, study.background, study.replay)
+    moves = never_rests(study, spec, probes=probes)
     instants = {event.t_s for event in study.events if event.t_s > 0.0}
     until = (one.synchronised_until for one in study.events if one.synchronised_until is not None)
     connected_s = max((t_s for t_s in until if math.isfinite(t_s)), default=0.0)
-    return tuple(t_s for t_s in sorted(instants) if never_rests and _steps_alone(study, t_s, connected_s))
+    return tuple(t_s for t_s in sorted(instants) if moves and _steps_alone(study, t_s, connected_s))
+
+
+def never_rests(study: Study, spec: ControllerSpec, *, probes: bool = False) -> bool:
+    """Whether powers never rest when a controller runs. ``probes``: whether its scheduler asks for a probe."""
+    probes = probes or (samples_itself(spec.estimate) and probe_of(study).send)
+    return probes or restless(study.sensors, study.background, study.replay)
 
 
 def restless(sensors: SensorSpec | None, background: BackgroundSpec | None, replay: ReplaySpec | None) -> bool:

@@ -43,12 +43,14 @@ def step(
     final: float | None = None,
     due: float | None = None,
     settled: float | None = None,
+    band: float = 0.0,
 ) -> Sketch:
     """A response y over t (both (n,), same length) within a window of time and between two levels.
 
-    ``final`` is drawn as a dashed line, the time ``due`` at which it is asked to be there as a dotted one, and the time
-    at which it has settled as a circle on the curve. What lies beyond the levels is cut off. ``index`` gives the colour
-    and the dashes of the figures, ``label`` is read out in place of the picture.
+    ``final`` is a dashed line, with ``band`` on both sides of it in grey. The time ``due`` at which it is asked to be
+    there is a dotted line, and the time at which it has settled a circle on the curve. What lies beyond the levels
+    is cut off. ``index`` gives the colour and the dashes of the figures, ``label`` is read out in place of the
+    picture.
     """
     sketch = Sketch(WIDTH, HEIGHT, label, kind="spark")
 
@@ -58,6 +60,9 @@ def step(
         down = HEIGHT * (levels[1] - np.asarray(y)) / (levels[1] - levels[0])
         return np.stack([x, np.clip(down, -HEIGHT, 2.0 * HEIGHT)], axis=-1)
 
+    if final is not None and band > 0.0:
+        (x, top), (right, bottom) = place(window, (min(final + band, levels[1]), max(final - band, levels[0]))).tolist()
+        sketch.box(x, top, right - x, bottom - top, "#CCCCCC")
     if final is not None:
         sketch.parts.append(Stroke(place(window, (final, final)), "#777777", 1.0, (3.0, 2.0)))
     if due is not None and window[0] <= due <= window[1]:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.campaigns.verification.promises import LIMIT_ROOM
+from vsgdesign.metrics import EventMetrics
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
+from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing import spark
+from vsgdesign.report.drawing.decimation import Trace
 from vsgdesign.report.drawing.quantities import number, percent, plain
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.scenario.estimate_tables import worst_errors
 from vsgdesign.report.scenario.figures import interesting_time
-from vsgdesign.report.scenario.outcomes import BESIDE, CANNOT, StepOutcome
+from vsgdesign.report.scenario.outcomes import CANNOT, StepOutcome, notes_on_noise
 from vsgdesign.report.scenario.promise_tables import promise_title, reached, slack
 from vsgdesign.report.scenario.signals import Signal, power_signals
 from vsgdesign.report.scenario.verdict import verdict
@@ -287,12 +290,28 @@ def steps_answer(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> Ans
     )
     left = len(steps) - len(shown)
     more = f" {left} more step{'s are' if left > 1 else ' is'} in the table below." if left else ""
+    twins = any(one.noise is not None and one.noise.twin for one in outcomes)
+    drawn = "What is judged after each step of a reference: power minus that of the same run without the step"
     said = (
-        "Power after each step of its reference, the mean over whole cycles; one scale in each column. Dashed: the "
-        "value at which the response ends. Dotted: the settling time that was asked for. Circle: settled within 2 %."
+        f"{drawn if twins else 'Power after each step of its reference'}, the mean over whole cycles; one scale in "
+        "each column. Dashed: the value at which the response ends. Grey: the band of 2 % of the step. Dotted: the "
+        "settling time that was asked for. Circle: settled within the band."
     )
-    notes = (said + more, *([BESIDE] if any(one.noise is not None for one in outcomes) else []))
+    notes = (said + more, *notes_on_noise(one.metrics for one in outcomes))
     return Answer("Each step", tuple(step.title for step in shown), rows, notes=notes, pictures=True)
+
+
+def _judged(controller: ControllerResult, step: _Step, trace: Trace, factor: float) -> Trace:
+    """What is judged of a controller's power: beside a twin, its difference from the run without the step."""
+    outcome, without = step.outcomes.get(controller.spec.name), controller.without.get(step.t_s)
+    if outcome is None or outcome.noise is None or not outcome.noise.twin or without is None:
+        return trace
+    return replace(trace, mean=trace.mean - without[step.signal][: len(trace.mean)] / factor)
+
+
+def _ends_at(metrics: EventMetrics) -> float | None:
+    """Where the drawn curve of a step ends."""
+    return metrics.noise.step if metrics.noise is not None and metrics.noise.twin else metrics.raw.final
 
 
 def _pictures(result: ScenarioResult, step: _Step, signal: Signal) -> Callable[[int, str], Cell]:
@@ -303,10 +322,16 @@ def _pictures(result: ScenarioResult, step: _Step, signal: Signal) -> Callable[[
     needed = [_AFTER_DUE * (one.target_settling_time_s or 0.0) for one in outcomes]
     span = min(max(interesting_time(result, event, step.t_s + available), *needed), available)
     window = (step.t_s - _BEFORE * span, step.t_s + span)
-    traces = [trace.between(*window) for trace in signal.traces]
+    traces = [
+        trace.between(*window)
+        for trace in (
+            _judged(controller, step, trace, factor)
+            for controller, trace in zip(result.controllers, signal.traces, strict=True)
+        )
+    ]
     curves = [trace.mean for trace in traces]
     # Controllers with droop end apart: each is drawn about its own end, or about its last value, all on one scale.
-    finals = {name: one.metrics.raw.final for name, one in step.outcomes.items()}
+    finals = {name: _ends_at(one.metrics) for name, one in step.outcomes.items()}
     for index, controller in enumerate(result.controllers):
         final, curve = finals.get(controller.spec.name), curves[index]
         curves[index] = curve - (final / factor if final is not None else curve[-1:].sum())
@@ -335,6 +360,7 @@ def _pictures(result: ScenarioResult, step: _Step, signal: Signal) -> Callable[[
             None if finals[name] is None else 0.0,
             None if due is None else step.t_s + due,
             None if settled is None else step.t_s + settled,
+            SETTLING_BAND * outcome.size / factor,
         )
         return Cell(mark, verdict, words, picture)
 

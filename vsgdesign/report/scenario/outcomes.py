@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from vsgdesign.equations.closed_form import overshoot_of
@@ -10,11 +11,11 @@ from vsgdesign.equations.placing import OVERSHOOT_PCT, settling_factor
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics import EventMetrics, StepNoise
 from vsgdesign.metrics.beside_limit import beside_limit
-from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, UNSTABLE
+from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, SIGMAS, UNSTABLE
 from vsgdesign.metrics.met import RULE as MET_WITHIN
 from vsgdesign.metrics.met import overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.report.drawing.quantities import DASH, number, percent, quantity
+from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, quantity
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.simulation.scenario.promises import Promises, given_up, not_promised, promises_of
@@ -39,6 +40,19 @@ BESIDE = (
     "“Rests in” is what the power does without any step, and ± is what noise may do to the overshoot."
 )
 """Below the figures of steps that have a twin."""
+
+ALONE = (
+    "A change of the grid has no such run beside it. “Rests in” is what the power then does in the second half of the "
+    f"window. Where {plain(SIGMAS)} times this is more than the band of 2 % of the rating, the settling time cannot be "
+    "judged, and the band would have to be as large."
+)
+"""Below the figures of events that have no twin, in a run that never rests."""
+
+
+def notes_on_noise(events: Iterable[EventMetrics]) -> list[str]:
+    """What stands below the figures of events in noise."""
+    twins = {event.noise.twin for event in events if event.noise is not None}
+    return [BESIDE] * (True in twins) + [ALONE] * (False in twins)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +126,12 @@ class StepOutcome:
         return self.metrics.noise
 
     @property
+    def size(self) -> float:
+        """Of the step, W or var; 0 where it is not known."""
+        final = self.metrics.raw.final
+        return 0.0 if final is None else abs(final - self.metrics.raw.initial)
+
+    @property
     def within_noise(self) -> bool:
         """Whether the noise may leave the band by itself. A settling time that meets its target stands, because noise
         makes it late and not early; nothing else can be judged."""
@@ -171,7 +191,7 @@ class StepOutcome:
         if measured is None:
             return percent(None)
         text = beside_limit(measured, self.target_overshoot_pct, not self.stays_below, percent, 1)
-        return f"{text}{uncertainty(self.noise)}"
+        return f"{text}{uncertainty(self.metrics)}"
 
     @property
     def rest_text(self) -> str:
@@ -185,13 +205,14 @@ class StepOutcome:
         return None if self.rest is None else coupling(self.rest)
 
 
-def uncertainty(noise: StepNoise | None) -> str:
-    """What noise may do to an overshoot, in percentage points, to stand behind it."""
+def uncertainty(metrics: EventMetrics) -> str:
+    """What noise may do to the overshoot of a step, in percentage points, to stand behind it."""
+    noise = metrics.noise if metrics.kind == "step" else None
     return "" if noise is None else f" ± {percent(100.0 * noise.share)}"
 
 
 def rest_noise(metrics: EventMetrics) -> str:
-    """Rms of the noise in which the power of a step rests anyway, with its unit; a dash where there is none."""
+    """Rms of the noise in which the power rests anyway, with its unit; a dash where there is none."""
     unit = "W" if metrics.signal == "P_pcc" else "var"
     return DASH if metrics.noise is None else quantity(metrics.noise.rest, unit)
 

@@ -12,12 +12,12 @@ from vsgdesign.report.page.blocks import Table, Where
 from vsgdesign.report.page.converter import grid_label, specs_table
 from vsgdesign.report.scenario.bode_figures import distinct_grids, loops_on_grids
 from vsgdesign.report.scenario.outcomes import (
-    BESIDE,
     CANNOT,
     RULE,
     StepOutcome,
     UncoupledResponse,
     coupling,
+    notes_on_noise,
     rest_noise,
     uncertainty,
 )
@@ -199,7 +199,7 @@ def targets_table(outcomes: Sequence[StepOutcome]) -> Table:
     groups = (*first, *([("The same loop without coupling", 4)] if alone else []), ("", 1))
     notes = (
         f"{RULE} {DASH} instead of a target: none was asked for. > T: not settled within the T observed.",
-        *([BESIDE] if noisy else []),
+        *notes_on_noise(outcome.metrics for outcome in outcomes),
         *_reasons([outcome.metrics for outcome in outcomes], [outcome.controller.spec.name for outcome in outcomes]),
         *([_WITHOUT_COUPLING] if alone else []),
         "c = BC/(AD) at the operating point after the step: 0 where P and Q do not act on each other.",
@@ -255,7 +255,7 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
     last = ("Peak current [pu]", *(["Rests in, rms"] if noisy else []))
     head, mean = ("Time", "Event", "Signal", *part, *part, *last), mean_in_words(mean_cycles(result.study))
     groups = (("", 3), (mean.capitalize(), 5), ("Instantaneous", 5), ("", len(last)))
-    notes = (*([BESIDE] if noisy else []), *_reasons(controller.events))
+    notes = (*notes_on_noise(controller.events), *_reasons(controller.events))
     return Table(f"Events of {controller.spec.name}", head, tuple(rows), texts=3, groups=groups, notes=notes)
 
 
@@ -267,7 +267,7 @@ def responses_table(result: ScenarioResult) -> Table:
     for controller in result.controllers:
         name = controller.spec.name
         for event in controller.events:
-            if event.reason is not None:
+            if event.reason is not None and not event.lost_in_noise:  # a note says it of all
                 reasons.setdefault(event.reason, []).append(f"{name}, {event.t_s:g} s, {event.signal}")
             figures = event.cycle_mean
             if event.kind == "disturbance" and figures.settling_time_s == 0.0:
@@ -277,7 +277,7 @@ def responses_table(result: ScenarioResult) -> Table:
     more = ["rests in, rms"] if noisy else []
     head = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current", *more)
     notes = tuple(f"{'; '.join(who)}: {reason}" for reason, who in reasons.items())
-    notes = (*notes, BESIDE) if noisy else notes
+    notes = (*notes, *notes_on_noise(event for controller in result.controllers for event in controller.events))
     title = f"{result.study.title} ({mean_in_words(mean_cycles(result.study))}s)"
     return Table(title, head, tuple(rows), texts=4, notes=notes, on=Where.TERMINAL)
 
@@ -288,9 +288,9 @@ _NO_TIME = {MEASURED: "not settled", TOO_SHORT: "too short", NO_STEADY_STATE: "n
 
 def _short(event: EventMetrics, figures: ResponseMetrics) -> tuple[str, ...]:
     """The figures of an event with their units."""
-    none = _NO_TIME.get(event.status, event.status)
+    none = CANNOT if event.lost_in_noise else _NO_TIME.get(event.status, event.status)
     return (
-        _with_unit(percent(figures.overshoot_pct), f"{uncertainty(event.noise)} %"),
+        _with_unit(percent(figures.overshoot_pct), f"{uncertainty(event)} %"),
         none if figures.settling_time_s is None else f"{number(figures.settling_time_s)} s",
         _with_unit(number(figures.rise_time_s), " s"),
         _with_unit(number(event.peak_current_pu), " pu"),
@@ -320,9 +320,9 @@ def _signal(event: EventMetrics) -> str:
 
 
 def _figures(event: EventMetrics, metrics: ResponseMetrics, window_s: float, factor: float) -> tuple[str, ...]:
-    peak, noise = metrics.peak_deviation, event.noise if metrics is event.cycle_mean else None
+    peak, beside = metrics.peak_deviation, uncertainty(event) if metrics is event.cycle_mean else ""
     return (
-        f"{percent(metrics.overshoot_pct)}{uncertainty(noise)}",
+        f"{percent(metrics.overshoot_pct)}{beside}",
         _settled(event, metrics.settling_time_s, window_s),
         number(metrics.rise_time_s),
         number(None if peak is None else peak / factor),
@@ -333,6 +333,8 @@ def _figures(event: EventMetrics, metrics: ResponseMetrics, window_s: float, fac
 def _settled(event: EventMetrics, settling_time_s: float | None, window_s: float, text: str = "") -> str:
     if event.status not in (MEASURED, NOT_SETTLED):
         return event.status
+    if event.lost_in_noise:
+        return CANNOT
     return f"> {plain(window_s)}" if settling_time_s is None else text or number(settling_time_s)
 
 
@@ -340,7 +342,7 @@ def _reasons(events: Sequence[EventMetrics], names: Sequence[str] = ()) -> list[
     """Why events have no results, each reason once."""
     found: dict[str, None] = {}
     for k, event in enumerate(events):
-        if event.reason is not None:
+        if event.reason is not None and not event.lost_in_noise:  # a note says it of all
             who = f"{names[k]}, " if names else ""
             signal = "P" if event.signal == "P_pcc" else "Q"
             found[f"{who}{event.name} at {plain(event.t_s, 5)} s, {signal}: {event.reason.rstrip('.')}."] = None

@@ -15,6 +15,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
+from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import Survival, peaks_of
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import AtPcc, pcc_vectors
@@ -47,11 +48,14 @@ from vsgdesign.simulation.scenario.checking import deaf_in_words
 from vsgdesign.simulation.search import found_events
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
-from vsgdesign.simulation.twin import steps_with_twin
+from vsgdesign.simulation.twin import never_rests, steps_with_twin
 from vsgdesign.study.parameters.controllers import cycles_of_mean
 from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 Array = NDArray[np.float64]
+
+POWERS = ("P_pcc", "Q_pcc")
+"""The signals that are judged."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +72,8 @@ class ControllerResult:
     series: dict[str, Array]
     means: dict[str, Array]
     """Of P_pcc and Q_pcc over :func:`mean_cycles`, W and var."""
+    without: dict[float, dict[str, Array]]
+    """The same of the run without each step that has a twin, by the time of the step, s."""
     events: tuple[EventMetrics, ...]
     outcome: Outcome
     """The outcome of the run."""
@@ -198,9 +204,8 @@ def _run_controllers(
     results, unstable = {}, []
     for asked, spec, feed, found in zip(own, specs, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
-        twins = steps_with_twin(
-            asked, spec, probes=isinstance(feed, EstimatedScheduler) and feed.probe_hold is not None
-        )
+        probes = isinstance(feed, EstimatedScheduler) and feed.probe_hold is not None
+        twins = steps_with_twin(asked, spec, probes=probes)
         spacing = spacing_of_figures(asked) * study.converter.T_s
         every_sample = EverySample(asked, timeline, samples_per_mean(study, np.array([0.0, spacing])))
         run = simulate(asked, feed, bridge=bridge, twins=twins, every_sample=every_sample, finds=spec, progress=report)
@@ -215,13 +220,15 @@ def _run_controllers(
         used = bridge or study.simulation.bridge
         if estimates is not None or not knows_its_rests(own_study, spec, ran):  # the gains that it really had
             found = rests(own_study, ran, run.gain_changes)
+        without = without_steps(own_study, run, seen)
         events = measure_events(
             own_study,
             seen,
             found,
             ripples=used == "pwm" or study.has_components,
             divergence=run.divergence,
-            without=without_steps(own_study, run, seen),
+            without=without,
+            restless=never_rests(asked, spec, probes=probes),
         )
         deaf = unanswered(own_study, run.gain_changes)
         events = tuple(replace(one, reason=one.reason or deaf.get(one.t_s)) for one in events)
@@ -234,7 +241,8 @@ def _run_controllers(
             gain_changes=run.gain_changes,
             simulation=logged,
             series=derive_series(study, logged),
-            means=dict(zip(("P_pcc", "Q_pcc"), every_sample.means, strict=True)),
+            means=dict(zip(POWERS, every_sample.means, strict=True)),
+            without={t_s: _means_of(own_study, twin) for t_s, twin in without.items()},
             events=events,
             rests=found,
             outcome=outcome_of(run.divergence, found, events, at_limit, study.converter.S_rated),
@@ -272,6 +280,12 @@ def rest_at_limit(study: Study, run: Simulation, seen: SignalsAtPcc) -> LimitedE
     end, whole = slice(first_resting(run.t_s), None), slice(first_resting(seen.t_s), None)
     acting = limited_samples(study, replace(run, t_s=run.t_s[end], log=run.log[end]))
     return limited_end(study, run.t_s[end], seen.P_pcc[whole], seen.Q_pcc[whole], acting, last_s)
+
+
+def _means_of(study: Study, seen: SignalsAtPcc) -> dict[str, Array]:
+    """The means of the powers in the rows that a study logs."""
+    every, samples = rows_apart(study), samples_per_mean(study, seen.t_s)
+    return {name: cycle_mean(getattr(seen, name), samples)[::every] for name in POWERS}
 
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
@@ -333,14 +347,16 @@ def measure_events(
     *,
     ripples: bool,
     divergence: Divergence | None = None,
-    signals: Sequence[str] = ("P_pcc", "Q_pcc"),
+    signals: Sequence[str] = POWERS,
     without: Mapping[float, SignalsAtPcc] | None = None,
+    restless: bool = False,
 ) -> tuple[EventMetrics, ...]:
     """Figures of ``signals``, P_pcc and Q_pcc, after every instant with an event, up to the next one.
 
     ``seen``: of every sample. ``found``: where each stretch comes to rest (:func:`vsgdesign.simulation.rest.rests`).
     An event at t = 0 is where a steady start begins, not a change that anything responds to. ``ripples``: whether P
     and Q ripple at rest. ``without``: the powers without the steps that have a twin, which are judged beside it.
+    ``restless``: whether P and Q never rest.
     """
     t_s = seen.t_s
     if not study.events or len(t_s) < 2:
@@ -363,5 +379,5 @@ def measure_events(
             if rest.end_s - rest.t_s > 4.0 * interval:
                 y, rating = getattr(seen, signal), study.converter.S_rated
                 twin = None if without is None or rest.t_s not in without else getattr(without[rest.t_s], signal)
-                metrics.append(measure_event(window, signal, t_s, y, seen.i_pu, rating, per_mean, end, twin))
+                metrics.append(measure_event(window, signal, t_s, y, seen.i_pu, rating, per_mean, end, twin, restless))
     return tuple(metrics)

@@ -382,11 +382,13 @@ def _limiter(study: Study) -> dict[str, Any] | None:
     return {"name": study.current_limiter, "limit_pu": study.converter.current_limit_pu, "parameters": parameters}
 
 
-def _noise(noise: StepNoise) -> dict[str, Any]:
-    """What noise does to the figures of a step; nothing is infinite in JSON."""
-    found = asdict(noise) | {"overshoot_pct": 100.0 * noise.share, "least_step": noise.least_step}
+def _noise(noise: StepNoise, kind: str) -> dict[str, Any]:
+    """What noise does to the figures of a step or a disturbance; nothing is infinite in JSON."""
+    of_step = {"step": noise.step, "overshoot_pct": 100.0 * noise.share, "least_step": noise.least_step}
+    found = {"left": noise.left, "rest": noise.rest, "least_band": noise.least_band}
+    found = (of_step if kind == "step" else {}) | found
     finite = {name: value if math.isfinite(value) else None for name, value in found.items()}
-    return finite | {"judgeable": noise.judgeable}
+    return finite | {"judgeable": noise.judgeable, "twin": noise.twin}
 
 
 def _event(event: EventMetrics, cycles: int) -> dict[str, Any]:
@@ -400,7 +402,7 @@ def _event(event: EventMetrics, cycles: int) -> dict[str, Any]:
         "status": event.status,
         "reason": event.reason,
         "needs_s": event.needs_s,
-        **({} if event.noise is None else {"noise": _noise(event.noise)}),
+        **({} if event.noise is None else {"noise": _noise(event.noise, event.kind)}),
         "instantaneous": asdict(event.raw),
         "cycle_mean": asdict(event.cycle_mean),
         **({"one_cycle_mean": asdict(event.cycle_mean)} if cycles == 1 else {}),
