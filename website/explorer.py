@@ -76,8 +76,8 @@ def shown_of(study: Path, state: Mapping[str, Any]) -> tuple[Study, dict[str, An
 def write_explorer(study: Path, page: Path, state: Mapping[str, Any]) -> None:
     """Writes the explorer of a study whose shown controllers need no gain table."""
     from vsgdesign.artifacts.ready import NOTHING
+    from vsgdesign.report.explore.page_file import write_page
     from vsgdesign.report.explore.session import Session
-    from vsgdesign.report.explore.static import LATTICES, write_static
 
     shown, start = shown_of(study, state)
-    write_static(Session(shown, NOTHING, start=start), page, lattices=LATTICES[2:])
+    write_page(Session(shown, NOTHING, start=start), page, lattice=(32, 20))

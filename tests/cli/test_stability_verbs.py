@@ -17,8 +17,7 @@ from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
 from tests.report.pdf_texts import texts_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.progress import silent
-from vsgdesign.report.explore import static
-from vsgdesign.report.explore.static import Lattices, StaticPage
+from vsgdesign.report.explore.page_file import StaticPage, is_page, live_page
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.verbs.pipeline import assess_study, live_part, margins
 
@@ -75,8 +74,8 @@ def test_margins_in_words_with_evidence(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
 
 
-def small_page(study: Study, ready: Ready, _: Lattices) -> StaticPage:
-    return static.static_page_of(study, ready, ((2, 1),))
+def small_page(study: Study, ready: Ready, _: tuple[int, int]) -> StaticPage:
+    return live_page(study, ready, (2, 1))
 
 
 def no_page(study: Study, *_: object) -> StaticPage:
@@ -89,7 +88,7 @@ def end_process(*_: object) -> StaticPage:
 
 def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_part, "worker_count", lambda _: 2)
-    monkeypatch.setattr(live_part, "static_page_of", small_page)
+    monkeypatch.setattr(live_part, "live_page", small_page)
     out = tmp_path / "out"
     result = call("report", study_file(tmp_path, ONE + AXES), "--out", out)
     assert result.exit_code == 0, result.output
@@ -106,7 +105,7 @@ def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path, monke
         "results.json",
     }
     assert {path.suffix for path in (out / "figures").iterdir()} == {".svg", ".png"}
-    assert static.is_static_page(out / "explorer.html")
+    assert is_page(out / "explorer.html")
     assert '<iframe src="explorer.html"' in text
     assert "explorer.html" in json.loads((out / "results.json").read_text(encoding="utf-8"))["files"]
 
@@ -118,7 +117,7 @@ def test_a_report_without_explorer_says_why(
     make: Callable[..., StaticPage], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(live_part, "worker_count", lambda _: 2)
-    monkeypatch.setattr(live_part, "static_page_of", make)
+    monkeypatch.setattr(live_part, "live_page", make)
     result = assess_study(study_from_text(ONE + AXES), evidence=False)
     with live_part.live_begun(result.study, result.ready) as explored:
         found = margins._written(*live_part.waited_for(explored, silent), tmp_path)

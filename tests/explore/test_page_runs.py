@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from evidence._random_studies import bare, table_of
 from vsgdesign.artifacts.ready import Ready, read_tables
-from vsgdesign.report.explore.page_runs import PageRuns, page_runs
+from vsgdesign.report.explore.lattice import Lattice, Texts
+from vsgdesign.report.explore.page_runs import PageRuns, page_runs, starts_of
 from vsgdesign.report.explore.session import Session
+from vsgdesign.report.explore.state import PlaceOfState
 from vsgdesign.study.parameters import study_from_text
 
 STUDY = """
@@ -53,27 +53,34 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 
 def runs_of(session: Session) -> PageRuns:
-    at = [(f"{i},0", replace(session.start, scr=scr)) for i, scr in enumerate((0.4, 3.0, 7.0))]
-    return page_runs(session.study_of(session.start), session.ready, at)
+    study, lattice = session.study_of(session.start), Lattice((0.4, 3.0, 7.0), (3.0,), PlaceOfState(3.0, 3.0))
+    states = lattice.states(session.start, held=False)
+    return page_runs(
+        study, session.ready, lattice, {False: (states, starts_of(study, session.ready, states))}, {}, Texts()
+    )
 
 
 def test_every_way_of_gains_has_its_starts(session: Session) -> None:
-    found, data, _ = runs_of(session)
+    found, data = runs_of(session)
     assert [one["gains"] for one in found["controllers"]] == ["fixed", "listed", "followed", "table"]
-    for one in found["controllers"]:  # the weakest grid carries no 4 kW
-        assert one["keys"] == ["1,0", "2,0"]
-        assert one["why"]["0,0"].startswith("no operating point")
-    numbers = np.frombuffer(data[found["module"] :])
     assert data[:4] == b"\0asm"
-    counts = [one["width"] + 2 * len(one["varying"]) for one in found["controllers"]]
-    assert len(numbers) == sum(counts)
+    kinds, packed = found["columns"]["kinds"], data[found["module"] :]
+    assert len(packed) == sum({"s": 8, "e": 24, "w": 9}[kind] for kind in kinds)
+    there = {one["there"] for one in found["controllers"]}
+    assert len(there) == 1  # the weakest grid carries no 4 kW
+    assert kinds[there.pop()] == "w"
+    assert all(kinds[one["why"]] == "w" for one in found["controllers"])
     loops = [one["loop"] for one in found["controllers"]]
     assert len(set(loops)) == 1  # they are of one kind
-    rows = found["places"][loops[0]]["rows"]
-    first, at = numbers[: counts[0]], rows.index("state.P_f")
-    columns = first[found["controllers"][0]["width"] :].reshape(-1, 2)
-    varying = dict(zip(found["controllers"][0]["varying"], columns, strict=True))
-    np.testing.assert_allclose(varying.get(at, first[[at, at]]), 4e3, rtol=1e-9)  # it rests at its powers
+
+
+def test_controllers_share_the_numbers_of_a_grid(session: Session) -> None:
+    """The circuit and the grid are kept once."""
+    found, _ = runs_of(session)
+    rows = found["places"][found["controllers"][0]["loop"]]["rows"]
+    first, second = (one["numbers"] for one in found["controllers"][1:3])
+    same = [name for name, a, b in zip(rows, first, second, strict=False) if a == b]
+    assert {"row.p11", "row.b1", "row.re1", "grid.R_g"} <= set(same)
 
 
 def test_the_same_bytes_when_made_twice(session: Session) -> None:

@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.explore.browser.chromium import Chromium, Page
-from tests.explore.browser.test_static_page import small
 from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.report.explore.page_file import page_of_session
 from vsgdesign.report.explore.session import Session
-from vsgdesign.report.explore.static import static_text
 from vsgdesign.report.page.blocks import Page as Report
 from vsgdesign.report.page.html import print_html
 from vsgdesign.report.page.live import NO_SCRIPTS, WITHOUT, StaticPage, try_it
@@ -37,7 +36,7 @@ SAID = "document.querySelector('.live [role=status]').textContent"
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = study_from_text(STUDY)
-    text = static_text(small(Session(study, NOTHING)), lattices=((2, 1),))
+    text = page_of_session(Session(study, NOTHING), (2, 1))
     return print_html(
         Report(study.title, try_it(StaticPage(text), study.title)), tmp_path_factory.mktemp("report") / "report.html"
     )

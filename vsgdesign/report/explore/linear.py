@@ -23,7 +23,7 @@ from vsgdesign.linear.stability.margins import MARGINS, eigenvalues_of, margins_
 from vsgdesign.linear.stability.step_responses import full_order_settling, full_order_step, reduced_step
 from vsgdesign.metrics.modes import least_damping, taken
 from vsgdesign.report.explore.answer import Answer
-from vsgdesign.report.explore.scene import Scene, scene_of
+from vsgdesign.report.explore.scene import Scene, Shown, scene_of
 from vsgdesign.report.explore.state import State
 from vsgdesign.study.parameters.study import Study
 
@@ -53,7 +53,8 @@ def linear_answer(study: Study, ready: Ready, state: State, *, details: bool = F
     is_step = state.event.kind == "step"
     signal, size = (state.event.signal, state.event.size) if is_step else ("P", STEP_PU)
     omega = np.geomspace(BODE_RAD_S[0], min(BODE_RAD_S[1], 0.99 * np.pi / study.converter.T_s), BODE_POINTS)
-    rows = [_row(scene, k) for k in range(len(scene.shown))]
+    held = scene.held is not None
+    rows = [row_of(one, scene.cells, k, one.status(scene.grid, held, scene.error)) for k, one in enumerate(scene.shown)]
     arrays: dict[str, NDArray[np.float32]] = {}
     for cells, places in parts_of(scene):
         model = full_order_cells(scene.shown[places[0]].study, cells)
@@ -62,7 +63,7 @@ def linear_answer(study: Study, ready: Ready, state: State, *, details: bool = F
         places = [places[k] for k in model.index]
         if places:
             reduced = reduced_cells(scene.study, cells.take(model.index))
-            for k, figures in zip(places, _figures(model, signal, details), strict=True):
+            for k, figures in zip(places, figures_of(model, signal, details), strict=True):
                 rows[k] |= figures
             start = (scene.P if signal == "P" else scene.Q) / scene.study.converter.S_rated
             for name, values in _drawn(model, reduced, omega, signal).items():
@@ -96,26 +97,26 @@ def parts_of(scene: Scene) -> Iterator[tuple[CellSet, list[int]]]:
         yield scene.cells.take(np.array(rows, dtype=np.intp)), rows
 
 
-def _row(scene: Scene, k: int) -> dict[str, Any]:
-    """What is known of a controller without its model."""
-    one, cells, c = scene.shown[k], scene.cells, scene.study.converter
+def row_of(one: Shown, cells: CellSet, k: int, schedule: str) -> dict[str, Any]:
+    """What is known of a controller in a cell without its model. ``schedule`` says what its schedule does there."""
+    study, c = one.study, one.study.converter
+    P, Q, V_rms = (float(values[k]) for values in (cells.P, cells.Q, cells.V_rms))
     gains = PowerLoopGains(*(float(value[k]) for value in cells.gains))
     known = all(math.isfinite(value) for value in gains)
-    V_rms = float(cells.V_rms[k])
-    current = converter_current_rms(scene.study, scene.study.grid_source.omega_g, scene.P, scene.Q, V_rms)
+    current = converter_current_rms(study, study.grid_source.omega_g, P, Q, V_rms)
     droop_P, droop_Q = steady_droops(gains, c.S_rated, c.omega_n, c.V_rated_rms) if known else (math.nan, math.nan)
     return {
         "name": one.name,
         "structure": one.spec.target.structure,
-        "schedule": one.status(scene.grid, scene.held is not None, scene.error),
+        "schedule": schedule,
         "stable": None,
         "why": cells.faults[k],
         "outside": cells.outside[k],
         "note": one.note,
         "gains": {name: finite(value) for name, value in gains._asdict().items()},
         "operating_point": {
-            "P": scene.P,
-            "Q": scene.Q,
+            "P": P,
+            "Q": Q,
             "V_pu": finite(V_rms / c.V_rated_rms),
             "delta_deg": finite(math.degrees(float(cells.delta[k]))),
             "i_pu": finite(abs(current) / rated_current_rms(c.S_rated, c.V_rated_rms)),
@@ -124,13 +125,13 @@ def _row(scene: Scene, k: int) -> dict[str, Any]:
         "droop_Q": finite(droop_Q) or None,
         "H_s": finite(float(effective_inertia(gains, c.S_rated, c.omega_n)) if known else math.nan),
         "modes": [],
-    } | dict.fromkeys(_OF_MODEL)
+    } | dict.fromkeys(OF_MODEL)
 
 
 _SHARES, _MOVERS = 4, 3
 """States and parameters that are listed for each mode."""
 
-_OF_MODEL = (
+OF_MODEL = (
     "disk_margin_output",
     "disk_margin_input",
     "gain_margin_db",
@@ -147,9 +148,10 @@ _OF_MODEL = (
     "settling_s",
     "overshoot",
 )
+"""Figures that need the model of a cell."""
 
 
-def _figures(model: FullOrderModel, signal: str, details: bool) -> Iterator[dict[str, Any]]:
+def figures_of(model: FullOrderModel, signal: str, details: bool) -> Iterator[dict[str, Any]]:
     """Figures of every cell of a model; those that an unstable cell does not have are None."""
     margins = margins_named(model, MARGINS)
     eigenvalues = eigenvalues_of(model)

@@ -19,7 +19,7 @@ from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import loads_of
 from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
 from vsgdesign.report.explore.events import LEAD_S, after_s, event_s, events_of, length_s, study_of
-from vsgdesign.report.explore.scene import Scene, scene_of
+from vsgdesign.report.explore.scene import Scene, Shown, scene_of
 from vsgdesign.report.explore.state import State
 from vsgdesign.report.explore.words import SETTLED, asked_of, verdict
 from vsgdesign.simulation.every_sample import signals_at_pcc, with_every_sample
@@ -75,11 +75,16 @@ def emt_answer(
     for k, one in zip(places, runs, strict=True):
         shown = scene.shown[k]
         row = one if isinstance(one, dict) else _figures(one, ready, state, next(rests))
-        rows.append({"name": shown.name, **row, "note": _TOLD if shown.spec.estimate != "truth" else ""})
+        rows.append({"name": shown.name, **row, "note": told_note(shown)})
         if isinstance(one, Simulated) and row["status"] != _NOT_SIMULATED:
             curves = curves_of(one.study, one.run)
             arrays |= {f"{k}/{name}": values for name, values in curves.items()}
     return emt_of_rows(rows, bands(scene, ready, state), arrays)
+
+
+def told_note(shown: Shown) -> str:
+    """What has to be known of how a controller is simulated here."""
+    return _TOLD if shown.spec.estimate != "truth" else ""
 
 
 class Simulated(NamedTuple):

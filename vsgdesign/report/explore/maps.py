@@ -103,7 +103,7 @@ class MapFigure:
 
     def document(self) -> dict[str, Any]:
         """For the page."""
-        names = ("name", "label", "unit", "promise", "better")
+        names = ("name", "label", "unit", "promise", "better", "scale")
         return {name: getattr(self, name) for name in names} | {"low": self.ends[0], "high": self.ends[1]}
 
 
@@ -185,24 +185,30 @@ def map_answer(study: Study, ready: Ready, state: State) -> Answer:
     arrays = {
         "values": values.reshape(shape),
         "unstable": (known & ~stable).astype(float).reshape(shape),
-        "limit_use": _limit_use(one.study, cells).reshape(shape),
+        "limit_use": limit_use(one.study, cells).reshape(shape),
     }
     return Answer(header, axes | arrays)
 
 
 def map_cells(one: Shown, state: State, scr: Array, x_over_r: Array) -> CellSet:
     """Cells of a map, X/R slowest, with the gains of one controller in force."""
+    R_g, L_g = (values.T for values in grid_arrays(one.study, scr, x_over_r))
+    return cells_at(one, state, R_g, L_g)
+
+
+def cells_at(one: Shown, state: State, R_g: Array, L_g: Array) -> CellSet:
+    """Cells of any grids at the state's powers, with the gains of one controller in force."""
     study = one.study
     if one.law is None:
         raise ValueError(f"controller {one.name}: {one.why}")
-    R_g, L_g = (values.T for values in grid_arrays(study, scr, x_over_r))
     P, Q = state.P_pu * study.converter.S_rated, state.Q_pu * study.converter.S_rated
     error = state.error_R, state.error_X
     gains = gains_in_force(study, one.law, R_g, L_g, P, Q, error=error, held=held_grid(study, state))
     return cell_set(study, R_g, L_g, P, Q, gains, one.law.why_none)
 
 
-def _limit_use(study: Study, cells: CellSet) -> Array:
+def limit_use(study: Study, cells: CellSet) -> Array:
+    """The share of the static limits that each cell's operating point uses."""
     omega = study.grid_source.omega_g
     R, X = study.filter.R_2 + cells.R_g, omega * (study.filter.L_2 + cells.L_g)
     uses = static_limit_uses(study, R, X, omega, cells.P, cells.Q, cells.V_rms)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,14 +22,26 @@ from vsgdesign.codegen.llvm_loop import INTEGERS, POINTERS
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.codegen.wasm import wasm_module
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.equations.power_loops import gain_transfer
+from vsgdesign.equations.power_loops import References, gain_transfer
 from vsgdesign.equations.sampled_path import source_response
 from vsgdesign.equations.scheduler_data import SchedulerState
 from vsgdesign.errors import VsgDesignError
+from vsgdesign.linear.model.compiled import block_of, model_names
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
+from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.operating_point.plants import plant_steps
+from vsgdesign.linear.stability.loci import RANKED
+from vsgdesign.report.explore.columns import Columns
 from vsgdesign.report.explore.events import NAMES, after_s, event_s, study_of
+from vsgdesign.report.explore.lattice import Lattice, Texts
 from vsgdesign.report.explore.live import NOTHING
-from vsgdesign.report.explore.page_verdicts import common_of_verdicts, function_spec, judged_with, verdict_loops
+from vsgdesign.report.explore.page_verdicts import (
+    common_of_verdicts,
+    function_spec,
+    judged_with,
+    one_sample,
+    verdict_loops,
+)
 from vsgdesign.report.explore.saving import WithoutEvent, saved_without_event
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State
@@ -46,6 +58,7 @@ from vsgdesign.simulation.rescheduled import refollowed, rescheduled
 from vsgdesign.simulation.run import begin_together, program_of
 from vsgdesign.simulation.run_state import RunOf, RunState
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -63,76 +76,167 @@ EVENTS = ("step", "grid", "phase", "sag", "ramp")
 """Events that the page simulates by itself."""
 
 
-@dataclass(eq=False)
-class _Controller:
-    """What the page knows of one controller, and its starts."""
-
-    document: dict[str, Any]
-    starts: dict[str, Array] = field(default_factory=dict)
-    """By grid: the rows of the loop, what the source adds per volt, the grid, and the scheduler's state."""
-    why: dict[str, str] = field(default_factory=dict)
-    """By grid: why there is no run."""
-
-    def packed(self) -> tuple[dict[str, Any], Array]:
-        """What the page reads, and its numbers: those of the first grid, then the columns that are not the same on all
-        grids."""
-        if not self.starts:
-            return {"keys": [], "why": self.why}, np.zeros(0)
-        matrix = np.array(list(self.starts.values()))
-        same = (matrix == matrix[0]).all(axis=0)
-        read = {"keys": list(self.starts), "why": self.why, "width": len(same)}
-        read["varying"] = np.flatnonzero(~same).tolist()
-        return self.document | read, np.concatenate([matrix[0], matrix[:, ~same].T.ravel()])
-
-
 class PageRuns(NamedTuple):
     """What a page is given."""
 
     info: dict[str, Any]
     """The description."""
     data: bytes
-    """What is behind it: the module, then all numbers (float64)."""
-    saves: dict[str, WithoutEvent]
-    """By grid: the study file of what is shown there; none where nothing can be saved."""
+    """What is behind it: the module, then the columns of numbers."""
 
 
-def page_runs(study: Study, ready: Ready, states: Iterable[tuple[str, State]]) -> PageRuns:
-    """What a page is given for its grids.
+class Start(NamedTuple):
+    """A controller at rest on a grid, before its event: its numbers, or why there is none."""
 
-    ``study`` has the changes of the states, which are the grids of the page with their keys: first those on which gains
-    follow the grid, then those on which they are held. A controller whose gains are held is another one.
+    numbers: Array | None
+    """The rows of the loop, what the source adds per volt, the grid, and the state of its scheduler."""
+    why: str | None = None
+
+
+class CellStart(NamedTuple):
+    """All controllers on a grid, and the study file of what is shown there; None where nothing can be saved."""
+
+    starts: list[Start]
+    save: WithoutEvent | None
+
+
+def starts_of(study: Study, ready: Ready, states: Sequence[State]) -> list[CellStart]:
+    """The starts of the shown controllers in several states."""
+    found = []
+    for state in states:
+        scene = scene_of(study, ready, state)
+        save = None
+        with contextlib.suppress(VsgDesignError):
+            save = saved_without_event(scene, ready, state)
+        found.append(CellStart([_begun(scene, ready, state, k) for k in range(len(scene.shown))], save))
+    return found
+
+
+def _begun(scene: Scene, ready: Ready, state: State, k: int) -> Start:
+    fault = scene.cells.faults[k]
+    if fault is not None:
+        return Start(None, fault)
+    try:
+        return Start(_at_rest(study_of(scene, ready, state, k), ready).numbers)
+    except VsgDesignError as error:
+        return Start(None, str(error))
+
+
+def page_runs(
+    study: Study,
+    ready: Ready,
+    lattice: Lattice,
+    cells: Mapping[bool, tuple[Sequence[State], Sequence[CellStart]]],
+    models: Mapping[tuple[bool, int], FullOrderModel],
+    texts: Texts,
+) -> PageRuns:
+    """What a page simulates with.
+
+    ``study`` has the changes of the states. ``cells`` has the states of the grids and what :func:`starts_of` says of
+    them, with gains that follow the grid (False) and with held ones (True): a controller whose gains are held is
+    another one. ``models`` has its linear model by whether its gains are held and its place, with any of the grids.
     """
-    found: dict[bool, list[_Controller]] = {False: [], True: []}
     loops = {"transfer": function_spec(gain_transfer, {}), "response": function_spec(source_response, {})}
     loops |= verdict_loops()
-    common: dict[str, Any] = {}
-    saves: dict[str, WithoutEvent] = {}
-    grids: dict[str, tuple[float, float]] = {}
-    for key, state in states:
-        scene = scene_of(study, ready, state)
-        with contextlib.suppress(VsgDesignError):
-            saves[key] = saved_without_event(scene, ready, state)
-        grids[key] = scene.grid.R_g, scene.grid.L_g
-        common = common or _common(scene, ready, state)
-        held = found[state.hold is not None]
-        held += [_Controller({}) for _ in scene.shown[len(held) :]]
-        for k, one in enumerate(held):
-            why = scene.cells.faults[k]
-            if why is None:
-                try:
-                    document, own, one.starts[key] = _start(study_of(scene, ready, state, k), ready)
-                    one.document = one.document or document | _named(own, loops)
-                except VsgDesignError as error:
-                    why = str(error)
-            if why is not None:
-                one.why[key] = why
+    columns = lattice.columns()
+    info = _common(scene_of(study, ready, cells[False][0][0]), ready, cells[False][0][0])
+    linear = _LinearLoops(loops)
+    for held, (states, starts) in cells.items():
+        documents = []
+        for k in range(len(starts[0].starts)):
+            own = [one.starts[k] for one in starts]
+            document = {"why": columns.whole(texts.numbers(one.why for one in own)), "there": 0}
+            good = next((at for at, one in enumerate(own) if one.numbers is not None), None)
+            if good is not None:
+                scene = scene_of(study, ready, states[good])
+                described, of_start = _at_rest(study_of(scene, ready, states[good], k), ready).described(ready)
+                document |= described | _named(of_start, loops)
+                nothing = np.full_like(own[good].numbers, np.nan)
+                matrix = np.array([nothing if one.numbers is None else one.numbers for one in own])
+                document["there"] = columns.whole([one.numbers is not None for one in own])
+                document["numbers"] = [columns.exact(values) for values in matrix.T]
+                if (model := models.get((held, k))) is not None:
+                    document["model"] = linear.document(model, of_start["loop"].rows)
+            documents.append(document)
+        info["held" if held else "controllers"] = documents
+    grids = [Place(at.scr, at.x_over_r, study.scr_basis).grid(study.converter) for at in lattice.places]
+    info["grids"] = [columns.exact([grid.R_g for grid in grids]), columns.exact([grid.L_g for grid in grids])]
+    info["saves"] = {"held" if held else "follow": _saves(columns, texts, one) for held, (_, one) in cells.items()}
     module = wasm_module(loops)
-    packed = {held: [one.packed() for one in ones] for held, ones in found.items()}
-    common |= {"places": {name: _places(spec) for name, spec in loops.items()}, "module": len(module)}
-    common |= {"controllers": [one for one, _ in packed[False]], "held": [one for one, _ in packed[True]]}
-    common["grids"] = {key: grid for key, grid in grids.items() if not key.endswith(",h")}
-    numbers = [part.tobytes() for held in (False, True) for _, part in packed[held]]
-    return PageRuns(common | {"integers": INTEGERS, "pointers": POINTERS}, b"".join([module, *numbers]), saves)
+    info |= {"places": {name: _places(spec) for name, spec in loops.items()}, "module": len(module)}
+    info |= {"columns": columns.document(), "integers": INTEGERS, "pointers": POINTERS}
+    return PageRuns(info, module + columns.packed())
+
+
+class _LinearLoops:
+    """Linear models among the loops of a module. Controllers with the same equations share theirs."""
+
+    def __init__(self, loops: dict[str, LoopSpec]) -> None:
+        self.loops = loops
+        self.names: dict[int, int] = {}
+
+    def document(self, model: FullOrderModel, rows: Sequence[str]) -> dict[str, Any]:
+        """What the page reads of a controller's model: its loops, and which rows of a start give z and p."""
+        known = len(self.names)
+        number = self.names.setdefault(id(model.map), known)
+        names = {"linear": f"linear_{number}", "period": f"period_{number}"}
+        if number == known:
+            z, p = model_names(model.map)
+            for name, function, results in (
+                (names["linear"], model.map.linear, "ABCD"), (names["period"], model.map.step, "zy"),
+            ):  # fmt: skip
+                outputs = [[f"{one}{k}" for k in range(function.numel_out(at))] for at, one in enumerate(results)]
+                self.loops[name] = one_sample(block_of(function, (z, p), outputs))
+        z, p = model_names(model.map)
+        at = {name: k for k, name in enumerate(rows)}
+        return names | {
+            "states": model.states,
+            "z": [
+                at[_ROW_OF_STATE.get(name, f"state.{name.replace('limiter_', 'limiter.', 1)}")] for name in model.states
+            ],
+            "p": model.p[0].tolist(),
+            "of_start": {k: at[row] for k, name in enumerate(p) if (row := _row_of_parameter(name)) in at},
+            "parameters": p,
+            "ranked": [p.index(name) for name in RANKED],
+            "inputs": INPUTS,
+            "outputs": OUTPUTS,
+        }
+
+
+_ROW_OF_STATE = {
+    **{
+        f"{one}_{old}": f"x.{one}_{new}"
+        for one in ("i_s", "v_c", "i_g")
+        for old, new in (("d", "alpha"), ("q", "beta"))
+    },
+    "pending_d": "state.u_alpha",
+    "pending_q": "state.u_beta",
+    "delta": "state.theta",
+}
+"""The rows of a start that have another name than a state of the model, which is in the frame of the source."""
+
+
+def _row_of_parameter(name: str) -> str:
+    """The row of a start with a parameter that is not the same on all grids, but for the grid itself: its row has what
+    the controller is told of it."""
+    return f"refs.{name}" if name in References._fields else f"power_gains.{name}"
+
+
+def _saves(columns: Columns, texts: Texts, cells: Sequence[CellStart]) -> dict[str, Any]:
+    """The study files of all grids: of each its lines, and the references."""
+    files = [[] if one.save is None else one.save.text.splitlines() for one in cells]
+    most = max(len(lines) for lines in files)
+    refs = np.array([(np.nan, np.nan) if one.save is None else one.save[2:] for one in cells])
+    return {
+        "lines": [columns.whole(texts.numbers(_line(lines, k) for lines in files)) for k in range(most)],
+        "words": columns.whole(texts.numbers(None if one.save is None else one.save.words for one in cells)),
+        "refs": [columns.exact(values) for values in refs.T],
+    }
+
+
+def _line(lines: Sequence[str], k: int) -> str | None:
+    """A line of a file; an empty one is a space, and None is behind its end."""
+    return (lines[k] or " ") if k < len(lines) else None
 
 
 def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
@@ -163,8 +267,46 @@ def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
     }
 
 
-def _start(study: Study, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSpec], Array]:
-    """A controller's run before its event: what is the same on every grid, its loops, and the numbers of this grid."""
+class _AtRest(NamedTuple):
+    """A controller's run before its event, which is left out."""
+
+    study: Study
+    feed: Any
+    run: RunState
+    batch: Batch
+    rows: Array
+    """Those of the loop, as the first sample finds them."""
+
+    @property
+    def numbers(self) -> Array:
+        """What the page begins with on this grid."""
+        grid, T_s, feed = self.study.grid, self.study.converter.T_s, self.feed
+        source = plant_steps(self.study, grid.R_g, grid.L_g, T_s, self.study.grid_source.omega_g).source[0, 0]
+        own = feed.runtime if isinstance(feed, KnownGridScheduler) else None
+        state = [] if own is None else numbers_of(own.present)
+        parts = [self.rows, source.real, source.imag, [grid.R_g, grid.L_g], state]
+        return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+
+    def described(self, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSpec]]:
+        """What is the same on every grid, and the loops."""
+        study, spec, kind = self.study, self.study.controllers[0], self.batch.kind
+        ramped = kind._replace(ramped=True)
+        loops = {"loop": spec_of(kind, log_names(kind)), "ramp": spec_of(ramped, log_names(ramped))}
+        document: dict[str, Any] = {
+            "uniform": self.batch.uniform.tolist(),
+            "ramp_uniform": Batch(ramped, study, 1).uniform.tolist(),
+            "gains": "fixed" if spec.kind == "fixed" else "listed",
+            "period_s": spec.update_period or study.converter.T_s,
+        }
+        if isinstance(self.feed, KnownGridScheduler):
+            own, loops["update"] = _following(self.feed, study, spec)
+            document |= own | {"period_s": self.feed.update_period}
+        marks = _marks(study, document["period_s"], study.converter.T_s, updates="update" in loops)
+        document["judge"] = judged_with(study, spec, ready)
+        return document | {"marks": marks, "phasors": self.run.phasors(marks).ravel().tolist()}, loops
+
+
+def _at_rest(study: Study, ready: Ready) -> _AtRest:
     spec = study.controllers[0]
     calm = with_every_sample(replace(study.with_limit_of(spec), events=()))
     feed = feed_of(calm, spec, build_timeline(calm), ready)
@@ -177,25 +319,7 @@ def _start(study: Study, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSp
     for at, row, count, source in zip(program.at, program.row, program.count, program.source, strict=True):
         if at == 0:
             rows[row : row + count] = program.values[source : source + count]
-    ramped = batch.kind._replace(ramped=True)
-    loops = {"loop": spec_of(batch.kind, log_names(batch.kind)), "ramp": spec_of(ramped, log_names(ramped))}
-    document: dict[str, Any] = {
-        "uniform": batch.uniform.tolist(),
-        "ramp_uniform": Batch(ramped, calm, 1).uniform.tolist(),
-        "gains": "fixed" if spec.kind == "fixed" else "listed",
-        "period_s": spec.update_period or calm.converter.T_s,
-    }
-    state: list[float] = []
-    if isinstance(feed, KnownGridScheduler):
-        own, loops["update"], state = _following(feed, calm, spec)
-        document |= own | {"period_s": feed.update_period}
-    grid, T_s = calm.grid, calm.converter.T_s
-    marks = _marks(study, document["period_s"], T_s, updates="update" in loops)
-    document["judge"] = judged_with(calm, spec, ready)
-    document |= {"marks": marks, "phasors": run.phasors(marks).ravel().tolist()}
-    source = plant_steps(calm, grid.R_g, grid.L_g, T_s, calm.grid_source.omega_g).source[0, 0]
-    parts = [rows[: len(loops["loop"].rows)], source.real, source.imag, [grid.R_g, grid.L_g], state]
-    return document, loops, np.concatenate([np.asarray(part, dtype=float) for part in parts])
+    return _AtRest(calm, feed, run, batch, rows[: len(spec_of(batch.kind, log_names(batch.kind)).rows)])
 
 
 def _named(own: dict[str, LoopSpec], loops: dict[str, LoopSpec]) -> dict[str, str]:
@@ -220,19 +344,17 @@ def _marks(study: Study, period_s: float, T_s: float, *, updates: bool) -> list[
     return sorted(found)
 
 
-def _following(
-    feed: KnownGridScheduler, study: Study, spec: ControllerSpec
-) -> tuple[dict[str, Any], LoopSpec, list[float]]:
-    """Gains that follow what is measured: what the page reads of them, the loop of an update, and the state."""
+def _following(feed: KnownGridScheduler, study: Study, spec: ControllerSpec) -> tuple[dict[str, Any], LoopSpec]:
+    """Gains that follow what is measured: what the page reads of them, and the loop of an update."""
     runtime = feed.runtime
     if runtime is None:
         lookup = gain_lookup(closed_form_schedule(study, spec.target), V_n_rms=study.converter.V_rated_rms)
-        return {"gains": "followed"}, function_spec(refollowed, {"table": lookup.table, "law": lookup.functions}), []
+        return {"gains": "followed"}, function_spec(refollowed, {"table": lookup.table, "law": lookup.functions})
     lookup, settings = runtime.lookup, runtime.settings
     update = function_spec(rescheduled, {"table": lookup.table, "law": lookup.functions})
     limits = [float(getattr(settings.limits, name.removeprefix("limits."))) for name in update.uniform]
     document = {"gains": "table", "limits": limits, "tick": settings.tick, "state": names_of(SchedulerState, "s")}
-    return document, update, numbers_of(runtime.present)
+    return document, update
 
 
 def _places(spec: LoopSpec) -> dict[str, Any]:

@@ -40,8 +40,12 @@ _CONVERGED = 1e-9
 
 
 def function_spec(function: Any, fixed: dict[str, Any]) -> LoopSpec:
-    """A function as a loop of one sample: its arguments are rows, limits are uniform, and its results are logged."""
-    block = flat_block(function, fixed=fixed)
+    """A function as a loop of one sample."""
+    return one_sample(flat_block(function, fixed=fixed))
+
+
+def one_sample(block: Block) -> LoopSpec:
+    """A block as a loop of one sample: its inputs are rows, limits are uniform, and its results are logged."""
     limits = tuple(name for name in block.inputs if name.startswith("limits."))
     rows = [name for name in block.inputs if name not in limits]
     outputs = tuple(name for name, _ in block.outputs)

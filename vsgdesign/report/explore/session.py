@@ -234,8 +234,12 @@ class Session:
                 self._changed.popitem(last=False)
         return found
 
+    def colour(self, name: str) -> str:
+        """The colour of a controller."""
+        return self._colours.get(name, OWN_COLOUR)
+
     def _coloured(self, answer: Answer) -> Answer:
-        rows = [row | {"colour": self._colours.get(row["name"], OWN_COLOUR)} for row in answer.header["controllers"]]
+        rows = [row | {"colour": self.colour(row["name"])} for row in answer.header["controllers"]]
         return Answer({**answer.header, "controllers": rows}, answer.arrays)
 
 

@@ -54,6 +54,12 @@ _LAST_WORDS_S = 1.0
     metavar="FILE.html",
     help="Write one file that needs no server and simulates by itself, and open nothing. --static says the same.",
 )
+@click.option(
+    "--lattice",
+    default=None,
+    metavar="WxH",
+    help="Numbers of SCR and of X/R in FILE.html.  [default: 48x32]",
+)
 @verb
 def explore(
     file: str,
@@ -63,6 +69,7 @@ def explore(
     port: int | None,
     link: str | None,
     page: str | None,
+    lattice: str | None,
 ) -> None:
     """Drag the grid in the browser, and watch modes, margins and EMT.
 
@@ -70,11 +77,13 @@ def explore(
     Gain tables that the study asks for are read where earlier commands have left them, or designed first.
     """
     _check_options(file, study_file, controller)
+    if lattice is not None and page is None:
+        raise click.UsageError("--lattice says how fine a page without a server is; --page names its file")
     # The matrices are small. On several threads, BLAS takes twice the time, and no library reads this later.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("MKL_NUM_THREADS", "1")
     if page is not None:
-        _write(file, study_file, controller, link, page)
+        _write(file, study_file, controller, link, page, lattice)
         return
     # A request for EMT comes while the linear answer is computed: its thread gets its turn soon.
     sys.setswitchinterval(_SWITCH_S)
@@ -184,13 +193,17 @@ def _session(
         raise StudyError("--state", faults) from None
 
 
-def _write(file: str, study_file: str | None, controller: str | None, link: str | None, page: str) -> None:
-    from vsgdesign.report.explore.static import write_static
+def _write(
+    file: str, study_file: str | None, controller: str | None, link: str | None, page: str, lattice: str | None
+) -> None:
+    from vsgdesign.report.explore.lattice import LATTICE, lattice_counts
+    from vsgdesign.report.explore.page_file import write_page
 
+    counts = LATTICE if lattice is None else lattice_counts(lattice)
     session = _session(file, study_file, controller, link, None)
     with results_at(page):
         with progress(quiet=False) as tell:
-            size = write_static(session, page, progress=tell)
+            size = write_page(session, page, lattice=counts, progress=tell, workers=None)
         click.echo(f"page: {page} ({size / 1e6:.1f} MB)")
 
 

@@ -11,7 +11,8 @@ from vsgdesign.errors import WorkerError
 from vsgdesign.execution.executors import known_here_alone, worker_count, worker_processes
 from vsgdesign.execution.jobs import begun
 from vsgdesign.execution.progress import Progress
-from vsgdesign.report.explore.static import PART_LATTICES, Lattices, static_page_of
+from vsgdesign.report.explore.lattice import PART_LATTICE
+from vsgdesign.report.explore.page_file import live_page
 from vsgdesign.report.page.live import StaticPage
 from vsgdesign.study.parameters import Study
 
@@ -21,7 +22,7 @@ def live_begun(
     study: Study,
     ready: Ready,
     workers: int | None = None,
-    lattices: Lattices = PART_LATTICES,
+    lattice: tuple[int, int] = PART_LATTICE,
     executor: Executor | None = None,
 ) -> Iterator[Callable[[], StaticPage]]:
     """Begins to make the page of a study in another process; what is yielded waits for it. With one worker it is
@@ -30,7 +31,7 @@ def live_begun(
         alone = worker_count(workers) == 1 or known_here_alone()
         if executor is None and not alone:
             executor = held.enter_context(worker_processes(1))
-        yield begun(executor, static_page_of, study, ready, lattices)
+        yield begun(executor, live_page, study, ready, lattice)
 
 
 def waited_for(begin: Callable[[], StaticPage], tell: Progress) -> StaticPage:

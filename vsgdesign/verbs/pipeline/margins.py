@@ -28,7 +28,7 @@ from vsgdesign.linear.stability.assessment import (
 from vsgdesign.linear.stability.verdict import clause_matrix, left_out, worst_cases
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.report.drawing.figure_types import ExplorerFile
-from vsgdesign.report.explore.static import QUICK_LATTICES
+from vsgdesign.report.explore.lattice import QUICK_LATTICE
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.study.parameters import Study
@@ -93,7 +93,7 @@ def report_stability(
     """Assesses a study and writes figures, CSV files, results.json and report.html to ``out``.
 
     With ``pdf`` it also writes report.pdf. With ``explorer`` it also writes explorer.html, the page of ``vsgdesign
-    explore --static``, which the report shows in a frame. Another process makes it while the figures are drawn, unless
+    explore --page``, which the report shows in a frame. Another process makes it while the figures are drawn, unless
     ``workers`` is 1 (None means one per core). ``show`` is given what a terminal prints of the result. Returns the
     content of results.json. The folder appears when everything is done. Raises the errors of :func:`assess_study` and
     ArtifactError.
@@ -130,7 +130,7 @@ def _write(
     from vsgdesign.report import write_stability_figures, write_stability_report
 
     begin = time.perf_counter()
-    begun = live_begun(result.study, result.ready, workers, QUICK_LATTICES) if explorer else nullcontext()
+    begun = live_begun(result.study, result.ready, workers, QUICK_LATTICE) if explorer else nullcontext()
     with begun as explored:
         write_stability_tables(result, folder)
         tell("draw figures", 0.0)

@@ -1,5 +1,6 @@
 // Runs of a page without a server. The loops are those of the package, compiled; this file puts numbers into their memory,
 // calls them, and does between two calls what the package does there: new references, gains, grids and source.
+import { at, readColumns } from "./columns.js";
 
 /** The module's memory as numbers, with room that is handed out once. */
 class Memory {
@@ -375,15 +376,7 @@ export class Engine {
   constructor(info, data) {
     const module = new WebAssembly.Module(data.subarray(0, info.module));
     Object.assign(this, { info, loops: {}, memory: new Memory(new WebAssembly.Instance(module, {}).exports) });
-    const numbers = new Float64Array(data.slice(info.module).buffer);
-    let at = 0;
-    for (const controller of [...info.controllers, ...info.held]) {
-      if (!controller.keys.length) continue;
-      const [count, varying] = [controller.keys.length, controller.varying.length];
-      controller.first = numbers.subarray(at, at + controller.width);
-      controller.columns = numbers.subarray(at + controller.width, at + controller.width + count * varying);
-      at += controller.width + count * varying;
-    }
+    this.columns = readColumns(data.subarray(info.module), info.columns);
     this.transfer = this.loop("transfer", [], 1);
     this.response = this.loop("response", [], 1);
   }
@@ -395,19 +388,27 @@ export class Engine {
     return this.loops[name];
   }
 
-  /** A controller by its place; one whose gains are held is another one. */
+  /** A controller by its place; one whose gains are held is another one. A key is the number of a cell, and "…,h" where
+   * gains are held. */
   controller(k, key) {
     return (key.endsWith(",h") ? this.info.held : this.info.controllers)[k];
   }
 
+  /** Whether a controller has a start on a grid. */
+  has(controller, key) {
+    return at(this.columns[controller.there], parseInt(key, 10)) === 1;
+  }
+
+  /** The number of the text that says why it has none. */
+  whyNot(controller, key) {
+    return at(this.columns[controller.why], parseInt(key, 10));
+  }
+
   /** The numbers of a controller at rest on a grid; undefined where there are none. */
   startOf(controller, key) {
-    const at = controller.keys.indexOf(key);
-    if (at < 0) return undefined;
-    const all = Float64Array.from(controller.first);
-    controller.varying.forEach((column, k) => {
-      all[column] = controller.columns[k * controller.keys.length + at];
-    });
+    if (!this.has(controller, key)) return undefined;
+    const cell = parseInt(key, 10);
+    const all = Float64Array.from(controller.numbers, (column) => at(this.columns[column], cell));
     const rows = this.info.places[controller.loop].rows.length;
     const names = controller.state || [];
     return {
@@ -416,6 +417,15 @@ export class Engine {
       grid: all.subarray(rows + 6, rows + 8),
       state: Object.fromEntries(names.map((name, k) => [name, all[rows + 8 + k]])),
     };
+  }
+
+  /** The study file of a cell: the numbers of its lines and of its words among the texts, P_ref and Q_ref; and R_g and L_g
+   * of another cell. */
+  saveOf(cell, held, to) {
+    const { lines, words, refs } = this.info.saves[held ? "held" : "follow"];
+    const number = (column) => at(this.columns[column], cell);
+    const grid = to === undefined ? [] : this.info.grids.map((column) => at(this.columns[column], to));
+    return { lines: lines.map(number), words: number(words), refs: refs.map(number), grid };
   }
 
   /** Every sample of an event: (samples, logged) numbers, row by row, and how many rows are good. */

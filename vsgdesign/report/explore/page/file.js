@@ -1,80 +1,70 @@
-// The page as a file without a server: its answers are in the file, and other events are simulated here.
+// The page as a file without a server: its cells are in the file, and events are simulated here.
+import { Cells } from "./cells.js";
 import { LiveRuns } from "./live.js";
-import { readAnswer } from "./transport.js";
 import { start } from "./main.js";
 
-const nearestIndex = (values, value) => {
-  let best = 0;
-  values.forEach((v, i) => {
-    if (Math.abs(Math.log(v / value)) < Math.abs(Math.log(values[best] / value))) best = i;
-  });
-  return best;
-};
-
-/** The nearest grid of the lattice of a file without server. */
-function snapToLattice(lattice, grid) {
-  const [i, j] = [nearestIndex(lattice.scr, grid.scr), nearestIndex(lattice.x_over_r, grid.x_over_r)];
-  return { scr: lattice.scr[i], x_over_r: lattice.x_over_r[j], key: `${i},${j}` };
-}
-
-/** Deflated bytes (zlib) as they were. */
-function inflated(bytes) {
+/** Deflated bytes (zlib) in base 64, as they were. */
+function bytesOf(text) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Response(stream).arrayBuffer();
 }
 
-const bytesOf = (text) => inflated(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
-
-const sameEvent = (a, b) => JSON.stringify(a) === JSON.stringify(b);
-
-/** Answers that are kept in the page itself, deflated and in base 64 (a file without server). */
-function fileAsk(kept) {
-  const live = kept.runs && new LiveRuns(kept.runs.info, () => bytesOf(kept.runs.data), kept.worker);
+/** What answers the questions of the page. */
+function fileAsk(kept, cells) {
+  const live = new LiveRuns(kept.runs.info, () => bytesOf(kept.runs.data), kept.worker);
   const refused = (text) => ({ status: 422, faults: [{ field: null, text }] });
-  const stored = async (name) => {
-    const text = kept.answers[name];
-    return text && readAnswer(await bytesOf(text));
+  const target = ({ kind, to_scr: scr, to_x_over_r }) =>
+    kind === "grid" ? cells.nearest({ scr, x_over_r: to_x_over_r }) : null;
+  const save = async (cell, { event, hold }) => {
+    const to = target(event);
+    const found = await live.asks(0, { kind: "save", cell, held: Boolean(hold), to: to ? to.cell : undefined });
+    const lines = found.lines.map((number) => cells.texts[number - 1]).filter((line) => line !== undefined);
+    if (!lines.length) return refused(kept.runs.info.words.no_save);
+    const text = lines.map((line) => (line === " " ? "" : line)).join("\n");
+    const shown = to ? { ...event, to_scr: to.scr, to_x_over_r: to.x_over_r } : event;
+    const words = cells.texts[found.words - 1] || "";
+    return { status: 200, answer: live.saved([text, words, ...found.refs], shown, found.grid) };
   };
-  const saved = async (place, state) => {
-    const { event } = state;
-    const fault = live.fault(event);
-    if (fault) return { status: 422, faults: [fault] };
-    const saves = JSON.parse(new TextDecoder().decode(await bytesOf(kept.runs.saves)));
-    if (!saves[place]) return refused(kept.runs.info.words.no_save);
-    const to = snapToLattice(kept.info.lattice, { scr: event.to_scr, x_over_r: event.to_x_over_r });
-    const grid = kept.runs.info.grids[to.key];
-    const shown = event.kind === "grid" ? { ...event, to_scr: to.scr, to_x_over_r: to.x_over_r } : event;
-    return { status: 200, answer: live.saved(saves[place], shown, grid) };
+  const emt = async (cell, { event, hold }) => {
+    const to = target(event);
+    const held = hold ? ",h" : "";
+    const { controllers, bands } = kept.cells;
+    const own = JSON.stringify(event) === JSON.stringify(kept.info.defaults.event);
+    const shown = { controllers, texts: cells.texts, bands: bands.filter((band) => own || band.signal === "i_s_pu") };
+    return live.answer(`${cell}${held}`, { ...event, key: to ? `${to.cell}${held}` : undefined }, shown, to);
+  };
+  const answers = {
+    linear: (cell, state) => cells.linear(cell, state, live),
+    modes: (cell, state) => cells.modes(cell, state, live),
+    map: (_, state) => cells.map(state),
+    emt,
   };
   return async (kind, seq, state) => {
-    const { lattice, defaults } = kept.info;
-    const held = state.hold ? ",h" : "";
-    const place = snapToLattice(lattice, state).key + held;
-    if (kind === "save") return saved(place, state);
-    let answer = await stored(`${kind}:${kind === "map" ? state.figure + held : place}`);
-    if (!answer) return refused("This file holds no answer for this choice; `vsgdesign explore` computes it.");
-    if (kind === "emt" && !sameEvent(state.event, defaults.event)) {
-      if (!live) return refused("This file simulates nothing; `vsgdesign explore` does.");
-      const { event } = state;
-      const fault = live.fault(event);
-      if (fault) return { status: 422, faults: [fault] };
-      const to = event.kind === "grid" && snapToLattice(lattice, { scr: event.to_scr, x_over_r: event.to_x_over_r });
-      try {
-        answer = await live.answer(place, { ...event, key: to ? to.key + held : undefined }, answer, to);
-      } catch (error) {
-        return refused(`This browser does not simulate here (${error.message}). The file has the event of the study.`);
-      }
+    const fault = ["emt", "save"].includes(kind) && live.fault(state.event);
+    if (fault) return { status: 422, faults: [fault] };
+    const { cell } = cells.nearest(state);
+    try {
+      if (kind === "save") return await save(cell, state);
+      const answer = await answers[kind](cell, state);
+      answer.header.seq = seq;
+      return { status: 200, answer };
+    } catch (error) {
+      return refused(`This browser does not simulate here (${error.message}).`);
     }
-    answer.header.seq = seq;
-    return { status: 200, answer };
   };
 }
 
 const kept = window.STATIC;
 
-start({
-  info: { ...kept.info, static: true, simulated: kept.runs ? kept.runs.info.events : [] },
-  ask: fileAsk(kept),
-  snap: (grid) => snapToLattice(kept.info.lattice, grid),
-  holds: Object.keys(kept.answers).some((key) => key.endsWith(",h")),
-});
+(async () => {
+  const [figures, texts] = [await bytesOf(kept.figures), await bytesOf(kept.texts)];
+  const cells = new Cells(kept, new Uint8Array(figures), JSON.parse(new TextDecoder().decode(texts)));
+  start({
+    info: { ...kept.info, simulated: kept.runs.info.events },
+    ask: fileAsk(kept, cells),
+    snap: (grid) => cells.nearest(grid),
+    says: (grid) => cells.says(grid),
+    holds: "held" in kept.cells,
+  });
+})();

@@ -5,7 +5,7 @@ import { worded } from "./words.js";
 export class LiveRuns {
   /** runs: {info, words}; bytes(): the promise of what is behind it; code: the text of the worker. */
   constructor(runs, bytes, code) {
-    Object.assign(this, { info: runs, bytes, code, waiting: new Map(), asked: 0, ready: null });
+    Object.assign(this, { info: runs, bytes, code, waiting: new Map(), asked: 0, workers: [] });
   }
 
   /** What is wrong with an event that is to be simulated here, as the server says it; null: nothing. */
@@ -30,11 +30,9 @@ export class LiveRuns {
       const { resolve, reject } = this.waiting.get(data.id);
       this.waiting.delete(data.id);
       if (data.error) reject(new Error(data.error));
-      else resolve(data.runs);
+      else resolve(data.found);
     };
-    const { words, ...info } = this.info;
-    const bytes = await this.bytes();
-    await this.post(worker, { info: { ...info, words }, bytes, places: [] });
+    await this.post(worker, { kind: "start", info: this.info, bytes: await this.bytes() });
     return worker;
   }
 
@@ -47,27 +45,32 @@ export class LiveRuns {
     });
   }
 
+  /** What one of the two workers says: runs and what is linear are computed at the same time. */
+  async asks(worker, question) {
+    this.workers[worker] ||= this.start();
+    return this.post(await this.workers[worker], question);
+  }
+
   /**
-   * The answer to an event: rows and curves as those of the server. `stored` is the answer of the file on this grid, and
-   * `to` the grid of the file to which the event leads.
+   * The answer to an event: rows and curves as those of the server. `controllers` are those of the file, with words for
+   * why there is no run, and `to` is the grid of the file to which the event leads.
    */
-  async answer(key, event, stored, to) {
-    this.ready ||= this.start();
-    const worker = await this.ready;
+  async answer(key, event, { controllers: shown, texts, bands }, to) {
     const given = { ...event, jump: event.size * (Math.PI / 180) };
-    const places = this.info.controllers.map((_, k) => k);
-    const runs = await this.post(worker, { key, event: given, places });
+    const runs = await this.asks(0, { kind: "runs", key, event: given, places: shown.map((_, k) => k) });
     const arrays = {};
-    const controllers = stored.header.controllers.map((row, k) => {
-      const { name, colour } = row;
-      const note = to ? `${row.note} ${worded(this.info.words.nearest, to.scr, to.x_over_r)}` : row.note;
+    const controllers = shown.map((row, k) => {
+      const { name, colour, told } = row;
+      const note = to ? `${told} ${worded(this.info.words.nearest, to.scr, to.x_over_r)}`.trim() : told;
       const none = Object.fromEntries(this.info.figures.map((figure) => [figure, null]));
       const run = runs[k];
-      if (!run.curves) return { ...none, name, colour, note, status: "not simulated", why: run.why, verdict: run.why };
+      if (!run.curves) {
+        const why = texts[run.why - 1] || this.info.words.no_start;
+        return { ...none, name, colour, note, status: "not simulated", why, verdict: why };
+      }
       for (const [signal, values] of Object.entries(run.curves)) arrays[`${k}/${signal}`] = values;
       return { ...run.row, name, colour, note };
     });
-    const bands = stored.header.bands.filter((band) => band.signal === "i_s_pu");
     return { header: { event_s: 0, controllers, bands, words: "" }, arrays };
   }
 

@@ -1,5 +1,5 @@
 // The explorer's page. It computes nothing of the physics: every number is an answer of the package's own functions.
-// Order: svg draw notice state live transport map modes bode response units fields event table save actions main
+// Order: svg draw notice state live columns cells transport map modes bode response units fields event table save actions main
 import { onThemeChange } from "./draw.js";
 import { Store, framed, linkOf, stateOfLink } from "./state.js";
 import { Transport, loadInfo, serverAsk, waitAfter } from "./transport.js";
@@ -94,7 +94,7 @@ class Page {
       store.set({ figure: event.target.value });
       store.commit();
     });
-    if ("map_of" in info.defaults && info.controllers.length > 1 && !info.static) {
+    if ("map_of" in info.defaults && info.controllers.length > 1) {
       byId("map-of-box").hidden = false;
       byId("map-of").replaceChildren(...info.controllers.map((c) => option(c.name, c.name)));
       byId("map-of").addEventListener("change", (event) => {
@@ -127,8 +127,7 @@ class Page {
     for (const [sign, there] of Object.entries(signs)) byId("map-key").querySelector(`.${sign}`).hidden = !there;
   }
 
-  // A file without server has answers on a lattice of grids only: the ring snaps to it. Beside it the event can be changed,
-  // which the page simulates by itself.
+  // A file without server knows a lattice of grids: the ring snaps to it. Beside it the event can be changed.
   makeStatic() {
     this.map.snap = this.file.snap;
     byId("hold-box").hidden = !this.file.holds;
@@ -141,12 +140,10 @@ class Page {
   hold(on) {
     const { store, info } = this;
     const { scr, x_over_r: ratio } = store.state;
-    const middle = (values) => values[Math.floor(values.length / 2)];
-    const fixed =
-      info.static && (info.lattice.hold || { scr: middle(info.lattice.scr), x_over_r: middle(info.lattice.x_over_r) });
-    store.set({ hold: on ? fixed || { scr, x_over_r: ratio } : null });
+    store.set({ hold: on ? (info.static && info.lattice.hold) || { scr, x_over_r: ratio } : null });
     store.commit();
-    say(on ? `The gains of SCR ${scr}, X/R ${ratio} are held.` : "The gains follow the grid again.");
+    const { hold } = store.state;
+    say(hold ? `The gains of SCR ${hold.scr}, X/R ${hold.x_over_r} are held.` : "The gains follow the grid again.");
   }
 
   makeSwitches() {
@@ -209,15 +206,15 @@ class Page {
     if (!store.dragging && this.answers.emt) this.showEmt();
   }
 
-  // A file without server has them in its linear answers.
   wishDetails(since) {
-    if (!this.info.static) this.transport.wish("modes", this.store.state, since);
+    this.transport.wish("modes", this.store.state, since);
   }
 
   updateControls() {
     const { store, info } = this;
     const { scr, x_over_r: ratio, hold, figure } = store.state;
     byId("where").textContent = `SCR ${scr.toFixed(2)}   X/R ${ratio.toFixed(2)}`;
+    if (info.static) byId("where").title = this.file.says(store.state);
     byId("map").setAttribute(
       "aria-label",
       `Grid on the map: SCR ${scr.toFixed(2)}, X/R ${ratio.toFixed(2)}.${hold ? ` Gains held at SCR ${hold.scr}, X/R ${hold.x_over_r}.` : ""}`,
@@ -294,9 +291,7 @@ class Page {
     this.modes.show(shown, words);
     this.bode.show(curves, words);
     const { event } = this.store.state;
-    // A file without server has the linear steps of its own event alone.
-    const own = !this.info.static || JSON.stringify(event) === JSON.stringify(this.info.defaults.event);
-    const drawn = event.kind === "step" && own;
+    const drawn = event.kind === "step";
     this.response.showLinear(drawn ? curves : [], drawn ? event.signal : null, words);
     this.showTable();
     const last = shown[shown.length - 1];

@@ -1,5 +1,6 @@
 // The worker of a page without a server: it runs events, and gives curves that can be drawn and the figures of the current.
 import { Engine } from "./engine.js";
+import { LinearModel } from "./linear.js";
 import { Judge } from "./verdict.js";
 
 const BUCKETS = 320;
@@ -28,8 +29,8 @@ function thinned(signals) {
 function simulated(engine, k, key, event) {
   const { info } = engine;
   const controller = engine.controller(k, key);
-  const missing = [key, event.key].filter((one) => one !== undefined && !controller.keys.includes(one));
-  if (missing.length) return { why: controller.why[missing[0]] || info.words.no_start };
+  const missing = [key, event.key].filter((one) => one !== undefined && !engine.has(controller, one));
+  if (missing.length) return { why: engine.whyNot(controller, missing[0]) };
   const { rows, width, done, run } = engine.run(controller, key, event);
   const column = (name, scale) => {
     const [at, values] = [info.places[controller.loop].logged.indexOf(name), new Float64Array(done)];
@@ -61,16 +62,44 @@ function node(info, axis, column) {
   return v.map((value, j) => value + R_c * (i_s[j] - i_g[j]));
 }
 
+/** The model of a controller on a grid; null where it has none. */
+function modelOf(engine, k, key) {
+  const controller = engine.controller(k, key);
+  return controller.model && engine.has(controller, key)
+    ? new LinearModel(engine, controller, engine.startOf(controller, key))
+    : null;
+}
+
+/** The open loops of a controller on a grid, and its step; null where it has no model. */
+function drawn(engine, k, key, { omega, every, count, signal }) {
+  const model = modelOf(engine, k, key);
+  if (!model) return null;
+  const [[mag, phase], [mag_Q, phase_Q]] = ["P", "Q"].map((power) => model.loop(power, omega));
+  return { mag, phase, mag_Q, phase_Q, step: model.step(`${signal}_ref`, signal, every, count) };
+}
+
+/** What takes part in modes of a controller, and what moves them. */
+function described(engine, k, key, modes) {
+  const model = modelOf(engine, k, key);
+  return model ? modes.map(({ re, im }) => model.mode(re, im, 4, 3)) : [];
+}
+
 let judge = null;
 let engine = null;
+const answers = {
+  start: ({ info, bytes }) => {
+    engine = new Engine(info, new Uint8Array(bytes));
+    judge = new Judge(engine);
+    return [];
+  },
+  runs: ({ places, key, event }) => places.map((k) => simulated(engine, k, key, event)),
+  linear: ({ places, key, asked }) => places.map((k) => drawn(engine, k, key, asked)),
+  save: ({ cell, held, to }) => engine.saveOf(cell, held, to),
+  modes: ({ key, modes }) => modes.map((own, k) => described(engine, k, key, own)),
+};
 self.onmessage = ({ data }) => {
   try {
-    if (data.info) {
-      engine = new Engine(data.info, new Uint8Array(data.bytes));
-      judge = new Judge(engine);
-    }
-    const runs = data.places.map((k) => simulated(engine, k, data.key, data.event));
-    self.postMessage({ id: data.id, runs });
+    self.postMessage({ id: data.id, found: answers[data.kind](data) });
   } catch (error) {
     self.postMessage({ id: data.id, error: String(error) });
   }
