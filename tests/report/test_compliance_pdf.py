@@ -20,6 +20,7 @@ from vsgdesign.report.drawing import paper
 from vsgdesign.report.drawing.paper import HEIGHT, MARGIN, WIDTH, Sheet, text_width, wrapped
 from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.drawing.sketch import END, MIDDLE, Words
+from vsgdesign.report.page.blocks import Page, Table
 from vsgdesign.report.page.pdf import print_pdf
 
 
@@ -35,17 +36,21 @@ def arranged() -> Arranged:
 
 @pytest.fixture(scope="module")
 def sheets(tmp_path_factory: pytest.TempPathFactory) -> list[Sheet]:
+    page = compliance_page(made(), arranged(), draw(arranged(), made(), traces()))
+    return sheets_of(page, tmp_path_factory.mktemp("pdf") / "r.pdf", wide=True)
+
+
+def sheets_of(page: Page, path: Path, wide: bool) -> list[Sheet]:
+    """The sheets that a page is printed on, in place of a file."""
     found: list[Sheet] = []
-    keep = pytest.MonkeyPatch()
 
     def save(sheets: list[Sheet], path: Path, title: str) -> Path:  # noqa: ARG001
         found.extend(sheets)
         return path
 
-    with keep.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr("vsgdesign.report.page.pdf.save", save)
-        page = compliance_page(made(), arranged(), draw(arranged(), made(), traces()))
-        print_pdf(page, tmp_path_factory.mktemp("pdf") / "r.pdf", wide=True)
+        print_pdf(page, path, wide=wide)
     return found
 
 
@@ -58,18 +63,35 @@ def words_of(sheet: Sheet) -> list[Words]:
     return [part for part in sheet.parts if isinstance(part, Words)]
 
 
+def edges_of(one: Words) -> tuple[float, float]:
+    """Where words begin and end, pt."""
+    width = text_width(one.text, one.size, one.bold)
+    left = one.x - {MIDDLE: 0.5 * width, END: width}.get(one.anchor, 0.0)
+    return left, left + width
+
+
 def test_no_word_leaves_its_page_and_no_two_lines_of_a_table_overlap(sheets: list[Sheet]) -> None:
     for number, sheet in enumerate(sheets, start=1):
         for one in words_of(sheet):
             if one.upright:
                 continue
-            width = text_width(one.text, one.size, one.bold)
-            left = one.x - {MIDDLE: 0.5 * width, END: width}.get(one.anchor, 0.0)
+            left, right = edges_of(one)
             assert left >= MARGIN - 1.0, (number, one)
-            assert left + width <= WIDTH - MARGIN + 1.0, (number, one)
+            assert right <= WIDTH - MARGIN + 1.0, (number, one)
             assert MARGIN - 8.0 <= one.y <= HEIGHT - MARGIN + 11.0, (number, one)
         places = [(round(one.x, 1), round(one.y, 1)) for one in words_of(sheet)]
         assert len(set(places)) == len(places), number
+
+
+def test_long_words_above_the_columns_of_a_table_push_none_of_them_off_the_page(tmp_path: Path) -> None:
+    """Fourteen columns fill the page, and the words above pairs of them need more room than there is."""
+    head, rows = tuple(f"Column {k}" for k in range(14)), tuple(("SCR 1.8 in it",) * 14 for _ in range(3))
+    groups = tuple((f"Disk margin at the output, guaranteed {k}", 2) for k in range(7))
+    (sheet,) = sheets_of(Page("Title", [Table("Wide", head, rows, groups=groups)]), tmp_path / "r.pdf", wide=False)
+    words = words_of(sheet)
+    assert max(edges_of(one)[1] for one in words) <= HEIGHT - MARGIN + 1.0
+    above = [one for one in words if one.y < min(one.y for one in words if "Column" in one.text)]
+    assert sum("Disk" in one.text for one in above) == sum("guaranteed" in one.text for one in above) == 7
 
 
 def test_every_page_has_its_number_and_every_page_of_the_matrix_its_head(sheets: list[Sheet]) -> None:

@@ -162,7 +162,7 @@ class Flow:
         """
         names = [[Said(text, bold=True)] for text in head]
         top = self._set_out(columns, names, 99)
-        self.need(top.height + 4.0 * LEADING)
+        self.need(top.height + (6.0 if groups else 4.0) * LEADING)
         self._head(columns, groups, top, texts)
         count = 0
         for block in blocks:
@@ -179,17 +179,24 @@ class Flow:
         self.y += 2.0
         self._rule(columns, 0.9)
         if groups:
-            x, first = MARGIN, 0
-            for label, span in groups:
-                width = sum(columns[first : first + span])
-                if label:
-                    line = wrapped(typeset(label), SIZE, width, bold=True, most=1)[0]
-                    self.sheet.text(x, self.y + LEADING, line, SIZE, bold=True)
-                    self.sheet.line((x, self.y + 10.5), (x + width - PAD, self.y + 10.5), _HAIR, 0.4)
-                x, first = x + width, first + span
-            self.y += LEADING + 2.0
+            self._groups(columns, groups)
         self._cells(columns, row, texts)
         self._rule(columns, 0.5)
+
+    def _groups(self, columns: Sequence[float], groups: Sequence[tuple[str, int]]) -> None:
+        """The words above some columns, which end on one line."""
+        x, first, placed = MARGIN, 0, []
+        for label, span in groups:
+            width = sum(columns[first : first + span])
+            if label:
+                placed.append((x, width, wrapped(typeset(label), SIZE, width - PAD, bold=True, most=3)))
+            x, first = x + width, first + span
+        bottom = self.y + LEADING * max((len(lines) for _, _, lines in placed), default=1)
+        for x, width, lines in placed:
+            for k, line in enumerate(reversed(lines)):
+                self.sheet.text(x, bottom - k * LEADING, line, SIZE, bold=True)
+            self.sheet.line((x, bottom + 1.5), (x + width - PAD, bottom + 1.5), _HAIR, 0.4)
+        self.y = bottom + 2.0
 
     def _rule(self, columns: Sequence[float], width: float, colour: str = _RULE) -> None:
         self.sheet.line((MARGIN, self.y), (MARGIN + sum(columns), self.y), colour, width)

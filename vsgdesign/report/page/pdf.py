@@ -107,11 +107,13 @@ def _words(flow: Flow, block: Words) -> None:
 def _table(flow: Flow, table: Table) -> None:
     rows: list[Cells] = [[[Said(cell)] for cell in row] for row in table.rows]
     widths = _widths(flow, [table.head, *table.rows])
-    first = 0
+    first, more = 0, [0.0] * len(widths)
     for label, span in table.groups:  # what the words above some columns need more than these is room for the last one
-        wanted = PAD + text_width(typeset(label), SIZE, bold=True)
-        widths[first + span - 1] += max(wanted - sum(widths[first : first + span]), 0.0)
+        wanted = PAD + 0.1 + text_width(typeset(label), SIZE, bold=True)
+        more[first + span - 1] = max(wanted - sum(widths[first : first + span]), 0.0)
         first += span
+    share = min((flow.room - sum(widths)) / max(sum(more), 1e-9), 1.0)  # as far as there is any; the rest is wrapped
+    widths = [width + share * wider for width, wider in zip(widths, more, strict=True)]
     flow.subtitle(table.title)
     flow.table(widths, table.head, alone(rows), most=99, groups=table.groups, texts=table.texts, flagged=table.flagged)
     _notes(flow, table.notes)
