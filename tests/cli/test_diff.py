@@ -45,6 +45,13 @@ def test_a_changed_input_and_the_figures_that_follow_it(first: Path, tmp_path: P
     final = [one for one in found["figures"] if one["place"][-1] == "final" and "P_pcc" in one["place"][3]]
     a, b = next((one["a"], one["b"]) for one in final if "fixed" in one["place"])
     assert 2.4e3 < a < 2.55e3 < b < 2.65e3
+    # An event has its reference in its name, and is compared with the one at the same instant. Nothing stands twice.
+    places = [one["place"] for one in found["figures"]]
+    assert [one[3:] for one in places if one[-1] == "name" and "fixed" in one and one[3][0] == "P"] == [
+        ["P_pcc, 0.1 s", "name"]
+    ]
+    assert not any({"cycle_mean", "one_cycle_mean", "study"} & set(place) for place in places)
+    assert ["controllers", "fixed", "events", "P_pcc, 0.1 s", "final"] in places
 
 
 def test_the_same_result_has_no_changes(first: Path) -> None:

@@ -30,9 +30,13 @@ _RANK = {word: rank for rank, words in enumerate(_WORDS) for word in words}
 _ANSWERS = ("kept", "met", "certified", "passed", "V_within_limits")
 """Fields that are verdicts themselves: true is better than null, and null better than false."""
 
-_LEFT_OUT = frozenset({"timing_s", "loop_s", "real_time_factor", "files", "schema", "kept_ideal", "one_cycle_mean"})
-_NAMES = ("controller", "name", "event", "signal", "label", "t_s", "time")
-"""Fields that tell the entries of a list apart."""
+_TIMES = frozenset({"timing_s", "loop_s", "real_time_factor", "files", "schema"})
+_COPIES = frozenset({"kept_ideal", "cycle_mean", "one_cycle_mean"})
+_LEFT_OUT = _TIMES | _COPIES
+"""What no study asks for, and what stands elsewhere in the same result."""
+_WHICH = ("controller", "event", "signal", "label", "t_s", "time")
+_NAMES = ("controller", "name", *_WHICH[1:])
+"""Fields that tell the entries of a list apart: without their names, which contain values that may change, or with."""
 
 
 class Change(NamedTuple):
@@ -113,7 +117,8 @@ def changes_of(a: Any, b: Any, place: tuple[str, ...] = ()) -> Iterator[Change]:
     """Every value that is not the same in two documents of JSON's types, depth first."""
     if isinstance(a, dict) and isinstance(b, dict):
         for key in dict.fromkeys([*a, *b]):
-            if key not in _LEFT_OUT and not (key == "sha256" and not place):
+            copied = key == "study" if place else key == "sha256"
+            if key not in _LEFT_OUT and not copied:
                 yield from changes_of(a.get(key), b.get(key), (*place, key))
     elif isinstance(a, list) and isinstance(b, list) and (named := _by_name(a, b)) is not None:
         yield from chain.from_iterable(changes_of(x, y, (*place, name)) for name, (x, y) in named.items())
@@ -125,17 +130,27 @@ def _by_name(a: list[Any], b: list[Any]) -> dict[str, tuple[Any, Any]] | None:
     """The entries of two lists by what tells them apart; None where they are lists of values."""
     if not all(isinstance(one, dict) for one in [*a, *b]) or not (a or b):
         return None
-    of_a, of_b = _names(a), _names(b)
-    if of_a is None or of_b is None:
+    for fields in (_WHICH, _NAMES):
+        of_a, of_b = _names(a, fields), _names(b, fields)
+        if of_a is not None and of_b is not None:
+            break
+    else:
         of_a, of_b = ([str(k + 1) for k in range(len(some))] for some in (a, b))
     first, second = dict(zip(of_a, a, strict=True)), dict(zip(of_b, b, strict=True))
-    return {name: (first.get(name), second.get(name)) for name in dict.fromkeys([*first, *second])}
+    found = {key: (first.get(key), second.get(key)) for key in dict.fromkeys([*first, *second])}
+    return {_label(key, [one for one in pair if one is not None]): pair for key, pair in found.items()}
 
 
-def _names(entries: list[dict[str, Any]]) -> list[str] | None:
-    """A name for each entry; None where two have the same."""
-    found = [", ".join(_name(field, one[field]) for field in _NAMES if field in one) for one in entries]
+def _names(entries: list[dict[str, Any]], fields: Sequence[str]) -> list[str] | None:
+    """A name for each entry from these fields; None where two have the same."""
+    found = [", ".join(_name(field, one[field]) for field in fields if field in one) for one in entries]
     return found if all(found) and len(set(found)) == len(found) else None
+
+
+def _label(key: str, entries: list[dict[str, Any]]) -> str:
+    """What a pair of entries is called: with their name, if they have the same."""
+    names = _names(entries[:1], _NAMES)
+    return names[0] if names is not None and names == _names(entries[-1:], _NAMES) else key
 
 
 def _name(field: str, value: Any) -> str:
