@@ -55,6 +55,8 @@ class Background:
         self._replay = None if timeline is None else timeline.replay
         self._responses = functools.lru_cache(maxsize=256)(self._response)
         self._lines = functools.lru_cache(maxsize=64)(lambda one, h: straight_line_responses(circuit(one), h))
+        self._turned: dict[tuple[float, int, float], Complex] = {}
+        self._of_steady: dict[tuple[Any, ...], Array] = {}
 
     def acts(self, intervals: Sequence[Interval]) -> bool:
         """Whether the source has more than a fundamental of constant amplitude and frequency."""
@@ -99,38 +101,49 @@ class Background:
                 n = component.order
                 c = self._V_base_pk * component.amplitude_pu * np.exp(1j * (n * phase + component.phase))
                 self._add_rotating(total, interval, n, c, drift)
-            return total.rows()
-        waves = self._restless(interval, first, since, phase)
+            return total.rows
+        gain, angle = self._wander.factors(first, len(since))
+        moved = np.exp(1j * angle)
+        turn = np.exp(1j * phase) if source.omega_slope else cmath.exp(1j * source.phase) * self._turns(source, since)
+        moved *= turn
+        change = gain * moved
+        change -= turn
+        components, powers = (*interval.components, *self._wander.spec.components), _Powers(moved)
+        orders = [one.order for one in components]
+        waves = [powers.of(int(n)) if n.is_integer() else np.exp(1j * (n * (phase + angle))) for n in orders]
         if source.steady:  # without ramps there are no terms of s and s²: one product for all
-            rho = [self._responses(interval.connection, interval.h, n * source.omega)[0] for n, _, _ in waves]
-            weights = np.stack([c for _, c, _ in waves], axis=1)
-            total.add(weights, np.array(rho), weights.sum(axis=1))
+            total.add([change, *waves], self._steady(interval.connection, interval.h, source, components))
         else:
-            for n, c, slope in waves:
-                self._add_rotating(total, interval, n, c, drift, slope)
+            V, slope = rms_to_peak(source.V_g_rms + source.V_slope * since), rms_to_peak(source.V_slope)
+            self._add_rotating(total, interval, 1.0, V * change, drift, slope * change)
+            for one, wave in zip(components, waves, strict=True):
+                self._add_rotating(total, interval, one.order, self._phasor(one) * wave, drift)
         if self._wander.spec.interharmonic > 0.0:
             self._add_line(total, interval, first * self._wander.T_s + elapsed + since, self._wander.spec)
-        return total.rows()
+        return total.rows
 
-    def _restless(
-        self, interval: Interval, first: int, since: Array, phase: Array
-    ) -> list[tuple[float, NDArray[Any], Any]]:
-        """What wanders with the source, as (order, phasor, slope): the change of the fundamental, the components."""
-        wander, source = self._wander, interval.source
-        if wander is None:
-            return []
-        gain, angle = wander.factors(first, len(since))
-        turn = np.exp(1j * phase)
-        moved = turn * np.exp(1j * angle)
-        change = gain * moved - turn
-        V, slope = rms_to_peak(source.V_g_rms + source.V_slope * since), rms_to_peak(source.V_slope)
-        waves: list[tuple[float, NDArray[Any], Any]] = [(1.0, change * V, change * slope)]
-        powers = _Powers(moved)
-        for component in (*interval.components, *wander.spec.components):
-            n, size = component.order, self._V_base_pk * component.amplitude_pu
-            wave = powers.of(int(n)) if n.is_integer() else np.exp(1j * (n * (phase + angle)))
-            waves.append((n, size * cmath.exp(1j * component.phase) * wave, 0.0))
-        return waves
+    def _phasor(self, component: SourceComponent) -> complex:
+        return self._V_base_pk * component.amplitude_pu * cmath.exp(1j * component.phase)
+
+    def _steady(
+        self, connection: Connection, h: float, source: SourceSegment, components: tuple[SourceComponent, ...]
+    ) -> Array:
+        """What the waves of a steady source add, which are of length 1: its fundamental and its components. It is the
+        same in all stretches between two events."""
+        key = connection, h, source.omega, source.V_g_rms, components
+        if key not in self._of_steady:
+            sizes = [rms_to_peak(source.V_g_rms), *map(self._phasor, components)]
+            orders = [1.0, *(one.order for one in components)]
+            rho = [self._responses(connection, h, n * source.omega)[0] for n in orders]
+            self._of_steady = {key: _real_product(np.array(sizes)[:, None] * np.array(rho), sizes)}
+        return self._of_steady[key]
+
+    def _turns(self, source: SourceSegment, since: Array) -> Complex:
+        """e^{jωs} at instants from the beginning on, which are the same in all stretches of a length."""
+        key = source.omega, len(since), float(since[-1])
+        if key not in self._turned:
+            self._turned = {key: np.exp(1j * source.omega * since)}  # the last one alone: a run has few lengths
+        return self._turned[key]
 
     def _add_rotating(
         self, total: _Total, interval: Interval, n: float, c: NDArray[Any], drift: Array, slope: Any = 0.0
@@ -139,15 +152,16 @@ class Background:
         source = interval.source
         # As for the fundamental (:eq:`source-ramp`): what the ramp of the frequency turns within the interval.
         one, two = 1j * n * drift, 0.5j * n * source.omega_slope - 0.5 * (n * drift) ** 2
-        weights = np.stack([c, c * one + slope, c * two + slope * one], axis=1)
-        total.add(weights, self._responses(interval.connection, interval.h, n * source.omega), c)
+        weights = c, c * one + slope, c * two + slope * one
+        rho = self._responses(interval.connection, interval.h, n * source.omega)
+        total.add(weights, _real_product(rho, (1.0, 0.0, 0.0)))
 
     def _add_line(self, total: _Total, interval: Interval, t_s: Array, spec: BackgroundSpec) -> None:
         """A line at a frequency of its own."""
         turned = 2.0 * math.pi * ((spec.interharmonic_frequency * t_s) % 1.0) + spec.interharmonic_phase
         c = self._V_base_pk * spec.interharmonic * np.exp(1j * turned)
         rho = self._responses(interval.connection, interval.h, 2.0 * math.pi * spec.interharmonic_frequency)
-        total.add(c[:, None], rho[:1], c)
+        total.add([c], _real_product(rho[:1], (1.0,)))
 
     def _add_record(self, total: _Total, interval: Interval, first: int, elapsed: float, phase: Array) -> None:
         """The recorded voltage instead of the fundamental that the compiled loop adds (:eq:`replay`)."""
@@ -157,10 +171,11 @@ class Background:
         v = replay.vectors(first, len(phase) + 1)
         slope: Complex = (v[1:] - v[:-1]) / replay.T_s
         begin: Complex = v[:-1] + elapsed * slope
-        weights = np.stack([np.real(begin), np.imag(begin), np.real(slope), np.imag(slope)], axis=1)
-        total.add(weights, self._lines(interval.connection, interval.h), begin)
+        lines = self._lines(interval.connection, interval.h)  # for α and β of a voltage, then for those of its slope
+        total.add([begin, slope], _real_product(lines[::2] - 1j * lines[1::2], (1.0, 0.0)))
         c = -rms_to_peak(source.V_g_rms) * np.exp(1j * phase)
-        total.add(c[:, None], self._responses(interval.connection, interval.h, source.omega)[:1], c)
+        rho = self._responses(interval.connection, interval.h, source.omega)
+        total.add([c], _real_product(rho[:1], (1.0,)))
 
 
 class _Powers:
@@ -176,19 +191,25 @@ class _Powers:
         return self._found[n]
 
 
+def _real_product(rho: NDArray[Any], voltage: Sequence[complex]) -> Array:
+    """What real and imaginary part of m waves add, (2m, states + 2): ``rho`` (m, states) to the states, ``voltage``
+    (m,) to the voltage of the source. Of the complex product the real part alone is wanted: half of its terms."""
+    own = np.array(voltage)[:, None]
+    full = np.hstack([rho, own, -1j * own])
+    return np.stack([np.real(full), -np.imag(full)], axis=1).reshape(2 * len(full), -1)
+
+
 class _Total:
-    """The sum of what several parts of a source add: to the states, and to its voltage."""
+    """The sum of what parts of a source add: to the states, and to its voltage, ``rows`` (count, states + 2)."""
 
     def __init__(self, count: int, states: int) -> None:
-        self._added = np.zeros((count, states))
-        self._voltage = np.zeros(count, dtype=complex)
+        self.rows: Array = np.zeros((count, states + 2))
 
-    def add(self, weights: NDArray[Any], rho: NDArray[Any], voltage: NDArray[Any]) -> None:
-        """Re(weights · rho) to the states, (count, m) times (m, states)."""
-        parts = [np.real(weights[k : k + _ROWS] @ rho) for k in range(0, len(weights), _ROWS)]
-        self._added += parts[0] if len(parts) == 1 else np.concatenate(parts)
-        self._voltage = self._voltage + voltage
-
-    def rows(self) -> Array:
-        """(count, states + 2)."""
-        return np.ascontiguousarray(np.column_stack([self._added, np.real(self._voltage), np.imag(self._voltage)]))
+    def add(self, waves: Sequence[NDArray[Any]], parts: Array) -> None:
+        """Waves (count,) with what their parts add (:func:`_real_product`)."""
+        weights = np.empty((len(self.rows), len(waves)), dtype=complex)
+        for k, wave in enumerate(waves):
+            weights[:, k] = wave
+        of_rows = weights.view(np.float64)
+        for k in range(0, len(weights), _ROWS):
+            self.rows[k : k + _ROWS] += of_rows[k : k + _ROWS] @ parts
