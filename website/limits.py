@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from itertools import product
 from math import prod
@@ -25,9 +25,10 @@ HEAD = """\
 
 This page lists the sentences with which vsgdesign refuses an input or a task: the field, what is wrong with the limit,
 and what to do. It is written by a program from the code (`python -m website.limits`), and a test holds it equal. "…"
-stands for what depends on your input. Words that a function of its own puts together are missing. The limits of each
-field of a study are in its [table](study-file.md), with unit and default: a value outside of them is refused with
-"outside … to …". The [limits of validity](architecture.md#limits) say what the models leave out.
+stands for what depends on your input, and a field that is "…" is any one of its kind. Words that a function of its own
+puts together are missing. The limits of each field of a study are in its [table](study-file.md), with unit and default:
+a value outside of them is refused with "outside … to …". The [limits of validity](architecture.md#limits) say what the
+models leave out.
 """
 ROOMS = {
     "study/parameters": "Studies",
@@ -65,6 +66,9 @@ class Block(NamedTuple):
     first: int
     last: int
 
+
+WHOLE = Block(0, 0, sys.maxsize)
+"""A function."""
 
 Local = dict[str, list[tuple[Block, ast.expr]]]
 """What the names of a function may be, each with the block of code in which it is said."""
@@ -174,10 +178,74 @@ def refusals(path: Path) -> Iterator[tuple[str, ...]]:
         said = (node for child in ast.iter_child_nodes(function) for node in _below(child))
         calls = [call for call in said if isinstance(call, ast.Call) and _name(call) in errors() | {"Fault", "fault"}]
         local: Local = {}
-        for block, name, value in _assigned(function.body, Block(0, 0, sys.maxsize)) if calls else ():
+        for block, name, value in _assigned(function.body, WHOLE) if calls else ():
             local.setdefault(name, []).append((block, value))
         for call in calls:
-            yield from _said(call, path, {name: known_at(call.lineno, said) for name, said in local.items()})
+            known = {name: known_at(call.lineno, said) for name, said in local.items()}
+            rows = [one for one in rounds(function, call, path) if not known.keys() & one.keys()] or [{}]
+            yield from _folded(found for row in rows for found in _said(call, path, {**known, **row}))
+
+
+def _folded(found: Iterable[tuple[str, ...]]) -> Iterator[tuple[str, ...]]:
+    """The refusals of one call, those of several fields in the same words as one."""
+    fields: dict[tuple[str, ...], dict[str, None]] = {}
+    for field, *words in found:
+        fields.setdefault(tuple(words), {})[field] = None
+    return ((", ".join(names), *words) for words, names in fields.items())
+
+
+def rounds(function: ast.FunctionDef, call: ast.Call, path: Path) -> list[Local]:
+    """What the names of the loops around a call go through, and what its own module passes to its function, where
+    the code says it: what the names are in each round."""
+    found: list[Local] = [{}]
+    for node in ast.walk(function):
+        loops = [node] if isinstance(node, ast.For) else getattr(node, "generators", [])
+        if any(one is call for one in ast.walk(node)):
+            found = [{**one, **row} for one in found for loop in loops for row in _rows(loop, path)] or found
+    return [{**one, **row} for one in found for row in _passed(function, path) or [{}]]
+
+
+def _rows(loop: ast.For | ast.comprehension, path: Path) -> list[Local]:
+    """What a loop over written values gives its names; one empty round for any other."""
+    target = loop.target.elts if isinstance(loop.target, ast.Tuple) else [loop.target]
+    found: list[Local] = []
+    for element in _elements(loop.iter, path):
+        values = element.elts if isinstance(element, ast.Tuple) and len(target) > 1 else [element]
+        pairs = zip(target, values, strict=False)
+        found.append({name.id: [(WHOLE, value)] for name, value in pairs if isinstance(name, ast.Name)})
+    return found or [{}]
+
+
+def _elements(node: ast.expr, path: Path) -> list[ast.expr]:
+    """The elements of a tuple, a list or a dictionary that stands there or is a constant of its module."""
+    of_call = node.func if isinstance(node, ast.Call) else None
+    if isinstance(of_call, ast.Attribute) and of_call.attr in ("items", "keys"):
+        node = of_call.value
+    if isinstance(node, ast.Name):
+        node = literals(path).get(node.id, node)
+    if isinstance(node, ast.Dict):
+        return [ast.Tuple([key, value]) for key, value in zip(node.keys, node.values, strict=True) if key is not None]
+    return list(node.elts) if isinstance(node, ast.Tuple | ast.List | ast.Set) else []
+
+
+@cache
+def literals(path: Path) -> dict[str, ast.expr]:
+    """The tuples, lists and dictionaries that a module names."""
+    named = [node for node in tree_of(path).body if isinstance(node, ast.Assign | ast.AnnAssign)]
+    pairs = [(node.targets[0] if isinstance(node, ast.Assign) else node.target, node.value) for node in named]
+    return {target.id: value for target, value in pairs if isinstance(target, ast.Name) and value is not None}
+
+
+def _passed(function: ast.FunctionDef, path: Path) -> list[Local]:
+    """What the calls in its own module pass to a function, for each of them: the arguments that are texts in all."""
+    calls = [one for one in ast.walk(tree_of(path)) if isinstance(one, ast.Call) and _name(one) == function.name]
+    names = [one.arg for one in function.args.args if one.arg not in ("self", "cls")]
+    rows = [
+        dict(zip(names, call.args, strict=False)) | {one.arg: one.value for one in call.keywords if one.arg}
+        for call in calls
+    ]
+    always = [name for name in names if all(isinstance(getattr(row.get(name), "value", None), str) for row in rows)]
+    return [{name: [(WHOLE, row[name])] for name in always} for row in rows] if always else []
 
 
 def known_at(line: int, said: list[tuple[Block, ast.expr]]) -> list[tuple[Block, ast.expr]]:
