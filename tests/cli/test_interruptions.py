@@ -55,7 +55,7 @@ def test_a_signal_while_another_process_makes_the_explorer(
 
     monkeypatch.setattr(margins, "assess_study", lambda study, **_: SimpleNamespace(study=study, ready=None))
     monkeypatch.setattr(live_part, "worker_count", lambda _: 2)
-    monkeypatch.setattr(live_part, "begun", lambda executor, *_: begun(executor, time.sleep, 60.0))
+    monkeypatch.setattr(live_part, "begun", lambda executor, *_, **__: begun(executor, time.sleep, 60.0))
     monkeypatch.setattr(margins, "write_stability_tables", interrupt)
     monkeypatch.setattr("vsgdesign.report.write_stability_figures", lambda *_: [])
     begin = time.monotonic()

@@ -74,15 +74,15 @@ def test_margins_in_words_with_evidence(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.toml"]
 
 
-def small_page(study: Study, ready: Ready, _: tuple[int, int]) -> StaticPage:
+def small_page(study: Study, ready: Ready, *_: object, **__: object) -> StaticPage:
     return live_page(study, ready, (2, 1))
 
 
-def no_page(study: Study, *_: object) -> StaticPage:
+def no_page(study: Study, *_: object, **__: object) -> StaticPage:
     return StaticPage(None, f"{study.name} has no explorer in this test.")
 
 
-def end_process(*_: object) -> StaticPage:
+def end_process(*_: object, **__: object) -> StaticPage:
     os._exit(1)
 
 
@@ -120,7 +120,7 @@ def test_a_report_without_explorer_says_why(
     monkeypatch.setattr(live_part, "live_page", make)
     result = assess_study(study_from_text(ONE + AXES), evidence=False)
     with live_part.live_begun(result.study, result.ready) as explored:
-        found = margins._written(*live_part.waited_for(explored, silent), tmp_path)
+        found = margins._written(live_part.waited_for(explored, silent), tmp_path)
     assert found.name == ""
     assert said in found.why
     assert list(tmp_path.iterdir()) == []

@@ -35,6 +35,7 @@ from vsgdesign.report.explore.lattice import (
     shown_in,
 )
 from vsgdesign.report.explore.live import bands, told_note
+from vsgdesign.report.explore.page_cases import PageCase
 from vsgdesign.report.explore.page_runs import CellStart, page_runs, starts_of
 from vsgdesign.report.explore.scene import scene_of
 from vsgdesign.report.explore.server import PAGE
@@ -97,28 +98,34 @@ def live_page(
     lattice: tuple[int, int] = QUICK_LATTICE,
     *,
     controllers: Sequence[str] | None = None,
+    cases: Sequence[PageCase] = (),
     tell: Progress = silent,
 ) -> StaticPage:
     """The page of a study with some of its controllers, None for those with which the explorer begins, as one call
-    that another process can make.
+    that another process can make. With ``cases`` it opens with the first of them.
 
     The page is an addition to what it is made beside. A study that the page cannot show, because its powers or its
     grid are beyond the limits of the page's fields or because it has too many controllers, is therefore no error.
     """
     try:
         start = {} if controllers is None else {"controllers": list(controllers)}
-        text = page_of_session(Session(study, ready, start=start), lattice, tell)
+        text = page_of_session(Session(study, ready, start=start), lattice, tell, cases=cases)
     except VsgDesignError as error:
         return StaticPage(None, str(error))
     size = len(text.encode("utf-8"))
-    return StaticPage(text) if size <= LIMIT_BYTES else StaticPage(None, _too_large(size))
+    return StaticPage(text, cases=len(cases)) if size <= LIMIT_BYTES else StaticPage(None, _too_large(size))
 
 
 def page_of_session(
-    session: Session, lattice: tuple[int, int] = LATTICE, tell: Progress = silent, workers: int | None = 1
+    session: Session,
+    lattice: tuple[int, int] = LATTICE,
+    tell: Progress = silent,
+    workers: int | None = 1,
+    *,
+    cases: Sequence[PageCase] = (),
 ) -> str:
     """The text of :func:`write_page`."""
-    return page_text(_kept(session, lattice, tell, workers))
+    return page_text(_kept(session, lattice, tell, workers, cases))
 
 
 class _Part(NamedTuple):
@@ -135,7 +142,9 @@ def _part_of(study: Study, ready: Ready, states: Sequence[State]) -> _Part:
     return _Part([one.rows for one in found], [one.limit_use for one in found], starts_of(study, ready, states))
 
 
-def _kept(session: Session, counts: tuple[int, int], tell: Progress, workers: int | None) -> dict[str, Any]:
+def _kept(
+    session: Session, counts: tuple[int, int], tell: Progress, workers: int | None, cases: Sequence[PageCase]
+) -> dict[str, Any]:
     """What the page holds."""
     info, start, study = session.info(), session.start, session.study_of(session.start)
     lattice = Lattice.around(start, (info["map"]["scr"], info["map"]["x_over_r"]), counts)
@@ -163,7 +172,7 @@ def _kept(session: Session, counts: tuple[int, int], tell: Progress, workers: in
             for held, parts in found.items()
         }
         cells = {held: (states[held], [one for part in parts for one in part.starts]) for held, parts in found.items()}
-        runs = page_runs(study, session.ready, lattice, cells, _models(session, study, states), texts)
+        runs = page_runs(study, session.ready, lattice, cells, _models(session, study, states), texts, cases)
     tell("cells of the page", 1.0)
     scene = scene_of(study, session.ready, start)
     controllers = [
@@ -183,7 +192,7 @@ def _kept(session: Session, counts: tuple[int, int], tell: Progress, workers: in
             "static": True,
             "made": made,
             "controllers": [one for one in info["controllers"] if one["name"] in start.controllers],
-            "defaults": start.document() | {"hold": None},
+            "defaults": start.document() | {"hold": None} | ({"case": 0} if cases else {}),
             "lattice": {
                 "scr": lattice.scr,
                 "x_over_r": lattice.x_over_r,

@@ -35,6 +35,7 @@ from vsgdesign.report.explore.columns import Columns
 from vsgdesign.report.explore.events import NAMES, after_s, event_s, study_of
 from vsgdesign.report.explore.lattice import Lattice, Texts
 from vsgdesign.report.explore.live import NOTHING
+from vsgdesign.report.explore.page_cases import PageCase, cases_document
 from vsgdesign.report.explore.page_verdicts import (
     common_of_verdicts,
     function_spec,
@@ -69,6 +70,7 @@ WORDS = {
     "range": "{} must be a number between {} and {} {}.",
     "labels": LABELS,
     "no_save": "Nothing can be saved on this grid: no controller has an operating point there.",
+    "no_save_case": "Events of the map are saved here. `vsgdesign verify` writes its cases as study files.",
     "no_start": "This file has no start for it on this grid.",
 }
 """What the page says of its own runs."""
@@ -82,7 +84,7 @@ class PageRuns(NamedTuple):
     info: dict[str, Any]
     """The description."""
     data: bytes
-    """What is behind it: the module, then the columns of numbers."""
+    """What is behind it: the module, the columns of numbers, and the numbers of the cases."""
 
 
 class Start(NamedTuple):
@@ -129,12 +131,14 @@ def page_runs(
     cells: Mapping[bool, tuple[Sequence[State], Sequence[CellStart]]],
     models: Mapping[tuple[bool, int], FullOrderModel],
     texts: Texts,
+    cases: Sequence[PageCase] = (),
 ) -> PageRuns:
     """What a page simulates with.
 
     ``study`` has the changes of the states. ``cells`` has the states of the grids and what :func:`starts_of` says of
     them, with gains that follow the grid (False) and with held ones (True): a controller whose gains are held is
     another one. ``models`` has its linear model by whether its gains are held and its place, with any of the grids.
+    ``cases`` are runs of their own.
     """
     loops = {"transfer": function_spec(gain_transfer, {}), "response": function_spec(source_response, {})}
     loops |= verdict_loops()
@@ -162,10 +166,12 @@ def page_runs(
     grids = [Place(at.scr, at.x_over_r, study.scr_basis).grid(study.converter) for at in lattice.places]
     info["grids"] = [columns.exact([grid.R_g for grid in grids]), columns.exact([grid.L_g for grid in grids])]
     info["saves"] = {"held" if held else "follow": _saves(columns, texts, one) for held, (_, one) in cells.items()}
-    module = wasm_module(loops)
+    info["cases"], behind = cases_document(cases, ready, loops, study.scr_basis, NOTHING)
+    module, packed = wasm_module(loops), columns.packed()
     info |= {"places": {name: _places(spec) for name, spec in loops.items()}, "module": len(module)}
     info |= {"columns": columns.document(), "integers": INTEGERS, "pointers": POINTERS}
-    return PageRuns(info, module + columns.packed())
+    info["behind"] = len(module) + len(packed)
+    return PageRuns(info, module + packed + behind)
 
 
 class _LinearLoops:

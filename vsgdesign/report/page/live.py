@@ -35,6 +35,14 @@ class StaticPage(NamedTuple):
 
     text: str | None
     why: str = ""
+    cases: int = 0
+    """Cases of the report that it shows, of which it opens with the first."""
+
+
+CASES = (
+    "It opens with the first case of this report, as it was: with its own grid, instant, estimate and delay, and with "
+    "the figures of the report. Choose another case, or move anything to leave it. "
+)
 
 
 def way_to_it(page: StaticPage | None) -> list[Block]:
@@ -50,7 +58,10 @@ def try_it(page: StaticPage | None, title: str) -> list[Block]:
         return []
     if page.text is None:
         return [words(f"Nothing can be tried on this page. {page.why}")]
-    return [Heading("Try it", anchor=ANCHOR), _packed(page.text, f"Try it: {title}", HOW, LIMITS)]
+    return [
+        Heading("Try it", anchor=ANCHOR),
+        _packed(page.text, f"Try it: {title}", (CASES if page.cases else "") + HOW, LIMITS),
+    ]
 
 
 def _packed(text: str, title: str, how: str, limits: str) -> Live:

@@ -295,6 +295,14 @@ def again_text(cases: Sequence[Mapping[str, Any]]) -> str:
     return f"All were simulated again, one by one, from the study files, and agree{largest}."
 
 
+def case_label(case: Mapping[str, Any], document: Mapping[str, Any]) -> str:
+    """A case in one line: its place in its list, what it breaks or comes nearest to, and what happens."""
+    family = document["families"].get(case["family"], {})
+    name, promise = promise_about(family, case["promise"]) or (case["promise"], {"limit": None})
+    found = "found " if case.get("case") is None else ""
+    return f"{found}{case['rank']}: {promise_title(name, promise)} {case_value(case, name, promise)}; {case['what']}"
+
+
 def case_value(case: Mapping[str, Any], name: str, promise: Mapping[str, Any]) -> str:
     """The figure of a case that its promise limits."""
     if promise.get("survival") and case.get("status", "judged") != "judged":

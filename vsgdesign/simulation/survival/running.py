@@ -154,12 +154,8 @@ def run_case(subject: Subject, case: SurvivalCase) -> CaseResult:
 def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
     """One case with its traces. A verdict alone where nothing was simulated, or where it diverged at once."""
     demand = subject.demand(case)
-    study = case.study(subject.study.with_limit_of(subject.spec), demand.needed_s + 2.0 * demand.cycle_s)
-    if subject.in_the_field:
-        only_a_grid(study.network, "a case in a disturbed grid")
-        study = at_asked_powers(study, subject.spec, subject.ready)
+    study, told = study_of_case(subject, case)
     timeline = build_timeline(study)
-    told = (replace(case, knowledge=GridKnowledge()) if subject.learns else case).told(study, timeline)
     rests = [rest_of(subject, study, timeline, t_s, told) for t_s in (0.0, study.simulation.duration)]
     for rest, where in zip(rests, ("before the event", "after the event"), strict=True):
         refused = subject.refused(rest)
@@ -193,6 +189,17 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
         verdict=verdict,
         estimates=feed.log(timeline) if isinstance(feed, FieldScheduler) else None,
     )
+
+
+def study_of_case(subject: Subject, case: SurvivalCase) -> tuple[Study, tuple[tuple[float, Grid | None], ...]]:
+    """The study that is simulated for a case, and what the schedule is told of the grid from each instant on."""
+    demand = subject.demand(case)
+    study = case.study(subject.study.with_limit_of(subject.spec), demand.needed_s + 2.0 * demand.cycle_s)
+    if subject.in_the_field:
+        only_a_grid(study.network, "a case in a disturbed grid")
+        study = at_asked_powers(study, subject.spec, subject.ready)
+    known = replace(case, knowledge=GridKnowledge()) if subject.learns else case
+    return study, known.told(study, build_timeline(study))
 
 
 def rest_of(

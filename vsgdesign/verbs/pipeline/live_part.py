@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 
@@ -12,6 +12,7 @@ from vsgdesign.execution.executors import known_here_alone, worker_count, worker
 from vsgdesign.execution.jobs import begun
 from vsgdesign.execution.progress import Progress
 from vsgdesign.report.explore.lattice import PART_LATTICE
+from vsgdesign.report.explore.page_cases import PageCase
 from vsgdesign.report.explore.page_file import live_page
 from vsgdesign.report.page.live import StaticPage
 from vsgdesign.study.parameters import Study
@@ -24,14 +25,16 @@ def live_begun(
     workers: int | None = None,
     lattice: tuple[int, int] = PART_LATTICE,
     executor: Executor | None = None,
+    cases: Sequence[PageCase] = (),
 ) -> Iterator[Callable[[], StaticPage]]:
     """Begins to make the page of a study in another process; what is yielded waits for it. With one worker it is
-    made in that call. An ``executor`` that is there anyway is used."""
+    made in that call. An ``executor`` that is there anyway is used.
+    With ``cases`` the page opens with the first of them."""
     with ExitStack() as held:
         alone = worker_count(workers) == 1 or known_here_alone()
         if executor is None and not alone:
             executor = held.enter_context(worker_processes(1))
-        yield begun(executor, live_page, study, ready, lattice)
+        yield begun(executor, live_page, study, ready, lattice, cases=tuple(cases))
 
 
 def waited_for(begin: Callable[[], StaticPage], tell: Progress) -> StaticPage:

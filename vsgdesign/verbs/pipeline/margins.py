@@ -29,6 +29,7 @@ from vsgdesign.linear.stability.verdict import clause_matrix, left_out, worst_ca
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.report.drawing.figure_types import ExplorerFile
 from vsgdesign.report.explore.lattice import QUICK_LATTICE
+from vsgdesign.report.page.live import StaticPage
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.study.parameters import Study
@@ -136,7 +137,7 @@ def _write(
         tell("draw figures", 0.0)
         figures = write_stability_figures(result, folder / "figures")
         tell("draw figures", 1.0)
-        page = None if explored is None else _written(*waited_for(explored, tell), folder)
+        page = None if explored is None else _written(waited_for(explored, tell), folder)
     found = phase_jumps(result.study)
     jumps = None if found is None else found.document()
     paper = folder / "report.pdf" if pdf else None
@@ -145,11 +146,11 @@ def _write(
     return write_record(folder, stability_document(result) | {"phase_jumps": jumps}, VERB)
 
 
-def _written(text: str | None, why: str, folder: Path) -> ExplorerFile:
+def _written(page: StaticPage, folder: Path) -> ExplorerFile:
     """Writes the explorer. The report does without it where there is none."""
-    if text is None:
-        return ExplorerFile(why=why)
-    return ExplorerFile(EXPLORER_FILE, (folder / EXPLORER_FILE).write_bytes(text.encode("utf-8")))
+    if page.text is None:
+        return ExplorerFile(why=page.why)
+    return ExplorerFile(EXPLORER_FILE, (folder / EXPLORER_FILE).write_bytes(page.text.encode("utf-8")))
 
 
 def write_stability_tables(result: StabilityResult, folder: Path) -> None:

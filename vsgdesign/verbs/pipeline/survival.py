@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
@@ -19,6 +20,7 @@ from vsgdesign.study.parameters.study import NO_LIMITER, Study
 from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
+    from vsgdesign.report.explore.page_cases import PageCase
     from vsgdesign.simulation.survival import CaseResult, Subject, SurvivalCase
 
 VERB = "vsgdesign survive"
@@ -96,10 +98,45 @@ def report_survival(
         )
         write_cases(folder / "cases.csv", results)
         document = survival_document(study, subjects, results) | {"bridge": asked.bridge, "provenance": provenance()}
-        with live_begun(part, ready, workers) if asked.explorer else nullcontext() as live:
+        cases = lost_cases(subjects, results)
+        with live_begun(part, ready, workers, cases=cases) if asked.explorer else nullcontext() as live:
             page = None if live is None else waited_for(live, progress or silent)
         print_html(survival_page(document, page), folder / "report.html")
         return write_record(folder, document, VERB)
+
+
+_SHOWN = 12
+"""Lost cases that the page replays."""
+
+
+def lost_cases(subjects: Mapping[str, Subject], results: Mapping[str, Sequence[CaseResult]]) -> list[PageCase]:
+    """The first lost cases that the page can replay, as it shows them."""
+    from vsgdesign.report.explore.page_cases import PageCase, can_be_replayed
+    from vsgdesign.simulation.survival.running import study_of_case
+
+    found = []
+    for name, result in ((name, one) for name, several in results.items() for one in several):
+        subject, case, verdict = subjects[name], result.case, result.verdict
+        if not verdict.judged or verdict.survived or subject.bridge != "averaged" or len(found) == _SHOWN:
+            continue
+        study, told = study_of_case(subject, case)
+        study = replace(study, controllers=(replace(subject.spec, estimate="truth"),))
+        if subject.learns or not can_be_replayed(study):
+            continue
+        figures = {key: getattr(verdict, key) for key in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s")}
+        figures["swing_deg"] = None if verdict.swing_rad is None else math.degrees(verdict.swing_rad)
+        found.append(
+            PageCase(
+                label=f"{name}: {case.group}, {case.name}",
+                study=study,
+                status=verdict.status,
+                words=f"{verdict.status}: {verdict.reason}",
+                figures=figures,
+                told=told,
+                safe=subject.safe,
+            )
+        )
+    return found
 
 
 def survival_tables(

@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # the simulation is loaded by who verifies
 
     from vsgdesign.campaigns.verification.blocks import Shard, VerificationJob
     from vsgdesign.campaigns.verification.summary import Summary
+    from vsgdesign.report.explore.page_cases import PageCase
 
 VERB = "vsgdesign verify"
 SHARD = "vsgdesign verify --shard"
@@ -322,6 +323,35 @@ def _about(job: VerificationJob, confidence: float, summary: Summary, workers: i
     }
 
 
+_REPLAYED = 12
+"""Cases of the lists that the page replays."""
+
+
+def _replayed(document: Mapping[str, Any], folder: Path, job: VerificationJob) -> list[PageCase]:
+    """The first of the worst cases and of those that were found, as the page shows them."""
+    from vsgdesign.report.explore.live import NOTHING
+    from vsgdesign.report.explore.page_cases import PageCase, can_be_replayed
+    from vsgdesign.report.verification.page import case_label
+    from vsgdesign.study.parameters import load_study
+
+    found = []
+    for case in (*document["worst"], *document["search"]["found"]) if job.bridge == "averaged" else ():
+        study = load_study(folder / case["study"])
+        if len(found) < _REPLAYED and can_be_replayed(study):
+            label, figures = case_label(case, document), case["figures"]
+            words = f"{label}. {case['why']}" if case.get("why") else f"{label}."
+            found.append(
+                PageCase(
+                    label=label,
+                    study=study,
+                    status=str(case["status"]),
+                    words=words,
+                    figures={name: figures[name] for name in NOTHING if name in figures},
+                )
+            )
+    return found
+
+
 def _concluded(
     folder: Path,
     out: str | Path,
@@ -361,6 +391,9 @@ def _concluded(
     }
     document = plain(document)
     own = replace(job.study, controllers=tuple(one for one in job.study.controllers if one.name == job.spec.name))
-    with live_begun(own, job.ready, 1, executor=executor) if asked.explorer else nullcontext() as live:
+    begun = nullcontext()
+    if asked.explorer:
+        begun = live_begun(own, job.ready, 1, executor=executor, cases=_replayed(document, folder, job))
+    with begun as live:
         write_verification_report(document, folder, None if live is None else waited_for(live, progress or silent))
     return write_record(folder, document, VERB)

@@ -377,6 +377,7 @@ export class Engine {
     const module = new WebAssembly.Module(data.subarray(0, info.module));
     Object.assign(this, { info, loops: {}, memory: new Memory(new WebAssembly.Instance(module, {}).exports) });
     this.columns = readColumns(data.subarray(info.module), info.columns);
+    this.behind = new Float64Array(data.slice(info.behind).buffer);
     this.transfer = this.loop("transfer", [], 1);
     this.response = this.loop("response", [], 1);
   }
@@ -426,6 +427,29 @@ export class Engine {
     const number = (column) => at(this.columns[column], cell);
     const grid = to === undefined ? [] : this.info.grids.map((column) => at(this.columns[column], to));
     return { lines: lines.map(number), words: number(words), refs: refs.map(number), grid };
+  }
+
+  /** Every sample of a case of a report, which was recorded: its rows, and what was put into them before which sample. */
+  replay(number) {
+    let at = 0;
+    const next = (count) => this.behind.subarray(at, (at += count));
+    let [one, rows, when, where, what] = [];
+    for (const known of this.info.cases.slice(0, number + 1)) {
+      one = known;
+      rows = next(this.info.places[one.loop].rows.length);
+      [when, where, what] = [next(one.puts), next(one.puts), next(one.puts)];
+    }
+    this.loops[`case ${number}`] ||= new Loop(this, one.loop, one.uniform, one.samples);
+    const loop = this.loops[`case ${number}`];
+    loop.memory.floats.set(rows, loop.rows);
+    const marks = [...new Set([0, ...when, one.samples])].filter((k) => k <= one.samples);
+    let put = 0;
+    for (let j = 0; j + 1 < marks.length; j += 1) {
+      for (; put < one.puts && when[put] <= marks[j]; put += 1) loop.memory.floats[loop.rows + where[put]] = what[put];
+      loop.call(marks[j], marks[j + 1]);
+    }
+    const log = loop.memory.floats.subarray(loop.log, loop.log + one.samples * loop.logged);
+    return { rows: log, width: loop.logged, done: one.samples, loop: one.loop, event_s: one.event_s };
   }
 
   /** Every sample of an event: (samples, logged) numbers, row by row, and how many rows are good. */

@@ -26,7 +26,9 @@ function fileAsk(kept, cells) {
     const words = cells.texts[found.words - 1] || "";
     return { status: 200, answer: live.saved([text, words, ...found.refs], shown, found.grid) };
   };
-  const emt = async (cell, { event, hold }) => {
+  const limits = () => kept.cells.bands.filter((band) => band.signal === "i_s_pu");
+  const emt = async (cell, { event, hold, case: number = null }) => {
+    if (number !== null) return live.caseAnswer(number, { ...kept.cells, bands: limits() });
     const to = target(event);
     const held = hold ? ",h" : "";
     const { controllers, bands } = kept.cells;
@@ -43,6 +45,7 @@ function fileAsk(kept, cells) {
   return async (kind, seq, state) => {
     const fault = ["emt", "save"].includes(kind) && live.fault(state.event);
     if (fault) return { status: 422, faults: [fault] };
+    if (kind === "save" && (state.case ?? null) !== null) return refused(kept.runs.info.words.no_save_case);
     const { cell } = cells.nearest(state);
     try {
       if (kind === "save") return await save(cell, state);
@@ -60,10 +63,18 @@ const kept = window.STATIC;
 (async () => {
   const [figures, texts] = [await bytesOf(kept.figures), await bytesOf(kept.texts)];
   const cells = new Cells(kept, new Uint8Array(figures), JSON.parse(new TextDecoder().decode(texts)));
+  const placeOf = (number) => {
+    const { scr, x_over_r: ratio } = cells.nearest(kept.runs.info.cases[number]);
+    return { scr, x_over_r: ratio };
+  };
+  const { defaults } = kept.info;
+  if ("case" in defaults) Object.assign(defaults, placeOf(defaults.case));
   start({
     info: { ...kept.info, simulated: kept.runs.info.events },
     ask: fileAsk(kept, cells),
     snap: (grid) => cells.nearest(grid),
+    cases: kept.runs.info.cases,
+    placeOf,
     says: (grid) => cells.says(grid),
     holds: "held" in kept.cells,
   });

@@ -74,6 +74,15 @@ export class LiveRuns {
     return { header: { event_s: 0, controllers, bands, words: "" }, arrays };
   }
 
+  /** The answer of a case of a report: its figures and its words are those of the report. */
+  async caseAnswer(number, { controllers, bands }) {
+    const { controller, row } = this.info.cases[number];
+    const { name, colour } = controllers.find((one) => one.name === controller);
+    const curves = await this.asks(0, { kind: "case", number });
+    const arrays = Object.fromEntries(Object.entries(curves).map(([signal, values]) => [`0/${signal}`, values]));
+    return { header: { event_s: 0, controllers: [{ ...row, name, colour, note: "" }], bands, words: "" }, arrays };
+  }
+
   /** The study file of an event on a grid: its name, its text, and what it does not say. `grid`: R_g and L_g after it. */
   saved([text, said, P_ref, Q_ref], event, grid) {
     const { info } = this;

@@ -134,6 +134,14 @@ class Page {
     byId("link").hidden = framed;
     byId("save").hidden = byId("event").disabled = !this.info.simulated.length;
     document.documentElement.classList.add("static");
+    const { cases } = this.file;
+    byId("case-box").hidden = !cases.length;
+    byId("case").replaceChildren(...cases.map((one, k) => option(k, one.label)), option("", "none: the grid of the map"));
+    byId("case").addEventListener("change", ({ target }) => {
+      const chosen = target.value === "" ? null : Number(target.value);
+      this.store.set({ case: chosen, ...(chosen === null ? {} : this.file.placeOf(chosen)) });
+      this.store.commit();
+    });
     for (const field of this.gridFields) field.input.readOnly = true;
   }
 
@@ -174,7 +182,7 @@ class Page {
   // The map depends on everything but the place of the ring and the event.
   mapKey() {
     const rest = { ...this.store.state };
-    for (const key of ["scr", "x_over_r", "event", "silent_s"]) delete rest[key];
+    for (const key of ["scr", "x_over_r", "event", "silent_s", "case"]) delete rest[key];
     return JSON.stringify(rest);
   }
 
@@ -219,6 +227,9 @@ class Page {
       "aria-label",
       `Grid on the map: SCR ${scr.toFixed(2)}, X/R ${ratio.toFixed(2)}.${hold ? ` Gains held at SCR ${hold.scr}, X/R ${hold.x_over_r}.` : ""}`,
     );
+    const shown = store.state.case ?? null;
+    byId("case").value = shown ?? "";
+    byId("response-title").parentElement.hidden = shown !== null;
     byId("undo").disabled = !store.canUndo;
     byId("redo").disabled = !store.canRedo;
     byId("hold").checked = Boolean(hold);
@@ -229,6 +240,7 @@ class Page {
       info.controllers[info.controllers.length - 1].name;
     this.fields.update();
     this.event.update(this.fields);
+    if (shown !== null) byId("linear-key").hidden = true;
   }
 
   answered(kind, answer, wish) {
@@ -291,7 +303,7 @@ class Page {
     this.modes.show(shown, words);
     this.bode.show(curves, words);
     const { event } = this.store.state;
-    const drawn = event.kind === "step";
+    const drawn = (this.store.state.case ?? null) === null && event.kind === "step";
     this.response.showLinear(drawn ? curves : [], drawn ? event.signal : null, words);
     this.showTable();
     const last = shown[shown.length - 1];

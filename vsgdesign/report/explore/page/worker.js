@@ -31,9 +31,15 @@ function simulated(engine, k, key, event) {
   const controller = engine.controller(k, key);
   const missing = [key, event.key].filter((one) => one !== undefined && !engine.has(controller, one));
   if (missing.length) return { why: engine.whyNot(controller, missing[0]) };
-  const { rows, width, done, run } = engine.run(controller, key, event);
+  const found = engine.run(controller, key, event);
+  const curves = curvesOf(info, { ...found, loop: controller.loop, event_s: info.event_s });
+  return { curves, row: judge.judged(found.run, found.done) };
+}
+
+/** What can be drawn of the samples of a run. */
+function curvesOf(info, { rows, width, done, loop, event_s: event }) {
   const column = (name, scale) => {
-    const [at, values] = [info.places[controller.loop].logged.indexOf(name), new Float64Array(done)];
+    const [at, values] = [info.places[loop].logged.indexOf(name), new Float64Array(done)];
     for (let j = 0; j < done; j += 1) values[j] = rows[j * width + at] / scale;
     return values;
   };
@@ -50,9 +56,9 @@ function simulated(engine, k, key, event) {
     v_pu: length(...["alpha", "beta"].map((axis) => node(info, axis, column))),
   };
   const kept = thinned(Object.values(curves));
-  const found = { t: Float32Array.from(kept, (j) => j * info.T_s - info.event_s) };
+  const found = { t: Float32Array.from(kept, (j) => j * info.T_s - event) };
   for (const [name, values] of Object.entries(curves)) found[name] = Float32Array.from(kept, (j) => values[j]);
-  return { curves: found, row: judge.judged(run, done) };
+  return found;
 }
 
 /** The voltage at the control point on an axis. */
@@ -92,6 +98,7 @@ const answers = {
     judge = new Judge(engine);
     return [];
   },
+  case: ({ number }) => curvesOf(engine.info, engine.replay(number)),
   runs: ({ places, key, event }) => places.map((k) => simulated(engine, k, key, event)),
   linear: ({ places, key, asked }) => places.map((k) => drawn(engine, k, key, asked)),
   save: ({ cell, held, to }) => engine.saveOf(cell, held, to),
