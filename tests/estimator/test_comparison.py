@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -230,6 +231,8 @@ def test_pages_and_figures(tmp_path: Path) -> None:
     figures = write_all(stress_figures(stressed()), tmp_path)
     page = write_stress_page("A study", stressed(), figures, tmp_path / "b.html").read_text()
     assert "Requirements for an estimator in the field" in page
+    parts = re.split(r"<h2[^>]*>", page)[1:]
+    assert all(re.search(r"<(table|figure|ol|ul|p)\b", part) for part in parts)  # no heading without a part
     assert "on the published converter of 5 kVA and 50 Hz, 0.01 % of noise" in page  # and not on whichever this is
     for k, row in enumerate(rows_on(tmp_path / "b.html")[1:]):
         worst = [float(result.rms[k].max()) for result in stressed().results]

@@ -318,3 +318,10 @@ def test_levels_are_never_a_range_of_zero():
     low, high = spark.levels_of([np.full(5, 3.0)], [3.0])
     assert low < 3.0 < high
     assert spark.levels_of([], [])[0] < spark.levels_of([], [])[1]
+
+
+@pytest.mark.parametrize(("columns", "close"), [(6, False), (8, True)])
+def test_an_answer_of_many_columns_is_set_closer(columns, close):
+    rows = (Row("One", (Cell(MET, "within", "27 % at 59.95 Hz"),) * columns),)
+    text = print_fragment([Answer("Each", ("Grid frequency",) * columns, rows)])
+    assert ('class="table answer many"' in text) == close

@@ -67,8 +67,6 @@ def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure
         *_in_words(stress_conclusion(found)),
         Heading("Requirements for an estimator in the field", numbered=True),
         words(*needs(), style=NUMBERS),
-        Heading("Where each method breaks", numbered=True),
-        *drawings(figures, 1, without="estimator_stress"),
         Heading("Errors", numbered=True),
         *(stress_table(found, k) for k in range(len(found.results))),
     ]
@@ -282,6 +280,10 @@ def _followed(delays: list[float]) -> Cell:
     return Cell(MET, "in every run", f"within {1e3 * max(delays):.0f} ms")
 
 
+_NAMED = 3
+"""So many methods are named in the first line."""
+
+
 def stress_headline(found: Stress) -> str:
     """Which methods stay within 10 % under everything."""
     good = [name for k, name in enumerate(found.methods) if all(one.rms[k].max() <= WITHIN for one in found.results)]
@@ -289,7 +291,8 @@ def stress_headline(found: Stress) -> str:
         return f"No method stays within {_LIMIT} under every disturbance."
     if len(good) == 1:
         return f"{good[0]} alone stays within {_LIMIT} under every disturbance."
-    return f"{len(good)} of {len(found.methods)} methods stay within {_LIMIT} under every disturbance."
+    named = f": {'; '.join(good)}" if len(good) <= _NAMED else ""
+    return f"{len(good)} of {len(found.methods)} methods stay within {_LIMIT} under every disturbance{named}."
 
 
 def stress_answer(found: Stress) -> Answer:

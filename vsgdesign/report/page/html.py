@@ -52,6 +52,9 @@ start a worker from a text of its own, and never evaluates a text as a script.""
 BESIDE = "; frame-src 'self' file:"
 """A report may show a page beside it in a frame."""
 
+MANY = 6
+"""An answer of more columns than these is set closer, so that it fits into its page."""
+
 _FEW_ROWS, _FEW_LETTERS, _FEW_TEXTS = 14, 28, 6
 """A table of so many rows stays on one sheet of paper; a text of so many letters stays on one line, where so many
 columns have texts."""
@@ -192,7 +195,7 @@ def _answer(answer: Answer) -> Markup:
         '<figure class="table answer{}">\n<table>\n<caption>{}</caption>\n<thead>\n<tr>{}</tr>\n</thead>\n<tbody>\n{}\n'
         "</tbody>\n</table>\n{}</figure>"
     ).format(
-        " pictures" if answer.pictures else "",
+        " pictures" if answer.pictures else " many" if len(answer.head) > MANY else "",
         typeset(answer.title),
         head,
         Markup("\n").join(rows),
