@@ -223,22 +223,22 @@ def test_every_controller_has_its_maps(place: Path, monkeypatch: pytest.MonkeyPa
 def test_an_interrupted_run_continues_to_the_same_bytes(
     place: Path, done: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, ran = job.SuiteJob.run, []
+    real, ran = job.SuiteJob.call, []
 
-    def one_alone(one: job.SuiteJob, number: int) -> dict[str, Any]:
+    def one_alone(one: job.SuiteJob, number: int) -> Any:
         if ran:
             raise KeyboardInterrupt
         ran.append(number)
         return real(one, number)
 
     monkeypatch.setattr(job, "BLOCK", 2)
-    monkeypatch.setattr(job.SuiteJob, "run", one_alone)
+    monkeypatch.setattr(job.SuiteJob, "call", one_alone)
     suite = "--suite", place / "three.toml", "--no-maps"
     stopped = call("comply", place / "small.toml", *suite, "--out", place / "cut", "--workers", "1")
     assert stopped.exit_code == 130
     assert "2 finished tests are kept" in stopped.stderr
     assert not (place / "cut").exists()
-    monkeypatch.setattr(job.SuiteJob, "run", real)
+    monkeypatch.setattr(job.SuiteJob, "call", real)
     assert_same(place, done, comply(place, "cut", "--workers", "1"), "cut")
     assert not (place / ".cut.compliance").exists()
 
@@ -270,7 +270,7 @@ def test_an_interruption_after_the_last_test_loses_none(
         assert stopped.stderr == "interrupted: 6 finished tests are kept; the same command continues there\n", name
         assert not (place / "late").exists(), name
         assert [path.name for path in place.glob(".late.*")] == [".late.compliance"], name
-    monkeypatch.setattr(job.SuiteJob, "run", interrupted_at(1, job.SuiteJob.run))  # nothing is left to run
+    monkeypatch.setattr(job.SuiteJob, "call", interrupted_at(1, job.SuiteJob.call))  # nothing is left to run
     assert_same(place, done, comply(place, "late", "--workers", "1"), "late")
 
 

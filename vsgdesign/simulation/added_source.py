@@ -99,7 +99,9 @@ class AddedSource:
 
     def adds(self, sample: int) -> bool:
         """Whether something may be added in the interval of a sample that is not cut."""
-        return self._distorted or not self._timeline.source_at((sample + 1e-6) * self._T_s).steady
+        if not self._always or self._distorted:
+            return self._distorted
+        return not self._timeline.source_at((sample + 1e-6) * self._T_s).steady
 
     def over(self, first: int, count: int) -> Added | None:
         """What is added over a stretch; None: nothing."""

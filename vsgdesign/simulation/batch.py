@@ -9,6 +9,7 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -142,6 +143,11 @@ class Batch:
             to[whole, :, : rest.shape[1]], to[whole, :, rest.shape[1] :] = rest, rest[:, -1:]
 
     def _uniform(self, names: Sequence[str]) -> Array:
+        return np.array([self._same_for_all[name] for name in names])
+
+    @cached_property
+    def _same_for_all(self) -> dict[str, float]:
+        """The numbers that are the same for all runs, by their names."""
         study = self.study
         known = {"R_c": study.filter.R_c, "V_dc": study.converter.V_dc}
         records: dict[str, Any] = {"inner_gains": study.inner_gains, "circuit": study.circuit()}
@@ -151,9 +157,8 @@ class Batch:
             known |= {"V_rated_rms": study.converter.V_rated_rms, "allowed": float(probe_of(study).send)}
         for head, record in records.items():
             paths = names_of(type(record), head, self.kind.records)
-            known |= dict(zip(paths, numbers_of(record), strict=True))
-        known |= self._shared
-        return np.array([float(known[name]) for name in names])
+            known |= dict(zip(paths, map(float, numbers_of(record)), strict=True))
+        return known | self._shared
 
     # What is known beforehand.
 

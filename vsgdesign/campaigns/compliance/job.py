@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from vsgdesign.campaigns.compliance.evidence import csv_path, thinned, write_evi
 from vsgdesign.campaigns.compliance.maps import Mapped, survival_map
 from vsgdesign.campaigns.compliance.matrix import judged_test
 from vsgdesign.campaigns.compliance.suite import Suite, SuiteTest
-from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.jobs import Job
 from vsgdesign.study.parameters.study import Study
 
@@ -80,29 +81,29 @@ class SuiteJob(Job[int, dict[str, Any]]):
         chosen = self.items[first : first + self.block]
         return tuple((self.suites[s], self.suites[s].tests[t], k) for s, t, k in chosen)
 
-    def subject(self, controller: int) -> Subject:
-        """One of the controllers."""
-        spec = self.study.controllers[controller]
-        return Subject(study=self.study, spec=spec, ready=Ready(tables=self.tables))
+    @cached_property
+    def subjects(self) -> tuple[Subject, ...]:
+        """The controllers. What the studies of their tests have in common is read once, and goes with them to other
+        processes."""
+        ready = Ready(tables=self.tables)
+        found = tuple(Subject(study=self.study, spec=spec, ready=ready) for spec in self.study.controllers)
+        for one in found:
+            with suppress(StudyError):  # its rows say why it cannot be read
+                _ = one.base
+        return found
 
     def run(self, number: int) -> dict[str, Any]:
         """What a block gives under its number: ``rows``, whose traces are written to the folder of the job, or a
         ``map``. A map that cannot be drawn is a ``note`` that says why."""
+        return self.call(number)()
+
+    def call(self, number: int) -> Callable[[], dict[str, Any]]:
+        """The run of a block as it goes to another process: with its own tests alone."""
         of_map = self.map_of(number)
         if of_map is not None:
-            return {str(number): {"rows": [], **_drawn(self, *of_map)}}
-        rows = []
-        subjects = [self.subject(k) for k in range(len(self.study.controllers))]
-        for suite, test, k in self.tests_of(number):
-            judged = judged_test(subjects[k], suite, test)
-            row = judged.row
-            if judged.evidence is not None:
-                row = replace(row, csv=csv_path(suite.name, test.id, row.controller))
-                path = Path(self.folder) / str(row.csv)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_evidence(path, thinned(judged.evidence, _instants(test)))
-            rows.append(plain(asdict(row)))
-        return {str(number): {"rows": rows}}
+            return partial(_drawn, number, of_map[0], self.subjects[of_map[1]])
+        asked = [(self.subjects[k], replace(suite, tests=()), test) for suite, test, k in self.tests_of(number)]
+        return partial(_rows, number, asked, self.folder)
 
     def count(self, part: dict[str, Any]) -> int:
         """The rows of some blocks."""
@@ -119,13 +120,29 @@ class SuiteJob(Job[int, dict[str, Any]]):
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
-def _drawn(job: SuiteJob, kind: str, controller: int) -> dict[str, Any]:
-    subject = job.subject(controller)
+def _rows(number: int, asked: Sequence[tuple[Subject, Suite, SuiteTest]], folder: str) -> dict[str, Any]:
+    rows = []
+    for subject, suite, test in asked:
+        judged = judged_test(subject, suite, test)
+        row = judged.row
+        if judged.evidence is not None:
+            row = replace(row, csv=csv_path(suite.name, test.id, row.controller))
+            path = Path(folder) / str(row.csv)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_evidence(path, thinned(judged.evidence, _instants(test)))
+        rows.append(plain(asdict(row)))
+    return {str(number): {"rows": rows}}
+
+
+def _drawn(number: int, kind: str, subject: Subject) -> dict[str, Any]:
+    found: dict[str, Any] = {"rows": []}
     try:
-        found = survival_map(kind, Mapped(study=subject.study, spec=subject.spec, ready=subject.ready))
+        drawn = survival_map(kind, Mapped(study=subject.study, spec=subject.spec, ready=subject.ready))
     except InfeasibleStudyError as error:
-        return {"note": f"There is no survival map ({kind}) of {subject.spec.name}: {error}"}
-    return {"map": plain(found.document())}
+        found["note"] = f"There is no survival map ({kind}) of {subject.spec.name}: {error}"
+    else:
+        found["map"] = plain(drawn.document())
+    return {str(number): found}
 
 
 def _instants(test: SuiteTest) -> list[float]:

@@ -213,7 +213,7 @@ def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked) -> dict[str, A
             "c": {spec.name: c_hash(study, spec, job.tables.get(spec.name)) for spec in study.controllers},
         },
         "controllers": [
-            {"name": spec.name, "colour": COLOURS[k % len(COLOURS)], "settling_time_s": job.subject(k).settling_time}
+            {"name": spec.name, "colour": COLOURS[k % len(COLOURS)], "settling_time_s": job.subjects[k].settling_time}
             for k, spec in enumerate(study.controllers)
         ],
         "rows": shown,
@@ -323,7 +323,7 @@ def _write_cases(job: SuiteJob, chosen: Sequence[Mapping[str, Any]], folder: str
     for row in chosen:
         name = _case_name(row)
         table = f"{row['controller']}.table.json" if row["controller"] in job.tables else None
-        subject = job.subject(places[row["controller"]])
+        subject = job.subjects[places[row["controller"]]]
         test = closed_test(subject, tests[row["suite"], row["test"]])
         text = case_text(subject, test, name=_study_name(name), folder=Path(place) / "cases", table=table)
         write_text(cases / f"{name}.toml", text)
