@@ -21,7 +21,7 @@ from vsgdesign.report.explore.lattice import shown_in
 from vsgdesign.report.explore.linear import OF_MODEL
 from vsgdesign.report.explore.live import NOTHING as FIGURES
 from vsgdesign.report.explore.live import SIGNALS, simulated
-from vsgdesign.report.explore.maps import map_cells, map_figures, quick_figures
+from vsgdesign.report.explore.maps import map_cells, map_figures, quick_figures, survived_cells
 from vsgdesign.report.explore.page_file import joined_modules, page_of_session, write_page
 from vsgdesign.report.explore.scene import scene_of
 from vsgdesign.report.explore.server import PAGE
@@ -211,18 +211,25 @@ CHOOSE = """(() => {
 })()"""
 
 
-def test_every_answer_is_that_of_the_server(browser: Chromium, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, Path]:
+    """A session with a controller for each way in which gains come about, and its page."""
+    folder = tmp_path_factory.mktemp("made")
+    session = session_in(folder)
+    write_page(session, folder / "page.html", lattice=(6, 4))
+    return session, folder / "page.html"
+
+
+def test_every_answer_is_that_of_the_server(browser: Chromium, made: tuple[Session, Path]) -> None:
     """Figures and words of random cells, the curves that the page draws of its compiled model, and what it says of the
     modes, for each way in which gains come about, and held."""
-    session = session_in(tmp_path)
-    path = tmp_path / "page.html"
-    write_page(session, path, lattice=(4, 3))
+    session, path = made
     page = browser.page()
     page.goto(path.as_uri())
     page.wait("window.page && page.answers.emt")
     lattice = page.evaluate("STATIC.info.lattice")
     rng = np.random.default_rng(29)
-    places = [(lattice["scr"][rng.integers(4)], lattice["x_over_r"][rng.integers(3)]) for _ in range(3)]
+    places = [(lattice["scr"][rng.integers(6)], lattice["x_over_r"][rng.integers(4)]) for _ in range(3)]
     known = 0
     for (scr, ratio), held, signal in zip(places, (None, lattice["hold"], None), "PPQ", strict=True):
         event = session.info()["defaults"]["event"] | {"signal": signal}
@@ -241,7 +248,7 @@ def test_every_answer_is_that_of_the_server(browser: Chromium, tmp_path: Path) -
             known += 1
             assert row["gains"] == pytest.approx(one["gains"], rel=2.0**-17)
             for name in CURVES:
-                mine, its = np.array(ours["arrays"][f"{k}/{name}"]), theirs.arrays[f"{k}/{name}"]
+                mine, its = np.array(ours["arrays"][f"{k}/{name}"], dtype=float), theirs.arrays[f"{k}/{name}"]
                 # With the gains of the run: the voltage of a sampled rest differs from the power flow's by up to 5e-5.
                 np.testing.assert_allclose(mine, its, rtol=1e-4, atol=1e-4 * np.ptp(its))
             assert len(row["modes"]) == len(one["modes"])
@@ -265,8 +272,31 @@ def test_every_answer_is_that_of_the_server(browser: Chromium, tmp_path: Path) -
         theirs = quick_figures(one.study, cells, figure)
         scale = next(known.scale for known in map_figures(session.study) if known.name == figure)
         values = np.where(theirs.stable, scale * theirs.values, np.where(theirs.known, -np.inf, np.nan))
-        mine = np.array([math.nan if value is None else value for value in ours["arrays"]["values"]], dtype=float)
-        np.testing.assert_allclose(np.where(ours["arrays"]["unstable"], -np.inf, mine), values, rtol=2e-2, atol=1e-3)
+        mine = np.array(ours["arrays"]["values"], dtype=float)
+        np.testing.assert_allclose(mine, values, rtol=2e-2, atol=1e-3)
+    assert list(page.faults) == []
+    page.close()
+
+
+@pytest.mark.parametrize("event", [{"kind": "phase", "size": 150.0}, {"kind": "step", "signal": "P", "size": 0.5}])
+def test_a_live_map_is_that_of_the_package(
+    browser: Chromium, made: tuple[Session, Path], event: dict[str, Any]
+) -> None:
+    """Whether a controller survives the event of the reader, on every grid of a coarse lattice, painted as it comes."""
+    session, path = made
+    page = browser.page()
+    page.goto(path.as_uri())
+    page.wait("window.page && page.answers.map")
+    event = session.info()["defaults"]["event"] | event
+    page.evaluate(f"page.store.set({{figure: 'survived', map_of: 'listed', event: {json.dumps(event)}}})")
+    page.wait("page.answers.map.header.figure === 'survived' && page.answers.map.header.more === false")
+    scr, ratio, mine = page.evaluate("['scr', 'x_over_r', 'values'].map((name) => [...page.answers.map.arrays[name]])")
+    state = session.state({"map_of": "listed", "figure": "survived", "event": event})
+    one = next(one for one in shown_in(session.study_of(state), session.ready, state) if one.name == "listed")
+    known, good = survived_cells(one, session.ready, state, map_cells(one, state, np.array(scr), np.array(ratio)))
+    assert [math.isnan(value) if value is not None else True for value in mine] == (~known).tolist()
+    assert [value == 1.0 for value in mine] == (known & good).tolist()
+    assert 0 < (known & good).sum() < known.sum()
     assert list(page.faults) == []
     page.close()
 
@@ -277,7 +307,9 @@ CURVES = ("bode_w", "bode_mag_db", "bode_phase_deg", "bode_Q_mag_db", "bode_Q_ph
 
 def answer_of(page: Page, kind: str, state: State) -> dict[str, Any]:
     """What the page answers to a state."""
-    plain = "Object.fromEntries(Object.entries(answer.arrays).map(([name, values]) => [name, [...values]]))"
+    # JSON has no words for what is not finite.
+    numbers = "[...values].map((v) => (Number.isFinite(v) ? v : String(v).replace('Infinity', 'inf')))"
+    plain = f"Object.fromEntries(Object.entries(answer.arrays).map(([name, values]) => [name, {numbers}]))"
     asked = f"page.ask({json.dumps(kind)}, 0, {json.dumps(state.document())})"
     return page.evaluate(f"{asked}.then(({{ answer }}) => ({{ header: answer.header, arrays: {plain} }}))")
 

@@ -107,13 +107,21 @@ export class Cells {
     const figure = info.figures.find((one) => one.name === state.figure);
     const shown = cells.controllers.map(({ name }) => name).filter((name) => state.controllers.includes(name));
     const controller = shown.includes(state.map_of) ? state.map_of : shown[shown.length - 1];
-    const one = cells[state.hold ? "held" : "follow"][cells.controllers.findIndex(({ name }) => name === controller)];
+    const place = cells.controllers.findIndex(({ name }) => name === controller);
+    const one = cells[state.hold ? "held" : "follow"][place];
     const count = this.lattice.scr.length * this.lattice.x_over_r.length;
     const every = (of) => Float32Array.from({ length: count }, (_, cell) => of(cell));
     const stable = (cell) => STABLE[this.number(one.stable, cell)];
-    const value = (cell) => figure.scale * this.number(one.figures[figure.name], cell);
+    const column = one.figures[figure.name];
+    // What is stable and has no time within which it settles takes longer than any promise.
+    const without = figure.better === "low" ? Infinity : NaN;
+    const value = (cell) => {
+      const found = column === undefined ? NaN : figure.scale * this.number(column, cell);
+      return Number.isNaN(found) ? without : found;
+    };
     const values = every((cell) => (stable(cell) ? value(cell) : stable(cell) === false ? -Infinity : NaN));
     return {
+      place,
       header: { ...figure, figure: figure.name, controller, why: null },
       arrays: {
         scr: this.lattice.scr,

@@ -1,6 +1,7 @@
 // The page as a file without a server: its cells are in the file, and events are simulated here.
 import { Cells } from "./cells.js";
 import { LiveRuns } from "./live.js";
+import { LiveMap } from "./live_map.js";
 import { start } from "./main.js";
 
 /** Deflated bytes (zlib) in base 64, as they were. */
@@ -30,20 +31,28 @@ function fileAsk(kept, cells) {
   const emt = async (cell, { event, hold, case: number = null }) => {
     if (number !== null) return live.caseAnswer(number, { ...kept.cells, bands: limits() });
     const to = target(event);
-    const held = hold ? ",h" : "";
     const { controllers, bands } = kept.cells;
     const own = JSON.stringify(event) === JSON.stringify(kept.info.defaults.event);
     const shown = { controllers, texts: cells.texts, bands: bands.filter((band) => own || band.signal === "i_s_pu") };
-    return live.answer(`${cell}${held}`, { ...event, key: to ? `${to.cell}${held}` : undefined }, shown, to);
+    return live.answer(`${cell}${hold ? ",h" : ""}`, given(event, hold), shown, to);
   };
+  const lived = new LiveMap(cells, live);
+  const given = (event, hold) => {
+    const to = target(event);
+    const key = to ? `${to.cell}${hold ? ",h" : ""}` : undefined;
+    return { ...event, jump: event.size * (Math.PI / 180), key };
+  };
+  const map = (_, state) =>
+    state.figure === "survived" ? lived.answer(state, given(state.event, state.hold)) : cells.map(state);
   const answers = {
     linear: (cell, state) => cells.linear(cell, state, live),
     modes: (cell, state) => cells.modes(cell, state, live),
-    map: (_, state) => cells.map(state),
+    map,
     emt,
   };
   return async (kind, seq, state) => {
-    const fault = ["emt", "save"].includes(kind) && live.fault(state.event);
+    const runs = ["emt", "save"].includes(kind) || (kind === "map" && state.figure === "survived");
+    const fault = runs && live.fault(state.event);
     if (fault) return { status: 422, faults: [fault] };
     if (kind === "save" && (state.case ?? null) !== null) return refused(kept.runs.info.words.no_save_case);
     const { cell } = cells.nearest(state);

@@ -56,8 +56,7 @@ export class LiveRuns {
    * why there is no run, and `to` is the grid of the file to which the event leads.
    */
   async answer(key, event, { controllers: shown, texts, bands }, to) {
-    const given = { ...event, jump: event.size * (Math.PI / 180) };
-    const runs = await this.asks(0, { kind: "runs", key, event: given, places: shown.map((_, k) => k) });
+    const runs = await this.asks(0, { kind: "runs", key, event, places: shown.map((_, k) => k) });
     const arrays = {};
     const controllers = shown.map((row, k) => {
       const { name, colour, told } = row;

@@ -1,5 +1,5 @@
 // The explorer's page. It computes nothing of the physics: every number is an answer of the package's own functions.
-// Order: svg draw notice state live columns cells transport map modes bode response units fields event table save actions main
+// Order: svg draw notice state words live columns cells live_map transport map modes bode response units fields event table save actions main
 import { onThemeChange } from "./draw.js";
 import { Store, framed, linkOf, stateOfLink } from "./state.js";
 import { Transport, loadInfo, serverAsk, waitAfter } from "./transport.js";
@@ -179,10 +179,11 @@ class Page {
     this.response.choose(name);
   }
 
-  // The map depends on everything but the place of the ring and the event.
+  // The map depends on everything but the place of the ring and, unless it is a map of the event, the event.
   mapKey() {
     const rest = { ...this.store.state };
-    for (const key of ["scr", "x_over_r", "event", "silent_s", "case"]) delete rest[key];
+    const others = rest.figure === "survived" ? [] : ["event", "silent_s"];
+    for (const key of ["scr", "x_over_r", "case", ...others]) delete rest[key];
     return JSON.stringify(rest);
   }
 
@@ -257,6 +258,9 @@ class Page {
     else if (kind === "modes") this.modes.detail(answer.header.controllers);
     else if (kind === "emt") this.showEmt();
     else this.showMap();
+    // A map that is still computed is shown as it comes.
+    if (answer.header.more && this.store.state.figure === answer.header.figure)
+      this.transport.wish(kind, this.store.state, wish.since);
     // The time until the frame with this answer is on the screen, for whoever measures.
     requestAnimationFrame(() => {
       const channel = new MessageChannel();

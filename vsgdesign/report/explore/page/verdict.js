@@ -27,8 +27,23 @@ export class Judge {
     Object.assign(found, run.event.kind === "step" ? this.step(run) : this.disturbance(run));
     if (found.limited_s === null) Object.assign(found, this.loads(run, [run.event_k]));
     const verdict = verdictOf(found, this.about.words, own.rules, run.event);
-    const { at_end: _, unstable: __, before: ___, ...row } = found;
+    const { at_end: _, unstable: __, before: ___, within_s: ____, ...row } = found;
     return { why: "", ...row, verdict };
+  }
+
+  /** 1 or 0, or NaN where nothing can be survived: as the map of the package has it. */
+  survived(run, done) {
+    const { words, statuses } = this.about;
+    this.good = this.goodRows(run.loop, done);
+    if (run.event.kind === "step") {
+      if (!this.restWithin(run)) return NaN;
+      // What is settled at the end counts on the map, whether or not the run was long enough to say so.
+      const { settling_s, within_s } = this.step(run);
+      return Number(Number.isFinite(settling_s ?? within_s));
+    }
+    const { status } = this.disturbance(run);
+    if (["not known", statuses[7], statuses[8]].includes(status)) return NaN;
+    return Number(status === words.survived);
   }
 
   /** How many rows come before the first that is no number or beyond every sensible bound. */
@@ -325,14 +340,20 @@ export class Judge {
     return { status: rests ? "limited" : "not settled", at_end };
   }
 
+  /** The rest of a run after a step, null where there is none within the current limit. */
+  restWithin(run) {
+    const found = this.restOf(run, run.place, run.source, this.refsOf(run));
+    const { limit_pu: limit } = run.controller.judge;
+    return found && limit !== null && found.i_s_pu > limit ? null : found;
+  }
+
   step(run) {
     const { info } = this.engine;
     const { T_s, S_rated } = info;
     const { words, band } = this.about;
     const own = run.controller.judge;
     if (this.diverged(run)) return { status: words.diverged };
-    const found = this.restOf(run, run.place, run.source, this.refsOf(run));
-    const rest = found && own.limit_pu !== null && found.i_s_pu > own.limit_pu ? null : found;
+    const rest = this.restWithin(run);
     const decay = rest && run.loop.unlogged(() => decayOf(run, rest.gains));
     if (rest && decay === null) return { status: "not known", why: words.no_mode };
     if (rest && !(decay > 1e-6)) return { status: "unstable", unstable: "unstable" };
@@ -373,14 +394,15 @@ export class Judge {
     const needed = Math.max(needs(first), loop.get("need.needed_s"));
     const observed = Math.round((run.samples * T_s) / info.log_interval) * info.log_interval - info.event_s;
     const overshoot = isStep ? Math.max(loop.get("watch.most") - 1, 0) : null;
-    if (needed > observed) {
-      if (observed > 2 * needs(loop.get("need.worst"))) return { ...row, status: "not settled", overshoot };
-      return { ...row, status: words.too_short_status, needs_s: needed };
-    }
     const entry = { band, T_s, since_s: info.event_s };
     for (const name of ["last_out", "error_out", "error_in", "was_out"]) {
       entry[`entry.${name}`] = loop.get(`watch.entry.${name}`);
     }
-    return { ...row, status: words.settled, overshoot, settling_s: this.entered_s.answer(entry)("entered_s") };
+    const settling_s = this.entered_s.answer(entry)("entered_s");
+    if (needed > observed) {
+      if (observed > 2 * needs(loop.get("need.worst"))) return { ...row, status: "not settled", overshoot, within_s: settling_s };
+      return { ...row, status: words.too_short_status, needs_s: needed, within_s: settling_s };
+    }
+    return { ...row, status: words.settled, overshoot, settling_s };
   }
 }

@@ -68,6 +68,15 @@ function node(info, axis, column) {
   return v.map((value, j) => value + R_c * (i_s[j] - i_g[j]));
 }
 
+/** 1 where a controller survives an event, or settles after a step, and 0 where it does not; NaN where there is no rest within
+ * its limit before and after it. */
+function survived(k, key, event) {
+  const controller = engine.controller(k, key);
+  if ([key, event.key].some((one) => one !== undefined && !engine.has(controller, one))) return NaN;
+  const { done, run } = engine.run(controller, key, event);
+  return judge.survived(run, done);
+}
+
 /** The model of a controller on a grid; null where it has none. */
 function modelOf(engine, k, key) {
   const controller = engine.controller(k, key);
@@ -100,6 +109,7 @@ const answers = {
   },
   case: ({ number }) => curvesOf(engine.info, engine.replay(number)),
   runs: ({ places, key, event }) => places.map((k) => simulated(engine, k, key, event)),
+  survived: ({ k, keys, event }) => keys.map((key) => survived(k, key, event)),
   linear: ({ places, key, asked }) => places.map((k) => drawn(engine, k, key, asked)),
   save: ({ cell, held, to }) => engine.saveOf(cell, held, to),
   modes: ({ key, modes }) => modes.map((own, k) => described(engine, k, key, own)),
