@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -15,8 +16,9 @@ import pytest
 
 from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
 from tests.report.pdf_texts import texts_of
-from vsgdesign.artifacts.ready import Ready
+from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.execution.progress import silent
+from vsgdesign.report.explore.page_cases import PageCase
 from vsgdesign.report.explore.page_file import StaticPage, is_page, live_page
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.verbs.pipeline import assess_study, live_part, margins
@@ -108,6 +110,18 @@ def test_report_writes_a_folder_whose_links_lead_somewhere(tmp_path: Path, monke
     assert is_page(out / "explorer.html")
     assert '<iframe src="explorer.html"' in text
     assert "explorer.html" in json.loads((out / "results.json").read_text(encoding="utf-8"))["files"]
+
+
+def test_a_part_shows_what_differs_in_more_than_its_estimate() -> None:
+    """At most four: those of its cases, the last and the first."""
+    one = '[[controllers]]\nname = "{}"\nkind = "scheduled"\n{}\n'
+    given = [("a", ""), ("a-window", 'estimate = "rls"'), ("b", 'settling_time = "2 s"')]
+    given += [(name, f'settling_time = "{k} s"') for k, name in enumerate("cde", start=3)]
+    study = study_from_text(ONE + "".join(one.format(*row) for row in given))
+    assert live_part.shown_in_part(study, NOTHING) == ["fixed", "a", "b", "e"]
+    own = replace(study, controllers=study.controllers[-2:-1])
+    case = PageCase(label="", study=own, status="", words="", figures={})
+    assert live_part.shown_in_part(study, NOTHING, [case]) == ["fixed", "a", "d", "e"]
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 import time
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +15,7 @@ import pytest
 from tests.explore.browser.chromium import Chromium, Page
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.report.explore.page_file import page_of_session
+from vsgdesign.report.explore.page_runs import WORDS
 from vsgdesign.report.explore.session import Session
 from vsgdesign.report.page.blocks import Page as Report
 from vsgdesign.report.page.html import print_html
@@ -90,6 +94,19 @@ def test_where_nothing_can_be_simulated_one_sentence_says_so(opened: Callable[..
     page.wait(SAID)
     assert page.evaluate(SAID) == WITHOUT
     assert page.evaluate("document.querySelector('iframe')") is None
+    page.close()
+
+
+def test_alone_it_says_so_too(opened: Callable[..., Page], report: Path) -> None:
+    packed = re.search(r"<template>([^<]*)</template>", report.read_text(encoding="utf-8"))
+    assert packed is not None
+    text = zlib.decompress(base64.b64decode(packed[1])).decode()
+    path = report.with_name("alone.html")
+    path.write_text(text.replace(" 'wasm-unsafe-eval'", "", 1), encoding="utf-8")
+    page = opened(path=path)
+    page.wait("document.getElementById('notice').textContent")
+    assert page.evaluate("document.getElementById('notice').textContent") == WORDS["no_wasm"]
+    page.wait("page.answers.map")
     page.close()
 
 

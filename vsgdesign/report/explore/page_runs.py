@@ -70,6 +70,10 @@ WORDS = {
     "range": "{} must be a number between {} and {} {}.",
     "labels": LABELS,
     "no_save": "Nothing can be saved on this grid: no controller has an operating point there.",
+    "no_wasm": (
+        "Nothing is simulated here, because this browser does not run WebAssembly or forbids it. The map is complete "
+        "without it."
+    ),
     "no_save_case": "Events of the map are saved here. `vsgdesign verify` writes its cases as study files.",
     "no_start": "This file has no start for it on this grid.",
 }

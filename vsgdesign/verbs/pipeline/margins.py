@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,8 +33,7 @@ from vsgdesign.report.page.live import StaticPage
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
 from vsgdesign.study.parameters import Study
-from vsgdesign.study.parameters.study import ControllerSpec
-from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
+from vsgdesign.verbs.pipeline.live_part import live_begun, told_apart, waited_for
 from vsgdesign.verbs.pipeline.study_tables import study_tables
 
 if TYPE_CHECKING:
@@ -58,7 +57,7 @@ def assess_study(
     assessments = tuple(
         assess(study, spec, ready, lambda what, share: tell(f"assess {what}", share))
         for spec in study.controllers
-        if spec.estimate == "truth" or not _knows_the_truth(study, ready, spec)
+        if spec in told_apart(study, ready)  # margins are those of the gains for a grid
     )
     timing = {"assess": time.perf_counter() - begin}
     begin = time.perf_counter()
@@ -71,14 +70,6 @@ def assess_study(
         tell("simulate small steps", 1.0)
         timing["evidence"] = time.perf_counter() - begin
     return StabilityResult(study, assessments, found, clause_matrix(study, assessments), timing, ready)
-
-
-def _knows_the_truth(study: Study, ready: Ready, spec: ControllerSpec) -> bool:
-    """Whether another controller is the same but for its estimate: margins are those of the gains for a grid."""
-    return any(
-        replace(spec, name=other.name, estimate="truth") == other and ready.table(spec) == ready.table(other)
-        for other in study.controllers
-    )
 
 
 def report_stability(

@@ -62,7 +62,9 @@ function fileAsk(kept, cells) {
       answer.header.seq = seq;
       return { status: 200, answer };
     } catch (error) {
-      return refused(`This browser does not simulate here (${error.message}).`);
+      // Also where it does not let a worker begin.
+      const missing = /WebAssembly|CompileError/.test(error.message);
+      return refused(missing ? kept.runs.info.words.no_wasm : `This browser does not simulate here (${error.message}).`);
     }
   };
 }
