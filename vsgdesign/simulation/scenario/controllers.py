@@ -300,8 +300,8 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
     # The published structure has the first four gains only.
     held = [(name, gains[:, k]) for k, name in enumerate(PowerLoopGains._fields) if k < always or gains[:, k].any()]
     names = *_AT_PCC, "omega", "V_rms", "delta", "R_g", "L_g", *(name for name, _ in held)
-    # All in one array: a system gives a large one its memory in large pages, which takes a third of the time.
-    series = {"t_s": t_s} | dict(zip(names, np.empty((len(names), len(t_s))), strict=True))
+    # Not one array for all: what is larger than 32 MB goes back to the system each time, and comes anew.
+    series = {"t_s": t_s} | {name: np.empty(len(t_s)) for name in names}
     _put_at_pcc(study, run, [series[name] for name in _AT_PCC])
     series["omega"][:], series["V_rms"][:] = run.column("omega"), run.column("V_rms")
     delta = np.subtract(run.column("theta"), run.timeline.source_phase(t_s), out=series["delta"])
