@@ -38,7 +38,7 @@ class ProbeLimits:
     sigma: float = 0.013
     """Standard deviation of Z relative to |Z| that the probe is to give."""
     amplitude: float = 0.002
-    """Largest amplitude of one line at the PCC, relative to the rated voltage."""
+    """Largest amplitude of one line at the PCC, relative to the rated voltage, rms over changes of the sign."""
     amplitude_sent: float = 0.01
     """Largest amplitude of one line as it is sent. Less arrives where the converter has a transient impedance."""
     amplitude_burst: float = 0.007

@@ -14,7 +14,7 @@ from vsgdesign.equations.field.measuring import measured
 from vsgdesign.equations.field.noise import Noise, noise_of_probe
 from vsgdesign.equations.field.sign_code import Response, code_moved, line_amplitude, response_of, towards
 from vsgdesign.equations.field.state import FieldTrack, first_track, grid_sigma
-from vsgdesign.equations.field.tracks import LineTrack, wider_by
+from vsgdesign.equations.field.tracks import Fit, LineTrack, wider_by
 from vsgdesign.equations.field.windows import (
     SIGN_1,
     SIGN_2,
@@ -32,6 +32,8 @@ from vsgdesign.equations.integration import TURN
 LARGE_UNTIL = 0.025
 LARGE_CYCLES = 15.0
 """Relative standard deviation, and cycles of the slow track, after which the probe is no longer large."""
+LARGER_BY = 1.2
+"""By how much the probe may be larger because the grid is only a part of the impedance that it measures."""
 LIMITED = 0.3
 """Share of a cycle's samples with a limited current above which no change is decided."""
 CALIBRATION = 0.75
@@ -97,6 +99,13 @@ def response_with(
     return response_of(fast, before, settings) if by_fast > 0.5 else response_of(slow, before, settings)
 
 
+def whole_over_grid(fit: Fit, settings: FieldSettings) -> Any:
+    """Square of the measured impedance over that of the grid alone, up to LARGER_BY squared (:eq:`field-amplitude`)."""
+    R, X = fit.R - settings.R_2, fit.X - settings.X_2
+    ratio = (fit.R * fit.R + fit.X * fit.X) / np.maximum(R * R + X * X, 1e-12)
+    return ratio if ratio < LARGER_BY * LARGER_BY else LARGER_BY * LARGER_BY  # of a memory that is no number, too
+
+
 def size_of_probe(
     lock: LockIn, decision: Decision, noise: Noise, suspect: Any, one: Response, two: Response, settings: FieldSettings
 ) -> tuple[Any, Any]:
@@ -104,7 +113,7 @@ def size_of_probe(
     # After a change the probe stays large until the new impedance is known.
     known = grid_sigma(decision.answer, settings) < LARGE_UNTIL or decision.slow.count > LARGE_CYCLES
     rest = 1.0 if decision.mode == TRACK and suspect < 0.5 and known else 0.0
-    both = noise_of_probe(noise)
+    both = noise_of_probe(noise) * whole_over_grid(decision.answer, settings)
     a_1 = line_amplitude(both, rest, SIZE_1, lock.a_1, one, settings)
     a_2 = line_amplitude(both, rest, SIZE_2, lock.a_2, two, settings)
     return a_1, a_2

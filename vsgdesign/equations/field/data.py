@@ -44,7 +44,7 @@ class FieldSettings(NamedTuple):
     amplitude_sent: Any
     """Largest amplitude of a line as it is sent."""
     amplitude_rest: Any
-    """Largest amplitude of a line at the PCC at rest."""
+    """Largest amplitude of a line at the PCC at rest, an rms value over changes of the sign."""
     amplitude_burst: Any
     """Largest amplitude of a line at the PCC while the estimator learns or is in doubt."""
     current_rest: Any

@@ -24,6 +24,9 @@ from vsgdesign.equations.field.residuals import misfit
 from vsgdesign.equations.field.state import FastTrack, FieldTrack, grid_sigma, no_fast
 from vsgdesign.equations.field.tracks import Fit, Track, fit_of, forgotten, merged, no_fit, wider_by, with_gain
 
+FRESH_FROM = 2.5
+FRESH_UNTIL = FAST_MEMORY + 1.5
+"""Cycles since the sign began to change between which the fast track has seen both signs."""
 AGEING = 1.01
 """Factor of the covariance in a cycle without a probe: 1.4 % become 15 % in about ten seconds."""
 SOFT = 6.0
@@ -117,7 +120,7 @@ def tracked(track: FieldTrack, happened: Happening, found: Measured) -> Decision
     fast_fit, noise = found.fast.fit, found.noise
     slow_fit = with_gain(found.slow_fit, found.gain)
     factor = misfit(found.fast.residuals, fast_fit.R, fast_fit.X, noise.line_1.S, noise.line_2.S)
-    fresh_flip = track.code.since_flip > 2.5 and track.code.since_flip < FAST_MEMORY + 0.5
+    fresh_flip = track.code.since_flip > FRESH_FROM and track.code.since_flip < FRESH_UNTIL
     apart = track.apart + 1.0 if fresh_flip and distance_of(fast_fit, slow_fit, factor) > FAR else 0.0
     parted = apart > 1.5
     soft_sq = distance_of(fast_fit, slow_fit, 1.0)

@@ -17,6 +17,10 @@ SINKS_TO = 0.85
 LEAST_RESPONSE = 0.05
 CHANGE_CYCLES = 3.0
 """Cycles that a change of the sign takes at rest."""
+RMS_OF_CHANGES = 0.856
+"""Rms value of the sign at rest. The limits at rest hold for the rms value of a line."""
+RIPPLE_SHARE = 0.8157
+"""What both lines may be of their sizes where the ripple of the power limits them, for the rms value of equal lines."""
 FORCED_AT = 3.0
 """Cycles of the fast track in doubt at which the sign is changed once, whatever the code says."""
 
@@ -115,9 +119,9 @@ def line_amplitude(noise: Any, calm: Any, size: Any, before: Any, response: Resp
     cycles = REST_CYCLES if rest else BURST_CYCLES
     sigma = settings.sigma_rest if rest else settings.sigma_burst
     wanted = larger * np.sqrt(noise / (2.0 * cycles)) / (sigma * response.v)
-    arrives = settings.amplitude_rest if rest else settings.amplitude_burst
-    # Each line may make its part of the ripple of the power, an rms value over the changes of the sign.
-    by_current = np.minimum(settings.current_rest, size * settings.ripple_rest) / response.i
+    arrives = settings.amplitude_rest / RMS_OF_CHANGES if rest else settings.amplitude_burst
+    # Each line may make its part of the ripple of the power.
+    by_current = np.minimum(settings.current_rest, RIPPLE_SHARE * size * settings.ripple_rest) / response.i
     largest = np.minimum(settings.amplitude_burst / response.pcc, settings.amplitude_sent)
     top = np.minimum(arrives / response.pcc, settings.amplitude_sent)
     top = np.minimum(top, by_current) if rest else top

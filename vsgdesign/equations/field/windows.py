@@ -16,9 +16,10 @@ SIGN_1 = 1.0
 SIGN_2 = -1.0
 """Signs of the lines. With opposite ones the probe is zero where a cycle begins: a change of its sign is no step."""
 
-SIZE_1 = 0.98
-SIZE_2 = 1.19
-"""Sizes of the lines at rest, relative to what a sign that changes at once would need (:eq:`field-towards`)."""
+SIZE_1 = 1.1
+SIZE_2 = 1.7
+"""Sizes of the lines at rest, relative to what σ* needs of equal lines (:eq:`field-amplitude`). The second one hardly
+moves the mean of the power."""
 
 
 def lines_at(half_re: Any, half_im: Any, whole_re: Any, whole_im: Any) -> tuple[Any, Any, Any, Any]:

@@ -38,7 +38,7 @@ class _Shares:
     sigma: float = number("1", 0.001, 0.2)
     """Standard deviation of Z at rest that the probe is to give, relative to the length of Z."""
     amplitude: float = number("1", 0.0002, 0.02)
-    """Largest voltage of one of the two lines at the PCC, at rest."""
+    """Largest voltage of one of the two lines at the PCC at rest, rms over the changes of its sign."""
     amplitude_sent: float = number("1", 0.0002, 0.05)
     """The same as it is sent; less arrives where the converter has a transient impedance; at least `amplitude`."""
     amplitude_burst: float = number("1", 0.0002, 0.05)
