@@ -25,7 +25,7 @@ from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.export import compile_c, export_c_files
 from vsgdesign.export.footprint import COMPILER, measure_footprint
 from vsgdesign.runtime import ManySchedulers, Scheduler, load_scheduler
-from vsgdesign.simulation.lanes.compiled_schedulers import CompiledSchedulers
+from vsgdesign.simulation.compiled_schedulers import CompiledSchedulers
 
 STATES, CALLS, SEED = 100_000, 1_000_000, 1
 LANES = 100

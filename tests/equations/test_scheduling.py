@@ -14,7 +14,7 @@ from vsgdesign.equations.scheduler_data import SchedulerInput
 from vsgdesign.equations.scheduling import begun, told_and_updated
 from vsgdesign.runtime.guards import REASONS, STATUSES
 from vsgdesign.runtime.many import ManySchedulers, OneByOne, apart, stacked
-from vsgdesign.simulation.lanes.compiled_schedulers import CompiledSchedulers
+from vsgdesign.simulation.compiled_schedulers import CompiledSchedulers
 
 
 class PlainFloats:

@@ -17,10 +17,9 @@ from evidence._random_studies import bare, drawn_study, table_of
 from tests.codegen.wasm_host import wasm_loop
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
-from vsgdesign.simulation import loop
+from vsgdesign.simulation import compiled_schedulers, loop
 from vsgdesign.simulation.every_sample import with_every_sample
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.lanes import compiled_schedulers
 from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.run import Simulation, simulate

@@ -19,6 +19,7 @@ from vsgdesign.equations.scheduler_data import (
     TOLD_CHANGED,
     TOLD_LIMITED,
     TOLD_SURPRISED,
+    SchedulerInput,
     SchedulerState,
 )
 from vsgdesign.errors import ArtifactError
@@ -170,7 +171,7 @@ class Scheduler:
         With ``nearest``, a grid outside the box is taken for the nearest place in it, as every update takes it.
         """
         c, R_g, L_g = self.settings, as_number(R_g), as_number(L_g)
-        state, known = start_state(self.lookup, c, R_g, L_g, nearest)
+        state, known = self._started(R_g, L_g, nearest)
         if not known:
             raise ArtifactError(
                 f"R_g = {R_g:g} Ω, L_g = {L_g * 1e3:g} mH: the grid is not in the schedule's box (SCR {c.scr[0]:g} to "
@@ -231,8 +232,14 @@ class Scheduler:
             ticks = _whole(ticks)
         powers = as_number(P), as_number(Q), as_number(V_rms)
         given = given_input(said, R_g, L_g, *powers, ticks, covariance)
-        self._state, answer = advance(self.lookup, self.settings, self._state, given)
+        self._state, answer = self._updated(given)
         return answer
+
+    def _updated(self, given: SchedulerInput) -> tuple[SchedulerState, Answer]:
+        return advance(self.lookup, self.settings, self._state, given)
+
+    def _started(self, R_g: float, L_g: float, nearest: bool) -> tuple[SchedulerState, bool]:
+        return start_state(self.lookup, self.settings, R_g, L_g, nearest)
 
 
 def covariance_of(found: Estimate, estimator: Estimator | None) -> Covariance | None:

@@ -18,6 +18,7 @@ from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import Circuits, connection_at
 from vsgdesign.simulation.sample import SensorChannel, Sensors
+from vsgdesign.simulation.strictly import directions
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.ranges import stream
 from vsgdesign.study.parameters.sensors import CHANNELS, SensorSpec
@@ -54,7 +55,7 @@ class AddedSource:
 
     def __init__(self, study: Study, timeline: Timeline, circuits: Circuits, *, switched: bool) -> None:
         self._timeline, self._circuits, self._switched = timeline, circuits, switched
-        self._T_s = study.converter.T_s
+        self._T_s, self._strict = study.converter.T_s, study.simulation.strict
         self._changes = timeline.plant_changes()
         self._background = Background(circuits.of, rms_to_peak(study.converter.V_rated_rms), timeline)
         moving = timeline.wander is not None or timeline.replay is not None
@@ -90,7 +91,7 @@ class AddedSource:
         for k, (mark, source) in enumerate(zip(marks, held.tolist(), strict=True)):
             if self._distorted or not sources[source].steady or (mark in cut and self._inside(mark)):
                 phases[k] = self._timeline.source_at(float(t_s[k])).at(float(starts[k])).phase
-        return np.array([(math.cos(phase), math.sin(phase)) for phase in phases]).reshape(-1, 2)
+        return directions(phases, strict=self._strict)
 
     def _inside(self, sample: int) -> list[float]:
         """The changes within the interval of a sample."""

@@ -7,7 +7,6 @@ changes, a record puts other numbers into the row of this run. Nothing else happ
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -23,6 +22,7 @@ from vsgdesign.simulation.bodies import LARGEST_DEGREE, Kind
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.loop import carrier_part
 from vsgdesign.simulation.segments import Segments, Waves, last_before
+from vsgdesign.simulation.strictly import directions
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -323,7 +323,7 @@ class CircuitProgram:
         return {"row": np.column_stack([*acting, sources[0]]), **waves}
 
     def _source_row(self, part: _Part) -> Array:
-        added, turn = part.added, np.array([(math.cos(a), math.sin(a)) for a in part.turn.tolist()])
+        added, turn = part.added, directions(part.turn.tolist(), strict=self._study.simulation.strict)
         both = [np.real(added), np.imag(added)] if self._axes is None else [added.reshape(len(added), -1)]
         return np.column_stack([*both, turn])
 

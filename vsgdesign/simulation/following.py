@@ -15,6 +15,7 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
 from vsgdesign.runtime.updating import Covariance
 from vsgdesign.simulation.circuits import circuit_at_rest, connection_at
+from vsgdesign.simulation.strictly import strict_scheduler_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.source import GridSource
@@ -67,7 +68,8 @@ class ScheduledAnswers:
         self._study, self._spec, self._law = study, spec, gain_law(study, spec, ready)
         table = ready.table(spec)
         self._grid = study.grid
-        self._runtime = None if table is None else scheduler_of(table, estimator)
+        scheduler = strict_scheduler_of if study.simulation.strict else scheduler_of
+        self._runtime = None if table is None else scheduler(table, estimator)
 
     @property
     def runtime(self) -> Scheduler | None:

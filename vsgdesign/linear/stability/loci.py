@@ -218,8 +218,16 @@ _QUANTITIES = {
     "xi_i": "current-loop integrators",
     "i_f": "low-pass of the transient impedance",
 }
-_LEAST_SHARE = 0.1
-_MOST_NAMED = 3
+LEAST_SHARE = 0.1
+MOST_NAMED = 3
+MODE_WORDS = {
+    "swings": "a mode that swings at {:.3g} Hz in P and Q",
+    "still": "a mode that does not swing",
+    "grows": "and grows at {:.3g} 1/s",
+    "decays": "and decays at {:.3g} 1/s",
+    "whole": "{} {} (damping ratio {}; {})",
+}
+"""What is said of a mode; a page has the same words."""
 
 
 def quantity_of(state: str) -> str:
@@ -240,14 +248,10 @@ def shares_of(mode: Mode) -> dict[str, float]:
 
 def mode_in_words(mode: Mode) -> str:
     """Frequency, growth or decay rate, damping ratio, and the quantities with the largest participation."""
-    rate, frequency = mode.s.real, abs(mode.s.imag) / (2.0 * math.pi)
-    what = (
-        f"a mode that swings at {frequency:.3g} Hz in P and Q"
-        if frequency > 1e-3 * abs(rate)
-        else "a mode that does not swing"
-    )
-    pace = f"and {'grows' if rate > 0.0 else 'decays'} at {abs(rate):.3g} 1/s"
-    named = [(name, share) for name, share in shares_of(mode).items() if share >= _LEAST_SHARE][:_MOST_NAMED]
+    rate, frequency, said = mode.s.real, abs(mode.s.imag) / (2.0 * math.pi), MODE_WORDS
+    what = said["swings"].format(frequency) if frequency > 1e-3 * abs(rate) else said["still"]
+    pace = said["grows" if rate > 0.0 else "decays"].format(abs(rate))
+    named = [(name, share) for name, share in shares_of(mode).items() if share >= LEAST_SHARE][:MOST_NAMED]
     states = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in named)
     damping = f"{mode.damping:.2g}".replace("-", "−")
-    return f"{what} {pace} (damping ratio {damping}; {states})"
+    return said["whole"].format(what, pace, damping, states)

@@ -40,6 +40,8 @@ NAMES = {
     "ramp": "{:+.3g} Hz over {:.3g} s",
 }
 """What an event is called in a study file."""
+STEP_NAME = "{} by {} {}"
+"""The same of a step of another set point: its label, its size and the unit."""
 
 
 def events_of(study: Study) -> list[dict[str, Any]]:  # noqa: ARG001 - as the session calls it
@@ -131,7 +133,7 @@ def events_at(study: Study, event: EventOfState, t_s: float, P_ref: float, Q_ref
         return (Event(t_s, name, Q_ref=Q_ref + size),)
     if event.kind in EVENT_KINDS.steps:
         kind, step = EVENT_KINDS.steps[event.kind]
-        name = f"{step.label} by {event.size:+.3g} {step.unit}"
+        name = STEP_NAME.format(step.label, f"{event.size:+.3g}", step.unit)
         return (replace(Event(t_s, name), **{kind.quantity: step.value(event.size, c)}),)
     if event.kind == "grid":
         place = Place(event.to_scr, event.to_x_over_r, study.scr_basis)

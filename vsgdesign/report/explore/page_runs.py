@@ -30,9 +30,9 @@ from vsgdesign.linear.model.compiled import block_of, model_names
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.operating_point.plants import plant_steps
-from vsgdesign.linear.stability.loci import RANKED
+from vsgdesign.linear.stability.loci import RANKED, quantity_of
 from vsgdesign.report.explore.columns import Columns
-from vsgdesign.report.explore.events import NAMES, after_s, event_s, study_of
+from vsgdesign.report.explore.events import NAMES, STEP_NAME, after_s, event_s, study_of
 from vsgdesign.report.explore.lattice import Lattice, Texts
 from vsgdesign.report.explore.live import NOTHING
 from vsgdesign.report.explore.page_cases import PageCase, cases_document
@@ -45,7 +45,7 @@ from vsgdesign.report.explore.page_verdicts import (
 )
 from vsgdesign.report.explore.saving import WithoutEvent, saved_without_event
 from vsgdesign.report.explore.scene import Scene, scene_of
-from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State
+from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State, sizes_of_steps
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.lookup import gain_lookup
 from vsgdesign.simulation.batch import Batch
@@ -59,6 +59,8 @@ from vsgdesign.simulation.rescheduled import refollowed, rescheduled
 from vsgdesign.simulation.run import begin_together, program_of
 from vsgdesign.simulation.run_state import RunOf, RunState
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -201,6 +203,7 @@ class _LinearLoops:
         at = {name: k for k, name in enumerate(rows)}
         return names | {
             "states": model.states,
+            "quantities": {name: quantity_of(name) for name in model.states},
             "z": [
                 at[_ROW_OF_STATE.get(name, f"state.{name.replace('limiter_', 'limiter.', 1)}")] for name in model.states
             ],
@@ -253,6 +256,7 @@ def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
     """What all controllers share."""
     study, c = scene.study, scene.study.converter
     step, other = (replace(state, event=replace(state.event, kind=kind)) for kind in ("step", "phase"))
+    set_points, sizes = _set_points(c), SIZES | sizes_of_steps()
     return {
         "T_s": c.T_s,
         "log_interval": study.simulation.log_interval,
@@ -270,10 +274,31 @@ def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
         "circuit": {f"circuit.{name}": value for name, value in study.circuit()._asdict().items()},
         "drift": RAMP_DRIFT,
         "judge": common_of_verdicts(study),
-        "events": EVENTS,
-        "limits": {"size": {kind: SIZES[kind] for kind in EVENTS if kind in SIZES}, "length_s": LENGTHS_S},
+        "events": [*EVENTS, *set_points],
+        "set_points": set_points,
+        "limits": {
+            "size": {kind: sizes[kind] for kind in sizes if kind in (*EVENTS, *set_points)},
+            "length_s": LENGTHS_S,
+        },
         "figures": list(NOTHING),
         "words": WORDS | {"names": NAMES, "file": f"{study.name}-explored.toml"},
+    }
+
+
+def _set_points(c: Converter) -> dict[str, Any]:
+    """Steps of set points besides P and Q: the row that they set, the value before them, what a size of 1 is, the field
+    of a study file, what 1 is there, and the name of the event."""
+    return {
+        name: {
+            "row": f"refs.{kind.quantity}",
+            "start": step.start(c),
+            "one": step.one(c),
+            "field": kind.name,
+            "unit": kind.one(c),
+            "name": STEP_NAME.format(step.label, "{:+.3g}", step.unit),
+        }
+        for name, (kind, step) in EVENT_KINDS.steps.items()
+        if kind.of_controller
     }
 
 
@@ -318,7 +343,7 @@ class _AtRest(NamedTuple):
 
 def _at_rest(study: Study, ready: Ready) -> _AtRest:
     spec = study.controllers[0]
-    calm = with_every_sample(replace(study.with_limit_of(spec), events=()))
+    calm = with_every_sample(replace(study.with_limit_of(spec), events=()).made_strict())
     feed = feed_of(calm, spec, build_timeline(calm), ready)
     run = RunState(RunOf(calm, feed))
     batch = begin_together([run], False)

@@ -16,6 +16,7 @@ from vsgdesign.codegen.blocks import Part, Writer, joined, with_outputs
 from vsgdesign.codegen.flat import Block
 from vsgdesign.codegen.llvm import LoopSpec, flat_block
 from vsgdesign.equations.sampled_path import droop_step, sampled_path, sampled_rest
+from vsgdesign.linear.stability.loci import LEAST_SHARE, MODE_WORDS, MOST_NAMED
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, REST_SHARE, STATUSES, place_of_verdict, swung
 from vsgdesign.report.explore import words
@@ -23,6 +24,7 @@ from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.outcome import ACTS, BOUND_PU, IN_WORDS, LIMITS, MOVES, PARTS, RESTING_S
 from vsgdesign.simulation.scenario.controllers import samples_per_mean
 from vsgdesign.simulation.seen_sample import needs_at_first, seen_disturbance, seen_end, seen_need
+from vsgdesign.simulation.strictly import direction
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.watched_sample import entered_s, power_at_pcc, watched_step
 from vsgdesign.study.parameters.study import ControllerSpec, Study
@@ -70,6 +72,7 @@ def verdict_loops() -> dict[str, LoopSpec]:
         "needs": function_spec(needs_at_first, {}),
         "swung": function_spec(swung, {}),
         "place": function_spec(place_of_verdict, {}),
+        "direction": function_spec(direction, {}),
     }
 
 
@@ -145,5 +148,5 @@ def common_of_verdicts(study: Study) -> dict[str, Any]:
             "moves": MOVES,
             "limits": [IN_WORDS[name] for name in LIMITS],
         },
-        "words": words.TEMPLATES,
+        "words": words.TEMPLATES | {"mode": MODE_WORDS | {"least": LEAST_SHARE, "most": MOST_NAMED}},
     }

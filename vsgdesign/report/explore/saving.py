@@ -75,7 +75,7 @@ def saved_without_event(scene: Scene, ready: Ready, state: State) -> WithoutEven
         if "table" in one:
             one["table"] = Path(one["table"]).name
             notes.append(f"Put {one['table']}, the gain table of {one['name']}, beside it.")
-    document["simulation"] = document.pop("simulation")  # it ends the text
+    document["simulation"] = document.pop("simulation") | {"strict": True}  # it ends the text
     text = toml_text(document, (*head, *notes))
     return WithoutEvent(text, " ".join(notes), run.simulation.P_ref, run.simulation.Q_ref)
 

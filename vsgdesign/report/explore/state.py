@@ -248,9 +248,14 @@ def state_of(document: Any, study: Study) -> State:
     return State(**values, controllers=order, changes=tuple(sorted(changes.items())))
 
 
+def sizes_of_steps() -> dict[str, tuple[float, float, str]]:
+    """As :data:`SIZES`, of the kinds that have a step of their own."""
+    return {name: (-step.most, step.most, step.unit) for name, (_, step) in EVENT_KINDS.steps.items()}
+
+
 def _event(reader: _Reader, given: Any, standard: dict[str, Any]) -> EventOfState:
     table = standard | reader.table(given, "event", tuple(standard))
-    steps = {name: (-step.most, step.most, step.unit) for name, (_, step) in EVENT_KINDS.steps.items()}
+    steps = sizes_of_steps()
     kind = reader.choice(table, "kind", (*EVENTS, *steps), "event.")
     low, high, unit = (SIZES | steps).get(kind, (-math.inf, math.inf, ""))
     return EventOfState(

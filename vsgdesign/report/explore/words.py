@@ -47,6 +47,7 @@ TEMPLATES: dict[str, Any] = {
     "no_mode": "the mode after the step is not found",
     "protected": "only `vsgdesign explore` knows the study's protection limits",
     "too_short_status": TOO_SHORT,
+    "unstable_status": UNSTABLE,
     "settled": SETTLED,
     "survived": SURVIVED,
     "diverged": DIVERGED,

@@ -24,10 +24,10 @@ from vsgdesign.runtime.many import ManyCovariances, ManySchedulers
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation.circuit_program import CutSample
+from vsgdesign.simulation.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, network_of, settings_of_study
 from vsgdesign.simulation.field_observer import conclusion_spec
 from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.simulation.lanes.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import Rests, circuits_at_rest
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults

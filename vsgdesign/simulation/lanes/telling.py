@@ -23,10 +23,10 @@ from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.many import ManySchedulers
 from vsgdesign.runtime.of_study import ControllerGains, follows_measured, gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
+from vsgdesign.simulation.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.feeds import STALE_S, safe_grid
 from vsgdesign.simulation.gains_of_run import whole_multiple
 from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.simulation.lanes.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.lanes.told import ToldGrids, ToldNow, told_grids
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import UPDATE_PERIOD, ControllerSpec, Study

@@ -53,6 +53,9 @@ class SimulationSpec:
     `[replay]`, components of the source, a `[background]` that wanders, or `[sensors]` without a distorted one."""
     survival_settling_time: float | None = number("s", 1e-3, 1000.0, default=None)
     """Longest settling time T with which `survival` judges a controller; without it, the controller's own T holds."""
+    strict: bool = flag(default=False)
+    """Also takes the source's sines and the logarithms of a table's schedule from no library, so that a run has
+    [the bits of a page of the explorer](how-to/explore.md#a-page-to-send)."""
 
 
 class Component:

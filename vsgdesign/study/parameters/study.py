@@ -186,6 +186,10 @@ class Study:
         """The study with these events instead of its own; fields as in a study file's [[events]]."""
         return self.with_changes(events=list(events))
 
+    def made_strict(self) -> Study:
+        """The study with strict runs (``[simulation] strict``)."""
+        return replace(self, simulation=replace(self.simulation, strict=True))
+
     def with_limit_of(self, spec: ControllerSpec) -> Study:
         """The study as one of its controllers runs in it: with this controller's current limit.
 

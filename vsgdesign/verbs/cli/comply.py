@@ -49,7 +49,13 @@ if TYPE_CHECKING:
     help="Which rows of the matrix to write as study files.",
 )
 @in_blocks
-@click.option("--strict", is_flag=True, help="End with exit code 1 if a test fails.")
+@click.option(
+    "--must-pass",
+    "--strict",
+    "must_pass",
+    is_flag=True,
+    help="End with exit code 1 if a test fails. --strict says the same.",
+)
 @JSON
 @verb
 def comply(
@@ -60,7 +66,7 @@ def comply(
     maps: bool,
     cases: str,
     how: How,
-    strict: bool,
+    must_pass: bool,
     as_json: bool,
 ) -> None:
     """Run suites of grid-code tests, with a verdict for each test.
@@ -91,5 +97,5 @@ def comply(
             print_terminal(terminal_blocks(document))
             page = folder / ("report.html" if (folder / "report.html").exists() else "results.json")
             click.echo(f"report: {page}")
-    if strict and any(one["fail"] for one in document["summary"]):
+    if must_pass and any(one["fail"] for one in document["summary"]):
         raise SystemExit(EXIT_IMPOSSIBLE)

@@ -71,15 +71,18 @@ def run(
 @STUDY
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-simulation]")
 @BRIDGE
+@click.option("--strict", is_flag=True, help="Give the bits of a page of the explorer, as `strict` in [simulation].")
 @WORKERS
 @JSON
 @verb
-def simulate(study_file: str, out: str | None, bridge: str | None, workers: int | None, as_json: bool) -> None:
+def simulate(
+    study_file: str, out: str | None, bridge: str | None, strict: bool, workers: int | None, as_json: bool
+) -> None:
     """Simulate every controller, and write the time series.
 
     The folder contains time series and results.json.
     """
-    _run(study_file, out, bridge, as_json, "-simulation", workers=workers)
+    _run(study_file, out, bridge, as_json, "-simulation", workers=workers, strict=strict)
 
 
 def _warn(text: str) -> None:
@@ -100,6 +103,7 @@ def _run(
     workers: int | None,
     sheet: str | None = None,
     explorer: bool = False,
+    strict: bool = False,
 ) -> None:
     from vsgdesign.artifacts.files import check_new
     from vsgdesign.verbs.pipeline import run_study
@@ -107,6 +111,7 @@ def _run(
 
     report, left_out = what != "-simulation", list[str]()
     study = load(study_file, left_tables=bool(what))
+    study = study.made_strict() if strict else study
     if sheet is not None:
         check_new(sheet)
     if what == "-quick":

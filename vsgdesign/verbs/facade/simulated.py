@@ -80,6 +80,7 @@ def simulate(
     study: Study,
     *,
     bridge: str | None = None,
+    strict: bool = False,
     ready: Ready | None = None,
     workers: int | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -87,7 +88,8 @@ def simulate(
 ) -> Run:
     """Simulates every controller of a study through its events, in memory.
 
-    ``bridge`` is ``averaged`` or ``pwm`` and replaces that of the study. ``ready`` holds gain tables and the network
+    ``bridge`` is ``averaged`` or ``pwm`` and replaces that of the study. With ``strict`` a run has the bits of a page
+    of the explorer, as with ``strict`` in the study's [simulation]. ``ready`` holds gain tables and the network
     from an earlier call of :func:`vsgdesign.verbs.pipeline.making.make_ready`. Without it, those that the study asks
     for are read, taken from below ``out`` where an earlier command has left them, or designed and trained first (on
     ``workers`` processes). ``warn`` is called with one sentence for each controller that is unstable by the linear
@@ -98,7 +100,7 @@ def simulate(
     from vsgdesign.verbs.pipeline.making import make_ready
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
-    tell = progress or silent
+    tell, study = progress or silent, study.made_strict() if strict else study
     there = ready or make_ready(with_left_tables(study), bridge=bridge, workers=workers, progress=progress)
     return Run(
         run_scenario(

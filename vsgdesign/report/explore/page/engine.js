@@ -217,8 +217,13 @@ class Run {
     const { marks, phasors } = this.controller;
     const at = this.sources.length > 1 ? -1 : marks.indexOf(k);
     if (at >= 0) return phasors.slice(2 * at, 2 * at + 2);
-    const phase = this.phaseAt(k);
-    return [Math.cos(phase), Math.sin(phase)];
+    return this.direction(this.phaseAt(k));
+  }
+
+  /** Cosine and sine of an angle with the bits of a strict run. */
+  direction(angle) {
+    const said = this.engine.direction.answer({ angle });
+    return [said("re"), said("im")];
   }
 
   /** The phase of the source at a sample, as the package computes it. */
@@ -235,6 +240,9 @@ class Run {
     if (event.kind === "step") {
       const name = event.signal === "P" ? "P_ref" : "Q_ref";
       this.loop.set(`refs.${name}`, this.loop.get(`refs.${name}`) + event.size * info.S_rated);
+    } else if (event.kind in info.set_points) {
+      const { row, start, one } = info.set_points[event.kind];
+      this.loop.set(row, start + event.size * one);
     } else if (event.kind === "sag") {
       this.voltage(info.event_s, (1 - event.size) * info.V_g_rms);
     } else if (event.kind === "phase") {
@@ -300,9 +308,9 @@ class Run {
 
   /** A jump of the phase is part of the turn of the interval before. */
   turn(jump) {
-    const angle = this.info.omega * this.T_s + jump;
-    this.loop.set("row.turn_cos", Math.cos(angle));
-    this.loop.set("row.turn_sin", Math.sin(angle));
+    const [cosine, sine] = this.direction(this.info.omega * this.T_s + jump);
+    this.loop.set("row.turn_cos", cosine);
+    this.loop.set("row.turn_sin", sine);
   }
 
   gains() {
@@ -380,6 +388,7 @@ export class Engine {
     this.behind = new Float64Array(data.slice(info.behind).buffer);
     this.transfer = this.loop("transfer", [], 1);
     this.response = this.loop("response", [], 1);
+    this.direction = this.loop("direction", [], 1);
   }
 
   loop(name, uniform, slots) {

@@ -76,7 +76,7 @@ export class LinearModel {
     const { model } = controller;
     const { rows } = start;
     Object.assign(this, { engine, model, n: model.states.length, T_s: engine.info.T_s });
-    this.z = this.inSource(model.z.map((at) => rows[at]));
+    this.z = this.inSource(model.z.map((at) => rows[at]), start.phase ?? engine.info.phase);
     this.p = Float64Array.from(model.p);
     for (const [k, at] of Object.entries(model.of_start)) this.p[k] = rows[at];
     ["R_g", "L_g"].forEach((name, k) => (this.p[model.parameters.indexOf(name)] = start.grid[k]));
@@ -84,9 +84,8 @@ export class LinearModel {
   }
 
   /** A state in the frame of the source, whose phase is not zero at the start of a run. */
-  inSource(z) {
+  inSource(z, phase) {
     const { states } = this.model;
-    const { phase } = this.engine.info;
     const [cosine, sine] = [Math.cos(phase), Math.sin(phase)];
     for (const name of ["i_s", "v_c", "i_g", "pending"]) {
       const [d, q] = ["d", "q"].map((axis) => states.indexOf(`${name}_${axis}`));
@@ -221,7 +220,7 @@ export class LinearModel {
     const sum = parts.reduce((a, b) => a + b, 0);
     const strongest = (rows, count, by) => [...rows].sort((a, b) => by(b) - by(a)).slice(0, count);
     const participation = strongest(model.states.map((name, k) => [name, parts[k] / sum]), shares, (row) => row[1]);
-    const moved = model.ranked.map((at) => {
+    const moved = (movers ? model.ranked : []).map((at) => {
       const relative = over(dot(left, times(this.along(at), right)), weight);
       const [value] = over(relative, [z[0] * T_s, z[1] * T_s]);
       return [model.parameters[at], 0.01 * value, Math.hypot(...over(relative, z))];

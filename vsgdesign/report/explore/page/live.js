@@ -92,7 +92,10 @@ export class LiveRuns {
     const near = over && Math.abs(event.length_s / info.T_s - over) < 1e-6;
     const end_s = begin_s + (near ? event.length_s : over * info.T_s);
     const V_pu = info.V_g_rms / info.V_rated_rms;
+    const other = info.set_points[event.kind];
+    const set = other && (other.start + event.size * other.one) / other.unit;
     const lines = {
+      [event.kind]: other && [[begin_s, worded(other.name, event.size), `${other.field} = ${value(set)}`]],
       step: [
         [
           begin_s,

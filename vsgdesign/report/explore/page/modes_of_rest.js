@@ -1,5 +1,6 @@
-// The slowest mode of a controller at a rest, from its compiled loop: one sample of it, with the source turned back, is a
-// map that stays where it is at a rest. Its derivative is taken by differences, and no equation of the controller is here.
+// The slowest mode of a controller at a rest. The rest is found with the compiled loop: one sample of it, with the source
+// turned back, is a map that stays where it is at a rest. No equation of the controller is here.
+import { LinearModel } from "./linear.js";
 
 const ROUNDS = 12;
 const STEP = 5e-3;
@@ -65,6 +66,12 @@ class Sampled {
       }
     }
     return found;
+  }
+
+  /** Whether a state is that of a rest. */
+  isAt(x, { V_rms, delta }) {
+    const [V, theta] = [x[this.names.indexOf("state.V")], x[this.angle]];
+    return Math.abs(V / V_rms - 1) < 1e-6 && Math.abs(Math.sin(0.5 * (theta - delta))) < 1e-6;
   }
 
   apart(one, other, i) {
@@ -141,41 +148,79 @@ export function logOfRadius(matrix) {
 }
 
 /**
- * The decay in 1/s of the slowest mode at the rest to which a run leads, with its present references and gains; null
- * where no rest is found. The rows of the loop are used up.
+ * The slowest mode at the rest to which a run leads, with its present references and its gains: {decay} in 1/s, and what
+ * `mode()` says of it where the file has the model of the controller. null where no rest is found. The rows of the loop are
+ * used up.
  */
-export function decayOf(run, gains) {
-  for (const [name, value] of Object.entries(gains)) run.loop.set(`power_gains.${name}`, value);
+export function slowestMode(run, rest) {
+  for (const [name, value] of Object.entries(rest.gains)) run.loop.set(`power_gains.${name}`, value);
   const map = new Sampled(run);
-  const starts = [
-    map.now(),
-    ...[run.start].map((start) =>
-      map.turned(
-        Float64Array.from(map.names, (name) => start.rows[run.at[name]]),
-        0,
-      ),
-    ),
-  ];
-  for (const start of starts) {
-    let x = start;
-    for (let round = 0; round < ROUNDS && x.every(Number.isFinite); round += 1) {
-      const after = map.after(x);
-      const A = map.matrix(x);
-      const missing = after.map((value, k) => value - x[k]);
-      const used = coupled(A, x, map.angle);
-      const some = used.map((i) => Float64Array.from(used, (j) => (i === j ? 1 : 0) - A[i][j]));
-      const step = solved(
-        some,
-        used.map((i) => missing[i]),
-      );
-      x = x.slice();
-      used.forEach((i, k) => (x[i] += step[k]));
-      const far = Math.max(...used.map((i, k) => Math.abs(step[k]) / Math.max(Math.abs(x[i]), 1)));
-      if (far < STILL) {
-        const radius = logOfRadius(used.map((i) => Float64Array.from(used, (j) => A[i][j])));
-        return -radius / run.T_s;
-      }
-    }
+  const end = map.now();
+  const begun = Float64Array.from(map.names, (name) => run.start.rows[run.at[name]]);
+  for (const start of [map.turned(begun, -run.info.phase), end]) {
+    const found = settled(map, start);
+    // Where a limiter acts there may be another state that stays.
+    if (!found || !map.isAt(found.x, rest)) continue;
+    if (!run.controller.model) return { decay: -logOfRadius(found.A) / run.T_s };
+    return ofModel(run, map, map.after(found.x));
   }
   return null;
+}
+
+/** The state that stays where it is, near another one, with the derivative there of what is coupled; null without one. */
+function settled(map, start) {
+  let x = start;
+  for (let round = 0; round < ROUNDS && x.every(Number.isFinite); round += 1) {
+    const after = map.after(x);
+    const A = map.matrix(x);
+    const used = coupled(A, x, map.angle);
+    const missing = used.map((i) => after[i] - x[i]);
+    const some = used.map((i) => Float64Array.from(used, (j) => (i === j ? 1 : 0) - A[i][j]));
+    const step = solved(some, missing);
+    x = x.slice();
+    used.forEach((i, k) => (x[i] += step[k]));
+    const far = Math.max(...used.map((i, k) => Math.abs(step[k]) / Math.max(Math.abs(x[i]), 1)));
+    if (far < STILL) return { x, A: used.map((i) => Float64Array.from(used, (j) => A[i][j])) };
+  }
+  return null;
+}
+
+/** The same from the full-order model of the file. */
+function ofModel(run, map, x) {
+  const rows = run.start.rows.slice();
+  for (const [name, at] of Object.entries(run.at))
+    if (/^(refs|power_gains|grid)\./.test(name)) rows[at] = run.loop.get(name);
+  map.names.forEach((name, k) => (rows[run.at[name]] = x[k]));
+  const model = new LinearModel(run.engine, run.controller, { rows, grid: run.place.grid, phase: 0 });
+  const { n } = model;
+  const A = Array.from({ length: n }, (_, i) => model.A.slice(i * n, (i + 1) * n));
+  const radius = logOfRadius(A);
+  return {
+    decay: -radius / run.T_s,
+    mode: () => {
+      const [re, im] = dominant(A);
+      return model.mode(Math.log(Math.hypot(re, im)) / run.T_s, Math.atan2(im, re) / run.T_s, n, 0);
+    },
+  };
+}
+
+/** The eigenvalue of the largest magnitude, of two that are conjugate the upper one. */
+function dominant(matrix) {
+  let A = matrix;
+  for (let k = 0; k < 40; k += 1) {
+    const size = Math.max(...A.map((row) => row.reduce((most, value) => Math.max(most, Math.abs(value)), 0)));
+    A = A.map((row) => row.map((value) => value / size));
+    A = product(A, A);
+  }
+  const times = (v) => Float64Array.from(matrix, (row) => row.reduce((sum, value, j) => sum + value * v[j], 0));
+  const dot = (a, b) => a.reduce((sum, value, k) => sum + value * b[k], 0);
+  // In their plane A² v = a A v + b v.
+  const v = Float64Array.from(A, (row) => row.reduce((sum, value, j) => sum + value * (1 + 0.1 * j), 0));
+  const [w, u] = [times(v), times(times(v))];
+  const [vv, vw, ww, vu, wu] = [dot(v, v), dot(v, w), dot(w, w), dot(v, u), dot(w, u)];
+  const determinant = ww * vv - vw * vw;
+  if (!(determinant > 1e-12 * ww * vv)) return [vw / vv, 0];
+  const [a, b] = [(wu * vv - vu * vw) / determinant, (vu * ww - wu * vw) / determinant];
+  const inside = 0.25 * a * a + b;
+  return inside < 0 ? [0.5 * a, Math.sqrt(-inside)] : [0.5 * a + Math.sign(a) * Math.sqrt(inside), 0];
 }

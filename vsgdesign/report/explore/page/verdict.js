@@ -1,7 +1,7 @@
 // Verdicts on the runs of a page without a server. Every figure comes out of the package's own functions, compiled: loops over
 // the log of a run, the rest after the event, and what turns both into figures (report.explore.page_verdicts).
-import { decayOf } from "./modes_of_rest.js";
-import { quantity, verdictOf, worded } from "./words.js";
+import { slowestMode } from "./modes_of_rest.js";
+import { modeInWords, quantity, verdictOf, worded } from "./words.js";
 
 const GAINS = ["K_ip", "D_p", "K_iq", "D_q", "K_pq", "K_qp", "k_P", "k_Q"];
 
@@ -50,9 +50,15 @@ export class Judge {
   goodRows(loop, done) {
     const { floats } = loop.memory;
     const { bounds } = this.about;
-    for (let k = 0; k < done; k += 1) {
+    const bad = (k) => {
       const at = loop.log + k * loop.logged;
-      for (let j = 0; j < bounds.length; j += 1) if (!(Math.abs(floats[at + j]) <= bounds[j])) return k;
+      for (let j = 0; j < bounds.length; j += 1) if (!(Math.abs(floats[at + j]) <= bounds[j])) return true;
+      return false;
+    };
+    // What has left the bounds goes on to grow: every sixteenth row is enough to see it.
+    for (let k = 15; k < done + 15; k += 16) {
+      if (!bad(Math.min(k, done - 1))) continue;
+      for (let j = k - 15; j < done; j += 1) if (bad(j)) return j;
     }
     return done;
   }
@@ -159,7 +165,10 @@ export class Judge {
       if (!Object.entries(following).every(near) && round < 99) continue;
       const answer = this.rest.answer({ ...numbers, V_rms, delta: newton.get("delta") + path.angle });
       const found = Object.fromEntries(
-        ["P", "Q", "delta", "i_s_pk", "v_b_pk", "P_pcc", "Q_pcc"].map((name) => [name, answer(`rest.${name}`)]),
+        ["P", "Q", "V_rms", "delta", "i_s_pk", "v_b_pk", "P_pcc", "Q_pcc"].map((name) => [
+          name,
+          answer(`rest.${name}`),
+        ]),
       );
       if (found.v_b_pk > run.controller.judge.v_max_pk) return null;
       return { ...found, i_s_pu: found.i_s_pk / info.I_rated_pk, gains };
@@ -354,9 +363,17 @@ export class Judge {
     const own = run.controller.judge;
     if (this.diverged(run)) return { status: words.diverged };
     const rest = this.restWithin(run);
-    const decay = rest && run.loop.unlogged(() => decayOf(run, rest.gains));
-    if (rest && decay === null) return { status: "not known", why: words.no_mode };
-    if (rest && !(decay > 1e-6)) return { status: "unstable", unstable: "unstable" };
+    const slowest = rest && run.loop.unlogged(() => slowestMode(run, rest));
+    if (rest && !slowest) return { status: "not known", why: words.no_mode };
+    const decay = slowest && slowest.decay;
+    if (rest && !(decay > 1e-6)) {
+      const said = { ...words.mode, ...run.controller.model };
+      const mode = slowest.mode && modeInWords(slowest.mode(), said);
+      return {
+        status: words.unstable_status,
+        unstable: mode ? `${words.unstable_status}: ${mode}` : words.unstable_status,
+      };
+    }
     const [signal, cycle] = [run.event.signal === "Q" ? "Q" : "P", this.about.per_mean];
     const of = { band, per_cycle: 1 / cycle, of_P: signal === "P" ? 1 : 0, of_Q: signal === "Q" ? 1 : 0, final: 1 };
     const given = { ...info.circuit, T_s, event_s: info.event_s, decay: decay || 1 };

@@ -50,6 +50,21 @@ function beside(value, limit, missed, digits) {
   return fixed(value, digits);
 }
 
+/** A mode in words: how fast it swings and grows, and what takes part in it. */
+export function modeInWords({ re, im, participation }, said) {
+  const f_hz = Math.abs(im) / (2 * Math.PI);
+  const what = f_hz > 1e-3 * Math.abs(re) ? worded(said.swings, f_hz) : said.still;
+  const shares = new Map();
+  for (const [state, share] of participation) {
+    const name = said.quantities[state] || state;
+    shares.set(name, (shares.get(name) || 0) + share);
+  }
+  const named = [...shares].sort((a, b) => b[1] - a[1]).filter(([, share]) => share >= said.least);
+  const states = named.slice(0, said.most).map(([name, share]) => `${name} ${fixed(100 * share, 0)} %`);
+  const damping = general(-re / Math.hypot(re, im), 2).replaceAll("-", "−");
+  return worded(said.whole, what, worded(re > 0 ? said.grows : said.decays, Math.abs(re)), damping, states.join(", "));
+}
+
 function settled(found, said, rules) {
   const [late, tooMuch] = rules.asked || [null, null];
   const [mostTime, mostOver] = rules.met || [Infinity, Infinity];

@@ -38,34 +38,37 @@ function simulated(engine, k, key, event) {
 
 /** What can be drawn of the samples of a run. */
 function curvesOf(info, { rows, width, done, loop, event_s: event }) {
-  const column = (name, scale) => {
-    const [at, values] = [info.places[loop].logged.indexOf(name), new Float64Array(done)];
-    for (let j = 0; j < done; j += 1) values[j] = rows[j * width + at] / scale;
-    return values;
-  };
-  const length = (one, other) => {
-    for (let j = 0; j < done; j += 1) one[j] = Math.sqrt(one[j] * one[j] + other[j] * other[j]);
-    return one;
-  };
-  const vector = (name, scale) => length(column(`${name}_alpha`, scale), column(`${name}_beta`, scale));
-  const curves = {
-    P: column("said.P", info.S_rated),
-    Q: column("said.Q", info.S_rated),
-    i_s_pu: vector("x.i_s", info.I_rated_pk),
-    omega_hz: column("said.omega", 2 * Math.PI),
-    v_pu: length(...["alpha", "beta"].map((axis) => node(info, axis, column))),
-  };
+  const curves = signalsOf(info, info.places[loop].logged, rows, width, done);
   const kept = thinned(Object.values(curves));
   const found = { t: Float32Array.from(kept, (j) => j * info.T_s - event) };
   for (const [name, values] of Object.entries(curves)) found[name] = Float32Array.from(kept, (j) => values[j]);
   return found;
 }
 
-/** The voltage at the control point on an axis. */
-function node(info, axis, column) {
-  const [v, i_s, i_g] = ["v_c", "i_s", "i_g"].map((name) => column(`x.${name}_${axis}`, info.V_rated_pk));
+/** The signals of every sample. */
+function signalsOf(info, logged, rows, width, done) {
+  const names = [
+    "said.P",
+    "said.Q",
+    "said.omega",
+    ...["i_s", "v_c", "i_g"].flatMap((x) => [`x.${x}_alpha`, `x.${x}_beta`]),
+  ];
+  const [P, Q, omega, i_a, i_b, v_a, v_b, g_a, g_b] = names.map((name) => logged.indexOf(name));
+  const found = {};
+  for (const name of ["P", "Q", "i_s_pu", "omega_hz", "v_pu"]) found[name] = new Float64Array(done);
   const R_c = info.circuit["circuit.R_c"];
-  return v.map((value, j) => value + R_c * (i_s[j] - i_g[j]));
+  for (let j = 0, at = 0; j < done; j += 1, at += width) {
+    found.P[j] = rows[at + P] / info.S_rated;
+    found.Q[j] = rows[at + Q] / info.S_rated;
+    found.omega_hz[j] = rows[at + omega] / (2 * Math.PI);
+    const [a, b] = [rows[at + i_a], rows[at + i_b]];
+    found.i_s_pu[j] = Math.sqrt(a * a + b * b) / info.I_rated_pk;
+    // The voltage at the control point.
+    const c = rows[at + v_a] + R_c * (a - rows[at + g_a]);
+    const d = rows[at + v_b] + R_c * (b - rows[at + g_b]);
+    found.v_pu[j] = Math.sqrt(c * c + d * d) / info.V_rated_pk;
+  }
+  return found;
 }
 
 /** 1 where a controller survives an event, or settles after a step, and 0 where it does not; NaN where there is no rest within
