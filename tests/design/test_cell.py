@@ -41,8 +41,8 @@ def test_it_keeps_its_promises(designed: CellDesign) -> None:
     again = worst(evaluate(law(STUDY), designed.normalised, s, SETTLING))
     assert replace(again, disk_margin=0.0) == replace(designed.figures, disk_margin=0.0)
     # The search's 28 frequencies find a disk margin that is never too small; what is stated is the function's own.
-    lags = law(STUDY).tau_P, law(STUDY).tau_Q
-    exact = reduced_margins(model_in(law(STUDY).gains(designed.normalised, s), s, *lags)).disk_output.value.min()
+    lags = law(STUDY).lags
+    exact = reduced_margins(model_in(law(STUDY).gains(designed.normalised, s), s, lags)).disk_output.value.min()
     assert designed.figures.disk_margin == pytest.approx(exact, rel=1e-9)
     assert exact <= again.disk_margin < 1.01 * exact
     assert shortfalls(SPEC, again, designed.inertia) == {}
@@ -153,7 +153,7 @@ def test_constant_inertia_is_what_a_frequency_ramp_meets() -> None:
     assert designed.met
     assert designed.normalised.k_1_or_H == designed.inertia == 2.0
     gains = rule.gains(designed.normalised, s)
-    m = coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, tau_P=rule.tau_P, tau_Q=rule.tau_Q)
+    m = coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, lags=rule.lags)
     rocof = 2.0 * np.pi * 0.5
     for k in (0, len(s) - 1):
         A, B, C = m.A[k], m.B[k][:, 2], m.C[k][0]

@@ -17,7 +17,7 @@ from vsgdesign.certificate import Certificate, Region, certify
 from vsgdesign.certificate.box_check import compile_ahead, judge, survey
 from vsgdesign.certificate.boxes import Boxes, parameters_of, points_of, whole_region
 from vsgdesign.certificate.enclosure import programs
-from vsgdesign.certificate.lyapunov import Motion, residual
+from vsgdesign.certificate.lyapunov import Motion, best_fit, residual
 from vsgdesign.certificate.proof import EMPTY, PROVED, UNDECIDED, look_at, prove
 from vsgdesign.certificate.region import System, nodes, point_of, random_points
 from vsgdesign.certificate.taylor_kernel import LANES, rows, run_program, sum_up
@@ -29,6 +29,8 @@ from vsgdesign.runtime.table import table_schedule
 from vsgdesign.study.parameters import ControllerSpec, Study, load_study
 
 STUDY = replace(load_study("studies/structures/study.toml"), scr_basis="impedance")
+YIELDING = replace(STUDY, inner_gains=STUDY.inner_gains._replace(R_t=0.4, X_t=1.5), omega_t=50.0)
+"""The same with a transient impedance of 0.06 + j0.21 pu above 8 Hz."""
 POWERS = (-4500.0, 4500.0), (-2000.0, 2000.0)
 POLES = {"k_1": 21.3, "d_1": 8.24, "k_2": 3.91}
 """Of the closed forms, so that boxes and functions of these tests stay as they were chosen."""
@@ -56,10 +58,11 @@ def systems() -> list[System]:
         *(system(name) for name in ("angle_damped", "decoupled", "published")),
         system("angle_damped", replace(STUDY, scr_basis="reactance"), Q_droop=0.5),
         System(STUDY, table_schedule(gains_table())),
+        replace(system("angle_damped"), study=YIELDING),
     ]
 
 
-@pytest.mark.parametrize("k", range(5))
+@pytest.mark.parametrize("k", range(6))
 def test_the_inequality_of_a_point_is_that_of_its_state_matrix(k: int) -> None:
     """Two writings of the same loops: the schedule's own gains, and the program about the estimate; also where the
     schedule draws an impedance in or limits Q."""
@@ -71,6 +74,8 @@ def test_the_inequality_of_a_point_is_that_of_its_state_matrix(k: int) -> None:
     rng = np.random.default_rng(0)
     points, A = s.matrices(np.concatenate([random_points(region, 200, rng), random_points(weak, 1000, rng)]))
     P = np.array([[3.0, -1.0, 0.2], [-1.0, 2.0, 0.1], [0.2, 0.1, 1.5]])
+    if k == 5:
+        P = np.pad(P, (0, 2)) + np.diag([0.0, 0.0, 0.0, 0.5, 0.4]) + 0.05
     ready = programs(s, region, Motion(region, False).weights, P[None], 1.3)
     places = places_of(s, points)
     boxes = pieces_of(s, region, places)
@@ -89,12 +94,11 @@ def test_the_inequality_of_a_point_is_that_of_its_state_matrix(k: int) -> None:
             continue
         assert 1.0 / outputs[0] == pytest.approx(voltage_of(s, points[n]), rel=1e-12)
         expected = turn @ (A[n].T @ P + P @ A[n] + 2.6 * P) @ turn.T
-        found = evaluated(ready.inequalities[case], [*places[n][:4], outputs[0]], own).reshape(-1, 6)
-        np.testing.assert_allclose(
-            found, np.tile(expected[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], (6, 1)), rtol=1e-8, atol=1e-8
-        )
+        found = evaluated(ready.inequalities[case], [*places[n][:4], outputs[0]], own).reshape(6, -1)
+        wanted = np.concatenate([np.diag(expected), expected[np.triu_indices(len(P), 1)]])
+        np.testing.assert_allclose(found, np.tile(wanted, (6, 1)), rtol=1e-8, atol=1e-8 * (1.0 if k < 5 else 10.0))
     # As it is; Q at a limit; drawn in; both.
-    assert set(seen) >= ({0, 1, 3}, {0, 1, 3}, {0}, {0, 1, 2, 5}, {0, 1, 3})[k]
+    assert set(seen) >= ({0, 1, 3}, {0, 1, 3}, {0}, {0, 1, 2, 5}, {0, 1, 3}, {0, 1, 3})[k]
 
 
 def evaluated(program: Program, inputs: Any, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -223,8 +227,7 @@ def test_no_point_of_a_proved_box_fails_with_an_error_of_Z(k: int) -> None:
     assert seen > 0
 
 
-@pytest.mark.parametrize("rate", [np.inf, 1.0])
-@pytest.mark.parametrize("k", [0, 4])
+@pytest.mark.parametrize(("k", "rate"), [(0, np.inf), (4, np.inf), (5, np.inf), (0, 1.0), (4, 1.0)])
 def test_no_point_of_a_proved_box_fails_and_an_empty_box_has_none(k: int, rate: float) -> None:
     s = systems()[k]
     region = Region((2.5, 4.5), (0.8, 2.0), (-4500.0, -3000.0), (-2000.0, 0.0), error=0.1, rate=rate)
@@ -232,14 +235,20 @@ def test_no_point_of_a_proved_box_fails_and_an_empty_box_has_none(k: int, rate: 
     P = np.stack([np.array([[3.3, -1.6, 0.0], [-1.6, 2.1, 0.0], [0.0, 0.0, 1.7]]), 0.1 * np.eye(3), -0.1 * np.eye(3)])
     P = P if motion.moving else P[:1]
     points, A = s.matrices(random_points(region, 4000, np.random.default_rng(2)))
+    if k == 5:
+        found, _ = best_fit(A[::20], motion.family(points[::20]), -float(np.linalg.eigvals(A).real.max()), 0.05)
+        assert found is not None
+        P = found.P
     # The decay that nine of ten points hold: the residual rises by 2/s with each 1/s.
     decay = -0.5 * float(np.quantile(residual(A, motion.family(points), P, 0.0), 0.9))
+    if k == 5:  # with five states a box has to be smaller, so that less is asked
+        decay *= 0.8
     worst = residual(A, motion.family(points), P, decay)
     places = places_of(s, points)
     whole = whole_region(s, region)
     ready = programs(s, region, motion.weights, P, decay)
     level, counts = whole, np.zeros(3, dtype=int)
-    for _ in range(13):
+    for _ in range(13 if k < 5 else 15):
         state, dimension = look_at(s, ready, level, whole)
         counts += np.bincount(state, minlength=3)
         for box in np.flatnonzero(state != UNDECIDED):

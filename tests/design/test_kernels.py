@@ -49,7 +49,7 @@ def evaluated(box: Scenarios) -> Evaluation:
 def model_of(design: int, s: Scenarios) -> tuple[CoupledModel, PowerLoopGains]:
     rule = law(robust_study())
     gains = rule.gains(one(design), s)
-    return coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, tau_P=rule.tau_P, tau_Q=rule.tau_Q), gains
+    return coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, lags=rule.lags), gains
 
 
 @pytest.mark.parametrize("design", range(5))

@@ -26,7 +26,7 @@ def test_given_gains_have_the_figures_of_the_parameters_they_come_from() -> None
     s = exact_scenarios(study, spec, GRIDS[:1], 4500.0, 1000.0).take(np.array([0]))
     normalised = NormalisedGains(9.3, 5.1, 3.1, 0.0, 1.0, 1.0)
     gains = PowerLoopGains(*(float(np.ravel(value)[0]) for value in structure.gains(normalised, s)))
-    fixed = evaluate_fixed(gains, s, spec.settling_time, structure.tau_P, structure.tau_Q)
+    fixed = evaluate_fixed(gains, s, spec.settling_time, structure.lags)
     pair = evaluate_pairs(structure, normalised, s, spec.settling_time)
     for name, values in pair.figures.items():
         np.testing.assert_allclose(fixed[name][0], values, rtol=1e-12)
@@ -46,7 +46,7 @@ def test_it_is_no_worse_than_any_closed_form_made_for_one_of_the_grids(name: str
         made = structure.gains(NormalisedGains(15.8 / T**2, 6.6 / T, 4.0 / T, q, share, share), s)
         for k in (0, len(s) // 2):
             gains = PowerLoopGains(*(float(np.broadcast_to(value, s.P.shape)[k]) for value in made))
-            e = evaluate_fixed(gains, s, spec.settling_time, structure.tau_P, structure.tau_Q)
+            e = evaluate_fixed(gains, s, spec.settling_time, structure.lags)
             worst.append(violations(spec, e, np.array([1.0])).max())
     assert found.violation <= min(worst) + 1e-9
 
@@ -111,6 +111,6 @@ def test_a_bound_on_the_inertia_is_part_of_the_search() -> None:
         assert low <= reached <= high
         assert found.violation == free.violation == 0.0
     spec = replace(specification(study), H_min=2.0)
-    e = evaluate_fixed(free.gains, exact_scenarios(study, spec, GRIDS, 4500.0, 1000.0), 1.3, study.tau_P, study.tau_Q)
+    e = evaluate_fixed(free.gains, exact_scenarios(study, spec, GRIDS, 4500.0, 1000.0), 1.3, study.power_lags)
     assert (violations(spec, e, np.array([1.0])) >= 0.5 - 1e-12).all()
     assert (violations(spec, e, np.array([-1.0])) >= 5.0 - 1e-12).all()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tests.stability.ideal_converter import IdealConverter
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model import decoupled_loops
 from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
 
@@ -43,7 +44,7 @@ def random_structure(rng: np.random.Generator) -> PowerLoopGains:
 
 
 def model_at(point: dict[str, float], gains: PowerLoopGains, tau_P=0.0, tau_Q=0.0, coupling=True) -> CoupledModel:
-    return coupled_model(*point.values(), gains=gains, tau_P=tau_P, tau_Q=tau_Q, coupling=coupling)
+    return coupled_model(*point.values(), gains=gains, lags=Lags(tau_P, tau_Q), coupling=coupling)
 
 
 @pytest.mark.parametrize(("tau_P", "tau_Q"), [(0.0, 0.0), (0.0, 0.03), (0.02, 0.0), (0.02, 0.03)])
@@ -180,8 +181,8 @@ def test_many_cells_at_once_are_each_cell_alone() -> None:
     """Scalars spread over arrays; every matrix to the last bit."""
     rng = np.random.default_rng(17)
     R, X, K_ip = rng.uniform(0.2, 2.0, 7), rng.uniform(0.5, 4.0, 7), GAINS.K_ip * rng.uniform(0.5, 2.0, 7)
-    many = coupled_model(0.2, 112.0, V_N, R, X, GAINS._replace(K_ip=K_ip), tau_Q=0.01)
+    many = coupled_model(0.2, 112.0, V_N, R, X, GAINS._replace(K_ip=K_ip), lags=Lags(tau_Q=0.01))
     for k in range(7):
-        one = coupled_model(0.2, 112.0, V_N, R[k], X[k], GAINS._replace(K_ip=K_ip[k]), tau_Q=0.01)
+        one = coupled_model(0.2, 112.0, V_N, R[k], X[k], GAINS._replace(K_ip=K_ip[k]), lags=Lags(tau_Q=0.01))
         for name in ("A", "B", "C", "D", "A_K", "B_K", "C_K", "J"):
             np.testing.assert_array_equal(getattr(many, name)[k], getattr(one, name)[0], err_msg=name)

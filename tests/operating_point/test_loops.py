@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.stability.loops import coupled_loop, loop_margins, power_loops
 
@@ -40,7 +41,7 @@ def test_a_coupled_loop_without_coupling_is_a_decoupled_one() -> None:
     for point, same in ((rest, True), (loaded, False)):
         alone = power_loops(GAINS, point.A, point.D)
         for loop, expected in enumerate((alone.P_open, alone.Q_open)):
-            found = coupled_loop(point, GAINS, 110.0, 0.0, 1.2, loop)
+            found = coupled_loop(point, GAINS, 110.0, (0.0, 1.2), Lags(), loop)
             assert isinstance(found, control.TransferFunction)
             assert (abs(found(s) / expected(s) - 1.0) < 1e-9) == same
 

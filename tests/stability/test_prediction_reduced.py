@@ -16,6 +16,7 @@ import pytest
 from tests.stability.ideal_converter import IdealConverter
 from tests.stability.studies import PUBLISHED, case_study, designed
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.stability.cells import cell_set, reduced_cells
@@ -53,7 +54,7 @@ def random_converter(rng: np.random.Generator) -> tuple[IdealConverter, float, f
 
 def library_model(c: IdealConverter, delta: float, V: float) -> CoupledModel:
     gains = PowerLoopGains(c.K_ip, c.D_p, c.K_iq, c.D_q)
-    return coupled_model(delta, V, V_N, c.R, c.X, gains, tau_P=c.tau_P, tau_Q=c.tau_Q)
+    return coupled_model(delta, V, V_N, c.R, c.X, gains, lags=Lags(c.tau_P, c.tau_Q))
 
 
 @pytest.mark.parametrize("input_", INPUTS)

@@ -15,6 +15,7 @@ from vsgdesign.artifacts.design_inputs import design_hash
 from vsgdesign.artifacts.files import plain, sorted_plain
 from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.slow_plant import Lags
 
 if TYPE_CHECKING:  # reading a table reads no study files
     from vsgdesign.study.parameters.study import Study
@@ -56,9 +57,18 @@ class TableBase:
     tau_Q: float = 0.0
     """Time constants of the power filters that the margins are taken with, s; with the delay of a notch, if there is
     one."""
+    R_t: float = 0.0
+    X_t: float = 0.0
+    omega_t: float = 0.0
+    """Transient impedance, Ω, and its corner, rad/s. A table that was made without one in its model has zeros."""
 
     def __post_init__(self) -> None:
         _to_floats(self)
+
+    @property
+    def lags(self) -> Lags:
+        """What stands between the power loops and the power flow."""
+        return Lags(*(getattr(self, name) for name in Lags._fields))
 
 
 @dataclass(frozen=True)
@@ -211,7 +221,6 @@ class GainTable:
 def base_of(study: Study, scr_basis: str | None = None) -> TableBase:
     """The base of a table for a study's converter; ``scr_basis``: of the table's axis, if not the study's."""
     c, f = study.converter, study.filter
-    tau_P, tau_Q = study.power_lags
     return TableBase(
         S_rated=c.S_rated,
         V_rated_rms=c.V_rated_rms,
@@ -220,8 +229,7 @@ def base_of(study: Study, scr_basis: str | None = None) -> TableBase:
         R_2=f.R_2,
         L_2=f.L_2,
         scr_basis=scr_basis or study.scr_basis,
-        tau_P=tau_P,
-        tau_Q=tau_Q,
+        **study.power_lags._asdict(),
     )
 
 
@@ -268,6 +276,9 @@ def table_document(table: GainTable) -> dict[str, Any]:
     plainly |= {name: dict(vars(plainly[name])) for name in ("base", "validity")}
     if table.validity.error_Z == 0.0:  # a file from before there was such an error keeps its bytes and its hash
         del plainly["validity"]["error_Z"]
+    if not table.base.lags.yields:  # the same of one without a transient impedance
+        for name in ("R_t", "X_t", "omega_t"):
+            del plainly["base"][name]
     if table.verification is None:  # the same of one from before tables were verified
         del plainly["verification"]
     if table.safe_place is None:  # and of one from before a safe place was searched

@@ -105,6 +105,7 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
         ("base.S_rated", "base.V_rated_rms", "base.omega_n", "base.V_g_rms", "time_scale"), _TINY
     )
     least |= dict.fromkeys(("base.R_2", "base.L_2", "base.tau_P", "base.tau_Q", "D_p", "D_q"), 0.0)
+    least |= {"base.R_t": 0.0, "base.X_t": -math.inf, "base.omega_t": 0.0}
     least |= dict.fromkeys(("validity.error", "validity.error_Z"), 0.0)
     for name in (*least, "P_design", "Q_design"):
         value = attrgetter(name)(table)

@@ -37,7 +37,7 @@ def compile_ahead() -> None:
     forms = np.zeros((0, 0, rows(FOLLOWED + 1)))
     signs = np.zeros((0, 0), dtype=np.int64)
     survey(boxes, boxes, parameters, program, np.zeros((0, 2)), signs, truth, np.zeros((0, 0), np.bool_), forms)
-    judge(boxes, boxes, parameters, program, forms, truth, np.zeros((0, FOLLOWED + 1)))
+    judge(boxes, boxes, parameters, program, forms, 3, truth, np.zeros((0, FOLLOWED + 1)))
 
 
 @_compiled
@@ -90,17 +90,20 @@ def survey(
 
 
 @_compiled
-def judge(low: Any, high: Any, parameters: Any, inequality: Any, forms: Any, proved: Any, score: Any) -> None:
-    """Whether the matrices of an ``inequality`` are negative definite on each of N boxes, ``proved`` (N,), and what
-    each dimension adds to what is not known, ``score`` (N, 5) (:eq:`box-bound`).
+def judge(
+    low: Any, high: Any, parameters: Any, inequality: Any, forms: Any, order: int, proved: Any, score: Any
+) -> None:
+    """Whether the matrices of an ``inequality`` (``order`` rows each) are negative definite on each of N boxes,
+    ``proved`` (N,), and what each dimension adds to what is not known, ``score`` (N, 5) (:eq:`box-bound`).
 
     The program is over the first four coordinates and the ``forms`` of :func:`survey`; its outputs are matrices by
-    their six entries.
+    their entries on and above the diagonal.
     """
     code, number, places, factors, outputs, count = inequality
     d = FOLLOWED + 1
     registers = np.zeros((count, rows(d), LANES))
-    entries = np.zeros((6, rows(d), LANES))
+    size = order * (order + 1) // 2
+    entries = np.zeros((size, rows(d), LANES))
     own = np.zeros((len(parameters), LANES))
     held, pull = np.empty(LANES, dtype=np.bool_), np.empty((d, LANES))
     for start in range(0, len(low), LANES):
@@ -115,13 +118,13 @@ def judge(low: Any, high: Any, parameters: Any, inequality: Any, forms: Any, pro
         run_program(code, number, places, factors, registers, own, d)
         pull[:] = 0.0
         held[:] = True
-        for n in range(0, len(outputs), 6):
-            for m in range(6):
+        for n in range(0, len(outputs), size):
+            for m in range(size):
                 for k in range(entries.shape[1]):
                     for lane in range(LANES):
                         entries[m, k, lane] = registers[outputs[n + m], k, lane]
             negative(entries, d, held, pull)
-        _add_spread(pull[FOLLOWED], registers, outputs)
+        _add_spread(pull[FOLLOWED], registers, outputs, size)
         for lane in range(width):
             proved[start + lane] = held[lane]
             for k in range(d):
@@ -180,12 +183,12 @@ def _carry(target: Any, source: Any, as_one: bool) -> None:
 
 
 @_compiled
-def _add_spread(score: Any, registers: Any, outputs: Any) -> None:
+def _add_spread(score: Any, registers: Any, outputs: Any, size: int) -> None:
     """How far the matrices of the polygon's corners lie apart: what smaller errors would buy."""
-    for m in range(6):
+    for m in range(size):
         for lane in range(LANES):
             least, most = np.inf, -np.inf
-            for n in range(m, len(outputs), 6):
+            for n in range(m, len(outputs), size):
                 value = registers[outputs[n], 0, lane]
                 least, most = min(least, value), max(most, value)
             score[lane] += SEEN * 0.5 * (most - least)

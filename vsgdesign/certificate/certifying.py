@@ -151,6 +151,7 @@ def certify(
         sampled=sampled,
         P=found.P,
         scale=system.scale,
+        states=system.states,
         proof=GAP_FREE if complete else GRIDDED,
         gap=gap,
         checked=len(A),

@@ -14,10 +14,11 @@ from vsgdesign.artifacts.certificate_record import CertificateRecord, StaticLimi
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.guarded_file import is_number
 from vsgdesign.certificate.lyapunov import Motion, residual
-from vsgdesign.certificate.region import STATES, Region, System, nodes, point_of, random_points, region_faults
+from vsgdesign.certificate.region import Region, System, nodes, point_of, random_points, region_faults
 from vsgdesign.certificate.results import GAP_FREE, GRIDDED
 from vsgdesign.certificate.step_terms import STEPS, ActingLimits, LevelShape, rest_current_pu, step_sizes
 from vsgdesign.equations.power_flow import POWER_MARGIN
+from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.errors import counted
 from vsgdesign.linear.operating_point.equilibrium import limits_of_converter
 from vsgdesign.runtime.table import table_schedule
@@ -49,6 +50,7 @@ class _Ground:
     filter: Filter
     grid_source: GridSource
     scr_basis: str
+    power_lags: Lags
 
 
 def check_certificate(table: GainTable) -> CertificateCheck:
@@ -92,7 +94,7 @@ def _proof_check(table: GainTable, record: CertificateRecord, system: System) ->
     points, A = system.matrices(_points(table, region, record.proof == GAP_FREE), partial=True)
     if not len(points):
         return CertificateCheck(("certificate.region has no cell within certificate.static_limits",), ())
-    made = {"scale": system.scale.tolist(), "states": list(STATES)}
+    made = {"scale": system.scale.tolist(), "states": list(system.states)}
     faults = [
         f"certificate.{name} is {document[name]}, the function is over {value}"
         for name, value in made.items()
@@ -102,7 +104,8 @@ def _proof_check(table: GainTable, record: CertificateRecord, system: System) ->
     carried = [f"certificate between {counted(len(points), 'point')}"]
     if record.steps is not None and record.steps.rows:
         if system.study.filter.C > 0.0:
-            system = replace(system, region=replace(region, rate=np.inf))
+            system = replace(system, region=replace(region, rate=np.inf), transient=False)
+            points, A = system.matrices(points, partial=True)
             faults += _step_faults(table, system, record.steps, points, A)
         else:
             carried.append("certificate.steps (the table does not keep the filter)")
@@ -136,7 +139,7 @@ def _ground(table: GainTable) -> _Ground | None:
     )
     parts = {name: f.get(name, 0.0) for name in _OF_FILTER}
     at = GridSource(base.V_g_rms, source.get("omega_g", base.omega_n))
-    return _Ground(converter, Filter(**parts, L_2=base.L_2, R_2=base.R_2), at, base.scr_basis)
+    return _Ground(converter, Filter(**parts, L_2=base.L_2, R_2=base.R_2), at, base.scr_basis, base.lags)
 
 
 _OF_CONVERTER, _OF_FILTER = ("V_dc", "f_sw", "current_limit_pu"), ("L_1", "R_1", "C", "R_c")
@@ -219,7 +222,7 @@ def _shown(value: float | None) -> str:
 
 
 def _decay_faults(record: CertificateRecord, motion: Motion, points: Array, A: Array) -> Iterator[str]:
-    P, wanted = _matrix(record.document["P"]), (3 if motion.moving else 1, 3, 3)
+    P, wanted = _matrix(record.document["P"]), (3 if motion.moving else 1, *A.shape[1:])
     if P is None or P.shape != wanted:
         yield f"certificate.P has the shape {None if P is None else P.shape}, must have {wanted}"
         return

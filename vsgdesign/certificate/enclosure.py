@@ -28,6 +28,7 @@ from vsgdesign.equations.power_flow import (
     well_posed_power,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
+from vsgdesign.equations.slow_plant import YieldingColumns, yielding_columns
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.runtime.table import TableSchedule
 
@@ -46,10 +47,12 @@ class BoxPrograms:
     conditions: Array
     inequalities: tuple[Program, ...]
     signs: NDArray[np.int64]
+    order: int
+    """Rows of the matrices."""
 
 
 def programs(system: System, region: Region, weights: Weights, P: Array, decay: float) -> BoxPrograms:
-    """The inequality of :eq:`affine-lyapunov` with functions P (K, 3, 3) at a decay, for all boxes of the region."""
+    """The inequality of :eq:`affine-lyapunov` with functions P (K, n, n) at a decay, for all boxes of the region."""
     tracer = Tracer(6)
     first, angle, p, q, e_R, e_L = tracer.symbols()
     here = Estimate.of(system, first, angle)
@@ -77,7 +80,7 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
         functions, ways = weights(*(grid or (0.0, 0.0)))
         outputs = [entry for A in matrices for way in ways for entry in _inequality(A, functions, way, P, decay)]
         inequalities.append(program_of(tracer, outputs))
-    return BoxPrograms(situation, between, tuple(inequalities), _signs(choices, asked))
+    return BoxPrograms(situation, between, tuple(inequalities), _signs(choices, asked), P.shape[1])
 
 
 PIECES = tuple((drawn_in, *side) for drawn_in in (False, True) for side in ((True, True), (True, False), (False, True)))
@@ -223,13 +226,24 @@ def _state_matrices(
     (:eq:`certificate-matrix`), on one piece of the schedule."""
     J_hat, _ = here.scheduled(p, q, piece)
     loops = Loops.of(system, here.normalised(tracer), J_hat, inverse_V, here.base)
+    lags, Z_base = system.lags, system.study.converter.Z_base
+    # Behind a transient impedance the loops are affine in the admittance of path and impedance in series.
+    more: tuple[Any, Any] = (0.0, 0.0)
+    if lags.yields:
+        inverse = here.size.reciprocal()
+        more = inverse * (lags.R_t / Z_base), inverse * (lags.X_t / Z_base)
     if region.largest_error > 0.0:
-        corners = _polygon(system, region, tracer, here)
-    elif here.share == 1.0 and piece == PIECES[0]:
+        corners = _polygon(system, region, tracer, here, more)
+    elif here.share == 1.0 and piece == PIECES[0] and not lags.yields:
         return [loops.matrix(None)]
     else:  # the estimate is exact in R and L, and taken at the rated frequency
         r, x = here.direction[0] + here.fixed[0], (here.direction[1] + here.fixed[1]) * here.share
+        r, x = r + more[0], x + more[1]
         corners = [admittance(1.0, r, x, r * r + x * x)]
+    if lags.yields:
+        r_t, x_t = more[0] * (1.0 / PHASES), more[1] * (1.0 / PHASES)
+        yielding = [yielding_columns(p, q, b, g, r_t, x_t) for b, g in corners]
+        return [loops.yielding_matrix(found, J_hat, here.base * inverse_V, lags.omega_t) for found in yielding]
     true = [jacobian_from_admittance(p, q, 1.0, b, g) for b, g in corners]
     return [loops.matrix([one - hat for one, hat in zip(J, J_hat, strict=True)]) for J in true]
 
@@ -262,8 +276,11 @@ def _within_errors_of_Z(
     return conditions
 
 
-def _polygon(system: System, region: Region, tracer: Tracer, here: Estimate) -> list[tuple[Any, Any]]:
-    """Corners (b, g) that enclose all true grids of an estimate (:eq:`estimate-polygon`).
+def _polygon(
+    system: System, region: Region, tracer: Tracer, here: Estimate, series: tuple[Any, Any]
+) -> list[tuple[Any, Any]]:
+    """Corners (b, g) that enclose all true grids of an estimate, with an impedance in ``series``
+    (:eq:`estimate-polygon`).
 
     The image of a rectangle of (R, X) under 3V²(X, R)/|Z|²: its corners, and where the tangents of the two arcs that
     bulge outwards meet.
@@ -275,8 +292,8 @@ def _polygon(system: System, region: Region, tracer: Tracer, here: Estimate) -> 
         if region.error_Z:
             limit = limit + tracer.blend((more + k,), (one,))
         limits.append(limit + here.fixed[k // 2])
-    r_1, r_2 = limits[:2]
-    x_1, x_2 = (limit * here.share for limit in limits[2:])
+    r_1, r_2 = (limit + series[0] for limit in limits[:2])
+    x_1, x_2 = (limit * here.share + series[1] for limit in limits[2:])
     found = [admittance(1.0, r, x, r * r + x * x) for r, x in ((r_1, x_1), (r_1, x_2), (r_2, x_1), (r_2, x_2))]
     found.append(admittance(1.0, r_1, (x_1 + x_2) * 0.5, r_1 * r_1 + x_1 * x_2))
     found.append(admittance(1.0, (r_1 + r_2) * 0.5, x_1, x_1 * x_1 + r_1 * r_2))
@@ -335,6 +352,22 @@ class Loops:
             [a31 * to_V, a32 * o * to_V, a33],
         ]
 
+    def yielding_matrix(self, found: YieldingColumns, J_hat: Sequence[Any], unit: Symbol, omega_t: float) -> Any:
+        """A of the scaled states behind a transient impedance; ``unit``: the power of the rated current."""
+        A, B, C, D = J_hat
+        (p_1, q_1), (p_2, q_2), *currents = found.powers
+        rows = [row[:] for row in self.matrix((p_1 - A, p_2 - B, q_1 - C, q_2 - D))]
+        to_V, from_V, o = self.inverse_V.reciprocal(), self.inverse_V, 1.0 / OMEGA_SCALE
+        for p, q in currents:
+            column = self._answer(0.0, 0.0, *(self.algebra.value(one * unit) for one in (p, q)))
+            for row, entry, scale in zip(rows, column, (1.0, o, to_V), strict=True):
+                row.append(entry.whole() * scale)
+        inverse = unit.reciprocal() * omega_t
+        (d_1, q_1), (d_2, q_2), *own = found.change
+        for k, (first, second) in enumerate(((d_1, d_2), (q_1, q_2))):
+            rows.append([first * inverse, 0.0, second * inverse * from_V, *(one[k] * omega_t for one in own)])
+        return rows
+
     @functools.cached_property
     def _exact(self) -> list[list[Any]]:
         """The law is linear: its answers to one unit of each state are the columns of the matrix, here of the loops
@@ -349,22 +382,24 @@ class Loops:
 
 
 def _inequality(A: list[list[Any]], functions: Sequence[Any], way: Sequence[Any], P: Array, decay: float) -> list[Any]:
-    """Entries 11, 22, 33, 12, 13, 23 of AᵀP(ρ) + P(ρ)A + dP/dt + 2·decay·P(ρ), in coordinates where P_0 is the unit
-    matrix: entries of one size are bounded best."""
+    """Entries 11, 22, 33, …, 12, 13, …, 23, … of AᵀP(ρ) + P(ρ)A + dP/dt + 2·decay·P(ρ), in coordinates where P_0 is the
+    unit matrix: entries of one size are bounded best."""
     turn = np.linalg.inv(np.linalg.cholesky(P[0]))  # x = turnᵀ z
     back = np.linalg.inv(turn)
     A_z = _times(_times(back.T, A), turn.T)
-    total: Any = np.zeros((3, 3)).tolist()
+    n = len(A)
+    total: Any = np.zeros((n, n)).tolist()
     for matrix, weight, rate in zip(P, functions, way, strict=True):
         P_z = turn @ matrix @ turn.T
         PA = _times(P_z, A_z)
-        for i in range(3):
-            for j in range(i, 3):
+        for i in range(n):
+            for j in range(i, n):
                 here = PA[i][j] + PA[j][i] + 2.0 * decay * float(P_z[i, j])
                 total[i][j] = total[i][j] + weight * here + rate * float(P_z[i, j])
-    return [total[i][j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    return [*(total[i][i] for i in range(n)), *(total[i][j] for i in range(n) for j in range(i + 1, n))]
 
 
 def _times(left: Any, right: Any) -> list[list[Any]]:
-    """Product of 3 × 3 matrices of numbers and symbols."""
-    return [[sum((left[i][k] * right[k][j] for k in range(3)), start=0.0) for j in range(3)] for i in range(3)]
+    """Product of square matrices of numbers and symbols."""
+    n = len(left)
+    return [[sum((left[i][k] * right[k][j] for k in range(n)), start=0.0) for j in range(n)] for i in range(n)]

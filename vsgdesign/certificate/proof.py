@@ -184,6 +184,7 @@ def _look(ready: BoxPrograms, low: Array, high: Array, parameters: Array) -> tup
             np.ascontiguousarray(parameters[:, some]),
             arrays(inequality),
             forms[some],
+            ready.order,
             held,
             pull,
         )

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.certificate_record import StaticLimits
+from vsgdesign.equations.frames import base_impedance, rated_current_rms
 from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES, error_half_widths
-from vsgdesign.equations.power_flow import converter_side, jacobian_from_powers, operating_point
+from vsgdesign.equations.power_flow import admittance, converter_side, jacobian_from_powers, operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
+from vsgdesign.equations.slow_plant import Lags, yielding_columns
 from vsgdesign.errors import Fault, InfeasibleStudyError
 from vsgdesign.linear.operating_point.equilibrium import HasFilter, converter_side_of, static_limits, uses_of
 from vsgdesign.runtime.schedule import Schedule
@@ -25,6 +27,10 @@ Array = NDArray[np.float64]
 STATES = ("delta", "omega_r", "V")
 """ω_r is the frequency at which the integrator would rest: it is continuous when the gains change
 (:eq:`gain-transfer`)."""
+
+YIELDING = ("i_f_d", "i_f_q")
+"""With a transient impedance the current behind its low-pass, in the converter's frame, follows: it is continuous when
+the gains or the grid change."""
 
 OMEGA_SCALE = 4.0
 """Scale of ω_r in rad/s, so that all three states have a similar size."""
@@ -155,6 +161,9 @@ class Ground(HasFilter, Protocol):
     @property
     def scr_basis(self) -> str: ...
 
+    @property
+    def power_lags(self) -> Lags: ...
+
 
 class _AtRest(NamedTuple):
     """Grids and operating points of points, arrays (N,), and which share of each static limit they use."""
@@ -185,6 +194,8 @@ class System:
     set."""
     limits: StaticLimits | None = None
     """Static limits within which operating points count; None: those of the study."""
+    transient: bool = True
+    """Whether the transient impedance is a part of the loops. Certified steps leave it out."""
 
     @cached_property
     def static(self) -> StaticLimits:
@@ -194,9 +205,21 @@ class System:
         return static_limits(self.study)
 
     @property
+    def lags(self) -> Lags:
+        """The transient impedance; the power filters are no part of the loops here."""
+        return self.study.power_lags._replace(tau_P=0.0, tau_Q=0.0) if self.transient else Lags()
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states."""
+        return (*STATES, *YIELDING) if self.lags.yields else STATES
+
+    @property
     def scale(self) -> Array:
-        """What δ, ω_r and V are divided by: rad, 4 rad/s, rated voltage."""
-        return np.array([1.0, OMEGA_SCALE, self.study.converter.V_rated_rms])
+        """What the states are divided by: rad, 4 rad/s, rated voltage; rated current."""
+        c = self.study.converter
+        current = rated_current_rms(c.S_rated, c.V_rated_rms)
+        return np.array([1.0, OMEGA_SCALE, c.V_rated_rms, current, current])[: len(self.states)]
 
     def beyond_converter(self, P: Any, Q: Any, V_sq: Any, unit: Any) -> list[Any]:
         """By how much the squares of current and bridge voltage are above their limits, for numbers or symbols.
@@ -274,24 +297,48 @@ class System:
         return points, np.asarray(~beyond | region.holds(points[:, 1], points[:, 4], points[:, 5]))
 
     def matrices(self, points: Array, partial: bool = False) -> tuple[Array, Array]:
-        """Points (N, 6) that lie within the static limits, and their state matrices over ``scale``, (M, 3, 3).
+        """Points (N, 6) that lie within the static limits, and their state matrices over ``scale``, (M, n, n).
 
         Raises the error of :meth:`cells`.
         """
         cells = self.cells(points, partial)
         A, B, C, D = cells.jacobian
-        none = References(0.0, 0.0, 0.0, 0.0)
+        none, change = References(0.0, 0.0, 0.0, 0.0), []
+        powers: list[tuple[Any, Any]] = [(A, C), (B, D)]
+        if self.lags.yields:
+            powers, change = _yielding(self.lags, cells)
         # The law is linear: its answers to one unit of each state are the columns of the matrix.
-        columns = [
-            power_loops_about_rest(0.0, 0.0, A, C, none, cells.gains),
+        columns: list[Any] = [
+            power_loops_about_rest(0.0, 0.0, *powers[0], none, cells.gains),
             power_loops_about_rest(1.0, 0.0, 0.0, 0.0, none, cells.gains),
-            power_loops_about_rest(0.0, 1.0, B, D, none, cells.gains),
+            power_loops_about_rest(0.0, 1.0, *powers[1], none, cells.gains),
+            *(power_loops_about_rest(0.0, 0.0, *power, none, cells.gains) for power in powers[2:]),
         ]
-        found = np.empty((len(cells.points), 3, 3))
-        for i in range(3):
-            for j in range(3):
+        if change:
+            columns = [(*column, *rates) for column, rates in zip(columns, change, strict=True)]
+        n = len(columns)
+        found = np.empty((len(cells.points), n, n))
+        for i in range(n):
+            for j in range(n):
                 found[:, i, j] = columns[j][i]
         return cells.points, found * (self.scale[None, None, :] / self.scale[None, :, None])
+
+
+def _yielding(lags: Lags, cells: Cells) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+    """Powers of one unit of δ, V, i_f_d and i_f_q, and the rates of i_f of these and of ω_r after δ, SI."""
+    _, _, P, Q, _, _ = cells.points.T
+    V = cells.V_rms
+    R, X, over = cells.R + lags.R_t, cells.X + lags.X_t, base_impedance(1.0, V)
+    found = yielding_columns(P, Q, *admittance(V, R, X, R * R + X * X), lags.R_t / over, lags.X_t / over)
+    # One volt is 1/V, one ampere 3V watts.
+    current = 1.0 / rated_current_rms(1.0, V)
+    units = 1.0, 1.0 / V, current, current
+    powers = [(p * unit, q * unit) for (p, q), unit in zip(found.powers, units, strict=True)]
+    rates = [
+        (lags.omega_t * d * unit / current, lags.omega_t * q * unit / current)
+        for (d, q), unit in zip(found.change, units, strict=True)
+    ]
+    return powers, [rates[0], (0.0, 0.0), *rates[1:]]
 
 
 def nodes(region: Region, count: int) -> Array:

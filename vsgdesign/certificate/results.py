@@ -16,7 +16,7 @@ from vsgdesign.artifacts.certificate_record import (
     certificate_record,
 )
 from vsgdesign.artifacts.files import plain
-from vsgdesign.certificate.region import STATES, Region
+from vsgdesign.certificate.region import STATES, YIELDING, Region
 from vsgdesign.errors import InfeasibleStudyError
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Gap:
 class Certificate:
     """V = xᵀP(ρ)x decays at least as e^{−2·decay·t} along every change of grid and estimate within the region.
 
-    x = (δ, ω_r, V) as deviations over ``scale``. ``P`` (K, 3, 3): P_0 alone for a common function; else
+    x are the ``states`` as deviations over ``scale``. ``P`` (K, n, n): P_0 alone for a common function; else
     P(ρ) = P_0 + ρ_1 P_1 + ρ_2 P_2 with the ρ of :eq:`certificate-coordinates`, and the grid changes no faster than
     ``region.rate``. ``proof``: ``gap-free`` (all points of the region) or ``gridded`` (cells and random points,
     with what the boxes leave open as ``gap``). ``checked`` and ``fresh`` count the cells and the random points at
@@ -60,6 +60,7 @@ class Certificate:
     room."""
     P: Array
     scale: Array
+    states: tuple[str, ...]
     proof: str
     gap: Gap
     checked: int
@@ -88,7 +89,7 @@ class Certificate:
                 "gap": asdict(self.gap),
                 "P": self.P,
                 "scale": self.scale,
-                "states": STATES,
+                "states": self.states,
                 "checked": self.checked,
                 "fresh": self.fresh,
                 "boxes": self.boxes,
@@ -122,7 +123,8 @@ class NoFunctionError(InfeasibleStudyError):
 
 @dataclass(frozen=True)
 class Trajectory:
-    """The response of the growing mode: times (s) and the deviations x = (δ in rad, ω_r in rad/s, V in V), (M, 3)."""
+    """The response of the growing mode: times (s) and the deviations x = (δ in rad, ω_r in rad/s, V in V, and i_f in A
+    with a transient impedance), (M, n)."""
 
     t_s: Array
     x: Array
@@ -159,13 +161,16 @@ class Counterexample:
                 "static_limits": asdict(self.limits),
                 **{name: getattr(self, name) for name in names},
                 "eigenvalue": {"real": self.eigenvalue.real, "imag": self.eigenvalue.imag},
-                "trajectory": {"t_s": self.trajectory.t_s, **dict(zip(STATES, self.trajectory.x.T, strict=True))},
+                "trajectory": {
+                    "t_s": self.trajectory.t_s,
+                    **dict(zip((*STATES, *YIELDING), self.trajectory.x.T, strict=False)),
+                },
             }
         )
 
 
 def growing_mode(A: Array, scale: Array, periods: float = 4.0, count: int = 201) -> tuple[complex, Trajectory]:
-    """The least stable eigenvalue of a scaled A (3, 3), and its mode from 1 % of the scale on: a few periods, or a
+    """The least stable eigenvalue of a scaled A (n, n), and its mode from 1 % of the scale on: a few periods, or a
     few time constants where it does not swing."""
     values, vectors = np.linalg.eig(A.astype(complex))
     k = int(np.argmax(np.real(values)))

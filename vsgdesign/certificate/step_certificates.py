@@ -78,6 +78,7 @@ def certified_steps(
     """
     region = replace(certificate.region, rate=np.inf)
     system, motion = prepared(study, spec, region, ready, schedule, None)
+    system = replace(system, transient=False)
     limits = acting_limits(study.with_limit_of(spec))
     boxes = budget if encloses(system) else 0
     decay = _DECAY * certificate.decay

@@ -238,19 +238,21 @@ def _apply(target: Any, source: Any, operation: int, least: float, scratch: Any,
 
 @_compiled
 def negative(entries: Any, d: int, proved: Any, score: Any) -> None:
-    """Whether a symmetric 3 × 3 matrix of six registers (6, rows(d), LANES; 11, 22, 33, 12, 13, 23) is negative
-    definite on the whole box, ``proved`` (LANES,) and-ed; ``score`` (d, LANES) is raised to what each dimension leaves
-    unknown (:eq:`box-bound`).
+    """Whether a symmetric n × n matrix of registers (n(n + 1)/2, rows(d), LANES; 11, 22, 33, …, 12, 13, …, 23, …) is
+    negative definite on the whole box, ``proved`` (LANES,) and-ed; ``score`` (d, LANES) is raised to what each
+    dimension leaves unknown (:eq:`box-bound`).
 
     t_k² is 1/2 ± 1/2; without that, and without the rest, the matrix is affine in each t_k, and definite where it is
-    at all corners. What is left is an interval of every entry: definite where four sign patterns are (Rohn, 1994).
+    at all corners. What is left is an interval of every entry: definite where four sign patterns are (Rohn, 1994), or,
+    for more than three rows, where it is with the sums of the rows' widths on its diagonal.
     """
     last = 1 + d + d * (d + 1) // 2
-    middle, unknown, corner = np.empty((6, LANES)), np.empty((6, LANES)), np.empty((6, LANES))
-    linear, cross = np.empty((6, d, LANES)), np.empty((6, d * (d - 1) // 2, LANES))
+    size = len(entries)
+    middle, unknown, corner = np.empty((size, LANES)), np.empty((size, LANES)), np.empty((size, LANES))
+    linear, cross = np.empty((size, d, LANES)), np.empty((size, d * (d - 1) // 2, LANES))
     live = np.zeros(d, dtype=np.bool_)
     pull = np.zeros((d, LANES))
-    for m in range(6):
+    for m in range(size):
         form = entries[m]
         for lane in range(LANES):
             middle[m, lane] = form[0, lane]
@@ -287,7 +289,7 @@ def negative(entries: Any, d: int, proved: Any, score: Any) -> None:
             signs[i] = -1.0 if up else 1.0
         if skip:
             continue
-        for m in range(6):
+        for m in range(size):
             for lane in range(LANES):
                 corner[m, lane] = middle[m, lane]
             n = 0
@@ -301,7 +303,10 @@ def negative(entries: Any, d: int, proved: Any, score: Any) -> None:
                         for lane in range(LANES):
                             corner[m, lane] += both * cross[m, n, lane]
                     n += 1
-        _definite(corner, unknown, proved)
+        if size == 6:
+            _definite(corner, unknown, proved)
+        else:
+            _definite_by_rows(corner, unknown, proved)
 
 
 @_compiled
@@ -326,4 +331,43 @@ def _definite(centre: Any, radius: Any, proved: Any) -> None:
             third = c - g * g / a - rest * rest / second
             good = good and second > 0.0 and third > 0.0
         if not good:
+            proved[lane] = False
+
+
+@_compiled
+def _definite_by_rows(centre: Any, radius: Any, proved: Any) -> None:
+    """Pivots of −centre with the sums of the radius's rows taken off its diagonal: the radius's eigenvalues are within
+    them."""
+    n = 3
+    while n * (n + 1) // 2 < len(centre):
+        n += 1
+    pivots = np.empty((n, n, LANES))
+    shift = np.zeros(LANES)
+    for i in range(n):
+        for lane in range(LANES):
+            pivots[i, i, lane] = -centre[i, lane] - radius[i, lane]
+    m = n
+    for i in range(n):
+        for j in range(i + 1, n):
+            for lane in range(LANES):
+                pivots[j, i, lane] = -centre[m, lane]
+                pivots[i, i, lane] -= radius[m, lane]
+                pivots[j, j, lane] -= radius[m, lane]
+            m += 1
+    for i in range(n):
+        for lane in range(LANES):
+            shift[lane] += abs(pivots[i, i, lane])
+    good = np.ones(LANES, dtype=np.bool_)
+    for k in range(n):
+        for lane in range(LANES):
+            pivots[k, k, lane] -= 1e-13 * shift[lane]
+    for k in range(n):
+        for lane in range(LANES):
+            good[lane] &= pivots[k, k, lane] > 0.0
+        for i in range(k + 1, n):
+            for j in range(k + 1, i + 1):
+                for lane in range(LANES):
+                    pivots[i, j, lane] -= pivots[i, k, lane] * pivots[j, k, lane] / pivots[k, k, lane]
+    for lane in range(LANES):
+        if not good[lane]:
             proved[lane] = False

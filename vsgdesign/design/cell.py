@@ -167,7 +167,7 @@ def _designed(
     normalised = NormalisedGains(*(float(value) for value in program.variables.normalised(stacked[chosen])))
     inertia = float(ground.inertia(normalised))
     gains = law.gains(NormalisedGains(*map(np.asarray, normalised)), s)
-    figures = exact_worst(e, chosen, gains, s, (law.tau_P, law.tau_Q))
+    figures = exact_worst(e, chosen, gains, s, law.lags)
     missed = shortfalls(spec, figures, inertia)
     active = next(iter(missed), "") or max(prices[chosen], key=lambda kind: prices[chosen][kind])
     price = 100.0 * prices[chosen].get(active, 0.0)

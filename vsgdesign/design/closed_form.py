@@ -67,8 +67,8 @@ def design_closed_form(study: Study, spec: ControllerSpec, grid: Grid, ready: Re
         loops = power_loops(gains, point.A, point.D)
         open_P, open_Q = loops.P_open, loops.Q_open
     else:
-        source = study.grid_source.V_g_rms
-        open_P, open_Q = (coupled_loop(point, gains, source, R, X, loop=k) for k in (0, 1))
+        source, transient = study.grid_source.V_g_rms, study.power_lags._replace(tau_P=0.0, tau_Q=0.0)
+        open_P, open_Q = (coupled_loop(point, gains, source, (R, X), transient, loop=k) for k in (0, 1))
     c = study.converter
     inertia = float(effective_inertia(gains, c.S_rated, c.omega_n))
     return ClosedFormDesign(

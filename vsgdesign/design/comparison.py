@@ -198,7 +198,7 @@ def compare_on_grids(
         PowerLoopGains(*(value[usable] for value in gains)),
         joined.take(usable),
         spec.settling_time,
-        *study.power_lags,
+        study.power_lags,
     )
     row_of = np.full(len(joined), -1)
     row_of[usable] = np.arange(len(usable))

@@ -13,6 +13,7 @@ from vsgdesign.design.box import Scenarios
 from vsgdesign.design.kernels import FIGURES, figures
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
@@ -109,13 +110,13 @@ def exact_disk_margins(found: Array, model_of: Callable[[NDArray[np.intp]], Coup
     return exact
 
 
-def exact_worst(e: Evaluation, design: int, gains: PowerLoopGains, s: Scenarios, lags: tuple[float, float]) -> Figures:
+def exact_worst(e: Evaluation, design: int, gains: PowerLoopGains, s: Scenarios, lags: Lags) -> Figures:
     """:func:`worst` with the least of :func:`exact_disk_margins`. ``gains`` (S,) are those of the design, ``lags``
-    those of the power filters, s."""
+    those of the study."""
 
     def model_of(index: NDArray[np.intp]) -> CoupledModel:
         every = PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape)[index] for value in gains))
-        return model_in(every, s.take(index), *lags)
+        return model_in(every, s.take(index), lags)
 
     return replace(worst(e, design), disk_margin=float(exact_disk_margins(e["disk_margin"][design], model_of).min()))
 
@@ -135,8 +136,7 @@ class LawOfStudy:
     D_q: float
     S_rated: float
     omega_n: float
-    tau_P: float
-    tau_Q: float
+    lags: Lags
 
     def gains(self, normalised: NormalisedGains, s: Scenarios) -> PowerLoopGains:
         """The gains that the runtime has in each scenario: estimated grid, measured P, Q, V. Arrays broadcast."""
@@ -154,7 +154,6 @@ def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
     """The law of a controller's target under a specification's aim."""
     c = study.converter
     droops = target.P_droop, target.Q_droop
-    tau_P, tau_Q = study.power_lags
     D_p, D_q = STRUCTURES[target.structure].rated_droops(*droops, c.S_rated, c.omega_n, c.V_rated_rms)
     return LawOfStudy(
         structure=target.structure,
@@ -163,8 +162,7 @@ def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
         D_q=D_q,
         S_rated=c.S_rated,
         omega_n=c.omega_n,
-        tau_P=tau_P,
-        tau_Q=tau_Q,
+        lags=study.power_lags,
     )
 
 
@@ -194,21 +192,21 @@ def evaluate(law: LawOfStudy, designs: NormalisedGains, s: Scenarios, settling_t
     return _shaped(evaluate_pairs(law, NormalisedGains(*every), repeated, settling_time), shape)
 
 
-def evaluate_fixed(gains: PowerLoopGains, s: Scenarios, settling_time: float, tau_P: float, tau_Q: float) -> Evaluation:
+def evaluate_fixed(gains: PowerLoopGains, s: Scenarios, settling_time: float, lags: Lags) -> Evaluation:
     """Figures (M, S) of M sets of gains (arrays of shape (M,), or scalars for one), each the same in S scenarios."""
     every, repeated, shape = _crossed(gains, s)
-    return _shaped(evaluate_gains(PowerLoopGains(*every), repeated, settling_time, tau_P, tau_Q), shape)
+    return _shaped(evaluate_gains(PowerLoopGains(*every), repeated, settling_time, lags), shape)
 
 
 def evaluate_pairs(law: LawOfStudy, normalised: NormalisedGains, s: Scenarios, settling_time: float) -> Evaluation:
     """Figures (S,) of one design per scenario: ``normalised`` holds arrays (S,)."""
-    return evaluate_gains(law.gains(normalised, s), s, settling_time, law.tau_P, law.tau_Q)
+    return evaluate_gains(law.gains(normalised, s), s, settling_time, law.lags)
 
 
-def evaluate_gains(gains: PowerLoopGains, s: Scenarios, settling_time: float, tau_P: float, tau_Q: float) -> Evaluation:
+def evaluate_gains(gains: PowerLoopGains, s: Scenarios, settling_time: float, lags: Lags) -> Evaluation:
     """Figures (S,) of one set of gains per scenario, arrays (S,) or scalars."""
     gains = PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape) for value in gains))
-    model = model_in(gains, s, tau_P, tau_Q)
+    model = model_in(gains, s, lags)
     eigenvalues: Any = np.linalg.eigvals(model.A).astype(complex)
     abscissa = eigenvalues.real.max(axis=1)
     with interrupts_deferred():
@@ -216,10 +214,10 @@ def evaluate_gains(gains: PowerLoopGains, s: Scenarios, settling_time: float, ta
             model.A,
             np.ascontiguousarray(model.B[:, :, :2]),
             np.ascontiguousarray(model.C[:, :2]),
-            model.A_K,
-            model.B_K,
-            model.C_K,
-            model.J,
+            model.A_o,
+            model.B_o,
+            model.C_o,
+            model.J_o,
             final_Q(model.J, gains.D_q),
             abscissa < 0.0,
             settling_time,
@@ -229,9 +227,9 @@ def evaluate_gains(gains: PowerLoopGains, s: Scenarios, settling_time: float, ta
     return Evaluation(named, least_damping(eigenvalues), abscissa)
 
 
-def model_in(gains: PowerLoopGains, s: Scenarios, tau_P: float, tau_Q: float) -> CoupledModel:
+def model_in(gains: PowerLoopGains, s: Scenarios, lags: Lags) -> CoupledModel:
     """The coupled model of each scenario with its gains, arrays (S,)."""
-    return coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, tau_P=tau_P, tau_Q=tau_Q)
+    return coupled_model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, gains, lags=lags)
 
 
 def _crossed(designs: Iterable[Any], s: Scenarios) -> tuple[list[Array], Scenarios, tuple[int, int]]:

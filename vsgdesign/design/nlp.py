@@ -29,6 +29,7 @@ from vsgdesign.design.variables import (
     variables,
 )
 from vsgdesign.equations.power_flow import scheduled_jacobian
+from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model.coupled import coupled_function
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
 from vsgdesign.metrics.step_response import SETTLING_BAND
@@ -191,13 +192,19 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
     with numpy_on_symbols():
         A_hat, B_hat, C_hat, D_hat = scheduled_jacobian(s.P, s.Q, s.V_rms, s.R_hat, s.X_hat)
         gains = law.gains_of_jacobian(A_hat, B_hat, C_hat, D_hat, v.expression(y, ca.exp))
-    model = coupled_function(law.tau_P > 0.0, law.tau_Q > 0.0)
-    A, B, C, _, A_K, B_K, C_K, J = model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, *gains, law.tau_P, law.tau_Q)
+    lags = law.lags
+    model = coupled_function(lags.tau_P > 0.0, lags.tau_Q > 0.0, yields=lags.yields)
+    found = model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, *gains, *lags)
+    A, B, C, _, *opened, J = found[:8]
+    if lags.yields:
+        *opened, J_o = found[12:]
+    else:
+        J_o = J
     rows: list[Any] = []
     if spec.settles:
         stiffness = J[1, 1] - J[1, 0] * J[0, 1] / J[0, 0]
         finals = (1.0, stiffness / (stiffness + gains.D_q))
-        responses = _responses(A, B[:, :2], C[:2, :], spec.settling_time, min(law.tau_P or 1e9, law.tau_Q or 1e9))
+        responses = _responses(A, B[:, :2], C[:2, :], spec.settling_time, _fastest(lags))
         peaks, tails = _times()
         for own, final in zip(responses, finals, strict=True):
             error = [value / final - 1.0 for value in own]
@@ -206,9 +213,14 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
             ]
             band = (_GUARD + _RESERVE[0] * reserve) * SETTLING_BAND * (1.0 + 5.0 * slack[1])
             rows += [band - error[k] for k in tails] + [band + error[k] for k in tails]
-    rows += _margin_rows(A_K, B_K, C_K, J, margin, _FREQUENCIES / spec.settling_time)
+    rows += _margin_rows(*opened, J_o, margin, _FREQUENCIES / spec.settling_time)
     scenario = ca.vertcat(*(getattr(s, f.name) for f in fields(Scenarios)))
     return ca.Function("slot", [y, margin, slack, reserve, scenario], [ca.vertcat(*rows)])
+
+
+def _fastest(lags: Lags) -> float:
+    """The least time constant of what stands between the loops and the power flow, s."""
+    return min(lags.tau_P or 1e9, lags.tau_Q or 1e9, 1.0 / lags.omega_t if lags.yields else 1e9)
 
 
 def _responses(A: Any, B: Any, C: Any, settling_time: float, tau: float) -> tuple[list[Any], list[Any]]:

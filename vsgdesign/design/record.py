@@ -153,7 +153,7 @@ def _judged(task: CellTask, law: LawOfStudy, whole: Scenarios, more: Scenarios, 
         0,
         law.gains(design.normalised, more),
         more,
-        (law.tau_P, law.tau_Q),
+        law.lags,
     )
     figures = worse(design.figures, seen)
     missed = shortfalls(spec, figures, design.inertia)

@@ -103,7 +103,7 @@ def best_fixed(
         return np.asarray(effective_inertia(decode(y), law.S_rated, law.omega_n), dtype=float)
 
     def costs(y: Array, few: Scenarios) -> Array:
-        return _costs(spec, evaluate_fixed(decode(y), few, spec.settling_time, law.tau_P, law.tau_Q), inertia(y))
+        return _costs(spec, evaluate_fixed(decode(y), few, spec.settling_time, law.lags), inertia(y))
 
     few = s.take(_spread(len(s), _HARD))
     seeds = np.clip(seeds, low, high)
@@ -137,12 +137,12 @@ def best_fixed(
         designs += int(found.nfev) * population  # a vectorised search counts the calls, each of a whole population
         starts = np.clip(found.population, low, high)
         winners.append(starts[0])
-        best_now = evaluate_fixed(decode(starts[:1]), s, spec.settling_time, law.tau_P, law.tau_Q)
+        best_now = evaluate_fixed(decode(starts[:1]), s, spec.settling_time, law.lags)
         violation = violations(spec, best_now, inertia(starts[:1]))[0]
         active = np.array(list(dict.fromkeys([*active, *np.argsort(-violation, kind="stable")[:_JOINING].tolist()])))
     tell(f"best fixed tuning, {law.structure}", 1.0)
     y = np.array(winners)
-    whole = evaluate_fixed(decode(y), s, spec.settling_time, law.tau_P, law.tau_Q)
+    whole = evaluate_fixed(decode(y), s, spec.settling_time, law.lags)
     H = inertia(y)
     best = int(np.argmin(_costs(spec, whole, H)))
     gains = PowerLoopGains(*(float(value[0]) for value in decode(y[best : best + 1])))

@@ -220,7 +220,6 @@ def reduced_cells(study: Study, cells: CellSet, coupling: bool = True) -> Couple
     R = study.filter.R_2 + cells.R_g[good]
     X = study.grid_source.omega_g * (study.filter.L_2 + cells.L_g[good])
     gains = PowerLoopGains(*(value[good] for value in cells.gains))
-    tau_P, tau_Q = study.power_lags
     return coupled_model(
         cells.delta[good],
         cells.V_rms[good],
@@ -228,8 +227,7 @@ def reduced_cells(study: Study, cells: CellSet, coupling: bool = True) -> Couple
         R,
         X,
         gains,
-        tau_P=tau_P,
-        tau_Q=tau_Q,
+        lags=study.power_lags,
         coupling=coupling,
     )
 

@@ -60,8 +60,7 @@ def margins_of(
         R[good],
         X[good],
         kept,
-        tau_P=base.tau_P,
-        tau_Q=base.tau_Q,
+        lags=base.lags,
     )
     found: dict[str, Array] = {name: np.full(len(R), np.nan) for name in names}
     if len(good):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model import decoupled_loops
 from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS, PARAMETERS
@@ -83,25 +84,29 @@ class SensitivityLoop(Protocol):
 
 
 class ReducedLoop:
-    """The loop of a CoupledModel: S = (I − J K)⁻¹ or (I − K J)⁻¹ with K solved at every frequency."""
+    """The loop of a CoupledModel: S = (I − G K)⁻¹ or (I − K G)⁻¹ with K solved at every frequency, and the plant G,
+    too, where it is more than its Jacobian J."""
 
     def __init__(self, model: CoupledModel, broken_at: str = "output") -> None:
         _check(broken_at)
         self._K = TransferMatrix(model.A_K, model.B_K, model.C_K)
-        self._J = model.J
+        self._G = TransferMatrix(model.A_p, model.B_p, model.C_p) if model.A_p.shape[1] else None
+        self._J = model.J_p
         self._at_output = broken_at == "output"
 
     def on(self, omega: Array) -> Complex:
         """S (N, F, 2, 2) on a frequency grid in rad/s."""
-        return self._sensitivity(self._K.on(1j * omega), self._J[:, None])
+        J, s = self._J[:, None], 1j * omega
+        return self._sensitivity(self._K.on(s), J if self._G is None else J + self._G.on(s))
 
     def at(self, cells: NDArray[np.intp], omega: Array) -> Complex:
         """S (k, 2, 2) of cells at frequencies, both (k,)."""
-        return self._sensitivity(self._K.at(cells, 1j * omega), self._J[cells])
+        J, s = self._J[cells], 1j * omega
+        return self._sensitivity(self._K.at(cells, s), J if self._G is None else J + self._G.at(cells, s))
 
-    def _sensitivity(self, K: Complex, J: Array) -> Complex:
-        # K carries the minus sign of the feedback: I + L = I − J K.
-        left, right = (J, K) if self._at_output else (K, J)
+    def _sensitivity(self, K: Complex, G: NDArray) -> Complex:
+        # K carries the minus sign of the feedback: I + L = I − G K.
+        left, right = (G, K) if self._at_output else (K, G)
         a11, a12 = _row_times(left, 0, right)
         a21, a22 = _row_times(left, 1, right)
         a11, a12, a21, a22 = 1.0 - a11, -a12, -a21, 1.0 - a22
@@ -162,15 +167,15 @@ class FullOrderLoop:
 
 
 def coupled_loop(
-    point: OperatingPoint, gains: PowerLoopGains, V_g_rms: float, R: float, X: float, loop: int
+    point: OperatingPoint, gains: PowerLoopGains, V_g_rms: float, path: tuple[float, float], lags: Lags, loop: int
 ) -> control.TransferFunction:
     """One power's open loop (0: P, 1: Q) with the other closed and the coupling kept, at one operating point."""
     import control
 
-    delta, V_rms, source, R_path, X_path = (np.array([value]) for value in (point.delta, point.V_rms, V_g_rms, R, X))
-    m, other = coupled_model(delta, V_rms, source, R_path, X_path, gains), 1 - loop
-    A = m.A_K[0] + m.B_K[0][:, [other]] @ (m.J[0][[other]] @ m.C_K[0])
-    opened = control.ss2tf(control.ss(A, m.B_K[0][:, [loop]], -m.J[0][[loop]] @ m.C_K[0], 0.0))
+    delta, V_rms, source, R_path, X_path = (np.array([value]) for value in (point.delta, point.V_rms, V_g_rms, *path))
+    m, other = coupled_model(delta, V_rms, source, R_path, X_path, gains, lags=lags), 1 - loop
+    A = m.A_o[0] + m.B_o[0][:, [other]] @ (m.J_o[0][[other]] @ m.C_o[0])
+    opened = control.ss2tf(control.ss(A, m.B_o[0][:, [loop]], -m.J_o[0][[loop]] @ m.C_o[0], 0.0))
     if opened is None:
         raise RuntimeError("python-control gave no transfer function")  # its signature allows it
     return opened

@@ -148,7 +148,6 @@ def reduced_decays(study: Study, law: GainLaw, places: list[Place], plants: _Pla
     good = np.isfinite(np.stack(flat)).all(axis=0)
     every = [np.broadcast_to(values, shape).ravel()[good] for values in vars(plants).values()]
     R_g, L_g, _, _, V_rms, delta = every
-    tau_P, tau_Q = study.power_lags
     model = coupled_model(
         delta,
         V_rms,
@@ -156,8 +155,7 @@ def reduced_decays(study: Study, law: GainLaw, places: list[Place], plants: _Pla
         R_g + study.filter.R_2,
         study.grid_source.omega_g * (L_g + study.filter.L_2),
         PowerLoopGains(*(value[good] for value in flat)),
-        tau_P=tau_P,
-        tau_Q=tau_Q,
+        lags=study.power_lags,
     )
     found = np.full(shape[0] * shape[1], -math.inf)
     found[good] = -eigenvalues_of(model).real.max(axis=1)

@@ -197,7 +197,8 @@ def loops_on_grids(result: ScenarioResult, controller: ControllerResult) -> tupl
         if STRUCTURES[target.structure].uncoupled:
             open_loop = power_loops(gains, point.A, point.D).P_open
         else:
-            open_loop = coupled_loop(point, gains, study.grid_source.V_g_rms, R, X, loop=0)
+            transient = study.power_lags._replace(tau_P=0.0, tau_Q=0.0)
+            open_loop = coupled_loop(point, gains, study.grid_source.V_g_rms, (R, X), transient, loop=0)
         numerator, denominator = (np.trim_zeros(np.ravel(part[0][0]), "f") for part in (open_loop.num, open_loop.den))
         loops.append(
             LoopOnGrid(

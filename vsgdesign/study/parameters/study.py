@@ -13,6 +13,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
 from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants, notch_delay
+from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.parameters.controllers import NO_LIMITER, ControllerSpec
 from vsgdesign.study.parameters.controllers import UPDATE_PERIOD as UPDATE_PERIOD
@@ -138,13 +139,15 @@ class Study:
         return NotchConstants(*(float(value) for value in found))
 
     @property
-    def power_lags(self) -> tuple[float, float]:
-        """Time constants in s of first-order lags that stand for the filters of P and Q where a model has no more.
+    def power_lags(self) -> Lags:
+        """Time constants of first-order lags that stand for the filters of P and Q where a model has no more, and the
+        transient impedance.
 
         They are those of the low-passes; a notch adds the delay that it has for slow changes (:eq:`notch-delay`).
         """
         delay = notch_delay(self.notch, self.converter.T_s) if self.has_notch else 0.0
-        return self.tau_P + delay, self.tau_Q + delay
+        R_t, X_t = self.inner_gains.R_t, self.inner_gains.X_t
+        return Lags(self.tau_P + delay, self.tau_Q + delay, R_t, X_t, self.omega_t if R_t or X_t else 0.0)
 
     @property
     def has_components(self) -> bool:
