@@ -76,7 +76,7 @@ def test_a_file_simulates_other_events_with_the_bits_of_the_package(browser: Chr
     page.goto(path.as_uri())
     page.wait("window.page && page.answers.emt")
     page.evaluate(f"(0, eval)({json.dumps(joined_modules(PAGE, 'engine.js') + ENGINE)})")
-    page.wait("window.engine")
+    page.wait("Boolean(window.engine)")
     lattice = page.evaluate("STATIC.info.lattice")
     scr, ratio, hold = lattice["scr"], lattice["x_over_r"][0], lattice["hold"]
     saved = {}

@@ -18,12 +18,17 @@ class Memory {
     return at / 8;
   }
 
+  // A view takes longer to make than a number to read: it is kept until the memory has grown.
   get floats() {
-    return new Float64Array(this.exports.memory.buffer);
+    const { buffer } = this.exports.memory;
+    if (!this.floatView || this.floatView.buffer !== buffer) this.floatView = new Float64Array(buffer);
+    return this.floatView;
   }
 
   get whole() {
-    return new BigInt64Array(this.exports.memory.buffer);
+    const { buffer } = this.exports.memory;
+    if (!this.wholeView || this.wholeView.buffer !== buffer) this.wholeView = new BigInt64Array(buffer);
+    return this.wholeView;
   }
 }
 
@@ -116,6 +121,29 @@ class Loop {
     if (name in this.at) this.memory.floats[this.rows + this.at[name]] = value;
   }
 
+  /** Rows from those of another loop by pairs of names, whose places are found once; one that it does not have is zero. */
+  fill(from, pairs, more) {
+    this.plans ||= new Map();
+    if (!this.plans.has(from)) {
+      const known = pairs.filter(([name]) => name in this.at);
+      const places = known.map(([name, of]) => [this.rows + this.at[name], of in from.at ? from.rows + from.at[of] : -1]);
+      this.plans.set(from, places);
+    }
+    const { floats } = this.memory;
+    for (const [to, of] of this.plans.get(from)) floats[to] = of < 0 ? 0 : floats[of];
+    for (const name in more) this.set(name, more[name]);
+  }
+
+  /** What the last sample gave by these names, which have a prefix in the log. */
+  loggedAs(prefix, names) {
+    this.places ||= {};
+    this.places[prefix] ||= names.map((name) => this.log + this.output[`${prefix}${name}`]);
+    const { floats } = this.memory;
+    const found = {};
+    names.forEach((name, k) => (found[name] = floats[this.places[prefix][k]]));
+    return found;
+  }
+
   /** What one sample gives for these values. */
   answer(values) {
     for (const [name, value] of Object.entries(values)) this.set(name, value);
@@ -126,7 +154,17 @@ class Loop {
 }
 
 const GAINS = ["K_ip", "D_p", "K_iq", "D_q", "K_pq", "K_qp", "k_P", "k_Q"];
+const GAIN_ROWS = GAINS.map((name) => `power_gains.${name}`);
 const REFERENCES = ["P_ref", "Q_ref", "omega_0", "V_n"];
+/** What an update of the gains reads of a run, by its own names. */
+const READ = [
+  ["omega_i", "state.omega_i"],
+  ["P", "state.P_f"],
+  ["Q", "state.Q_f"],
+  ["V_rms", "state.V"],
+  ...REFERENCES.map((name) => [`refs.${name}`, `refs.${name}`]),
+  ...GAINS.map((name) => [`before.${name}`, `power_gains.${name}`]),
+];
 const LIMITED = 1;
 /** Events that last. */
 const LASTING = ["sag", "ramp"];
@@ -314,7 +352,9 @@ class Run {
   }
 
   gains() {
-    return Object.fromEntries(GAINS.map((name) => [name, this.loop.get(`power_gains.${name}`)]));
+    const found = {};
+    GAINS.forEach((name, k) => (found[name] = this.loop.get(GAIN_ROWS[k])));
+    return found;
   }
 
   inForce(prefix) {
@@ -324,9 +364,9 @@ class Run {
   /** New gains, where they are others. */
   put(gains, omega) {
     const before = this.gains();
-    if (GAINS.every((name) => gains[name] === before[name] || !(`power_gains.${name}` in this.loop.at))) return;
+    if (GAINS.every((name, k) => gains[name] === before[name] || !(GAIN_ROWS[k] in this.loop.at))) return;
     this.loop.set("state.omega_i", omega);
-    for (const name of GAINS) this.loop.set(`power_gains.${name}`, gains[name]);
+    GAINS.forEach((name, k) => this.loop.set(GAIN_ROWS[k], gains[name]));
   }
 
   /** Gains of a closed form that are made for the grid alone. */
@@ -350,17 +390,17 @@ class Run {
     const count = loop.get("limited");
     const limited = count - this.limited;
     this.limited = count;
-    const [P, Q, V_rms] = ["P_f", "Q_f", "V"].map((name) => loop.get(`state.${name}`));
-    const given = { omega_i: loop.get("state.omega_i"), ...this.inForce("refs.") };
     if (controller.gains === "followed") {
-      for (const [name, value] of Object.entries(this.gains())) given[`before.${name}`] = value;
-      const said = update.answer({ ...given, R_g, L_g, P, Q, V_rms });
-      const gains = Object.fromEntries(GAINS.map((name) => [name, said(`gains.${name}`)]));
-      if (!Object.values(gains).every(Number.isFinite)) return;
-      this.put(gains, said("next_omega_i"));
+      update.fill(loop, READ, { R_g, L_g });
+      update.call(0, 1);
+      const gains = update.loggedAs("gains.", GAINS);
+      if (!GAINS.every((name) => Number.isFinite(gains[name]))) return;
+      this.put(gains, update.memory.floats[update.log + update.output.next_omega_i]);
       this.tellGrid(R_g, L_g);
       return;
     }
+    const [P, Q, V_rms] = ["P_f", "Q_f", "V"].map((name) => loop.get(`state.${name}`));
+    const given = { omega_i: loop.get("state.omega_i"), ...this.inForce("refs.") };
     for (const [name, value] of Object.entries(this.state)) given[name] = value;
     const ticks = Math.round((k * this.T_s) / controller.tick) >>> 0;
     const asked = { said: 0, R_g, L_g, has_error: 0, var_R: 0, cov_RL: 0, var_L: 0, P, Q, V_rms, ticks };
