@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,13 +43,16 @@ def test_a_table_simulates_with_the_converter_of_a_study(
 ) -> None:
     """None: the table alone, which has no filter and no inner loops."""
     text = SMALL.partition("[[events]]")[0]
-    write_table_file(table(base=base_of(study_from_text(text), "impedance")), tmp_path / "mine.json")
+    made = replace(table(base=base_of(study_from_text(text), "impedance")), name="</script><hr>")
+    write_table_file(made, tmp_path / "mine.json")
     (tmp_path / "small.toml").write_text(text + TABLED, encoding="utf-8")
     study = () if left_out is None else ("--study", str(tmp_path / "small.toml"), *left_out)
     result = call("table", "report", str(tmp_path / "mine.json"), *study, "--out", str(tmp_path / "out"))
     assert result.exit_code == 0, result.output
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     there = left_out == ()
+    assert "<hr>" not in page
+    assert page.count("</script>") == int(left_out == ())
     assert ('<h2 id="try-it">' in page, 'class="live"' in page, len(asked)) == (there, there, int(there))
     if asked:
         shown, ready, named = asked[0]

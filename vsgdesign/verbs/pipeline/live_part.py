@@ -61,7 +61,8 @@ def live_begun(
         if executor is None and not alone:
             executor = held.enter_context(worker_processes(1))
         shown = shown_in_part(study, ready, cases)
-        yield begun(executor, live_page, study, ready, lattice, controllers=shown, cases=tuple(cases))
+        kept = tuple(case for case in cases if case.study.controllers[0].name in shown)
+        yield begun(executor, live_page, study, ready, lattice, controllers=shown, cases=kept)
 
 
 def waited_for(begin: Callable[[], StaticPage], tell: Progress) -> StaticPage:
