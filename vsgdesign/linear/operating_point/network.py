@@ -12,22 +12,19 @@ import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import clarke
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.linear.operating_point.branches import Equations, UndeterminedError, reduced
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit
 from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.network import FAULT_KINDS, PHASE_PAIRS, PHASE_TO_PHASE, Fault, Load, Network
 
 Array = NDArray[np.float64]
-
-_NOTHING = 1e-9
-"""Below this an entry of a matrix of signs and directions is zero. All others are of the order of one."""
 
 _STATES_OF_LOAD = {"i_coil": "L_parallel", "v_bank": "C_parallel", "i_series": "L_series", "v_series": "C_series"}
 """The states of a load, and the element that each belongs to."""
@@ -83,8 +80,20 @@ def network_circuit(filter_: Filter, grid: Grid, network: Network, states: Netwo
     """
     axes = 2 if network.fault is not None and network.fault.kind == PHASE_TO_PHASE else 1
     equations = _equations(filter_, grid, network, states, axes)
-    A, B, E, full_onto = _reduced(equations, axes * len(states.names))
-    onto = full_onto[: len(A)]
+    try:
+        found = reduced(equations)
+    except UndeterminedError as error:
+        raise InfeasibleStudyError(
+            "network: two branches without any resistance lie side by side, and nothing says how they share the "
+            "current. Give fault.R or load.R_series a value."
+        ) from error
+    # All that the states of a run, which are the first of the variables, are made of and make.
+    kept = axes * len(states.names)
+    onto = found.onto[:, :kept]
+    A = found.x[:kept] @ found.A @ onto
+    B, E = (found.x[:kept] @ one for one in found.inputs)
+    full_onto = found.x @ onto
+    onto = full_onto[:kept]
     # The currents of a fault are the last of all variables, one for each direction in which it lets a current flow.
     directions = _directions(network.fault, axes)
     per_fault = directions @ full_onto[len(full_onto) - directions.shape[1] :]
@@ -92,9 +101,9 @@ def network_circuit(filter_: Filter, grid: Grid, network: Network, states: Netwo
     # What R_2 and L_2 leave of the capacitor node's voltage (:eq:`network-pcc`).
     per_state = (v_c + filter_.R_c * (i_s - i_g) - filter_.R_2 * i_g) @ onto - filter_.L_2 * i_g @ A
     per_source = -filter_.L_2 * i_g @ E
-    found = [A, B, E, onto, per_state, per_source, per_fault]
     A, B, E, onto, per_state, per_source, per_fault = (
-        np.asarray(np.kron(one, np.eye(2 // axes)), dtype=np.float64) for one in found
+        np.asarray(np.kron(one, np.eye(2 // axes)), dtype=np.float64)
+        for one in (A, B, E, onto, per_state, per_source, per_fault)
     )
     return NetworkCircuit(A, B, E, onto, pcc_per_state=per_state, pcc_per_source=per_source, fault_per_state=per_fault)
 
@@ -119,24 +128,7 @@ def _check(network: Network) -> None:
         raise InfeasibleStudyError(f"network: {'; '.join(wrong)}.")
 
 
-class _Equations(NamedTuple):
-    """M dx/dt = (J − R) x + B v_b + E v_g and G x = 0, of all branches (:eq:`network-circuit`)."""
-
-    M: Array
-    """(n,): L of a current, C of a voltage; zero of a branch without inductance."""
-    J: Array
-    """(n, n): what voltages do to currents, and currents to voltages."""
-    through: Array
-    R: Array
-    """(r, n) and (r,): the current through every resistance, and its value, Ω."""
-    G: Array
-    """(g, n): the nodes, and branches that are not there."""
-    B: Array
-    E: Array
-    """(n, axes)."""
-
-
-def _equations(filter_: Filter, grid: Grid, network: Network, states: NetworkStates, axes: int) -> _Equations:
+def _equations(filter_: Filter, grid: Grid, network: Network, states: NetworkStates, axes: int) -> Equations:
     """Branch by branch and node by node, on one axis or on both in turn."""
     load, fault = network.load or Load(), network.fault
     cuts = (0.0, *states.shares, 1.0)
@@ -183,14 +175,13 @@ def _equations(filter_: Filter, grid: Grid, network: Network, states: NetworkSta
         nodes[cuts.index(fault.at)] -= directions @ i_fault
     absent = [x(name) for name in states.load if not there[name]]
     absent += [] if network.connected else [x(sources[0])]
-    return _Equations(
+    return Equations(
         M=np.array([*np.repeat(list(masses.values()), axes), *np.zeros(len(i_fault))]),
         J=J,
         through=np.concatenate([rows for rows, _ in losses]) if losses else np.zeros((0, size)),
         R=np.array([R for rows, R in losses for _ in rows]),
         G=np.concatenate([*nodes, *absent]),
-        B=x("i_s").T,
-        E=-x(sources[-1]).T,
+        inputs=(x("i_s").T, -x(sources[-1]).T),
     )
 
 
@@ -200,58 +191,3 @@ def _directions(fault: Fault | None, axes: int) -> Array:
         return np.eye(axes, axes if fault is not None else 0)
     there = np.array(clarke(*(float(phase == fault.phases[0]) - float(phase == fault.phases[1]) for phase in "abc")))
     return (there / np.hypot(*there))[:, None]
-
-
-def _reduced(equations: _Equations, kept: int) -> tuple[Array, Array, Array, Array]:
-    """A, B and E of the first ``kept`` variables, and P with the rows of all (:eq:`network-reduced`)."""
-    M, J, through, R, G, B, E = equations
-    K = J - through.T * R @ through
-    inert = M > 0.0
-    # All that the nodes allow. Where there is a choice, currents without inductance are expressed by the others.
-    _, T = _pivots_and_null(G, np.argsort(inert, kind="stable"))
-    with_mass, loops = _pivots_and_null(T[inert])
-    T_m, T_0 = T[:, with_mass], T @ loops
-    # Loops without inductance: where they have resistance, Ohm's law says the current. The others force the voltages of
-    # capacitors to be equal, whatever current that takes.
-    with_loss, bare = _pivots_and_null(through @ T_0)
-    T_l, T_w = T_0[:, with_loss], T_0 @ bare
-    forced, allowed = _pivots_and_null(T_w.T @ J @ T_m)
-    if len(forced) < T_w.shape[1]:
-        raise InfeasibleStudyError(
-            "network: two branches without any resistance lie side by side, and nothing says how they share the "
-            "current. Give fault.R or load.R_series a value."
-        )
-    T_m = T_m @ allowed
-    x = T_m - T_l @ np.linalg.solve(T_l.T @ K @ T_l, T_l.T @ K @ T_m)
-    # What each of the states that are left is made of: fluxes and charges over their inductances and capacitances.
-    mass = T_m.T * M @ T_m
-    onto, A, B, E = (np.linalg.solve(mass, T_m.T @ rows) for rows in (np.diag(M), K @ x, B, E))
-    # The currents that keep the forced voltages equal.
-    left = T.T @ (M[:, None] * (T_m @ A) - K @ x)
-    x = x + T_w @ np.linalg.lstsq(T.T @ J @ T_w, left, rcond=None)[0]
-    onto = onto[:, :kept]
-    return x[:kept] @ A @ onto, x[:kept] @ B, x[:kept] @ E, x @ onto
-
-
-def _pivots_and_null(matrix: Array, order: NDArray[np.intp] | None = None) -> tuple[list[int], Array]:
-    """Columns of a matrix that are independent, and a basis of what it maps to zero, as columns: by elimination, the
-    columns taken in a given order. The entries are of the order of one."""
-    rows, size = np.array(matrix), matrix.shape[1]
-    pivots: list[int] = []
-    for column in range(size) if order is None else order.tolist():
-        rank = len(pivots)
-        if rank == len(rows):
-            break
-        best = rank + int(np.argmax(np.abs(rows[rank:, column])))
-        if abs(rows[best, column]) < _NOTHING:
-            continue
-        rows[[rank, best]] = rows[[best, rank]]
-        rows[rank] /= rows[rank, column]
-        others = np.arange(len(rows)) != rank
-        rows[others] -= np.outer(rows[others, column], rows[rank])
-        pivots.append(column)
-    free = [column for column in range(size) if column not in pivots]
-    null = np.zeros((size, len(free)))
-    null[free, range(len(free))] = 1.0
-    null[pivots] = -rows[: len(pivots)][:, free]
-    return pivots, null
