@@ -18,12 +18,19 @@ def product_lines(spec: LoopSpec, printer: Printer) -> list[str]:
     for number, product in enumerate(spec.products):
         height = len(product.results)
         matrix, factors = spec.rows.index(product.matrix[0]), spec.rows.index(product.factors[0])
+        base = "%base"
+        if product.turns > 1:
+            base, size = f"%base_{number}", height * len(product.factors) * spec.width
+            text += [
+                f"  %turned_{number} = mul i64 %turn, {size}",
+                f"  {base} = getelementptr double, ptr %base, i64 %turned_{number}",
+            ]
         step = _ROWS if spec.width == 1 else 1
         parts = [(at, min(step, height - at)) for at in range(0, height, step)]
         for first in range(0, len(parts), _REGISTERS):
             text += _columns(
                 spec, printer, f"{number}_{first}", parts[first : first + _REGISTERS], matrix, factors, height,
-                len(product.factors), done,
+                len(product.factors), done, base,
             )  # fmt: skip
         done += height
     return text
@@ -39,8 +46,10 @@ def _columns(
     height: int,
     columns: int,
     done: int,
+    base: str,
 ) -> list[str]:
-    """The loop over the columns for some parts of them: (first row, rows). ``done``: results of earlier products."""
+    """The loop over the columns for some parts of them: (first row, rows). ``done``: results of earlier products;
+    ``base``: where the rows begin of which the matrix is one."""
     width, flags = spec.width, printer.flags
     before, head, tail = f"%before_{name}", f"column_{name}", f"columns_{name}"
     text = [
@@ -64,7 +73,7 @@ def _columns(
         f"  %factor_{name} = load {_kind(width)}, ptr %factor_place_{name}, align 8",
         f"  %column_at_{name} = mul i64 %c_{name}, {height * width}",
         f"  %column_cell_{name} = add i64 %column_at_{name}, {matrix * width}",
-        f"  %here_{name} = getelementptr double, ptr %base, i64 %column_cell_{name}",
+        f"  %here_{name} = getelementptr double, ptr {base}, i64 %column_cell_{name}",
     ]
     for at, rows, kind, now, after in sums:
         own = f"{name}_{at}"

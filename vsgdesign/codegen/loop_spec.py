@@ -23,6 +23,8 @@ class Product:
     """Rows of a group that are beside each other: the matrix column by column."""
     factors: tuple[str, ...]
     """Rows of the state that are beside each other, one for each column."""
+    turns: int = 1
+    """Matrices beside each other, one for each sample of a period; 1: the same in every sample."""
 
 
 @dataclass(frozen=True)
@@ -126,8 +128,10 @@ class LoopSpec:
         faults = []
         for product in self.products:
             rows, columns = len(product.results), len(product.factors)
-            if len(product.matrix) != rows * columns or not rows * columns:
+            if len(product.matrix) != rows * columns * product.turns or not rows * columns:
                 faults.append(f"a product of {rows} x {columns} has {len(product.matrix)} numbers: give one for each")
+            if product.turns > 1 and len(self.bodies) == 1:
+                faults.append("a product differs from sample to sample, which a loop with one body does not count")
             for what, names in (("matrix", product.matrix), ("factors", product.factors)):
                 first = self.rows.index(names[0]) if names and names[0] in self.rows else 0
                 if self.rows[first : first + len(names)] != names:
