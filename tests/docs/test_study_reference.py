@@ -24,6 +24,7 @@ from vsgdesign.study.parameters import (
     grid,
     inner_loops,
     network_fields,
+    power_plant_fields,
     replay,
     scenario,
     sensors,
@@ -158,6 +159,35 @@ aim = "inertia"
 H = "4 s"
 """
 
+PLANT = """
+[network]
+pcc = "here"
+[[network.nodes]]
+name = "here"
+[[network.nodes]]
+name = "there"
+[[network.branches]]
+name = "line"
+from = "here"
+to = "there"
+X_pu = 0.1
+[[network.shunts]]
+name = "filter"
+node = "there"
+R = "1 ohm"
+[[network.loads]]
+name = "load"
+node = "there"
+series = { R_pu = 1.0 }
+[[network.sources]]
+name = "source"
+node = "there"
+X_pu = 0.1
+[[network.units]]
+name = "unit"
+node = "here"
+"""
+
 DESIGNED = LCL_WITH_GAINS[: LCL_WITH_GAINS.index("K_pc")] + LCL_WITH_GAINS[LCL_WITH_GAINS.index("[grid]") :]
 """Gains to be designed."""
 
@@ -215,7 +245,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, st
         def wrapped(self: TableReader, *args: Any, **kwargs: Any) -> Any:
             bound = signature.bind(self, *args, **kwargs)
             bound.apply_defaults()
-            key = (re.sub(r"\[\d+\]", "", self.path), bound.arguments["field"])
+            key = (re.sub(r"\[[^]]+\]", "", self.path), bound.arguments["field"])
             record.setdefault(key, []).append(describe(bound.arguments))
             return original(self, *args, **kwargs)
 
@@ -244,7 +274,8 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, st
     )
     recorded = re.sub("(components|sag) = .*", "", recorded)
     others = [LC_WITH_TIMES.replace('"projection"', f'"{name}"') for name in LIMITERS if name != "projection"]
-    for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED, recorded, *others):
+    plants = (LCL_WITH_GAINS + PLANT, LCL_WITH_GAINS + "[plant]\nunits = 2\n")
+    for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED, recorded, *plants, *others):
         study_from_text(text, inner_loops=lambda _: (InnerLoopGains(1.0, 1.0, 1.0, 1.0), 100.0))
     return record
 
@@ -266,6 +297,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
         inner_loops,
         grid,
         network_fields,
+        power_plant_fields,
         replay,
         scenario,
         sensors,

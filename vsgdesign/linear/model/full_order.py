@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -45,6 +45,8 @@ OUTPUTS = ("P", "Q", "omega", "V", "delta", "v_b_d", "v_b_q")
 applied from this sample on (peak, in the source's frame)."""
 
 _TAYLOR_ORDER = 13
+_PLANT = 6
+"""States of the filter, which come first."""
 _NOTCH = ("ripple_P", "ripple_Q", "mean_P", "mean_Q")
 _INTEGRATORS = ("xi_vd", "xi_vq", "xi_id", "xi_iq")
 
@@ -154,13 +156,23 @@ def _state_names(
     return (*plant, *pending, "delta", "omega_i", "V", *filters, *notches, *_INTEGRATORS, *low_pass, *remembered)
 
 
-def _one_period(
-    names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings: int, limiter: LimiterInModel
-) -> tuple[ca.SX, ca.SX]:
-    state = dict(zip(names, ca.vertsplit(z), strict=True))
+class _Sampled(NamedTuple):
+    """The controller's sample in symbols."""
+
+    circuit: FilterGrid
+    settings: ControllerSettings
+    before: ControllerState
+    after: ControllerState
+    output: Any
+    applied: tuple[ca.SX, ca.SX]
+    """The bridge voltage from this sample on."""
+
+
+def _sampled(
+    state: dict[str, ca.SX], values: dict[str, ca.SX], push: dict[str, ca.SX], limiter: LimiterInModel
+) -> _Sampled:
+    """One sample of the controller in the frame of the source."""
     constants = limiter_states(limiter.constants._fields)
-    values = dict(zip((*PARAMETERS, *SETTINGS, *constants), ca.vertsplit(p), strict=True))
-    push = dict(zip(INPUTS, ca.vertsplit(u), strict=True))
     circuit = FilterGrid(**{n: values[n] for n in FilterGrid._fields})
     power_gains = PowerLoopGains(**{n: values[n] for n in PowerLoopGains._fields})
     inner_gains = InnerLoopGains(**{n: values[n] for n in InnerLoopGains._fields})
@@ -175,9 +187,6 @@ def _one_period(
         omega_0=values["omega_0"],
         V_n=values["V_n"],
     )
-    omega_g = values["omega_g"] + push["omega_g"]
-    V_g = rms_to_peak(values["V_g"] + push["V_g"])
-
     v_d, v_q = (capacitor_node_voltage(state[f"i_s_{a}"], state[f"v_c_{a}"], state[f"i_g_{a}"], circuit) for a in "dq")
     measured = Measurement(
         v_alpha=v_d,
@@ -220,9 +229,20 @@ def _one_period(
         settings,
         limiter.law,
     )
-    v_b_d, v_b_q = output.v_b_alpha, output.v_b_beta
-    applied = (state["pending_d"], state["pending_q"]) if "pending_d" in state else (v_b_d, v_b_q)
+    v_b = output.v_b_alpha, output.v_b_beta
+    applied = (state["pending_d"], state["pending_q"]) if "pending_d" in state else v_b
+    return _Sampled(circuit, settings, controller, after, output, applied)
 
+
+def _one_period(
+    names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings: int, limiter: LimiterInModel
+) -> tuple[ca.SX, ca.SX]:
+    state = dict(zip(names, ca.vertsplit(z), strict=True))
+    values = _values_of(p, limiter)
+    push = dict(zip(INPUTS, ca.vertsplit(u), strict=True))
+    circuit, settings, controller, after, output, applied = _sampled(state, values, push, limiter)
+    omega_g = values["omega_g"] + push["omega_g"]
+    V_g = rms_to_peak(values["V_g"] + push["V_g"])
     transition, bridge, source_re, source_im = _exact_step(circuit, omega_g, settings.T_s, squarings)
     turn_cos, turn_sin = np.cos(omega_g * settings.T_s), np.sin(omega_g * settings.T_s)
     along = [transition @ ca.vertcat(*(state[f"{n}_{a}"] for n in ("i_s", "v_c", "i_g"))) for a in "dq"]
@@ -236,10 +256,56 @@ def _one_period(
         "delta": after.theta - settings.T_s * omega_g,
         **dict(zip(limiter_states(limiter.memory._fields), after.limiter, strict=True)),
     }
-    pending = rotate_back(v_b_d, v_b_q, turn_cos, turn_sin)
+    pending = rotate_back(output.v_b_alpha, output.v_b_beta, turn_cos, turn_sin)
     following |= {"pending_d": pending[0], "pending_q": pending[1]}
     outputs = ca.vertcat(output.P, output.Q, output.omega, controller.V, controller.theta, *applied)
     return ca.vertcat(*(following[name] for name in names)), outputs
+
+
+def _values_of(p: ca.SX, limiter: LimiterInModel) -> dict[str, ca.SX]:
+    constants = limiter_states(limiter.constants._fields)
+    return dict(zip((*PARAMETERS, *SETTINGS, *constants), ca.vertsplit(p), strict=True))
+
+
+@dataclass(frozen=True)
+class ControllerMap:
+    """The controller alone, for a unit of a plant: ``sample(z, p)`` gives its states after a sample, without the turn
+    of the frame, and the bridge voltage that acts from this sample on; ``linear(z, p)`` gives the derivative of both.
+
+    z begins with the six states of its filter, and ``names`` are those of the controller, which follow.
+    """
+
+    names: tuple[str, ...]
+    sample: ca.Function
+    linear: ca.Function
+
+
+@functools.cache
+def controller_map(
+    delay: int, filter_P: bool, filter_Q: bool, transient: bool, limiter: LimiterInModel, notch: bool
+) -> ControllerMap:
+    """The controller's part of :func:`full_order_map`."""
+    names = _state_names(delay, filter_P, filter_Q, transient, notch, limiter)
+    z = ca.SX.sym("z", len(names))
+    p = ca.SX.sym("p", len(PARAMETERS) + len(SETTINGS) + len(limiter.constants._fields))
+    with numpy_on_symbols():
+        state = dict(zip(names, ca.vertsplit(z), strict=True))
+        still: dict[str, ca.SX] = {name: ca.SX(0.0) for name in INPUTS}
+        found = _sampled(state, _values_of(p, limiter), still, limiter)
+    following = {
+        **found.after._asdict(),
+        "delta": found.after.theta,
+        "pending_d": found.output.v_b_alpha,
+        "pending_q": found.output.v_b_beta,
+        **dict(zip(limiter_states(limiter.memory._fields), found.after.limiter, strict=True)),
+    }
+    result = ca.vertcat(*(following[name] for name in names[_PLANT:]), *found.applied)
+    derivative = ca.densify(ca.jacobian(result, z))
+    return ControllerMap(
+        names[_PLANT:],
+        ca.Function("sample", [z, p], [result], {"cse": True}),
+        ca.Function("sample_linear", [z, p], [result, derivative], {"cse": True}),
+    )
 
 
 def _exact_step(circuit: FilterGrid, omega: ca.SX, h: ca.SX, squarings: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:

@@ -80,7 +80,7 @@ def reduced(equations: Equations) -> Reduced:
     mass = T_m.T * M @ T_m
     driven = [-T_l @ np.linalg.solve(by_law, T_l.T @ B) for B in inputs]
     onto, A, *acting = (
-        np.linalg.solve(mass, T_m.T @ rows)
+        np.asarray(np.linalg.solve(mass, T_m.T @ rows), dtype=np.float64)
         for rows in (np.diag(M), K @ x, *(B + K @ own for B, own in zip(inputs, driven, strict=True)))
     )
     # The currents that keep the forced voltages equal.

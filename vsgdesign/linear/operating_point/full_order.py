@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.linear.model.full_order import PARAMETERS, FullOrderMap, LimiterInModel, full_order_map, limiter_states
+from vsgdesign.linear.model.full_order import (
+    PARAMETERS,
+    ControllerMap,
+    FullOrderMap,
+    LimiterInModel,
+    controller_map,
+    full_order_map,
+    limiter_states,
+)
 from vsgdesign.linear.operating_point.many import Lanes, ManyStates, lanes_of, many_steady_states
 from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, fault_of_rest
@@ -125,7 +133,7 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
     z, p = np.empty((0, len(functions.states))), np.empty((0, functions.step.size1_in(1)))
     if states is not None:
         good = np.flatnonzero(states.fault == 0)
-        z, p = pack(functions.states, states)[good], _parameters(study, lanes, gains)[good]
+        z, p = pack(functions.states, states)[good], parameters_of(study, lanes, gains)[good]
     A, B, C, D = _matrices(functions.linear, z, p)
     return FullOrderModel(
         states=functions.states,
@@ -158,7 +166,7 @@ def slowest_decay(
     lanes = Lanes._make(np.full(count, value)[good] for value in every)
     laws = PowerLoopGains._make(np.full(count, value)[good] for value in of_every)
     functions = _functions(study, lanes)
-    z, p = pack(functions.states, states)[good], _parameters(study, lanes, laws)
+    z, p = pack(functions.states, states)[good], parameters_of(study, lanes, laws)
     decay = np.full(count, np.nan)
     for k in range(0, len(good), _AT_ONCE):
         part = slice(k, k + _AT_ONCE)
@@ -170,11 +178,11 @@ def slowest_decay(
 
 def parameter_values(study: Study, cell: Cell) -> list[float]:
     """The map's PARAMETERS for a cell, in order."""
-    row = _parameters(study, *lanes_of(study, cell.lanes(study), cell.gains))[0]
+    row = parameters_of(study, *lanes_of(study, cell.lanes(study), cell.gains))[0]
     return row[: len(PARAMETERS)].tolist()
 
 
-def _parameters(study: Study, lanes: Lanes, gains: PowerLoopGains) -> Array:
+def parameters_of(study: Study, lanes: Lanes, gains: PowerLoopGains) -> Array:
     """The map's p of every lane (N, len(p)): PARAMETERS, then the controller's constants."""
     values = (
         *study.circuit()._replace(R_g=lanes.R_g, L_g=lanes.L_g),
@@ -207,19 +215,24 @@ def pack(states: Sequence[str], start: SampledState | ManyStates) -> Array:
 
 def _functions(study: Study, lanes: Lanes) -> FullOrderMap:
     """The map of a study, with an exponential that is good on all of these grids."""
-    return full_order_map(
-        study.converter.delay_samples,
-        study.tau_P > 0.0,
-        study.tau_Q > 0.0,
-        study.inner_gains.R_t != 0.0 or study.inner_gains.X_t != 0.0,
-        _squarings(study, lanes.R_g, lanes.L_g),
-        LimiterInModel(
-            law=study.limiter.law,
-            memory=type(cold_start(study).controller.limiter),
-            constants=type(study.controller_settings().limiter),
-        ),
-        study.has_notch,
+    *parts, limiter, notch = _structure(study)
+    return full_order_map(*parts, _squarings(study, lanes.R_g, lanes.L_g), limiter, notch)
+
+
+def controller_of(study: Study) -> ControllerMap:
+    """The controller of a study alone."""
+    return controller_map(*_structure(study))
+
+
+def _structure(study: Study) -> tuple[int, bool, bool, bool, LimiterInModel, bool]:
+    """Delay, filters of P and Q, transient impedance, limiter and notch."""
+    limiter = LimiterInModel(
+        law=study.limiter.law,
+        memory=type(cold_start(study).controller.limiter),
+        constants=type(study.controller_settings().limiter),
     )
+    transient = study.inner_gains.R_t != 0.0 or study.inner_gains.X_t != 0.0
+    return study.converter.delay_samples, study.tau_P > 0.0, study.tau_Q > 0.0, transient, limiter, study.has_notch
 
 
 def _squarings(study: Study, R_g: Array, L_g: Array) -> int:
@@ -282,11 +295,13 @@ __all__ = [
     "Cell",
     "FullOrderModel",
     "SteadyCells",
+    "controller_of",
     "linearise_full_order",
     "pack",
     "parameter_sensitivities",
     "parameter_sensitivity",
     "parameter_values",
+    "parameters_of",
     "slowest_decay",
     "steady_cells",
 ]

@@ -50,6 +50,7 @@ from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.simulation.twin import never_rests, steps_with_twin
 from vsgdesign.study.parameters.controllers import cycles_of_mean
+from vsgdesign.study.parameters.power_plant import one_converter
 from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
 Array = NDArray[np.float64]
@@ -153,6 +154,7 @@ def run_scenario(
     (:func:`vsgdesign.simulation.expected_rests.refuse_impossible`), or a controller whose gain table or
     network is not in ``ready``; ArtifactError where the network does not fit.
     """
+    one_converter(study, "this run")
     timeline = build_timeline(study)
     refuse_impossible(study, timeline, ready)
     waiting = [
@@ -292,8 +294,12 @@ def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[fl
     return lambda t_s: progress(name, t_s)
 
 
-def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
-    """Named quantities of a run from its log: phases, powers at the PCC, frame angle, grid, gains."""
+def derive_series(
+    study: Study, run: Simulation, at_pcc: tuple[Array, Array] | None = None, phase: Array | None = None
+) -> dict[str, Array]:
+    """Named quantities of a run from its log: phases, powers at the PCC, frame angle, grid, gains. ``at_pcc``: voltage
+    and current there (V and A peak, (n, 2) each), and ``phase`` that of the source (rad), of a unit of a plant; None:
+    those of the study's own circuit."""
     t_s, T_s = run.t_s, study.converter.T_s
     gains, grids = np.array([change.gains for change in run.gain_changes]), run.timeline.grids
     always = len(PowerLoopGains._fields) - len(PowerLoopGains._field_defaults)
@@ -302,9 +308,14 @@ def derive_series(study: Study, run: Simulation) -> dict[str, Array]:
     names = *_AT_PCC, "omega", "V_rms", "delta", "R_g", "L_g", *(name for name, _ in held)
     # Not one array for all: what is larger than 32 MB goes back to the system each time, and comes anew.
     series = {"t_s": t_s} | {name: np.empty(len(t_s)) for name in names}
-    _put_at_pcc(study, run, [series[name] for name in _AT_PCC])
+    if at_pcc is None:
+        _put_at_pcc(study, run, [series[name] for name in _AT_PCC])
+    else:
+        _put_vectors([series[name] for name in _AT_PCC], at_pcc[0].T, at_pcc[1].T)
     series["omega"][:], series["V_rms"][:] = run.column("omega"), run.column("V_rms")
-    delta = np.subtract(run.column("theta"), run.timeline.source_phase(t_s), out=series["delta"])
+    delta = np.subtract(
+        run.column("theta"), run.timeline.source_phase(t_s) if phase is None else phase, out=series["delta"]
+    )
     delta += math.pi
     np.mod(delta, 2.0 * math.pi, out=delta)
     delta -= math.pi
@@ -328,10 +339,15 @@ def _put_at_pcc(study: Study, run: Simulation, series: Sequence[Array]) -> None:
     done = 0
     for rows, circuit in AtPcc(study, run.timeline).parts(run.t_s, run.log, run.circuit_log, _ROWS):
         v, i = (vectors.T for vectors in pcc_vectors(np.asfortranarray(rows), circuit))
-        found = *clarke_inverse(*v), *clarke_inverse(*i), *instantaneous_power(*v, *i)
-        for values, own in zip(series, found, strict=True):
-            values[done : done + len(rows)] = own
+        _put_vectors([values[done : done + len(rows)] for values in series], v, i)
         done += len(rows)
+
+
+def _put_vectors(series: Sequence[Array], v: Array, i: Array) -> None:
+    """Of a voltage and a current, (2, n) each."""
+    found = *clarke_inverse(*v), *clarke_inverse(*i), *instantaneous_power(*v, *i)
+    for values, own in zip(series, found, strict=True):
+        values[:] = own
 
 
 def _index(t_s: Array, starts: list[float], T_s: float) -> NDArray[np.intp]:

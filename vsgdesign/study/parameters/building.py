@@ -6,7 +6,9 @@ The limits of all fields are plausibility limits: wide enough for any real conve
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -48,7 +50,15 @@ from vsgdesign.study.parameters.fields import (
 )
 from vsgdesign.study.parameters.grid import Grid, Impedance, basis_field, read_grid
 from vsgdesign.study.parameters.inner_loops import INNER_LOOPS, InnerLoopSource, read_inner_loops, request_of
-from vsgdesign.study.parameters.network_fields import NetworkFields
+from vsgdesign.study.parameters.power_plant_fields import (
+    NETWORK,
+    Around,
+    PlantFields,
+    check_plant,
+    on_all_units,
+    read_plant,
+    units_asked,
+)
 from vsgdesign.study.parameters.reader import REQUIRED, Asked, TableReader
 from vsgdesign.study.parameters.replay import ReplayFields, read_replay
 from vsgdesign.study.parameters.scenario import (
@@ -137,8 +147,10 @@ class Sections:
     """Voltage and current loop."""
     grid: Any = subtable(GRID, default=REQUIRED)
     """Grid at t = 0."""
-    network: Any = subtable(NetworkFields, shown="plain")
-    """Load, fault and breaker at t = 0."""
+    network: Any = subtable(NETWORK, shown="plain")
+    """Load, fault and breaker at t = 0, and the network of a plant."""
+    plant: Any = subtable(PlantFields, shown="one converter")
+    """Several equal converters at one node."""
     power_loops: Any = subtable(POWER_LOOPS, shown="all defaults")
     """Structure and design target of the power loops."""
     simulation: Any = subtable(SimulationSpec, default=REQUIRED)
@@ -190,7 +202,8 @@ def build_study(
     check_plausible(converter, filter_, faults)
     limiter_given = read_limiter(limiter_table, LIMITERS[current_limiter], converter, filter_)
     inner = read_inner_loops(root.child("inner_loops"), scope, filter_, converter)
-    grid, source_, basis = _read_grid_section(root.section("grid"), scope, converter)
+    of_grid = on_all_units(converter, units_asked(root))
+    grid, source_, basis = _read_grid_section(root.section("grid"), scope, of_grid)
     power = root.child("power_loops") or TableReader({}, "power_loops", faults)
     filters = values(Filters, power)
     if filters["power_filter"] == "low_pass" and power.has("notch_damping"):
@@ -199,9 +212,18 @@ def build_study(
     power.finish()
     simulation = read_simulation(root.section("simulation"), converter)
     scope = scope_of(converter, simulation.reference_limit_pu) | {DURATION.of: simulation.duration}
-    network = read_network(root.child("network"), converter)
-    events = read_events(root.children("events"), scope, grid, basis, converter, source_, network)
-    check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
+    network_table = root.child("network")
+    network = read_network(network_table, converter)
+    case = functools.partial(_case_of_unit, document, default_name)
+    plant = read_plant(root, network_table, Around(converter, scope, simulation.P_ref, simulation.Q_ref, case))
+    if network_table is not None:
+        network_table.finish()
+    elements = None if plant is None else plant.names
+    events = read_events(root.children("events"), scope, grid, basis, of_grid, source_, network, elements)
+    if plant is not None:
+        check_plant(root, network, simulation, events)
+    else:
+        check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
     controllers = read_controllers(
         root, scope, target, grid, basis, converter, filter_, (current_limiter, limiter_given)
     )
@@ -244,6 +266,7 @@ def build_study(
         grid_source=source_,
         scr_basis=basis,
         network=network,
+        plant=plant,
         target=target,
         omega_t=omega_t,
         controllers=controllers,
@@ -262,6 +285,26 @@ def build_study(
         sensors=sensors,
         replay=replay,
     )
+
+
+_OF_CASE = ("converter", "filter", "inner_loops", "power_loops")
+"""Sections that a unit of a plant takes from its case."""
+
+_OF_STUDY = ("grid", "simulation", "controllers", "specification", "estimator")
+"""And from its study."""
+
+
+def _case_of_unit(
+    document: Mapping[str, Any], default_name: str, case: Mapping[str, Any], table: TableReader
+) -> Study | None:
+    """The study with the converter, filter, inner loops and power loops of a case. Its faults are those of the unit."""
+    rest = {name: document[name] for name in _OF_STUDY if name in document}
+    own = {name: case[name] for name in _OF_CASE if name in case}
+    faults: list[Fault] = []
+    study = build_study({**rest, **own}, default_name, "", faults)
+    for one in faults:
+        table.fault(f"case: {one.field}", None, one.problem, one.advice)
+    return None if faults else study
 
 
 def _read_schema(root: TableReader) -> None:

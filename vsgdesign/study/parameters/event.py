@@ -69,6 +69,9 @@ class Event:
     switched: Said = NOTHING_SAID
     """What is connected or taken away of load, fault and breaker. In a study it has become ``network``."""
     per_unit: bool = False
+    element: str | None = None
+    """What of a plant it changes, by its name: the set points or the breaker of a unit, the breaker of anything else,
+    or a fault at a node; ``switched`` has the last two. None: the grid, its PCC, and the set points of all units."""
 
     @classmethod
     def of_pu(
@@ -152,6 +155,7 @@ class Event:
         """The event as a table of a study's [[events]], ``later_s`` later. Numbers are written so that reading gives
         the same bits. ``network`` and ``synchronised_until`` are not written."""
         found: dict[str, Any] = {"time": later_s + self.t_s} | ({"name": self.name} if self.name else {})
+        found |= {} if self.element is None else {"element": self.element}
         grid = self.grid if self.place is None else self.place.grid(converter)
         if grid is not None:
             found["grid"] = {"R_g": grid.R_g, "L_g": grid.L_g}

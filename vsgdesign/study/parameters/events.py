@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from vsgdesign.errors import did_you_mean
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
@@ -89,6 +90,9 @@ class EventFields:
     """Instant."""
     name: str = text(limits="not empty", shown="a description of the change")
     """Label in reports."""
+    element: str | None = text(default=None, shown="the grid and all units")
+    """Of a plant, by its name, what it changes: a unit (set points, `breaker`), a branch, shunt, load or source
+    (`breaker`), or a node (`fault`)."""
     grid: Any = subtable(_GRID, shown=_UNCHANGED)
     """New grid impedance."""
     over: float = number("s", 0.0, DURATION, default=0.0)
@@ -126,9 +130,10 @@ def read_events(
     converter: Converter,
     source: GridSource,
     network: Network = PLAIN,
+    elements: Mapping[str, str] | None = None,
 ) -> tuple[Event, ...]:
     """The [[events]], sorted by time. An event may change several things at once. ``grid``, ``source`` and ``network``
-    are those at the start."""
+    are those at the start. ``elements``: of a plant, what its events may name; None: there is no plant."""
     events: list[Event] = []
     said: list[tuple[float, TableReader, dict[str, Any]]] = []
     present = _Present(grid, network, source)
@@ -137,6 +142,10 @@ def read_events(
     for table in sorted(tables, key=_time_or_last):
         t_s = values(picked(EventFields, "time"), table, scope)["time"]
         _check_left(table, t_s, scope, converter)
+        element = values(picked(EventFields, "element"), table)["element"]
+        if element is not None:
+            events.append(_of_element(table, Event(t_s, element=element), scope, elements, converter))
+            continue
         if not abs(t_s - before_s) <= SAME_INSTANT:
             before, before_s = replace(present), t_s
         event = _read_source(table, scope, Event(t_s), present, basis, converter)
@@ -158,6 +167,43 @@ def read_events(
         events.append(present.settle(replace(event, name=name), converter))
         table.finish()
     return tuple(events)
+
+
+_MAY_CHANGE = {"unit": "set points and breaker", "node": "fault", "source": "breaker", "element": "breaker"}
+"""What of an element an event may change, by the kind of the element."""
+
+_ARTICLE = {"unit": "a unit", "node": "a node", "source": "a source", "element": "a branch, shunt or load"}
+
+
+def _of_element(
+    table: TableReader, event: Event, scope: Scope, elements: Mapping[str, str] | None, converter: Converter
+) -> Event:
+    """An event of one element of a plant."""
+    name, known = event.element or "", elements or {}
+    if name not in known:
+        names = f"Known: {', '.join(known)}." if known else "Leave it out: there is no plant."
+        table.fault("element", name, "the plant has none of this name", did_you_mean(name, known, names, 0.5))
+    what = known.get(name, "")
+    set_points = [kind for kind in EVENT_KINDS.values() if kind.of_controller]
+    found = {kind.quantity: take(table, kind.field, scope, None) for kind in set_points}
+    said = read_said(table, Base.of(converter))
+    given = {
+        "set points": any(value is not None for value in found.values()),
+        "breaker": said.breaker is not None,
+        "fault": said.fault is not None,
+        "load": said.load is not None,
+    }
+    wrong = [one for one, there in given.items() if there and what and one not in _MAY_CHANGE[what]]
+    if not any(given.values()):
+        table.fault("", None, "changes nothing", f"Give {_MAY_CHANGE.get(what, 'breaker')}.")
+    if wrong:
+        problem = f"{name} is {_ARTICLE[what]}, which has no {' and '.join(wrong)} that an event may change"
+        table.fault("element", name, problem, f"An event may change its {_MAY_CHANGE[what]}.")
+    words = [kind.words(found[kind.quantity], converter) for kind in set_points if found[kind.quantity] is not None]
+    words += network_words(said, Base.of(converter))
+    label = values(picked(EventFields, "name"), table, defaults={"name": f"{name}: {', '.join(words)}"})["name"]
+    table.finish()
+    return replace(event, name=label, switched=said, **found)
 
 
 def _check_left(table: TableReader, t_s: float, scope: Scope, converter: Converter) -> None:

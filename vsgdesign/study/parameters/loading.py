@@ -99,11 +99,27 @@ def study_from_document(
     ``asked`` collects every quantity that is read, by its full name. Raises StudyError with every fault.
     """
     faults: list[Fault] = []
-    placed = _files_in(dict(document), Path(origin.folder))
-    study = build_study(placed, origin.default_name, _hash(document), faults, inner_loops, asked)
+    known = _with_cases(dict(document), Path(origin.folder))
+    placed = _files_in(known, Path(origin.folder))
+    study = build_study(placed, origin.default_name, _hash(known), faults, inner_loops, asked)
     if faults:
         raise StudyError(origin.source, faults)
     return replace(study, origin=replace(origin, changed=changed))
+
+
+def _with_cases(document: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The document with the cases of a plant's units read. Raises StudyError for one that cannot be read."""
+    network = document.get("network")
+    units = network.get("units") if isinstance(network, dict) else None
+    if not isinstance(network, dict) or not isinstance(units, list):
+        return document
+    read = [
+        {**one, "case": merged_document({"base": one["case"]}, folder, f"network.units[{k}].case")}
+        if isinstance(one, dict) and isinstance(one.get("case"), str)
+        else one
+        for k, one in enumerate(units)
+    ]
+    return {**document, "network": {**network, "units": read}}
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

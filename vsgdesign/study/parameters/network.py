@@ -65,6 +65,21 @@ class Load:
             Z += 1.0 / (1j * omega * self.C_series)
         return Z
 
+    def times(self, factor: float) -> Load:
+        """A load of so many times the impedance."""
+
+        def of(value: float | None, share: float) -> float | None:
+            return None if value is None else value * share
+
+        return Load(
+            R_parallel=of(self.R_parallel, factor),
+            L_parallel=of(self.L_parallel, factor),
+            C_parallel=of(self.C_parallel, 1.0 / factor),
+            R_series=of(self.R_series, factor),
+            L_series=of(self.L_series, factor),
+            C_series=of(self.C_series, 1.0 / factor),
+        )
+
     def in_si(self, Z_base: float, omega_n: float) -> Load:
         """A load whose elements are reactances in pu (R, ωL, 1/(ωC)) in SI. ``Z_base`` in Ω, ``omega_n`` in rad/s."""
 

@@ -134,7 +134,7 @@ def read_load(table: TableReader, base: Base | None) -> Load:
     branch = table.child("series")
     series: tuple[float | None, ...] = (None, None, None)
     if branch is not None:
-        series = _series(branch, base)
+        series = read_series(branch, base)
         branch.finish()
     load = Load(R_parallel=R, L_parallel=L, C_parallel=C, R_series=series[0], L_series=series[1], C_series=series[2])
     if load == Load() and all(table.table.get(name, 0) == 0 for name in table.table):
@@ -147,7 +147,7 @@ def _by_powers(
     table: TableReader, base: Base | None, R: float | None, L: float | None, C: float | None
 ) -> tuple[float | None, float | None, float | None]:
     """The parallel elements with those that powers at nominal voltage stand for: R for P, L or C for Q."""
-    P, Q = _either(table, LoadFields, "P", "P_pu", base), _either(table, LoadFields, "Q", "Q_pu", base)
+    P, Q = either(table, LoadFields, "P", "P_pu", base), either(table, LoadFields, "Q", "Q_pu", base)
     for power, elements in (("P", ("R",)), ("Q", ("X_L", "X_C", "L", "C"))):
         for name in (f"{element}{unit}" for element in elements for unit in ("", "_pu")):
             if name in table.table and (power in table.table or f"{power}_pu" in table.table):
@@ -164,11 +164,11 @@ def _by_powers(
 
 def _elements(table: TableReader, of: type, base: Base | None) -> tuple[float | None, float | None, float | None]:
     """Resistance, inductance and capacitance of a branch; None for what it does not have."""
-    R, L = _either(table, of, "R", "R_pu", base), _either(table, of, "L", "X_L_pu", base)
-    return R, L, _either(table, of, "C", "X_C_pu", base, inverse=True)
+    R, L = either(table, of, "R", "R_pu", base), either(table, of, "L", "X_L_pu", base)
+    return R, L, either(table, of, "C", "X_C_pu", base, inverse=True)
 
 
-def _either(
+def either(
     table: TableReader, of: type, name: str, name_pu: str, base: Base | None, *, inverse: bool = False
 ) -> float | None:
     """A quantity with its unit or in pu; without a base in pu alone. ``inverse``: the quantity is one over that of
@@ -186,7 +186,7 @@ def _either(
     return one_pu / value if inverse else value * one_pu
 
 
-def _series(table: TableReader, base: Base | None) -> tuple[float | None, float | None, float | None]:
+def read_series(table: TableReader, base: Base | None) -> tuple[float | None, float | None, float | None]:
     """The elements of a series branch; none where they are faulty."""
     R, L, C = _elements(table, SeriesFields, base)
     if not table.table:
@@ -210,7 +210,7 @@ def read_fault(table: TableReader, base: Base | None) -> Fault:
     found = values(picked(FaultFields, "kind", "at"), table)
     if found["at"] == 1.0:
         table.fault("at", table.table["at"], "would short the source itself", "Give less than 1.")
-    R = _either(table, FaultFields, "R", "R_pu", base)
+    R = either(table, FaultFields, "R", "R_pu", base)
     phases = values(picked(FaultFields, "phases"), table)
     if found["kind"] == THREE_PHASE and table.has("phases"):
         table.fault("phases", table.table["phases"], "a three-phase fault has no pair of phases", "Leave it out.")

@@ -120,12 +120,11 @@ def _check_multiple(table: TableReader, field: str, value: float, T_s: float) ->
 
 
 def read_network(table: TableReader | None, converter: Converter) -> Network:
-    """The [network] section: load, fault and breaker at the start."""
+    """Load, fault and breaker at the start, of the [network] section, which may have more."""
     if table is None:
         return PLAIN
     said = read_said(table, Base.of(converter))
     for field, ended in (("load", NONE), ("fault", CLEARED)):
         if getattr(said, field) == ended:
             table.fault(field, ended, "there is none before the start", "Leave it out.")
-    table.finish()
     return said.on(PLAIN)

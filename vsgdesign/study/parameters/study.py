@@ -29,6 +29,7 @@ from vsgdesign.study.parameters.targets import NOTCH_DAMPING, ClosedFormTarget
 if TYPE_CHECKING:
     from vsgdesign.study.parameters.background import BackgroundSpec
     from vsgdesign.study.parameters.estimator import EstimatorSpec
+    from vsgdesign.study.parameters.power_plant import PowerPlant
     from vsgdesign.study.parameters.replay import ReplaySpec
     from vsgdesign.study.parameters.sensors import SensorSpec
     from vsgdesign.study.parameters.specification import Specification
@@ -85,6 +86,8 @@ class Study:
     scr_basis: str
     network: Network = PLAIN
     """Load, fault and breaker at the start."""
+    plant: PowerPlant | None = None
+    """Several converters on one network, whose grid is ``grid``; None: one converter on it."""
     target: ClosedFormTarget
     tau_P: float
     tau_Q: float

@@ -181,14 +181,19 @@ def _of_the_disk(error: OSError) -> bool:
     return error.errno in OF_THE_DISK
 
 
-def load(study_file: str, quiet: bool = False, *, left_tables: bool = False) -> Study:
+def load(study_file: str, quiet: bool = False, *, left_tables: bool = False, plants: bool = False) -> Study:
     """Load the study of a file. If it leaves its inner loops to be designed, they are designed once and kept beside
     it. With ``left_tables``, a gain table of the same design that an earlier command has left below ``out`` is taken.
+    A plant of several converters is refused, but with ``plants``.
     """
+    from vsgdesign.study.parameters.power_plant import one_converter
     from vsgdesign.verbs.pipeline.opening import open_study
+    from vsgdesign.verbs.pipeline.plant import as_one_converter
 
     with progress(quiet) as report:
-        study = open_study(study_file, progress=report, say=echo_aside)
+        study = as_one_converter(open_study(study_file, progress=report, say=echo_aside))
+    if not plants:
+        one_converter(study, f"vsgdesign {click.get_current_context().info_name}")
     if left_tables:
         from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 

@@ -110,7 +110,10 @@ def _run(
     from vsgdesign.verbs.pipeline.run import what_is_there
 
     report, left_out = what != "-simulation", list[str]()
-    study = load(study_file, left_tables=bool(what))
+    study = load(study_file, left_tables=bool(what), plants=not report)
+    if study.plant is not None:
+        _run_plant(study, Path("out") / f"{study.name}{what}" if out is None else Path(out), bridge, as_json)
+        return
     study = study.made_strict() if strict else study
     if sheet is not None:
         check_new(sheet)
@@ -155,6 +158,25 @@ def _run(
             if sheet is not None:
                 click.echo(f"sheet: {sheet}")
     _refuse_divergence(results)
+
+
+def _run_plant(study: Study, folder: Path, bridge: str | None, as_json: bool) -> None:
+    """A plant of several converters."""
+    from vsgdesign.report.page.terminal import print_terminal
+    from vsgdesign.report.plant import plant_blocks
+    from vsgdesign.verbs.pipeline.plant import run_plant_study
+
+    if bridge == "pwm":
+        raise click.UsageError("the bridges of a plant are averaged: leave --bridge pwm out")
+    with keeping(folder):
+        with progress(quiet=as_json) as tell:
+            result, document = run_plant_study(study, folder, progress=tell, warn=_warn)
+        if as_json:
+            print_json(document)
+        else:
+            print_terminal(plant_blocks(result))
+            click.echo(f"results: {folder / 'results.json'}")
+    _refuse_divergence(document)
 
 
 def _refuse_divergence(results: dict[str, Any]) -> None:

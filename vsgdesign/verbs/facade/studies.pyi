@@ -113,6 +113,13 @@ class NetworkTable(TypedDict, total=False):
     load: NetworkLoadTable | Mapping[str, Any]
     fault: NetworkFaultTable | Mapping[str, Any]
     breaker: Literal["open", "closed"]
+    pcc: str
+    nodes: Sequence[NetworkNodesTable | Mapping[str, Any]]
+    branches: Sequence[NetworkBranchesTable | Mapping[str, Any]]
+    shunts: Sequence[NetworkShuntsTable | Mapping[str, Any]]
+    loads: Sequence[NetworkLoadsTable | Mapping[str, Any]]
+    sources: Sequence[NetworkSourcesTable | Mapping[str, Any]]
+    units: Sequence[NetworkUnitsTable | Mapping[str, Any]]
 
 class NetworkLoadTable(TypedDict, total=False):
     """The fields of [network.load]."""
@@ -147,6 +154,101 @@ class NetworkFaultTable(TypedDict, total=False):
     R: Quantity
     R_pu: Quantity
     phases: Literal["ab", "bc", "ca"]
+
+class NetworkNodesTable(TypedDict, total=False):
+    """The fields of [network.nodes]."""
+
+    name: str
+
+class NetworkBranchesTable(TypedDict, total=False):
+    """The fields of [network.branches]."""
+
+    name: str
+    from: str
+    to: str
+    R: Quantity
+    R_pu: Quantity
+    L: Quantity
+    X_pu: Quantity
+    C: Quantity
+    B_pu: Quantity
+    S_rated: Quantity
+    breaker: Literal["open", "closed"]
+
+class NetworkShuntsTable(TypedDict, total=False):
+    """The fields of [network.shunts]."""
+
+    name: str
+    node: str
+    R: Quantity
+    R_pu: Quantity
+    L: Quantity
+    X_L_pu: Quantity
+    C: Quantity
+    X_C_pu: Quantity
+    breaker: Literal["open", "closed"]
+
+class NetworkLoadsTable(TypedDict, total=False):
+    """The fields of [network.loads]."""
+
+    name: str
+    node: str
+    P: Quantity
+    P_pu: Quantity
+    Q: Quantity
+    Q_pu: Quantity
+    R: Quantity
+    R_pu: Quantity
+    L: Quantity
+    X_L_pu: Quantity
+    C: Quantity
+    X_C_pu: Quantity
+    series: NetworkLoadsSeriesTable | Mapping[str, Any]
+    breaker: Literal["open", "closed"]
+
+class NetworkLoadsSeriesTable(TypedDict, total=False):
+    """The fields of [network.loads.series]."""
+
+    R: Quantity
+    R_pu: Quantity
+    L: Quantity
+    X_L_pu: Quantity
+    C: Quantity
+    X_C_pu: Quantity
+
+class NetworkSourcesTable(TypedDict, total=False):
+    """The fields of [network.sources]."""
+
+    name: str
+    node: str
+    V_pu: Quantity
+    phase: Quantity
+    R: Quantity
+    R_pu: Quantity
+    L: Quantity
+    X_pu: Quantity
+    breaker: Literal["open", "closed"]
+
+class NetworkUnitsTable(TypedDict, total=False):
+    """The fields of [network.units]."""
+
+    name: str
+    node: str
+    case: str | Path
+    reactance: Quantity
+    resistance: Quantity
+    P_ref: Quantity
+    Q_ref: Quantity
+    offset: Quantity
+    breaker: Literal["open", "closed"]
+
+class PlantTable(TypedDict, total=False):
+    """The fields of [plant]."""
+
+    units: int
+    reactance: Quantity
+    resistance: Quantity
+    sampling: Literal["together", "spread"]
 
 class PowerLoopsTable(TypedDict, total=False):
     """The fields of [power_loops]."""
@@ -183,6 +285,7 @@ class SimulationTable(TypedDict, total=False):
     reference_limit_pu: Quantity
     survival: bool
     survival_settling_time: Quantity
+    strict: bool
 
 class ControllersTable(TypedDict, total=False):
     """The fields of [controllers]."""
@@ -247,6 +350,7 @@ class EventsTable(TypedDict, total=False):
 
     time: Quantity
     name: str
+    element: str
     grid: EventsGridTable | Mapping[str, Any]
     V_g_pu: Quantity
     f_g: Quantity
@@ -556,6 +660,7 @@ def load(
     inner_loops: InnerLoopsTable | Mapping[str, Any] = ...,
     grid: GridTable | Mapping[str, Any] = ...,
     network: NetworkTable | Mapping[str, Any] = ...,
+    plant: PlantTable | Mapping[str, Any] = ...,
     power_loops: PowerLoopsTable | Mapping[str, Any] = ...,
     simulation: SimulationTable | Mapping[str, Any] = ...,
     controllers: Sequence[ControllersTable | Mapping[str, Any]] = ...,
@@ -596,7 +701,8 @@ def load(
         filter: LC or LCL filter (required).
         inner_loops: Voltage and current loop (default designed).
         grid: Grid at t = 0 (required).
-        network: Load, fault and breaker at t = 0 (default plain).
+        network: Load, fault and breaker at t = 0, and the network of a plant (default plain).
+        plant: Several equal converters at one node (default one converter).
         power_loops: Structure and design target of the power loops (default all defaults).
         simulation: One EMT run (required).
         controllers: What to simulate and compare (at least one; required).
@@ -644,6 +750,7 @@ def event(
     time: Quantity,
     *,
     name: str = ...,
+    element: str = ...,
     grid: EventsGridTable | Mapping[str, Any] = ...,
     V_g_pu: Quantity = ...,
     f_g: Quantity = ...,
@@ -667,6 +774,8 @@ def event(
     Parameters:
         time: Instant (0 to `duration` in s; required).
         name: Label in reports (not empty; default a description of the change).
+        element: Of a plant, by its name, what it changes: a unit (set points, `breaker`), a branch, shunt,
+        load or source (`breaker`), or a node (`fault`) (default the grid and all units).
         grid: New grid impedance (default unchanged).
         V_g_pu: source voltage, pu of rated (0 to 2; default unchanged).
         f_g: source frequency (0.8 to 1.2 times f_n in Hz; default unchanged).

@@ -1,0 +1,60 @@
+"""``vsgdesign simulate`` with a plant, and the verbs that refuse one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tests.simulation.test_plants import STUDY
+from vsgdesign.verbs.cli.program import main
+
+PLANT = "[plant]\nunits = 2\nreactance = 0.06\nresistance = 0.01\n"
+LOSS = '[[events]]\ntime = "20 ms"\nelement = "unit2"\nbreaker = "open"\n'
+
+
+def study_file(folder: Path, sections: str) -> Path:
+    path = folder / "two.toml"
+    text = STUDY.replace('duration = "20 ms"', 'duration = "60 ms"').replace('start = "cold"\n', "")
+    path.write_text(text + sections, encoding="utf-8")
+    return path
+
+
+def test_a_plant_leaves_its_units(tmp_path: Path) -> None:
+    """One unit is lost: its power ends, and the other one sees half of the grid's impedance."""
+    file = study_file(tmp_path, PLANT + LOSS)
+    done = CliRunner().invoke(main, ["simulate", str(file), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "modes of the whole plant at rest" in done.output
+    found = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    assert set(found["units"]) == {"unit1", "unit2"}
+    assert set(found["units"]["unit1"]) == {"operating_points", "gains", "promises", "controllers"}
+    rests = found["controllers"]["fixed"]["rests"]
+    assert [one["on_line"] for one in rests] == [["unit1", "unit2"], ["unit1"]]
+    assert rests[0]["split"]["differential"]
+    assert rests[1]["split"] is None
+    assert found["units"]["unit2"]["operating_points"][1]["reason"] == "the breaker of unit2 is open"
+    with np.load(tmp_path / "out" / "fixed.unit2.npz") as series:
+        assert series["P_pcc"][0] == pytest.approx(2000.0, rel=0.02)
+        assert abs(series["P_pcc"][-1]) < 1e-6
+    with np.load(tmp_path / "out" / "fixed.unit1.npz") as kept:
+        assert kept["L_g"][-1] < kept["L_g"][0]
+
+
+def test_one_unit_is_one_converter(tmp_path: Path) -> None:
+    """Today's keys and files."""
+    file = study_file(tmp_path, PLANT.replace("units = 2", "units = 1"))
+    done = CliRunner().invoke(main, ["simulate", str(file), "--out", str(tmp_path / "out"), "--json"])
+    assert done.exit_code == 0, done.output
+    assert "units" not in json.loads(done.stdout)
+    assert (tmp_path / "out" / "fixed.npz").exists()
+
+
+@pytest.mark.parametrize("verb", ["run", "report", "verify"])
+def test_other_verbs_refuse_a_plant(tmp_path: Path, verb: str) -> None:
+    done = CliRunner().invoke(main, [verb, str(study_file(tmp_path, PLANT)), "--out", str(tmp_path / "out")])
+    assert done.exit_code != 0
+    assert f"vsgdesign {verb} knows one converter on a grid, and this study has a plant of 2" in done.output

@@ -1,0 +1,155 @@
+"""The section [plant] and the lists of [network]: what they become, and every fault with its name."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from tests.parameters.documents import build, case_document, faults_of
+from vsgdesign.study.parameters.power_plant import Element, PowerPlant
+
+UNIT = {"name": "one", "node": "pcc", "reactance": 0.05}
+
+
+def study_document() -> dict[str, Any]:
+    """The published case with an averaged bridge."""
+    found = case_document()
+    return found | {"simulation": found["simulation"] | {"bridge": "averaged"}}
+
+
+def plant_of(document: dict[str, Any]) -> PowerPlant:
+    found = build(document).plant
+    assert found is not None
+    return found
+
+
+def network(**lists: list[dict[str, Any]]) -> dict[str, Any]:
+    """A document with these lists, a node and a unit."""
+    given = {"nodes": [{"name": "pcc"}], "units": [UNIT]} | lists
+    return study_document() | {"network": given}
+
+
+def faults(document: dict[str, Any]) -> str:
+    return "\n".join(map(str, faults_of(document)))
+
+
+def test_a_study_without_it_has_no_plant() -> None:
+    assert build(study_document()).plant is None
+
+
+def test_the_short_form() -> None:
+    """Four units: the grid is that of four times the rating, and x_t is per unit of one unit."""
+    alone, study = build(study_document()), build(study_document() | {"plant": {"units": 4, "reactance": 0.06}})
+    plant = study.plant
+    assert plant is not None
+    assert study.grid.L_g == pytest.approx(alone.grid.L_g / 4.0, rel=1e-12)
+    assert [unit.name for unit in plant.units] == ["unit1", "unit2", "unit3", "unit4"]
+    assert plant.units[0].L * study.converter.omega_n == pytest.approx(0.06 * study.converter.Z_base, rel=1e-12)
+    assert plant.equal
+    spread = plant_of(study_document() | {"plant": {"units": 4, "sampling": "spread"}})
+    assert spread.units[3].offset == pytest.approx(0.75 * study.converter.T_s)
+    assert not spread.equal
+
+
+def test_a_network_becomes_elements() -> None:
+    document = network(
+        nodes=[{"name": "pcc"}, {"name": "far"}],
+        branches=[
+            {"name": "cable", "from": "pcc", "to": "far", "R": 0.1, "L": 1e-3, "C": 2e-6},
+            {"name": "step", "from": "pcc", "to": "far", "X_pu": 0.06, "S_rated": 20e3, "breaker": "open"},
+        ],
+        shunts=[{"name": "trap", "node": "far", "R": 1.0, "L": 1e-3, "C": 1e-5}],
+        loads=[{"name": "heater", "node": "far", "P_pu": 0.5}],
+    )
+    plant, c = plant_of(document), build(document).converter
+    found = {one.name: one for one in plant.elements}
+    assert found["cable"] == Element("cable", "cable", "pcc", "far", 0.1, 1e-3)
+    assert found["cable.far"] == Element("cable.far", "cable", "far", "", C=1e-6)
+    assert found["step"].L * c.omega_n == pytest.approx(0.06 * 3.0 * c.V_rated_rms**2 / 20e3, rel=1e-12)
+    assert found["trap"] == Element("trap", "trap", "far", "", 1.0, 1e-3, 1e-5)
+    assert pytest.approx(2.0 * c.Z_base) == found["heater.R"].R
+    assert plant.opened == {"step"}
+    assert plant.names["heater"] == "element"
+    assert plant.names["far"] == "node"
+
+
+def test_a_case_of_a_unit() -> None:
+    own = study_document() | {"filter": study_document()["filter"] | {"L_1": "3 mH"}}
+    plant = plant_of(network(units=[UNIT, {"name": "other", "node": "pcc", "case": own}]))
+    case = plant.unit("other").case
+    assert case is not None
+    assert pytest.approx(3e-3) == case.filter.L_1
+    assert plant.unit("one").case is None
+
+
+def test_everything_wrong_is_told_at_once_with_its_name() -> None:
+    other = study_document() | {"converter": study_document()["converter"] | {"f_n": "60 Hz"}}
+    found = faults(
+        network(
+            nodes=[{"name": "pcc"}, {"name": "b"}, {"name": "lost"}],
+            branches=[{"name": "line", "from": "pcc", "to": "b"}, {"name": "loop", "from": "b", "to": "b", "R": 1.0}],
+            sources=[{"name": "s1", "node": "b"}, {"name": "s2", "node": "b"}],
+            loads=[{"name": "nothing", "node": "b"}],
+            units=[
+                {"name": "one", "node": "pcc", "reactance": -0.1},
+                {"name": "far", "node": "bb"},
+                {"name": "sixty", "node": "pcc", "case": other},
+                {"name": "one", "node": "pcc"},
+            ],
+        )
+    )
+    for words in (
+        'network.nodes[2].name = "lost": no branch leads from it to a unit or a source',
+        "s1, s2 make a loop of sources at node b",
+        "branch line has no impedance",
+        "is the node at which it begins",
+        "load nothing takes no power",
+        'network.units["one"].reactance = -0.1: outside 0 to 10',
+        'network.units["far"].node = "bb": is no node. Did you mean b?',
+        "unit sixty is made for 60 Hz, and the network has 50 Hz",
+        'name = "one": used twice',
+    ):
+        assert words in found, words
+
+
+@pytest.mark.parametrize(
+    ("document", "words"),
+    [
+        ({"plant": {"units": 0}}, "plant.units = 0: must be a whole number from 1 to 32"),
+        ({"plant": {"units": 2, "reactance": -0.01}}, "plant.reactance = -0.01: outside 0 to 10"),
+        ({"plant": {"units": 2}, "network": {"units": [UNIT]}}, "plant: network.units describe a plant, too"),
+        ({"network": {"units": [UNIT]}}, 'network.pcc = "pcc": is no node'),
+        ({"network": {"nodes": [{"name": "pcc"}]}}, "network.units = 0: a plant has 1 to 32 units"),
+        ({"plant": {"units": 2}, "sensors": {"level": "typical"}}, "sensors: a run of a plant does not have it"),
+    ],
+)
+def test_faults_of_a_plant(document: dict[str, Any], words: str) -> None:
+    assert words in faults(study_document() | document)
+
+
+def event(**fields: Any) -> str:
+    """The faults of an event of a plant of two."""
+    plant = {"plant": {"units": 2, "reactance": 0.06}, "events": [{"time": 1.0} | fields]}
+    return faults(study_document() | plant)
+
+
+def test_faults_of_its_events() -> None:
+    assert 'element = "unit3": the plant has none of this name. Did you mean unit2?' in event(
+        element="unit3", breaker="open"
+    )
+    assert "pcc is a node, which has no breaker that an event may change" in event(element="pcc", breaker="open")
+    assert "unit1 is a unit, which has no fault that an event may change" in event(element="unit1", fault={"R": 1.0})
+    assert "changes nothing" in event(element="unit1")
+    assert "neither ramps" in event(V_g_pu=0.9, over=0.1)
+    alone = study_document() | {"events": [{"time": 1.0, "element": "unit1", "breaker": "open"}]}
+    assert "there is no plant" in faults(alone)
+
+
+def test_an_event_names_its_element() -> None:
+    plant = {"plant": {"units": 2}, "events": [{"time": 1.0, "element": "unit2", "breaker": "open"}]}
+    (one,) = build(study_document() | plant).events
+    assert (one.element, one.name) == ("unit2", "unit2: breaker opens")
+    assert one.document(build(study_document()).converter)["element"] == "unit2"
+    assert math.isclose(one.t_s, 1.0)

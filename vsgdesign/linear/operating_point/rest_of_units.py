@@ -1,0 +1,400 @@
+"""The period of a plant as one map, with its derivative, and the steady state at which it only turns
+(:eq:`plant-period`).
+
+The map goes from instant to instant: the units that sample take their next state, and the circuit moves to the next
+instant. It is written in the frame of the grid's source, so that a steady state is a fixed point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.frames import instantaneous_power, rms_to_peak
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.errors import InfeasibleStudyError, LimitHitError
+from vsgdesign.linear.model.full_order import ControllerMap, limiter_states
+from vsgdesign.linear.operating_point.circuit_of_units import (
+    Topology,
+    UnitsCircuit,
+    circuit_of_units,
+    names_of_states,
+    phasors_of,
+    wiring_of,
+)
+from vsgdesign.linear.operating_point.clock_of_units import Clock, clock_of_study
+from vsgdesign.linear.operating_point.full_order import controller_of, pack, parameters_of
+from vsgdesign.linear.operating_point.many import Lanes, lanes_of, many_steady_states
+from vsgdesign.linear.operating_point.sampled import cold_start, fault_of_rest
+from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import Study
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_STEPS, _EXACT, _GOOD = 20, 1e-13, 1e-9
+"""Newton's steps, the change of a state, relative to its size, at which they end, and at which they have converged."""
+
+
+class UnitAsked(NamedTuple):
+    """What a unit is asked for between two events."""
+
+    study: Study
+    """Its own: converter, filter, inner loops and current limit."""
+    gains: PowerLoopGains
+    refs: References
+    grid: Grid
+    """The grid that its controller takes for its own."""
+
+
+class Situation(NamedTuple):
+    """A plant between two events."""
+
+    study: Study
+    topology: Topology
+    units: tuple[UnitAsked, ...]
+    omega: float
+    sources: tuple[tuple[float, float], ...]
+    """V (phase rms) and angle (rad) of each source to the grid's."""
+
+    @property
+    def phasors(self) -> Complex:
+        """Of the sources, V peak."""
+        return np.array([rms_to_peak(V) * np.exp(1j * angle) for V, angle in self.sources])
+
+
+@dataclass(frozen=True, eq=False)
+class UnitsAtRest:
+    """The steady state of a plant, at the beginning of its clock's period and with the grid's source at angle zero."""
+
+    model: PlantMap
+    z: Array
+    """The state of the map."""
+    A: Array
+    """Its derivative there: the full-order model of the whole plant."""
+
+    def controller(self, unit: int, phase: float) -> tuple[ControllerState, complex, complex]:
+        """The controller of a unit with the grid's source at a phase (rad), the bridge voltage that acts and the one
+        that its delay holds back, αβ."""
+        model, turn = self.model, np.exp(1j * phase)
+        own = model.slices[unit]
+        named = dict(zip(model.maps[unit].names, self.z[own.controller].tolist(), strict=True))
+        asleep = cold_start(model.situation.units[unit].study).controller
+        memory = type(asleep.limiter)(*(named[name] for name in limiter_states(asleep.limiter._fields)))
+        held = complex(*self.z[own.held]) * turn
+        waits = complex(named["pending_d"], named["pending_q"]) * turn if "pending_d" in named else held
+        y = model.measured(self.z, unit)
+        i_g = (y[4] + 1j * y[5]) * np.exp(-1j * named["delta"])
+        P, Q = model.powers(self.z, unit)
+        # A state that the structure does not have has any value; these are at rest.
+        rest = {"P_f": P, "Q_f": Q, "i_f_d": i_g.real, "i_f_q": i_g.imag, "mean_P": P, "mean_Q": Q}
+        known = rest | {name: value for name, value in named.items() if name in ControllerState._fields}
+        known |= {"theta": named["delta"] + phase, "u_alpha": waits.real, "u_beta": waits.imag}
+        return asleep._replace(**known, limiter=memory), held, waits
+
+    def circuit(self, phase: float) -> Complex:
+        """The circuit's states y with the grid's source at a phase, αβ."""
+        return self.model.states(self.z) * np.exp(1j * phase)
+
+
+class _Slices(NamedTuple):
+    controller: slice
+    held: slice
+
+
+class PlantMap:
+    """One period of a plant's clock as a map z → F(z), with its derivative.
+
+    z are the circuit's states q (d, q in turn), then for each unit its controller's, and the bridge voltage that acts.
+    """
+
+    def __init__(self, situation: Situation, names: tuple[str, ...] | None = None, clock: Clock | None = None) -> None:
+        """``names``: the circuit's states of a run. ``clock``: another one than that of the study."""
+        study, self.situation = situation.study, situation
+        wiring = wiring_of(study)
+        self.plant = wiring.plant
+        units = [unit.name for unit in wiring.plant.units]
+        self.network: UnitsCircuit = circuit_of_units(
+            wiring, situation.topology, names or names_of_states(wiring.plant, [situation.topology])
+        )
+        self.clock = clock or clock_of_study(study)
+        self.maps: tuple[ControllerMap, ...] = tuple(controller_of(one.study) for one in situation.units)
+        self._p = [_parameters(one, situation) for one in situation.units]
+        self.slices: list[_Slices] = []
+        at = 2 * len(self.network.A)
+        states = [f"{name}_{axis}" for name in _names_of(self.network) for axis in "dq"]
+        for unit, one in zip(units, self.maps, strict=True):
+            end = at + len(one.names)
+            self.slices.append(_Slices(slice(at, end), slice(end, end + 2)))
+            states += [f"{unit}.{name}" for name in (*one.names, "held_d", "held_q")]
+            at = end + 2
+        self.names = tuple(states)
+        """``UNIT.STATE``, or the element of the network."""
+        self.kept = np.ones(at, dtype=bool)
+        """Without the bridge voltages that the first instant overwrites."""
+        for k in self.clock.instants[0].units:
+            self.kept[self.slices[k].held] = False
+
+    def states(self, z: Array) -> Complex:
+        """The circuit's states y."""
+        q = z[0 : 2 * len(self.network.A) : 2] + 1j * z[1 : 2 * len(self.network.A) : 2]
+        return self.network.X @ q + self.network.X_g @ self.situation.phasors
+
+    def measured(self, z: Array, unit: int) -> Array:
+        """i_s, v_c and i_g of a unit (d, q in turn)."""
+        y = self.states(z)[3 * unit : 3 * unit + 3]
+        return np.stack([y.real, y.imag], axis=1).ravel()
+
+    def powers(self, z: Array, unit: int) -> tuple[float, float]:
+        """P (W) and Q (var) at the capacitor node of a unit."""
+        i_s, v_c, i_g = self.states(z)[3 * unit : 3 * unit + 3]
+        v = v_c + self.situation.units[unit].study.filter.R_c * (i_s - i_g)
+        P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
+        return float(P), float(Q)
+
+    def __call__(self, z: Array, *, derivative: bool = True) -> tuple[Array, Array]:
+        """F(z) and dF/dz; without a derivative the second is meaningless."""
+        z, J, omega = z.copy(), np.eye(len(z)), self.situation.omega
+        v_g, n = self.situation.phasors, len(self.network.A)
+        for instant in self.clock.instants:
+            for k in instant.units:
+                self._sample(z, J, k, derivative)
+            phi, gamma, rho = self.network.step(instant.gap, omega)
+            turn = np.exp(-1j * omega * instant.gap)
+            held = [self.slices[k].held for k in range(len(self.maps))]
+            moved = np.zeros((2 * n, len(z)))
+            moved[:, : 2 * n] = _real(np.asarray(turn * phi, dtype=complex))
+            for k, place in enumerate(held):
+                moved[:, place] = _real(np.asarray(turn * gamma[:, k : k + 1], dtype=complex))
+            q = turn * (rho @ v_g)
+            z[: 2 * n] = moved @ z + np.stack([q.real, q.imag], axis=1).ravel()
+            J[: 2 * n] = moved @ J if derivative else J[: 2 * n]
+            rotation = _real(np.array([[turn]]))
+            for k, own in enumerate(self.slices):
+                names = self.maps[k].names
+                first = own.controller.start
+                pairs = [own.held]
+                if "pending_d" in names:
+                    at = first + names.index("pending_d")
+                    pairs.append(slice(at, at + 2))
+                for pair in pairs:
+                    z[pair], J[pair] = rotation @ z[pair], rotation @ J[pair]
+                z[first + names.index("delta")] -= omega * instant.gap
+        return z, J
+
+    def _sample(self, z: Array, J: Array, unit: int, derivative: bool) -> None:
+        """The unit's next state, and the bridge voltage that acts from now on."""
+        own, n = self.slices[unit], 2 * len(self.network.A)
+        given = np.concatenate([self.measured(z, unit), z[own.controller]])
+        result, slope = self.maps[unit].linear(given, self._p[unit])
+        z[own.controller.start : own.held.stop] = result.full().ravel()
+        if derivative:
+            slope = slope.full()
+            of_circuit = _real(self.network.X[3 * unit : 3 * unit + 3].astype(complex))
+            J[own.controller.start : own.held.stop] = (
+                slope[:, :6] @ (of_circuit @ J[:n]) + slope[:, 6:] @ J[own.controller]
+            )
+
+    def rest(self, guess: Array) -> UnitsAtRest:
+        """The fixed point near a guess, by Newton. Raises InfeasibleStudyError where it is not found."""
+        z = guess.copy()
+        for _ in range(_STEPS):
+            after, J = self(z)
+            wrong = np.where(self.kept, after - z, 0.0)
+            size = np.abs(z) + 1e-3 * np.abs(z).max()
+            matrix = (J - np.eye(len(z))) * size[None, :] / size[:, None]
+            some = np.flatnonzero(self.kept)
+            step = _solved(matrix[np.ix_(some, some)], (wrong / size)[some])
+            change = float(np.abs(step).max())
+            z[some] -= step * size[some]
+            if change < _EXACT or not np.isfinite(change):
+                break
+        after, J = self(z)
+        z = np.where(self.kept, z, after)
+        wrong = np.abs(after - z)[self.kept] / (np.abs(z) + 1e-3 * np.abs(z).max())[self.kept]
+        if not np.isfinite(z).all() or wrong.max() > _GOOD:
+            raise InfeasibleStudyError(
+                "the plant has phasors that fit its set points, but its sampled controllers do not rest there. Ask for "
+                "less, or start cold."
+            )
+        return UnitsAtRest(self, z, J[np.ix_(self.kept, self.kept)])
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Newton's step; where a state may have any value, the smallest one."""
+    try:
+        found: Array = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        found = np.full(len(right), np.nan)
+    if not np.isfinite(found).all():
+        found = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-14)[0], dtype=np.float64)
+    return found
+
+
+def _names_of(network: UnitsCircuit) -> list[str]:
+    """What the states q are called: the variable of y that one is, else the network."""
+    found = []
+    for k in range(len(network.A)):
+        same = [j for j, row in enumerate(network.X) if row[k] == 1.0 and np.count_nonzero(row) == 1]
+        found.append(network.names[same[0]] if same else f"network.{k}")
+    return found
+
+
+def _real(matrix: Complex) -> Array:
+    """A complex matrix for (d, q) in turn."""
+    found = np.empty((2 * matrix.shape[0], 2 * matrix.shape[1]))
+    found[0::2, 0::2], found[1::2, 1::2] = matrix.real, matrix.real
+    found[1::2, 0::2], found[0::2, 1::2] = matrix.imag, -matrix.imag
+    return found
+
+
+def _parameters(unit: UnitAsked, situation: Situation) -> Array:
+    lanes, gains = lanes_of(unit.study, _lanes(unit, unit.grid, situation.sources[0][0], situation.omega), unit.gains)
+    return parameters_of(unit.study, lanes, gains)[0]
+
+
+def _lanes(unit: UnitAsked, grid: Grid, V_rms: float, omega: float) -> Lanes:
+    return Lanes.at(grid, GridSource(V_rms, omega), unit.refs)
+
+
+class _Flow(NamedTuple):
+    """Phasors at the capacitor nodes, phase rms."""
+
+    v: Complex
+    i: Complex
+
+
+def rest_of_units(
+    situation: Situation, names: tuple[str, ...] | None = None, clock: Clock | None = None
+) -> UnitsAtRest:
+    """The steady state of a plant, with its droops and limits. Raises InfeasibleStudyError where there is none, with
+    the unit that cannot have its powers, and with the share of the set points that there is."""
+    model = PlantMap(situation, names, clock)
+    flow = _power_flow(situation)
+    plant, omega = situation.study.plant, situation.omega
+    z = np.zeros(len(model.kept))
+    held = np.zeros(len(model.maps), dtype=complex)
+    for k, unit in enumerate(situation.units):
+        name = plant.units[k].name if plant is not None else ""
+        f, grid = unit.study.filter, unit.grid
+        # Behind any impedance there is the source that gives this voltage and this current.
+        V = flow.v[k] - (f.R_2 + grid.R_g + 1j * omega * (f.L_2 + grid.L_g)) * flow.i[k]
+        lanes = _lanes(unit, grid, abs(V), omega)
+        found = many_steady_states(unit.study, lanes, unit.gains, float(np.angle(V)))
+        if found.fault[0]:
+            source = GridSource(abs(V), omega)
+            error = fault_of_rest(unit.study, grid, source, unit.refs, unit.gains, found)
+            kind = type(error)
+            if isinstance(error, LimitHitError):
+                raise LimitHitError(f"unit {name}: {error}", limit=error.limit)
+            raise kind(f"unit {name}: {error}")
+        own, all_names = model.slices[k], (*_SIX, *model.maps[k].names)
+        z[own.controller] = pack(all_names, found)[0][6:]
+        held[k] = complex(*found.pending[:, 0])
+        _since_sample(model, z, k, held[k])
+    # The circuit at rest with these bridge voltages, as if all units sampled together.
+    phi, gamma, rho = model.network.step(model.clock.period, omega)
+    turn = np.exp(1j * omega * model.clock.period)
+    q = np.linalg.solve(turn * np.eye(len(phi)) - phi, gamma @ held + rho @ situation.phasors)
+    z[: 2 * len(q)] = np.stack([q.real, q.imag], axis=1).ravel()
+    return model.rest(z)
+
+
+_SIX = ("i_s_d", "i_s_q", "v_c_d", "v_c_q", "i_g_d", "i_g_q")
+
+
+def _since_sample(model: PlantMap, z: Array, unit: int, held: complex) -> None:
+    """A unit that samples later in the clock's period: the frame turns until then, and has turned since its last
+    sample."""
+    omega, clock = model.situation.omega, model.clock
+    mine = [one.t_s for one in clock.instants if unit in one.units]
+    until = mine[0] - clock.instants[0].t_s
+    since = clock.period - (mine[-1] - clock.instants[0].t_s)
+    own, names = model.slices[unit], model.maps[unit].names
+    first = own.controller.start
+    z[first + names.index("delta")] += omega * until
+    if "pending_d" in names:
+        at = first + names.index("pending_d")
+        waits = complex(*z[at : at + 2]) * np.exp(1j * omega * until)
+        z[at : at + 2] = waits.real, waits.imag
+    acts = held * np.exp(-1j * omega * since)
+    z[own.held] = acts.real, acts.imag
+
+
+def _power_flow(situation: Situation) -> _Flow:
+    """The phasors with which all units have the powers that their set points and droops say (:eq:`plant-flow`)."""
+    found = _newton(situation, 1.0)
+    if found is not None:
+        return found
+    low, high = 0.0, 1.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _newton(situation, middle) is not None else (low, middle)
+    asked = ", ".join(
+        f"{unit.name} {one.refs.P_ref / 1e3:.4g} kW, {one.refs.Q_ref / 1e3:.4g} kvar"
+        for unit, one in zip(situation.study.plant.units, situation.units, strict=True)  # type: ignore[union-attr]
+    )
+    raise InfeasibleStudyError(
+        f"no operating point: the network does not take what the units are asked for ({asked}); it takes about "
+        f"{100.0 * low:.0f} % of it. Ask for less, or strengthen the network."
+    )
+
+
+def _newton(situation: Situation, share: float) -> _Flow | None:
+    """With a share of the powers; None where Newton does not find it."""
+    plant, omega = situation.study.plant, situation.omega
+    if plant is None:
+        return None
+    network = phasors_of(plant, situation.topology, omega)
+    own = np.array(
+        [
+            unit.R + one.study.filter.R_2 + 1j * omega * (unit.L + one.study.filter.L_2)
+            for unit, one in zip(plant.units, situation.units, strict=True)
+        ]
+    )
+    Y = np.linalg.inv(network.Z + np.diag(own))
+    V = network.V @ (situation.phasors / rms_to_peak(1.0))
+    P, Q, D_q, V_n = (np.array(one) for one in zip(*(_asked(one, omega) for one in situation.units), strict=True))
+    v = V / np.maximum(np.abs(V), 1e-9) * V_n
+    for _ in range(30):
+        i = Y @ (v - V)
+        S = 3.0 * v * i.conj()
+        wrong = S - share * (P + 1j * Q) - 1j * D_q * (V_n - np.abs(v))
+        scale = np.array([one.study.converter.S_rated for one in situation.units])
+        if np.abs(wrong / scale).max() < 1e-12:
+            return _Flow(v, i)
+        dS = 3.0 * np.diag(i.conj()), 3.0 * v[:, None] * Y.conj()  # for dv, and for its conjugate
+        direction = v / np.abs(v)
+        columns = []
+        for unit in (1.0, 1j):
+            column = dS[0] * unit + dS[1] * np.conj(unit)
+            column = column + np.diag(1j * D_q * (direction.conj() * unit).real)
+            columns.append(np.concatenate([column.real, column.imag]))
+        matrix = np.concatenate(columns, axis=1)
+        step = np.linalg.lstsq(matrix, np.concatenate([wrong.real, wrong.imag]), rcond=None)[0]
+        v = v - (step[: len(v)] + 1j * step[len(v) :])
+        if not np.isfinite(v).all() or (np.abs(v) < 0.05 * V_n).any() or (np.abs(v) > 3.0 * V_n).any():
+            return None
+    return None
+
+
+def _asked(unit: UnitAsked, omega: float) -> tuple[float, float, float, float]:
+    """P (W) with its droop, Q (var) at V_n, D_q and V_n."""
+    refs, gains = unit.refs, unit.gains
+    return refs.P_ref + gains.D_p * (refs.omega_0 - omega), refs.Q_ref, gains.D_q, refs.V_n
+
+
+def situation_of(
+    study: Study, topology: Topology, units: Sequence[UnitAsked], omega: float, V_g_rms: float
+) -> Situation:
+    """A plant with its sources as they are at nominal phase."""
+    sources = () if study.plant is None else study.plant.sources
+    return Situation(
+        study, topology, tuple(units), omega, ((V_g_rms, 0.0), *((one.V_rms, one.phase) for one in sources))
+    )

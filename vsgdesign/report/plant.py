@@ -1,0 +1,66 @@
+"""What a run of a plant prints on a terminal: outcomes of the units, and the modes at each rest."""
+
+from __future__ import annotations
+
+import math
+
+from vsgdesign.report.drawing.quantities import DASH, plain
+from vsgdesign.report.page.blocks import Block, Table, Where, words
+from vsgdesign.simulation.units.scenario import PlantController, PlantRest, PlantResult
+
+
+def plant_blocks(result: PlantResult) -> list[Block]:
+    """One table of units and one of modes for each controller."""
+    blocks: list[Block] = []
+    for one in result.controllers:
+        blocks += [_units(one), _modes(one), words(*_reasons(one), on=Where.TERMINAL)]
+    return blocks
+
+
+def _units(one: PlantController) -> Table:
+    head = ("unit", "outcome", "P [kW]", "Q [kvar]", "V [V]", "largest current [pu]")
+    rows = []
+    for unit, found in zip(one.timeline.plant.units, one.units, strict=True):
+        series = found.series
+        peaks = (event.peak_current_pu for event in found.events)
+        peak = max((one for one in peaks if one is not None), default=math.nan)
+        end = (series["P_pcc"][-1] / 1e3, series["Q_pcc"][-1] / 1e3, series["V_rms"][-1])
+        numbers = tuple(plain(float(value), 4) for value in end)
+        shown = plain(float(peak), 3) if math.isfinite(peak) else DASH
+        rows.append((unit.name, found.outcome.status, *numbers, shown))
+    return Table(f"{one.spec.name}: {one.outcome.status}, at the end of the run", head, tuple(rows), on=Where.TERMINAL)
+
+
+def _modes(one: PlantController) -> Table:
+    head = (
+        "from [s]",
+        "after",
+        "on line",
+        "slowest mode [1/s]",
+        "[Hz]",
+        "damping",
+        "together",
+        "against each other",
+    )
+    return Table(
+        f"{one.spec.name}: modes of the whole plant at rest", head, tuple(map(_row, one.rests)), on=Where.TERMINAL
+    )
+
+
+def _row(rest: PlantRest) -> tuple[str, ...]:
+    start = (plain(rest.t_s, 4), rest.name, str(len(rest.on_line)))
+    if not rest.modes:
+        return (*start, *(DASH,) * 5)
+    slowest = rest.modes[0]
+    own = plain(slowest.s.real, 3), plain(abs(slowest.s.imag) / (2.0 * math.pi), 3), plain(slowest.damping, 2)
+    if rest.split is None:
+        return (*start, *own, DASH, DASH)
+    both = (plain(modes[0].s.real, 3) for modes in (rest.split.common, rest.split.differential))
+    return (*start, *own, *both)
+
+
+def _reasons(one: PlantController) -> list[str]:
+    """Why there is no rest, or what an outcome is."""
+    found = [f"{rest.name}: {rest.obstacle}." for rest in one.rests if rest.obstacle is not None]
+    outcome = one.outcome
+    return found + ([] if outcome.reason is None else [f"{one.spec.name}, {outcome.reason}."])

@@ -1,0 +1,161 @@
+"""The loop of a plant: at each instant the circuit arrives, then the units that sample take their next step.
+
+One sample of the loop is one instant of the plant's clock. Both axes of the circuit are alike, so one product of a
+matrix with numbers of the state moves each of them: states of the circuit, bridge voltages that are held, and the
+phasors of the sources.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from vsgdesign.codegen.blocks import Part, Writer, joined, renamed, with_outputs
+from vsgdesign.codegen.flat import Block
+from vsgdesign.codegen.loop_spec import LoopSpec, Product
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.simulation.bodies import Kind, control
+
+AXES = ("alpha", "beta")
+SAID = ("P", "Q", "omega", "at_bridge")
+"""What a unit said at its last sample."""
+
+PHASORS = ("along", "across")
+"""Of a source on an axis: its phasor there, and less its phasor a quarter turn before. On α (cos, sin), on β (sin,
+−cos): then the same matrix moves both axes."""
+
+
+class PlantKind(NamedTuple):
+    """What the loop of a plant depends on."""
+
+    units: tuple[Kind, ...]
+    states: tuple[str, ...]
+    """Of the circuit, on each axis: i_s, v_c and i_g of each unit first."""
+    sources: int
+    sampling: tuple[tuple[int, ...], ...]
+    """The units that sample at each instant of the clock's period."""
+    turns: int
+    """Matrices: one for each instant, or one for all where they are equally far apart."""
+
+    @property
+    def moved(self) -> tuple[str, ...]:
+        """What a product moves on one axis."""
+        return (*self.states, *(f"source{s}.{part}" for s in range(self.sources) for part in PHASORS))
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """What it is made of."""
+        held = (f"held.{k}" for k in range(len(self.units)))
+        return (*self.moved, *held)
+
+    @property
+    def matrix(self) -> tuple[str, ...]:
+        """Every number of the matrices, column by column."""
+        columns, rows = range(len(self.factors)), range(len(self.moved))
+        return tuple(f"m_{turn}_{row}_{k}" for turn in range(self.turns) for k in columns for row in rows)
+
+
+def log_names(kind: PlantKind) -> tuple[str, ...]:
+    """What is logged at an instant: LOG_COLUMNS of each unit, then the other states of the circuit."""
+    found: list[str] = []
+    for k, unit in enumerate(kind.units):
+        del unit
+        found += [f"next.{axis}.{state}" for state in kind.states[3 * k : 3 * k + 3] for axis in AXES]
+        found += [f"v_g.{axis}" for axis in AXES]
+        found += [f"next.u{k}.last.{name}" for name in SAID[:3]]
+        found += [f"u{k}.state.V", f"u{k}.state.theta", f"next.u{k}.limited", f"next.u{k}.last.at_bridge"]
+    return (*found, *(f"next.{axis}.{state}" for state in kind.states[3 * len(kind.units) :] for axis in AXES))
+
+
+def spec_of_plant(kind: PlantKind) -> LoopSpec:
+    """The loop of a plant, strict: every operation rounds by itself."""
+    moved = _moved(kind)
+    logged = log_names(kind)
+    outputs = (*(output for _, output in moved), *(name for name in logged if name not in dict(moved)))
+    distinct = tuple(dict.fromkeys(kind.sampling))
+    bodies = tuple(with_outputs(_body(kind, sampling, moved), outputs) for sampling in distinct)
+    placed = {name for name, _ in moved} | {name for axis in AXES for name in _results(kind, axis)}
+    inputs = dict.fromkeys(name for one in bodies for name in one.inputs)
+    rest = [name for name in inputs if name not in placed]
+    shared = (".settings.", ".inner_gains.", ".R_c")
+    return LoopSpec(
+        bodies=bodies,
+        state=tuple(moved),
+        constant=(*kind.matrix, *(name for name in rest if not any(one in name for one in shared))),
+        uniform=tuple(name for name in rest if any(one in name for one in shared)),
+        products=tuple(
+            Product(_results(kind, axis), kind.matrix, tuple(f"{axis}.{name}" for name in kind.factors), kind.turns)
+            for axis in AXES
+        ),
+        logged=logged,
+        strict=True,
+    )
+
+
+def body_numbers(kind: PlantKind) -> list[int]:
+    """The number of the body for each instant of the clock's period."""
+    distinct = list(dict.fromkeys(kind.sampling))
+    return [distinct.index(one) for one in kind.sampling]
+
+
+def _results(kind: PlantKind, axis: str) -> tuple[str, ...]:
+    return tuple(f"now.{axis}.{name}" for name in kind.moved)
+
+
+def _moved(kind: PlantKind) -> list[tuple[str, str]]:
+    """(input, output) of everything that an instant moves; what is moved on an axis lies side by side."""
+    found = [f"{axis}.{name}" for axis in AXES for name in kind.factors]
+    for k, unit in enumerate(kind.units):
+        own = [*unit.names(ControllerState, "state"), "limited", *(f"last.{name}" for name in SAID)]
+        own += [f"pending.{axis}" for axis in AXES] if unit.bridge.delayed else []
+        found += [f"u{k}.{name}" for name in own]
+    return [(name, f"next.{name}") for name in found]
+
+
+def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]) -> Block:
+    """One instant at which some units sample."""
+    parts = [Part(renamed(control(kind.units[k]), lambda name, k=k: _called(kind, k, name))) for k in sampling]
+    after: dict[str, str] = {}
+    for axis in AXES:
+        after |= {f"{axis}.{name}": f"now.{axis}.{name}" for name in kind.moved}
+    for k in sampling:
+        after |= _following(kind, k)
+    line = Writer()
+    for name, _ in moved:
+        line.input(name)
+    for axis in AXES:
+        for name in kind.moved:
+            line.input(f"now.{axis}.{name}")
+        line.output(f"v_g.{axis}", line.does("*", line.input("V_g"), line.input(f"now.{axis}.source0.along")))
+    for name, output in moved:
+        line.output(output, line.input(after.get(name, name)))
+    return joined(*parts, Part(line.block()))
+
+
+def _called(kind: PlantKind, unit: int, name: str) -> str:
+    """What a number of a unit's controller is called in the loop of the plant."""
+    if name.startswith("x."):
+        states = [f"{state}_{axis}" for state in ("i_s", "v_c", "i_g") for axis in AXES]
+        at = states.index(name.removeprefix("x."))
+        return f"now.{AXES[at % 2]}.{kind.states[3 * unit + at // 2]}"
+    shared = {"source.cosine": "now.alpha.source0.along", "source.sine": "now.beta.source0.along", "V_g": "V_g"}
+    return shared.get(name, f"u{unit}.{name}")
+
+
+def _following(kind: PlantKind, k: int) -> dict[str, str]:
+    """Where the numbers of a unit that samples come from."""
+    unit = kind.units[k]
+    found = {}
+    for name in unit.names(ControllerState, "state"):
+        own = "kept_angle" if name == "state.theta" else name.replace("state.", "following.", 1)
+        found[f"u{k}.{name}"] = f"u{k}.{own}"
+    found[f"u{k}.limited"] = f"u{k}.limited_samples"
+    found |= {f"u{k}.last.{name}": f"u{k}.said.{name}" for name in SAID[:3]}
+    found[f"u{k}.last.at_bridge"] = f"u{k}.at_bridge"
+    for axis in AXES:
+        asked = f"u{k}.said.v_b_{axis}"
+        if unit.bridge.delayed:
+            found |= {f"{axis}.held.{k}": f"u{k}.pending.{axis}", f"u{k}.pending.{axis}": asked}
+        else:
+            found[f"{axis}.held.{k}"] = asked
+    return found

@@ -1,0 +1,136 @@
+"""What circuit and sources do between two instants of a plant's clock, as records of the loop (:eq:`plant-gap`).
+
+The numbers of a gap are a matrix. An event at an instant changes the matrices from the next gap on. Events within a gap
+make one matrix of its pieces, which serves this gap alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.linear.operating_point.circuit_of_units import Wiring, circuit_of_units
+from vsgdesign.linear.operating_point.clock_of_units import Clock
+from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
+from vsgdesign.simulation.units.body import PlantKind
+from vsgdesign.simulation.units.timeline import PlantSegment
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+class Gap(NamedTuple):
+    """An interval: y moves by ``phi`` y + ``gamma`` v_b + ``rho`` p with unit phasors p, which turn by ``turn``."""
+
+    phi: Array
+    gamma: Array
+    rho: Complex
+    turn: Complex
+    """(S,): factors."""
+
+    def then(self, other: Gap) -> Gap:
+        """This interval, and another one after it."""
+        return Gap(
+            other.phi @ self.phi,
+            other.phi @ self.gamma + other.gamma,
+            other.phi @ self.rho + other.rho * self.turn,
+            self.turn * other.turn,
+        )
+
+    def turned(self, angle: float) -> Gap:
+        """With the phasor of the grid, the first one, turned by more at its end."""
+        turn = self.turn.copy()
+        turn[0] *= np.exp(1j * angle)
+        return self._replace(turn=turn)
+
+    def numbers(self) -> Array:
+        """As the loop takes them: column by column, with the phasors behind the states."""
+        n, sources = len(self.phi), len(self.turn)
+        rows = np.zeros((n + 2 * sources, n + 2 * sources + self.gamma.shape[1]))
+        rows[:n, :n], rows[:n, n + 2 * sources :] = self.phi, self.gamma
+        rows[:n, n : n + 2 * sources : 2], rows[:n, n + 1 : n + 2 * sources : 2] = self.rho.real, -self.rho.imag
+        for s, one in enumerate(self.turn):
+            at = slice(n + 2 * s, n + 2 * s + 2)
+            rows[at, at] = [[one.real, -one.imag], [one.imag, one.real]]
+        return rows.T.ravel()
+
+
+class PlantProgram:
+    """Writes the records of a run."""
+
+    def __init__(self, kind: PlantKind, wiring: Wiring, segments: Sequence[PlantSegment], clock: Clock) -> None:
+        self._kind, self._wiring, self._segments, self._clock = kind, wiring, segments, clock
+        self._V = np.array([0.0, *(rms_to_peak(one.V_rms) for one in wiring.plant.sources)])
+        self._T = min(one.gap for one in clock.instants)
+
+    def time(self, k: int) -> float:
+        """The instant of a sample of the loop, s."""
+        turn, at = divmod(k, len(self._clock.instants))
+        return turn * self._clock.period + self._clock.instants[at].t_s
+
+    def sample_from(self, t_s: float, unit: int | None = None) -> int:
+        """The first sample of the loop at or after an instant, or the first one of a unit."""
+        clock = self._clock
+        count = len(clock.instants)
+        k = max(int(t_s / clock.period) - 1, 0) * count
+        while self.time(k) < t_s - SAME_INSTANT * self._T or (
+            unit is not None and unit not in clock.instants[k % count].units
+        ):
+            k += 1
+        return k
+
+    def write(self, writer: ProgramWriter, row: int, V_g: int) -> None:
+        """``row``: where the matrices begin. ``V_g``: the row of the amplitude of the grid's source."""
+        first, slots = self._segments[0], self._slots()
+        still = self._gap(first, 0.0)
+        self._put(writer, 0, row, 0, still)
+        self._put_all(writer, 1, row, first)
+        writer.put([0], [0], V_g, np.array([rms_to_peak(first.source.V_g_rms)]))
+        due: dict[int, list[PlantSegment]] = {}
+        for one in self._segments[1:]:
+            due.setdefault(self.sample_from(one.t_s), []).append(one)
+        before = first
+        for k, some in sorted(due.items()):
+            begin, end, present, gap = self.time(k - 1), self.time(k), before, None
+            for one in some:
+                at = min(one.t_s, end)
+                if end - at > SAME_INSTANT * self._T:
+                    piece = self._gap(present, at - begin)
+                    jump = one.source.phase - present.source.at(one.t_s).phase
+                    gap = (piece if gap is None else gap.then(piece)).turned(jump)
+                    begin, present = at, one
+            last = self._gap(present, end - begin)
+            gap = last if gap is None else gap.then(last)
+            jump = some[-1].source.at(end).phase - present.source.at(end).phase
+            self._put(writer, k, row, k % slots, gap.turned(jump))
+            self._put_all(writer, k + 1, row, some[-1])
+            writer.put([0], [k], V_g, np.array([rms_to_peak(some[-1].source.V_g_rms)]))
+            before = some[-1]
+
+    def _slots(self) -> int:
+        return self._kind.turns
+
+    def _put_all(self, writer: ProgramWriter, k: int, row: int, segment: PlantSegment) -> None:
+        """The matrices of all gaps from a sample on."""
+        count = len(self._clock.instants)
+        for slot in range(self._slots()):
+            self._put(writer, k, row, slot, self._gap(segment, self._clock.instants[(slot - 1) % count].gap))
+
+    def _put(self, writer: ProgramWriter, k: int, row: int, slot: int, gap: Gap) -> None:
+        numbers = gap.numbers()
+        writer.put([0], [k], row + slot * len(numbers), numbers[None])
+
+    def _gap(self, segment: PlantSegment, h: float) -> Gap:
+        omega, V = segment.source.omega, self._V.copy()
+        V[0] = rms_to_peak(segment.source.V_g_rms)
+        turn = np.full(len(V), np.exp(1j * omega * h))
+        if h == 0.0:
+            n, units = len(self._kind.states), len(self._kind.units)
+            return Gap(np.eye(n), np.zeros((n, units)), np.zeros((n, len(V)), dtype=complex), turn)
+        circuit = circuit_of_units(self._wiring, segment.topology, self._kind.states)
+        phi, gamma, rho = circuit.moved(h, omega)
+        return Gap(phi, gamma, rho * V, turn)

@@ -1,0 +1,339 @@
+"""Runs a plant: all units in one lane of one loop, with what is known beforehand as records."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.codegen.llvm import compiled_loop, empty_rows
+from vsgdesign.codegen.records import numbers_of
+from vsgdesign.equations.controller import ControllerSettings, ControllerState
+from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.equations.frames import peak_to_rms
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.limiters import GridEstimate
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
+from vsgdesign.linear.operating_point.circuit_of_units import Topology, UnitsCircuit, circuit_of_units, wiring_of
+from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
+from vsgdesign.linear.operating_point.rest_of_units import Situation, UnitAsked, UnitsAtRest, rest_of_units
+from vsgdesign.linear.operating_point.sampled import cold_start
+from vsgdesign.simulation.bodies import Kind
+from vsgdesign.simulation.circuit_program import ProgramWriter
+from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.loop import LOG_COLUMNS, kind_of, spans_of
+from vsgdesign.simulation.outcome import Divergence, outside
+from vsgdesign.simulation.run_state import with_gains
+from vsgdesign.simulation.units.body import AXES, PlantKind, body_numbers, log_names, spec_of_plant
+from vsgdesign.simulation.units.program import PlantProgram
+from vsgdesign.simulation.units.timeline import PlantSegment, PlantTimeline, plant_timeline
+from vsgdesign.study.parameters.study import Study
+
+Array = NDArray[np.float64]
+
+_STRETCH = 4096
+"""Periods of the clock between two looks at whether the run has diverged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitRun:
+    """One unit's part of a run: LOG_COLUMNS at every instant that is logged, SI, peak αβ."""
+
+    name: str
+    study: Study
+    """The unit as one converter, with its events."""
+    gain_changes: tuple[GainChange, ...]
+    log: Array
+    terminals: Array
+    """(n, 2): the voltage at its terminals, behind L_2, α and β, V peak."""
+    final_state: ControllerState
+
+    def column(self, name: str) -> Array:
+        """One logged quantity by name."""
+        return self.log[:, LOG_COLUMNS.index(name)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantRun:
+    """A finished run of a plant."""
+
+    study: Study
+    timeline: PlantTimeline
+    t_s: Array
+    units: tuple[UnitRun, ...]
+    circuit_log: Array
+    """The circuit's other states, α and β in turn, as ``names`` says."""
+    names: tuple[str, ...]
+    loop_seconds: float
+    """Wall time inside the compiled loop."""
+    divergence: Divergence | None = None
+
+    def unit(self, name: str) -> UnitRun:
+        """The part of a unit."""
+        return next(one for one in self.units if one.name == name)
+
+
+def simulate_plant(
+    study: Study,
+    schedules: Sequence[Sequence[GainChange]],
+    *,
+    timeline: PlantTimeline | None = None,
+    log_interval: float | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> PlantRun:
+    """Simulates the plant of a study; each unit has its gains over time. ``timeline``: that of the study, with the
+    current limits of the controllers; None: without limits of their own. ``log_interval``: in place of the study's, s.
+
+    Raises InfeasibleStudyError where the start has no steady state, and SimulationDivergedError where the run leaves
+    every sensible bound before two rows are logged.
+    """
+    logged = (
+        study
+        if log_interval is None
+        else replace(study, simulation=replace(study.simulation, log_interval=log_interval))
+    )
+    return _Run(logged, timeline or plant_timeline(study), schedules).run(progress)
+
+
+class _Run:
+    """A run that is under way."""
+
+    def __init__(self, study: Study, timeline: PlantTimeline, schedules: Sequence[Sequence[GainChange]]) -> None:
+        self.study, self.timeline, self.schedules = study, timeline, schedules
+        self.clock = clock_of_study(study)
+        self.wiring = wiring_of(study)
+        kinds = tuple(_kind(one) for one in timeline.units)
+        sampling = tuple(one.units for one in self.clock.instants)
+        turns = 1 if self.clock.equal_gaps else len(sampling)
+        self.kind = PlantKind(kinds, timeline.names, 1 + len(timeline.plant.sources), sampling, turns)
+        spec = spec_of_plant(self.kind)
+        self.loop, self.rows, self.spans = compiled_loop(spec), empty_rows(spec, 1), spans_of(spec.rows)
+        self.uniform = _uniform(timeline.units, kinds, spec.uniform)
+        self.program = PlantProgram(self.kind, self.wiring, timeline.segments, self.clock)
+        self.per_period = len(sampling)
+        self.log_periods = max(round(study.simulation.log_interval / self.clock.period), 1)
+        self.periods = int(np.floor(study.simulation.duration / self.clock.period + 1e-6))
+        self._gains = [one[0].gains for one in schedules]
+        self._start()
+
+    def _at(self, name: str) -> Array:
+        return self.rows[0, self.spans[name], 0]
+
+    def _start(self) -> None:
+        """The state at t = 0, the records, and what stays."""
+        phase = self.timeline.segments[0].source.phase
+        for k, one in enumerate(self.timeline.units):
+            state, held, waits = cold_start(one, phase).controller, 0j, 0j
+            self._put_unit(k, state, held, waits)
+        if self.study.simulation.start != "cold":
+            self._begin_at_rest(phase)
+        for k in range(len(self.timeline.units)):
+            self._put_gains(k, self.schedules[k][0])
+        writer = ProgramWriter()
+        self.program.write(writer, self.spans[self.kind.matrix[0]].start, self.spans["V_g"].start)
+        for k, timeline in enumerate(self.timeline.timelines):
+            for t_s, refs in timeline.references:
+                at = 0 if t_s == 0.0 else self.program.sample_from(t_s, k)
+                writer.put([0], [at], self.spans[f"u{k}.refs"].start, np.array([refs]))
+        self.records = writer.program(1, 1)
+        self._phase(0)
+
+    def _begin_at_rest(self, phase: float) -> None:
+        """The steady state of the units that are connected; the others wait at nominal voltage, in phase."""
+        plant, first = self.timeline.plant, self.timeline.segments[0]
+        on_line = [k for k, unit in enumerate(plant.units) if unit.name not in first.topology.opened]
+        if not on_line:
+            raise InfeasibleStudyError("the start: no unit is connected. Close a breaker, or start cold.")
+        situation = situation_at(self.study, self.timeline, first, self._gains, on_line)
+        try:
+            rest = rest_of_units(situation)
+        except InfeasibleStudyError as error:
+            error.args = (f"the start: {error}",)
+            raise
+        y = rest.circuit(phase)
+        for name, value in zip(rest.model.network.names, y.tolist(), strict=True):
+            self._at(f"alpha.{name}")[:], self._at(f"beta.{name}")[:] = value.real, value.imag
+        for at, k in enumerate(on_line):
+            self._put_unit(k, *rest.controller(at, phase))
+            # What a unit says that has not sampled yet.
+            self._at(f"u{k}.last")[:] = *rest.model.powers(rest.z, at), situation.omega, 0.0
+
+    def _put_unit(self, k: int, state: ControllerState, held: complex, waits: complex) -> None:
+        self._at(f"u{k}.state")[:] = flat_state(state)
+        for axis, value, waiting in zip(AXES, (held.real, held.imag), (waits.real, waits.imag), strict=True):
+            self._at(f"{axis}.held.{k}")[:] = value
+            if self.kind.units[k].bridge.delayed:
+                self._at(f"u{k}.pending.{axis}")[:] = waiting
+
+    def _put_gains(self, k: int, change: GainChange) -> None:
+        self._at(f"u{k}.power_gains")[:] = change.gains
+        if f"u{k}.grid" in self.spans:
+            grid = change.grid or self.timeline.units[k].grid
+            self._at(f"u{k}.grid")[:] = GridEstimate(grid.R_g, grid.L_g)
+
+    def _phase(self, k: int) -> None:
+        """The exact phasors of the sources before a sample of the loop, which are those of the instant before it."""
+        t_s = self.program.time(max(k - 1, 0))
+        angle = self.timeline.segment_at(t_s + 1e-6 * self.clock.period).source.at(t_s).phase
+        for s, lead in enumerate((0.0, *(one.phase for one in self.timeline.plant.sources))):
+            c, q = np.cos(angle + lead), np.sin(angle + lead)
+            self._at(f"alpha.source{s}")[:] = c, q
+            self._at(f"beta.source{s}")[:] = q, -c
+
+    def run(self, progress: Callable[[float], None] | None) -> PlantRun:
+        """Takes the run to its end."""
+        every = self.log_periods * self.per_period
+        names, end = log_names(self.kind), self.periods * self.per_period
+        log = np.empty((1, -(-end // every), len(names), 1))
+        changes = self._changes(end)
+        cuts = {0, end, *(k for k in changes if k < end), *range(0, end, _STRETCH * self.per_period)}
+        marks, seconds, divergence = sorted(cuts), 0.0, None
+        cycle = np.array(body_numbers(self.kind), dtype=np.int64) if len(self.loop.spec.bodies) > 1 else None
+        for begin, after in itertools.pairwise(marks):
+            for unit, change in changes.get(begin, ()):
+                self._change(unit, change)
+            self._phase(begin)
+            clock = time.perf_counter()
+            self.loop(
+                begin, after, self.rows, self.uniform, log=log, every=every, program=self.records, cycle=cycle
+            )  # fmt: skip
+            seconds += time.perf_counter() - clock
+            why = self._outside()
+            if why is not None:
+                t_s = self.program.time(begin)
+                divergence = Divergence(t_s, f"the simulation diverged after {t_s:.4g} s: {why}")
+                log = log[:, : begin // every]
+                break
+            if progress is not None:
+                progress(self.program.time(after))
+        if log.shape[1] < 2 and divergence is not None:
+            raise SimulationDivergedError(divergence.reason)
+        return self._result(log[0, :, :, 0], seconds, divergence)
+
+    def _changes(self, end: int) -> dict[int, list[tuple[int, GainChange]]]:
+        """The later changes of gains, by the sample of the loop before which they come."""
+        found: dict[int, list[tuple[int, GainChange]]] = {}
+        for k, schedule in enumerate(self.schedules):
+            for change in schedule[1:]:
+                at = self.program.sample_from(change.t_s, k)
+                if at < end:
+                    found.setdefault(at, []).append((k, change))
+        return found
+
+    def _change(self, k: int, change: GainChange) -> None:
+        """Other gains for a unit; its frequency stays (:eq:`gain-transfer`)."""
+        state = self._state(k)
+        refs = References(*self._at(f"u{k}.refs").tolist())
+        moved = with_gains(state, refs, self._gains[k], change.gains)
+        self._gains[k] = change.gains
+        self._at(f"u{k}.state")[:] = flat_state(moved)
+        self._put_gains(k, change)
+
+    def _state(self, k: int) -> ControllerState:
+        like = cold_start(self.timeline.units[k]).controller
+        numbers, count = self._at(f"u{k}.state").tolist(), len(like) - 1
+        return ControllerState(*numbers[:count], limiter=type(like.limiter)(*numbers[count:]))
+
+    def _outside(self) -> str | None:
+        """What has diverged, with the name of the unit."""
+        for k, unit in enumerate(self.timeline.plant.units):
+            own = [self._at(f"{axis}.{name}")[0] for name in self.kind.states[3 * k : 3 * k + 3] for axis in AXES]
+            why = outside(self.timeline.units[k], np.array(own), self._state(k))
+            if why is not None:
+                return f"unit {unit.name}: {why}"
+        return None
+
+    def _result(self, log: Array, seconds: float, divergence: Divergence | None) -> PlantRun:
+        t_s: Array = np.arange(len(log), dtype=np.float64) * (self.log_periods * self.clock.period)
+        width, units = len(LOG_COLUMNS), len(self.timeline.units)
+        terminals = self._terminals(t_s, log)
+        found = tuple(
+            UnitRun(
+                name=unit.name,
+                study=self.timeline.units[k],
+                gain_changes=tuple(self.schedules[k]),
+                log=log[:, width * k : width * (k + 1)],
+                terminals=terminals[:, k],
+                final_state=self._state(k),
+            )
+            for k, unit in enumerate(self.timeline.plant.units)
+        )
+        return PlantRun(
+            study=self.study,
+            timeline=self.timeline,
+            t_s=t_s,
+            units=found,
+            circuit_log=log[:, width * units :],
+            names=self.kind.states[3 * units :],
+            loop_seconds=seconds,
+            divergence=divergence,
+        )
+
+    def _terminals(self, t_s: Array, log: Array) -> Array:
+        """(n, units, 2): the voltages at the terminals of the units (:eq:`plant-terminal`)."""
+        width, units = len(LOG_COLUMNS), len(self.timeline.units)
+        found = np.empty((len(t_s), units, 2))
+        starts = [one.t_s for one in self.timeline.segments]
+        index = np.maximum(np.searchsorted(starts, t_s + 1e-9 * self.clock.period, side="right") - 1, 0)
+        for j in np.unique(index).tolist():
+            rows, segment = index == j, self.timeline.segments[j]
+            circuit: UnitsCircuit = circuit_of_units(self.wiring, segment.topology, self.kind.states)
+            per_state, per_source = circuit.terminals
+            phase = segment.source.phase + segment.source.omega * (t_s[rows] - segment.t_s)
+            for axis in range(2):
+                own = [log[rows, width * k + 2 * m + axis] for k in range(units) for m in range(3)]
+                own += [log[rows, m] for m in range(width * units + axis, log.shape[1], 2)]
+                turned = phase[:, None] + np.array([0.0, *(one.phase for one in self.timeline.plant.sources)])
+                V = np.array([segment.source.V_g_rms, *(one.V_rms for one in self.timeline.plant.sources)])
+                v_g = (np.cos(turned) if axis == 0 else np.sin(turned)) * V / peak_to_rms(1.0)
+                found[rows, :, axis] = np.array(own).T @ per_state.T + v_g @ per_source.T
+        return found
+
+
+def _kind(study: Study) -> Kind:
+    return kind_of(study, switched=False)
+
+
+def _uniform(studies: Sequence[Study], kinds: Sequence[Kind], names: Sequence[str]) -> Array:
+    """What never changes: gains of the inner loops and constants of the controllers."""
+    known: dict[str, float] = {}
+    for k, (study, kind) in enumerate(zip(studies, kinds, strict=True)):
+        known[f"u{k}.R_c"] = study.filter.R_c
+        for head, record, value in (
+            ("inner_gains", InnerLoopGains, study.inner_gains),
+            ("settings", ControllerSettings, study.controller_settings()),
+        ):
+            known |= dict(zip(kind.names(record, f"u{k}.{head}"), numbers_of(value), strict=True))
+    return np.array([float(known[name]) for name in names])
+
+
+def situation_at(
+    study: Study,
+    timeline: PlantTimeline,
+    segment: PlantSegment,
+    gains: Sequence[PowerLoopGains],
+    on_line: Sequence[int],
+    at_s: float | None = None,
+) -> Situation:
+    """The plant in a segment with the units that are on line, with what they are asked for at an instant (None: when
+    the segment begins)."""
+    plant, t_s = timeline.plant, segment.t_s if at_s is None else at_s
+    some = replace(plant, units=tuple(plant.units[k] for k in on_line))
+    opened = segment.topology.opened - {unit.name for unit in plant.units}
+    topology: Topology = segment.topology._replace(opened=frozenset(opened))
+    asked = tuple(
+        UnitAsked(
+            timeline.units[k], gains[k], timeline.timelines[k].references_at(t_s), timeline.timelines[k].grid_at(t_s)
+        )
+        for k in on_line
+    )
+    sources = ((segment.source.V_g_rms, 0.0), *((one.V_rms, one.phase) for one in plant.sources))
+    return Situation(replace(study, plant=some), topology, asked, segment.source.omega, sources)
+
+
+__all__ = ["PlantRun", "UnitRun", "UnitsAtRest", "simulate_plant", "situation_at"]

@@ -1,0 +1,321 @@
+"""A plant through a scenario: every controller of the study in all units, with rests, modes and figures of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.frames import instantaneous_power
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
+from vsgdesign.linear.operating_point.equilibrium import point_at
+from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
+from vsgdesign.linear.stability.loci import Mode
+from vsgdesign.linear.stability.modes_of_units import PlantMode, SplitModes, modes_of_units, split_modes
+from vsgdesign.metrics.step_response import cycle_mean
+from vsgdesign.simulation.every_sample import SignalsAtPcc
+from vsgdesign.simulation.feeds import feed_of
+from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.outcome import Outcome, outcome_of
+from vsgdesign.simulation.rest import Rest
+from vsgdesign.simulation.run import Simulation
+from vsgdesign.simulation.scenario.controllers import (
+    ControllerResult,
+    derive_series,
+    measure_events,
+    rest_at_limit,
+    samples_per_mean,
+)
+from vsgdesign.simulation.units.run import PlantRun, UnitRun, simulate_plant, situation_at
+from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of
+from vsgdesign.study.parameters.power_plant import GRID
+from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+Array = NDArray[np.float64]
+
+_MOST_NUMBERS = 120_000_000
+"""Of a log of every sample, 1 GB. Of a longer run figures are taken from every n-th one."""
+
+_SHOWN = 12
+"""Modes of a plant that are kept."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantRest:
+    """Where a plant comes to rest after an event, with its modes there."""
+
+    t_s: float
+    end_s: float
+    name: str
+    on_line: tuple[str, ...]
+    modes: tuple[PlantMode, ...]
+    """The slowest ones, or those that grow, first."""
+    split: SplitModes | None
+    """By the two models of one unit, where the units are equal."""
+    obstacle: str | None
+    """Why there is no rest; None where there is one."""
+    units: tuple[Rest, ...]
+    """Of each unit of the plant."""
+
+    @property
+    def stable(self) -> bool:
+        """Whether every mode decays; true where there is no rest."""
+        return not self.modes or self.modes[0].s.real < 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantController:
+    """A plant all of whose units have one controller."""
+
+    spec: ControllerSpec
+    timeline: PlantTimeline
+    rests: tuple[PlantRest, ...]
+    units: tuple[ControllerResult, ...]
+    """Figures and series of each unit, as of one converter."""
+    loop_seconds: float
+
+    @property
+    def outcome(self) -> Outcome:
+        """The worst one of its units that are connected at the end, with the name of the unit."""
+        order = ("diverged", "unstable", "infeasible", "limited", "not settled", "not known", "settled")
+        names = [unit.name for unit in self.timeline.plant.units]
+        last = self.rests[-1].on_line or names
+        ranked = [one for one in zip(names, self.units, strict=True) if one[0] in last]
+        name, worst = min(ranked, key=lambda one: order.index(one[1].outcome.status))
+        reason = worst.outcome.reason
+        return worst.outcome if reason is None else replace(worst.outcome, reason=f"{name}: {reason}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantResult:
+    """All controllers of a study with a plant."""
+
+    study: Study
+    controllers: tuple[PlantController, ...]
+    ready: Ready = NOTHING
+
+
+def run_plant(
+    study: Study,
+    ready: Ready = NOTHING,
+    *,
+    progress: Callable[[str, float], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> PlantResult:
+    """Every controller of a study in all units of its plant. ``warn`` is called before a run with a sentence on each
+    rest that is unstable. Raises InfeasibleStudyError where the start has no steady state, or a controller cannot be
+    run in a plant."""
+    found = []
+    for spec in study.controllers:
+        timeline = plant_timeline(study, spec)
+        schedules = [_gains(timeline, k, spec, ready) for k in range(len(timeline.units))]
+        rests = _rests(study, timeline, schedules)
+        for one in rests if warn is not None else ():
+            if not one.stable and warn is not None:
+                warn(_unstable(spec, one))
+        report = None if progress is None else _reporter(progress, spec.name)
+        interval = _interval(study, timeline)
+        run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
+        units = tuple(_unit_result(study, spec, run, k, rests) for k in range(len(timeline.units)))
+        found.append(
+            PlantController(spec=spec, timeline=timeline, rests=rests, units=units, loop_seconds=run.loop_seconds)
+        )
+    return PlantResult(study=study, controllers=tuple(found), ready=ready)
+
+
+def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
+    return lambda t_s: progress(name, t_s)
+
+
+def _gains(timeline: PlantTimeline, k: int, spec: ControllerSpec, ready: Ready) -> Sequence[GainChange]:
+    own = timeline.units[k]
+    feed = feed_of(own, spec_of(own, spec), timeline.timelines[k], ready)
+    if not isinstance(feed, Sequence):
+        raise InfeasibleStudyError(
+            f"controller {spec.name}: its gains follow an estimate or what it measures, which a plant does not have "
+            'yet. Give kind = "fixed", or a schedule on the true grid.'
+        )
+    return feed
+
+
+def _interval(study: Study, timeline: PlantTimeline) -> float:
+    """The spacing of the rows from which figures are taken, s: that of the clock, as long as they fit into memory."""
+    period = clock_of_study(study).period
+    wide = 15 * len(timeline.units) + 2 * len(timeline.names)
+    rows = study.simulation.duration / period
+    logged = max(round(study.simulation.log_interval / period), 1)
+    enough = (n for n in range(1, logged) if logged % n == 0 and rows * wide <= n * _MOST_NUMBERS)
+    return next(enough, logged) * period
+
+
+def _unstable(spec: ControllerSpec, rest: PlantRest) -> str:
+    mode = rest.modes[0]
+    units = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in mode.units[:4])
+    who = f"taking part: {units}"
+    if rest.split is not None:
+        against = rest.split.differential[0].s.real >= rest.split.common[0].s.real
+        who = "the units against each other" if against else "all units together"
+    hertz = abs(mode.s.imag) / (2.0 * math.pi)
+    return (
+        f"controller {spec.name} is unstable from {rest.t_s:g} s to {rest.end_s:g} s, after {rest.name}: "
+        f"{mode.s.real:+.3g} 1/s at {hertz:.3g} Hz, {who}."
+    )
+
+
+def _rests(study: Study, timeline: PlantTimeline, schedules: Sequence[Sequence[GainChange]]) -> tuple[PlantRest, ...]:
+    """The rest of each stretch between two instants with events."""
+    names: dict[float, str] = {0.0: "the start"}
+    for event in sorted(study.events, key=lambda one: one.t_s):
+        before = names.get(event.t_s, "the start")
+        names[event.t_s] = event.name if before == "the start" else f"{before}, {event.name}"
+    instants = sorted(names)
+    ends = [*instants[1:], study.simulation.duration]
+    return tuple(
+        _rest(study, timeline, schedules, t_s, end_s, names[t_s]) for t_s, end_s in zip(instants, ends, strict=True)
+    )
+
+
+def _rest(
+    study: Study,
+    timeline: PlantTimeline,
+    schedules: Sequence[Sequence[GainChange]],
+    t_s: float,
+    end_s: float,
+    name: str,
+) -> PlantRest:
+    plant, segment = timeline.plant, timeline.segment_at(t_s)
+    gains = [[one.gains for one in own if one.t_s < end_s or one.t_s == 0.0][-1] for own in schedules]
+    on_line = [k for k, unit in enumerate(plant.units) if unit.name not in segment.topology.opened]
+    obstacle, rest = None, None
+    sources = {GRID, *(one.name for one in plant.sources)}
+    if segment.topology.faults:
+        obstacle = "a fault is there, which is no state to stay in"
+    elif not on_line:
+        obstacle = "no unit is connected"
+    elif sources <= segment.topology.opened:
+        obstacle = "no source is connected in whose frequency a steady state could be"
+    else:
+        try:
+            rest = rest_of_units(situation_at(study, timeline, segment, gains, on_line, t_s))
+        except InfeasibleStudyError as error:
+            obstacle = str(error)
+    modes = () if rest is None else modes_of_units(rest, _SHOWN)
+    split = None if rest is None else split_modes(rest, _SHOWN)
+    source = GridSource(segment.source.V_g_rms, segment.source.omega)
+    units = []
+    for k, unit in enumerate(plant.units):
+        own = timeline.units[k]
+        base = Rest(
+            t_s=t_s,
+            end_s=end_s,
+            name=name,
+            grid=timeline.timelines[k].grid_at(t_s),
+            source=source,
+            gains=gains[k],
+            point=None,
+            P_pcc=math.nan,
+            Q_pcc=math.nan,
+            mode=None,
+            obstacle=obstacle or f"the breaker of {unit.name} is open",
+            ramp_end_s=t_s,
+            modelled=obstacle is not None,
+        )
+        units.append(base if rest is None or k not in on_line else _at_rest(own, base, rest, on_line.index(k), modes))
+    return PlantRest(
+        t_s=t_s,
+        end_s=end_s,
+        name=name,
+        on_line=tuple(plant.units[k].name for k in on_line),
+        modes=modes,
+        split=split,
+        obstacle=obstacle,
+        units=tuple(units),
+    )
+
+
+def _at_rest(study: Study, base: Rest, rest: UnitsAtRest, k: int, modes: Sequence[PlantMode]) -> Rest:
+    """The rest of a unit within that of the plant, whose slowest mode is that of every unit."""
+    model = rest.model
+    P, Q = model.powers(rest.z, k)
+    y, v_g = model.states(rest.z), model.situation.phasors
+    per_state, per_source = model.network.terminals
+    v = per_state[k] @ y + per_source[k] @ v_g
+    i_g = y[3 * k + 2]
+    P_pcc, Q_pcc = (float(one) for one in instantaneous_power(v.real, v.imag, i_g.real, i_g.imag))
+    controller, _, _ = rest.controller(k, 0.0)
+    path = study.path_to_grid(base.grid, base.source.omega_g)
+    point = point_at(P, Q, controller.V, controller.theta, *path, study.converter.V_limits_rms)
+    slowest = modes[0]
+    return replace(
+        base,
+        point=point,
+        P_pcc=P_pcc,
+        Q_pcc=Q_pcc,
+        mode=Mode(slowest.s, slowest.damping, slowest.units),
+        obstacle=None,
+    )
+
+
+def _unit_result(
+    study: Study, spec: ControllerSpec, run: PlantRun, k: int, rests: Sequence[PlantRest]
+) -> ControllerResult:
+    """Figures and series of a unit, as of one converter."""
+    unit, own_spec = run.units[k], spec_of(run.units[k].study, spec)
+    own, found = unit.study, tuple(one.units[k] for one in rests)
+    i_g, i_s = unit.log[:, 4:6], unit.log[:, 0:2]
+    P, Q = instantaneous_power(*unit.terminals.T, *i_g.T)
+    c = own.converter
+    lengths = (np.hypot(*one.T) / c.I_rated_pk for one in (i_g, i_s))
+    seen = SignalsAtPcc(run.t_s, P, Q, *lengths)
+    simulation = _as_simulation(run, unit, k)
+    at_limit = None if run.divergence else rest_at_limit(own, simulation, seen)
+    events = measure_events(own, seen, found, ripples=False, divergence=run.divergence)
+    every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
+    logged = simulation.every(every)
+    per_mean = samples_per_mean(own, run.t_s)
+    means = {name: cycle_mean(power, per_mean)[::every] for name, power in (("P_pcc", P), ("Q_pcc", Q))}
+    at_pcc = unit.terminals[::every], i_g[::every]
+    return ControllerResult(
+        spec=own_spec,
+        bridge="averaged",
+        gain_changes=unit.gain_changes,
+        simulation=logged,
+        series=derive_series(own, logged, at_pcc, _phase(run.timeline, logged.t_s)),
+        means=means,
+        without={},
+        events=events,
+        outcome=outcome_of(run.divergence, found, events, at_limit, c.S_rated),
+        rests=found,
+    )
+
+
+def _as_simulation(run: PlantRun, unit: UnitRun, k: int) -> Simulation:
+    rows = len(run.t_s)
+    return Simulation(
+        t_s=run.t_s,
+        log=unit.log,
+        circuit_log=np.empty((rows, 0)),
+        controller_log=np.empty((0, 0)),
+        study=unit.study,
+        timeline=run.timeline.timelines[k],
+        gain_changes=unit.gain_changes,
+        final_state=unit.final_state,
+        final_plant=unit.log[-1, :6].copy(),
+        loop_seconds=run.loop_seconds,
+        divergence=run.divergence,
+    )
+
+
+def _phase(timeline: PlantTimeline, t_s: Array) -> Array:
+    """Of the grid's source, rad."""
+    starts = np.array([one.t_s for one in timeline.segments])
+    index = np.maximum(np.searchsorted(starts, t_s + 1e-12, side="right") - 1, 0)
+    phase, omega = (np.array([getattr(one.source, name) for one in timeline.segments]) for name in ("phase", "omega"))
+    found: Array = phase[index] + omega[index] * (t_s - starts[index])
+    return found

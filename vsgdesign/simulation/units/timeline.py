@@ -1,0 +1,133 @@
+"""Events of a plant to a timeline: what is connected, what the sources do, and what each unit is asked for and told."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.linear.operating_point.circuit_of_units import Topology, grid_of_unit, names_of_states
+from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
+from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.network import PLAIN
+from vsgdesign.study.parameters.network_fields import CLOSED
+from vsgdesign.study.parameters.power_plant import GRID, PowerPlant, Unit
+from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+
+@dataclass(frozen=True)
+class PlantSegment:
+    """A plant from t_s on, until the next segment."""
+
+    t_s: float
+    topology: Topology
+    source: SourceSegment
+    """Of the grid."""
+
+
+@dataclass(frozen=True)
+class PlantTimeline:
+    """Everything that is known of a plant's run beforehand."""
+
+    segments: tuple[PlantSegment, ...]
+    units: tuple[Study, ...]
+    """Each unit as a study of one converter on the grid that it sees where all units move alike: with the events of
+    its set points and of this grid."""
+    timelines: tuple[Timeline, ...]
+    """Of these."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the circuit's states over the run."""
+        plant = self.plant
+        return names_of_states(plant, [one.topology for one in self.segments])
+
+    plant: PowerPlant
+
+    def segment_at(self, t_s: float) -> PlantSegment:
+        """The segment from an instant on."""
+        return self.segments[max(bisect_right(self.segments, t_s, key=lambda one: one.t_s) - 1, 0)]
+
+
+def plant_timeline(study: Study, spec: ControllerSpec | None = None) -> PlantTimeline:
+    """The timeline of a study with a plant. ``spec``: the controller of all units, whose current limit they have.
+    Raises ValueError where there is no plant."""
+    plant = study.plant
+    if plant is None:
+        raise ValueError("the study has no plant")
+    shared = build_timeline(replace(study, events=tuple(one for one in study.events if one.element is None)))
+    of_elements = sorted((one for one in study.events if one.element is not None), key=lambda one: one.t_s)
+    changes = {0.0, *shared.plant_changes(), *(one.t_s for one in of_elements if not one.set_points)}
+    segments: list[PlantSegment] = []
+    opened, faults = set(plant.opened), dict[str, float]()
+    waiting = list(of_elements)
+    for t_s in sorted(changes):
+        while waiting and waiting[0].t_s <= t_s:
+            _switch(waiting.pop(0), opened, faults)
+        network = shared.network_at(t_s)
+        there = faults if network.fault is None else faults | {plant.pcc: network.fault.R}
+        topology = Topology(
+            shared.grid_at(t_s),
+            frozenset(opened if network.connected else opened | {GRID}),
+            network.load,
+            tuple(sorted(there.items())),
+        )
+        segments.append(PlantSegment(t_s, topology, shared.source_at(t_s)))
+    units = tuple(_alone(study, unit, segments) for unit in plant.units)
+    if spec is not None:
+        units = tuple(one.with_limit_of(spec_of(one, spec)) for one in units)
+    return PlantTimeline(tuple(segments), units, tuple(map(build_timeline, units)), plant)
+
+
+def spec_of(unit: Study, spec: ControllerSpec) -> ControllerSpec:
+    """A controller as a unit has it, whose case may have other targets."""
+    return next(one for one in unit.controllers if one.name == spec.name)
+
+
+def _switch(event: Event, opened: set[str], faults: dict[str, float]) -> None:
+    """What an event of an element does to what is connected."""
+    name, said = event.element or "", event.switched
+    if said.breaker is not None:
+        (opened.discard if said.breaker == CLOSED else opened.add)(name)
+    if said.fault is not None:
+        faults.pop(name, None)
+        if not isinstance(said.fault, str):
+            faults[name] = said.fault.R
+
+
+def _alone(study: Study, unit: Unit, segments: Sequence[PlantSegment]) -> Study:
+    """A unit as one converter. What it is told of the network does not follow faults, nor an open breaker of the
+    grid."""
+    told: list[Event] = []
+    grid = None
+    names = {event.t_s: event.name for event in study.events}
+    for one in segments:
+        topology = one.topology._replace(faults=())
+        if GRID in topology.opened and grid is not None:
+            continue
+        try:
+            seen = grid_of_unit(study, unit, topology)
+        except InfeasibleStudyError:
+            if grid is None:
+                raise
+            continue
+        if seen != grid:
+            told.append(Event(one.t_s, names.get(one.t_s, ""), grid=seen))
+            grid = seen
+    own = [
+        replace(Event(one.t_s, one.name), **(one.set_points if one.element in (None, unit.name) else {}))
+        for one in study.events
+    ]
+    first = told[0].grid
+    base = unit.case or study
+    return replace(
+        base,
+        name=f"{study.name}.{unit.name}",
+        plant=None,
+        network=PLAIN,
+        grid=base.grid if first is None else first,
+        grid_source=study.grid_source,
+        simulation=replace(study.simulation, P_ref=unit.P_ref, Q_ref=unit.Q_ref),
+        events=tuple(sorted((*told[1:], *own), key=lambda one: one.t_s)),
+    )

@@ -1,0 +1,149 @@
+"""A plant of several converters ("units") on one network, as data in SI.
+
+Everything between the units is a list of elements: R, L and C in series between two nodes, or between a node and the
+neutral. A cable is three of them, and a load up to four. :class:`PowerPlant` has them with the sources and the units.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.study.parameters.network import Load
+
+if TYPE_CHECKING:
+    from vsgdesign.study.parameters.study import Study
+
+NEUTRAL = ""
+"""The node to which shunts, loads and sources lead."""
+
+GRID = "grid"
+"""Name of the source that the study's [grid] describes."""
+
+
+@dataclass(frozen=True)
+class Element:
+    """R, L and C in series; zero or None for what is not there."""
+
+    name: str
+    group: str
+    """The branch, shunt or load to which it belongs: its breaker opens all of the group."""
+    start: str
+    end: str
+    R: float = 0.0
+    L: float = 0.0
+    C: float | None = None
+
+
+@dataclass(frozen=True)
+class Source:
+    """A source behind R and L at a node. Its frequency is that of the grid."""
+
+    name: str
+    node: str
+    V_rms: float
+    phase: float
+    """By how much it leads the grid's source, rad."""
+    R: float = 0.0
+    L: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unit:
+    """A converter at a node."""
+
+    name: str
+    node: str
+    R: float = 0.0
+    L: float = 0.0
+    """Of its own transformer and feeder, from its terminals to the node."""
+    P_ref: float
+    Q_ref: float
+    """At t = 0."""
+    offset: float = 0.0
+    """When it samples for the first time, s; less than its sampling period."""
+    case: Study | None = None
+    """Its converter, filter, inner loops and power loops; None: those of the study."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerPlant:
+    """Everything that is connected to the grid's impedance."""
+
+    nodes: tuple[str, ...]
+    elements: tuple[Element, ...]
+    sources: tuple[Source, ...]
+    """Beside the grid."""
+    units: tuple[Unit, ...]
+    pcc: str
+    """The node to which the grid's impedance leads, and at which the load and the fault of [network] are."""
+    opened: frozenset[str] = frozenset()
+    """Names of what is not connected at the start."""
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Everything that an event may name, and what it is."""
+        found = {one.group: "element" for one in self.elements} | {one.name: "source" for one in self.sources}
+        return {GRID: "source"} | found | {one.name: "unit" for one in self.units} | dict.fromkeys(self.nodes, "node")
+
+    def unit(self, name: str) -> Unit:
+        """The unit of a name."""
+        return next(one for one in self.units if one.name == name)
+
+    @property
+    def equal(self) -> bool:
+        """Whether all units are alike, at one node, with equal set points, and sample together."""
+        first = self.units[0]
+        alike = {(one.node, one.R, one.L, one.P_ref, one.Q_ref, one.offset) for one in self.units}
+        return len(alike) == 1 and all(one.case == first.case for one in self.units)
+
+
+def load_elements(name: str, node: str, load: Load) -> list[Element]:
+    """The branches of a load side by side."""
+    found = []
+    for part, R, L, C in (
+        ("R", load.R_parallel, 0.0, None),
+        ("L", 0.0, load.L_parallel, None),
+        ("C", 0.0, 0.0, load.C_parallel),
+    ):
+        if R or L or C:
+            found.append(Element(f"{name}.{part}", name, node, NEUTRAL, R or 0.0, L or 0.0, C))
+    if (load.R_series, load.L_series, load.C_series) != (None, None, None):
+        series = load.R_series or 0.0, load.L_series or 0.0, load.C_series
+        found.append(Element(f"{name}.series", name, node, NEUTRAL, *series))
+    return found
+
+
+def cable_elements(name: str, start: str, end: str, R: float, L: float, C: float) -> list[Element]:
+    """The π of a cable: half of its capacitance at each end."""
+    halves = [Element(f"{name}.{at}", name, at, NEUTRAL, C=0.5 * C) for at in (start, end)]
+    return [Element(name, name, start, end, R, L), *halves]
+
+
+def unconnected(nodes: tuple[str, ...], elements: tuple[Element, ...], fed: set[str]) -> list[str]:
+    """Nodes from which no branch leads to a unit or a source. ``fed``: the nodes at which there is one."""
+    reached, waiting = set(fed), list(fed)
+    while waiting:
+        node = waiting.pop()
+        for one in elements:
+            for here, there in ((one.start, one.end), (one.end, one.start)):
+                if here == node and there != NEUTRAL and there not in reached:
+                    reached.add(there)
+                    waiting.append(there)
+    return [node for node in nodes if node not in reached]
+
+
+def one_converter(study: Study, what: str) -> None:
+    """Raises InfeasibleStudyError for ``what``, which knows one converter on a grid, where there is a plant."""
+    if study.plant is not None:
+        raise InfeasibleStudyError(
+            f"{what} knows one converter on a grid, and this study has a plant of {len(study.plant.units)}: take "
+            "[plant] and the lists of [network] out of the study. vsgdesign simulate runs it with its modes."
+        )
+
+
+def finite(*values: float) -> bool:
+    """Whether all of these were read without a fault."""
+    return all(map(math.isfinite, values))

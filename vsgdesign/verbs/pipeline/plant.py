@@ -1,0 +1,128 @@
+"""A study with a plant to a folder of results: time series of every unit, and results.json."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.artifacts import provenance, room_for, staged_folder, write_csv, write_npz, write_record
+from vsgdesign.artifacts.ready import Ready, read_tables
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.linear.stability.loci import Mode
+from vsgdesign.linear.stability.modes_of_units import PlantMode
+from vsgdesign.simulation.scenario import ScenarioResult
+from vsgdesign.simulation.units.scenario import PlantController, PlantRest, PlantResult, run_plant
+from vsgdesign.study.parameters import Study
+from vsgdesign.verbs.pipeline.run import results_document
+
+_OF_UNIT = ("operating_points", "gains", "promises", "controllers")
+"""What results.json has of each unit, as of one converter."""
+
+
+def run_plant_study(
+    study: Study,
+    out: str | Path,
+    *,
+    progress: Progress | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> tuple[PlantResult, dict[str, Any]]:
+    """Simulates every controller of a study in all units of its plant, and writes ``CONTROLLER.UNIT.npz``, the same as
+    CSV, and results.json to ``out``, which appears when everything is done. Returns the result and the content of
+    results.json. Raises InfeasibleStudyError and ArtifactError."""
+    tell, verb = progress or silent, "vsgdesign simulate"
+    designed = [one.name for one in study.controllers if one.schedule == "table" and one.table_file is None]
+    if designed:
+        raise InfeasibleStudyError(
+            f'controller {designed[0]}: no table is designed for a plant yet. Give its table = "FILE.json".'
+        )
+    with room_for(out, verb, inputs=study.input_files), staged_folder(out, verb, inputs=study.input_files) as folder:
+        begin = time.perf_counter()
+        ready = Ready(tables=read_tables(study))
+        duration = study.simulation.duration
+        result = run_plant(study, ready, warn=warn, progress=lambda name, t_s: tell(f"simulate {name}", t_s / duration))
+        timing = {"simulate": time.perf_counter() - begin}
+        for controller in result.controllers:
+            for unit, one in zip(controller.timeline.plant.units, controller.units, strict=True):
+                name = f"{controller.spec.name}.{unit.name}"
+                write_npz(folder / f"{name}.npz", one.series)
+                write_csv(folder / f"{name}.csv", one.series, study.simulation.csv_interval)
+        document = plant_document(result, timing)
+        return result, write_record(folder, document, verb)
+
+
+def plant_document(result: PlantResult, timing_s: dict[str, float]) -> dict[str, Any]:
+    """results.json of a plant: ``units.NAME`` has for each unit what a study of one converter has."""
+    study = result.study
+    units = () if study.plant is None else study.plant.units
+    of_units = {unit.name: _unit(result, k, timing_s) for k, unit in enumerate(units)}
+    return {
+        "schema": 1,
+        "study": study.identity,
+        "provenance": provenance(),
+        "controllers": {one.spec.name: _controller(study, one) for one in result.controllers},
+        "units": of_units,
+        "timing_s": timing_s,
+    }
+
+
+def _unit(result: PlantResult, k: int, timing_s: dict[str, float]) -> dict[str, Any]:
+    first = result.controllers[0]
+    of_unit = ScenarioResult(
+        study=first.timeline.units[k],
+        timeline=first.timeline.timelines[k],
+        controllers=tuple(one.units[k] for one in result.controllers),
+        ready=result.ready,
+    )
+    document = results_document(of_unit, timing_s)
+    return {name: document[name] for name in _OF_UNIT}
+
+
+def _controller(study: Study, one: PlantController) -> dict[str, Any]:
+    return {
+        "kind": one.spec.kind,
+        "outcome": asdict(one.outcome),
+        "rests": [_rest(rest) for rest in one.rests],
+        "loop_s": one.loop_seconds,
+        "real_time_factor": study.simulation.duration / max(one.loop_seconds, 1e-9),
+    }
+
+
+def _rest(rest: PlantRest) -> dict[str, Any]:
+    split = None
+    if rest.split is not None:
+        split = {name: [_mode(mode) for mode in getattr(rest.split, name)] for name in ("common", "differential")}
+    return {
+        "t_s": rest.t_s,
+        "end_s": rest.end_s,
+        "name": rest.name,
+        "on_line": list(rest.on_line),
+        "reason": rest.obstacle,
+        "modes": [_mode(mode) | {"units": dict(mode.units)} for mode in rest.modes],
+        "split": split,
+    }
+
+
+def _mode(mode: Mode | PlantMode) -> dict[str, float]:
+    return {"real": mode.s.real, "imag": mode.s.imag, "damping_ratio": mode.damping}
+
+
+def as_one_converter(study: Study) -> Study:
+    """A plant of one unit with nothing but the grid at its node as one converter on x_t + Z_g; any other study as it
+    is."""
+    plant = study.plant
+    if plant is None or len(plant.units) > 1 or plant.elements or plant.sources or plant.opened:
+        return study
+    unit = plant.units[0]
+    if unit.case is not None or unit.offset or any(event.element is not None for event in study.events):
+        return study
+
+    def behind(grid: Any) -> Any:
+        return replace(grid, R_g=grid.R_g + unit.R, L_g=grid.L_g + unit.L)
+
+    events = tuple(one if one.grid is None else replace(one, grid=behind(one.grid)) for one in study.events)
+    simulation = replace(study.simulation, P_ref=unit.P_ref, Q_ref=unit.Q_ref)
+    return replace(study, plant=None, grid=behind(study.grid), events=events, simulation=simulation)
