@@ -95,6 +95,13 @@ def test_a_lattice_is_read() -> None:
     assert [lattice_counts(text) for text in ("48x32", " 2 X 1 ", "120×80")] == [(48, 32), (2, 1), (120, 80)]
 
 
+def test_what_the_page_does_not_simulate_is_told(session: Session) -> None:
+    """Its schedules know the grid at once and exactly."""
+    wrong = Session(session.study, NOTHING, start={"error_R": 0.2, "silent_s": 0.5})
+    with pytest.raises(StudyError, match=r"(?s)Error of R = 0.2: .*Silent after the event = 0.5: .*Set it to 0"):
+        page_of_session(wrong, (2, 1))
+
+
 def test_fixed_gains_are_not_held() -> None:
     """They are what they are on every grid: a second answer would be the first once more."""
     text = live_page(study_from_text(FIXED), NOTHING, (2, 1)).text

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain, staged_file
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.errors import ArtifactError, VsgDesignError
+from vsgdesign.errors import ArtifactError, Fault, StudyError, VsgDesignError
 from vsgdesign.execution.executors import known_here_alone, worker_count, worker_processes
 from vsgdesign.execution.jobs import each_of
 from vsgdesign.execution.progress import Progress, silent
@@ -40,7 +40,7 @@ from vsgdesign.report.explore.page_runs import CellStart, page_runs, starts_of
 from vsgdesign.report.explore.scene import scene_of
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
-from vsgdesign.report.explore.state import PlaceOfState, State
+from vsgdesign.report.explore.state import LABELS, PlaceOfState, State
 from vsgdesign.report.page.html import POLICY
 from vsgdesign.report.page.live import StaticPage
 from vsgdesign.study.parameters.study import Study
@@ -128,6 +128,19 @@ def page_of_session(
     return page_text(_kept(session, lattice, tell, workers, cases))
 
 
+def _check_known(study: Study, start: State) -> None:
+    """Raises StudyError where scheduled controllers are told something else than the grid as it is: the page does not
+    simulate that."""
+    if all(spec.kind == "fixed" for spec in study.controllers if spec.name in start.controllers):
+        return
+    told = {name: getattr(start, name) for name in ("error_R", "error_X", "silent_s")}
+    problem = "the page simulates scheduled controllers that know their grid at once and exactly"
+    advice = "Set it to 0 in the state, or use vsgdesign explore without --page."
+    faults = [Fault(LABELS[name], f"{value:g}", problem, advice) for name, value in told.items() if value != 0.0]
+    if faults:
+        raise StudyError("--state", faults)
+
+
 class _Part(NamedTuple):
     """Some of the cells: the rows of every controller, the use of the static limits, and the starts."""
 
@@ -147,6 +160,7 @@ def _kept(
 ) -> dict[str, Any]:
     """What the page holds."""
     info, start, study = session.info(), session.start, session.study_of(session.start)
+    _check_known(study, start)
     lattice = Lattice.around(start, (info["map"]["scr"], info["map"]["x_over_r"]), counts)
     fixed = all(spec.kind == "fixed" for spec in study.controllers if spec.name in start.controllers)
     states = {held: lattice.states(start, held=held) for held in ((False,) if fixed else (False, True))}
