@@ -306,8 +306,7 @@ def derive_series(
     # The published structure has the first four gains only.
     held = [(name, gains[:, k]) for k, name in enumerate(PowerLoopGains._fields) if k < always or gains[:, k].any()]
     names = *_AT_PCC, "omega", "V_rms", "delta", "R_g", "L_g", *(name for name, _ in held)
-    # Not one array for all: what is larger than 32 MB goes back to the system each time, and comes anew.
-    series = {"t_s": t_s} | {name: np.empty(len(t_s)) for name in names}
+    series = {"t_s": t_s} | _arrays(names, len(t_s))
     if at_pcc is None:
         _put_at_pcc(study, run, [series[name] for name in _AT_PCC])
     else:
@@ -326,6 +325,19 @@ def derive_series(
     for name, values in held:
         series[name][:] = values[index]
     return series
+
+
+_TOGETHER = 2_000_000
+"""Numbers in one array, 16 MB. A system gives an array of more than 4 MB its memory in large pages, which takes a third
+of the time of small ones; one of more than 32 MB goes back to the system each time, which costs more than that."""
+
+
+def _arrays(names: Sequence[str], count: int) -> dict[str, Array]:
+    """An array of ``count`` numbers for each name; some of them lie in one."""
+    each, found = max(_TOGETHER // max(count, 1), 1), {}
+    for some in (names[k : k + each] for k in range(0, len(names), each)):
+        found |= dict(zip(some, np.empty((len(some), count)), strict=True))
+    return found
 
 
 _AT_PCC = (*(f"{name}_pcc_{phase}" for name in "vi" for phase in "abc"), "P_pcc", "Q_pcc")
