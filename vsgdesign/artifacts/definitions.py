@@ -97,6 +97,7 @@ ASKED: Mapping[str, str] = {
     "H_min": "least inertia constant",
     "H_max": "largest inertia constant",
     "bandwidth_max": "largest k_2 and d_1",
+    "differential_decay": "decay of the differential mode",
     "inner_loops": "inner loops",
 }
 """What a field of a specification asks for, and what else limits a cell of a table, in words."""

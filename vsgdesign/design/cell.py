@@ -211,6 +211,8 @@ def _worst_scenarios(e: Evaluation, design: int = 0) -> list[int]:
     names = ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
     index = [int(np.argmax(e[name][design])) for name in names]
     index += [int(np.argmin(e["disk_margin"][design])), int(np.argmin(e.damping_ratio[design]))]
+    if e.differential is not None:
+        index.append(int(np.argmax(e.differential[design])))
     return list(dict.fromkeys(index))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.kernels import FIGURES, figures
-from vsgdesign.equations.power_flow import scheduled_jacobian
+from vsgdesign.equations.power_flow import scheduled_jacobian, source_behind
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
@@ -38,6 +40,8 @@ class Figures:
     disk_margin: float
     damping_ratio: float
     abscissa: float
+    differential_decay: float = math.inf
+    """Of the differential mode of equal units, 1/s; infinite where nobody asks."""
 
     @property
     def overshoot(self) -> float:
@@ -60,12 +64,13 @@ def worst(e: Evaluation, design: int = 0) -> Figures:
         disk_margin=float(at["disk_margin"].min()),
         damping_ratio=float(e.damping_ratio[design].min()),
         abscissa=float(e.abscissa[design].max()),
+        differential_decay=math.inf if e.differential is None else -float(e.differential[design].max()),
     )
 
 
 def worse(one: Figures, other: Figures) -> Figures:
     """The worse of two of each figure."""
-    low = ("disk_margin", "damping_ratio")
+    low = ("disk_margin", "damping_ratio", "differential_decay")
     values = {f.name: (getattr(one, f.name), getattr(other, f.name)) for f in fields(Figures)}
     return Figures(**{name: min(pair) if name in low else max(pair) for name, pair in values.items()})
 
@@ -81,6 +86,8 @@ def shortfalls(spec: Specification, f: Figures, inertia: float) -> dict[str, flo
         missed["disk_margin"] = f.disk_margin
     if not f.damping_ratio >= spec.damping_ratio:
         missed["damping_ratio"] = f.damping_ratio
+    if not f.differential_decay >= spec.differential_decay:
+        missed["differential_decay"] = f.differential_decay
     if inertia < spec.H_min * (1.0 - 1e-9):
         missed["H_min"] = inertia
     if inertia > spec.H_max * (1.0 + 1e-9):
@@ -137,6 +144,8 @@ class LawOfStudy:
     S_rated: float
     omega_n: float
     lags: Lags
+    apart: tuple[float, float] | None = None
+    """R (Ω) and L (H) of the path between equal units, where the decay of their differential mode is asked for."""
 
     def gains(self, normalised: NormalisedGains, s: Scenarios) -> PowerLoopGains:
         """The gains that the runtime has in each scenario: estimated grid, measured P, Q, V. Arrays broadcast."""
@@ -163,7 +172,23 @@ def law_of(study: Study, target: ClosedFormTarget, aim: str) -> LawOfStudy:
         S_rated=c.S_rated,
         omega_n=c.omega_n,
         lags=study.power_lags,
+        apart=apart_of(study),
     )
+
+
+def apart_of(study: Study) -> tuple[float, float] | None:
+    """The path between equal units at one node, where a study asks for the decay of their differential mode: that of a
+    unit alone on an ideal source at the node (:eq:`differential-mode`)."""
+    asked, f = study.specification, study.filter
+    if asked is None or asked.differential_decay == 0.0:
+        return None
+    if f.L_2 == 0.0:
+        raise InfeasibleStudyError(
+            f"specification: differential_decay = {asked.differential_decay:g} 1/s, but nothing lies between units of "
+            "an LC filter at one node. Give L_2 and R_2 of [filter] with the unit's transformer and feeder, or leave "
+            "the decay out."
+        )
+    return f.R_2, f.L_2
 
 
 @dataclass(frozen=True)
@@ -175,6 +200,8 @@ class Evaluation:
     """Least over the modes."""
     abscissa: Array
     """Largest real part, 1/s."""
+    differential: Array | None = None
+    """The same of the differential mode; None where nobody asks."""
 
     def __getitem__(self, name: str) -> Array:
         return self.damping_ratio if name == "damping_ratio" else self.figures[name]
@@ -200,7 +227,20 @@ def evaluate_fixed(gains: PowerLoopGains, s: Scenarios, settling_time: float, la
 
 def evaluate_pairs(law: LawOfStudy, normalised: NormalisedGains, s: Scenarios, settling_time: float) -> Evaluation:
     """Figures (S,) of one design per scenario: ``normalised`` holds arrays (S,)."""
-    return evaluate_gains(law.gains(normalised, s), s, settling_time, law.lags)
+    gains = law.gains(normalised, s)
+    found = evaluate_gains(gains, s, settling_time, law.lags)
+    if law.apart is None:
+        return found
+    every = PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape) for value in gains))
+    A = model_in(every, between_units(s, *law.apart), law.lags).A
+    return replace(found, differential=np.linalg.eigvals(A).real.max(axis=1))
+
+
+def between_units(s: Scenarios, R: float, L: float) -> Scenarios:
+    """The differential mode of scenarios: their powers and voltage with the path between the units alone."""
+    X = s.omega_g * L
+    V_g_rms, delta = source_behind(s.P, s.Q, s.V_rms, R, X)
+    return replace(s, R=0.0 * X + R, X=X, V_g_rms=V_g_rms, delta=delta)
 
 
 def evaluate_gains(gains: PowerLoopGains, s: Scenarios, settling_time: float, lags: Lags) -> Evaluation:
@@ -245,4 +285,5 @@ def _shaped(found: Evaluation, shape: tuple[int, int]) -> Evaluation:
         {name: values.reshape(shape) for name, values in found.figures.items()},
         found.damping_ratio.reshape(shape),
         found.abscissa.reshape(shape),
+        None if found.differential is None else found.differential.reshape(shape),
     )

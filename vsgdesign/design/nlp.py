@@ -28,7 +28,7 @@ from vsgdesign.design.variables import (
     cell_objective,
     variables,
 )
-from vsgdesign.equations.power_flow import scheduled_jacobian
+from vsgdesign.equations.power_flow import scheduled_jacobian, source_behind
 from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model.coupled import coupled_function
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
@@ -55,6 +55,8 @@ _FINE, _FINE_STEPS, _COARSE_STEPS = 20, 24, 18
 """Steps within a settling time, how many of those, and how many of twice the length after them."""
 _FREQUENCIES = np.geomspace(1.0, 130.0, 10)
 _TAYLOR = 6
+_CLEAR = 0.15
+"""Disk margin of the differential mode within its decay, in the program."""
 _WEIGHT_RESERVE = 20.0
 
 
@@ -175,7 +177,8 @@ def _row_kinds(spec: Specification) -> list[str]:
     if spec.settles:
         peaks, tails = _times()
         kinds += (["overshoot"] * len(peaks) + ["settling_time"] * (2 * len(tails))) * 2
-    return kinds + ["disk_margin"] * (2 * len(_FREQUENCIES))
+    frequencies = len(_FREQUENCIES) + (len(_FREQUENCIES) + 1) * (spec.differential_decay > 0.0)
+    return kinds + ["disk_margin"] * (2 * frequencies)
 
 
 def _times() -> tuple[list[int], list[int]]:
@@ -214,8 +217,25 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
             band = (_GUARD + _RESERVE[0] * reserve) * SETTLING_BAND * (1.0 + 5.0 * slack[1])
             rows += [band - error[k] for k in tails] + [band + error[k] for k in tails]
     rows += _margin_rows(*opened, J_o, margin, _FREQUENCIES / spec.settling_time)
+    if law.apart is not None:
+        rows += _differential_rows(law, spec, s, gains, slack[2])
     scenario = ca.vertcat(*(getattr(s, f.name) for f in fields(Scenarios)))
     return ca.Function("slot", [y, margin, slack, reserve, scenario], [ca.vertcat(*rows)])
+
+
+def _differential_rows(law: LawOfStudy, spec: Specification, s: Scenarios, gains: Any, slack: Any) -> list[Any]:
+    """A little disk margin of the differential mode, seen by what decays as fast as is asked for: with A + d in place
+    of A, no mode is slower than d where the loop keeps clear of −1."""
+    lags, (R, L) = law.lags, law.apart or (0.0, 0.0)
+    X = s.omega_g * L
+    with numpy_on_symbols():
+        V_g, delta = source_behind(s.P, s.Q, s.V_rms, R, X)
+    model = coupled_function(lags.tau_P > 0.0, lags.tau_Q > 0.0, yields=lags.yields)
+    found = model(delta, s.V_rms, V_g, R, X, *gains, *lags)
+    A, B, C, J = found[12:] if lags.yields else found[4:8]
+    shifted = A + spec.differential_decay * ca.SX.eye(A.shape[0])
+    frequencies = np.concatenate([[0.0], _FREQUENCIES / spec.settling_time])
+    return _margin_rows(shifted, B, C, J, _CLEAR * (1.0 - slack), frequencies)
 
 
 def _fastest(lags: Lags) -> float:

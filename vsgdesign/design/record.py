@@ -208,7 +208,7 @@ def _distance(spec: Specification, missed: dict[str, float]) -> float:
 def with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: CellDesign) -> CellRecord:
     """The record of a design, with its figures in the full-order model."""
     study, spec = task.study, task.spec
-    figures = full_order_figures(study, law.gains(design.normalised, s), s, spec.settling_time)
+    figures = full_order_figures(study, law.gains(design.normalised, s), s, spec.settling_time, law.apart)
     worst = figures.worst()
     # The network's and the filter's modes are damped by the grid and the inner loops: no promise of the power loops.
     seen = replace(worst, damping_ratio=max(worst.damping_ratio, design.figures.damping_ratio))
@@ -252,7 +252,7 @@ def record_of(document: dict[str, Any]) -> CellRecord:
 
 def _figures(document: dict[str, Any]) -> Figures:
     """Figures whose missing numbers were infinite: bad is large, except for margins and damping."""
-    low = ("disk_margin", "damping_ratio")
+    low = ("disk_margin", "damping_ratio")  # a differential mode that nobody asks for has an infinite decay
     infinite = {name: float("-inf") if name in low else float("inf") for name in document}
     return Figures(**{name: infinite[name] if value is None else value for name, value in document.items()})
 

@@ -112,6 +112,8 @@ class Ground:
             f = worst(e, k)
             broken = max((GUARD_MARGIN - MARGIN_RESERVE) * spec.disk_margin - f.disk_margin, 0.0)
             broken += max(spec.damping_ratio - f.damping_ratio, 0.0)
+            if spec.differential_decay > 0.0:
+                broken += max(1.0 - f.differential_decay / spec.differential_decay, 0.0)
             reserve = max(GUARD_MARGIN * spec.disk_margin - f.disk_margin, 0.0)
             if spec.settles:
                 settling, overshoot = (
@@ -196,4 +198,6 @@ def _ranked(ground: Ground, y: Array) -> NDArray[np.intp]:
         for name in ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
     ]
     orders += [np.argsort(e["disk_margin"].min(axis=0), kind="stable")]
+    if e.differential is not None:
+        orders += [np.argsort(-e.differential.max(axis=0), kind="stable")]
     return np.array(list(dict.fromkeys([NOMINAL, *np.stack(orders, axis=1).ravel().tolist()])))

@@ -306,6 +306,10 @@ def assemble(job: TableJob, nodes: TableNodes) -> GainTable:
         "full_order_decay_1_s": cells(lambda _, r: -r.full_order.abscissa),
         "scenarios": cells(lambda d, _: d.scenarios),
     }
+    if law.apart is not None:
+        margins["worst_differential_decay_1_s"] = cells(
+            lambda d, r: min(d.figures.differential_decay, r.full_order.differential_decay)
+        )
     margins = {name: np.where(np.isfinite(values), values, np.nan) for name, values in margins.items()}
     status = np.array(["outside" if d is None else "met" if d.met else "relaxed" for d in designs]).reshape(shape)
     active = np.array(["" if d is None else _active(d.active, d.shortfalls) for d in designs]).reshape(shape)
@@ -355,6 +359,8 @@ def _document(spec: Specification) -> dict[str, Any]:
     found = asdict(spec)
     if spec.box.error_Z == 0.0:
         del found["box"]["error_Z"]
+    if spec.differential_decay == 0.0:
+        del found["differential_decay"]
     return found
 
 

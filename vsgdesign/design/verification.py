@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
-from vsgdesign.design.evaluation import Figures, exact_disk_margins, final_Q
+from vsgdesign.design.evaluation import Figures, between_units, exact_disk_margins, final_Q
 from vsgdesign.design.kernels import HORIZON
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 _POINTS = 320
 """At how many instants of HORIZON responses are looked at."""
 _FREQUENCIES = 120
+_NO_REST = 1e6
+"""Growth of a mode that has no steady state to be about, 1/s: a number, which a file can keep."""
 _POWERS = ("P", "Q")
 _STEPS = ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
 
@@ -47,6 +49,8 @@ class FullOrderFigures:
     abscissa: Array
     fastest_rad_s: Array
     """|s| of the mode with the largest real part: far above the power loops' bandwidth where the inner loops fail."""
+    differential: Array | None = None
+    """Largest real part of the differential mode; None where nobody asks."""
 
     def worst(self) -> Figures:
         """The worst over the scenarios."""
@@ -59,11 +63,16 @@ class FullOrderFigures:
             disk_margin=float(np.min(self.disk_margin)),
             damping_ratio=float(np.min(self.damping_ratio)),
             abscissa=float(np.max(self.abscissa)),
+            differential_decay=np.inf if self.differential is None else -float(np.max(self.differential)),
         )
 
 
-def full_order_figures(study: Study, gains: PowerLoopGains, s: Scenarios, settling_time: float) -> FullOrderFigures:
-    """Gains, arrays (S,), in S scenarios on the full-order model: averaged bridge, inner loops, delay, sampling."""
+def full_order_figures(
+    study: Study, gains: PowerLoopGains, s: Scenarios, settling_time: float, apart: tuple[float, float] | None = None
+) -> FullOrderFigures:
+    """Gains, arrays (S,), in S scenarios on the full-order model: averaged bridge, inner loops, delay, sampling.
+
+    ``apart``: the path between equal units, where the decay of their differential mode is asked for."""
     cells = _cells(study, gains, s)
     model = linearise_full_order(study, cells)
     count, index = len(s), model.index
@@ -87,7 +96,16 @@ def full_order_figures(study: Study, gains: PowerLoopGains, s: Scenarios, settli
         out["disk_margin"] = exact_disk_margins(
             out["disk_margin"], lambda near: linearise_full_order(study, [cells[k] for k in near])
         )
-    return FullOrderFigures(**out)
+    differential = None if apart is None else _differential(study, gains, between_units(s, *apart))
+    return FullOrderFigures(**out, differential=differential)
+
+
+def _differential(study: Study, gains: PowerLoopGains, s: Scenarios) -> Array:
+    """The largest real part of the modes of each scenario, 1/s; _NO_REST without a steady state."""
+    model = linearise_full_order(study, _cells(study, gains, s))
+    found = np.full(len(s), _NO_REST)
+    found[model.index] = to_continuous(np.linalg.eigvals(model.A), model.T_s).real.max(axis=1)
+    return found
 
 
 def _cells(study: Study, gains: PowerLoopGains, s: Scenarios) -> list[Cell]:

@@ -55,6 +55,16 @@ def power_angle(P: Any, Q: Any, V_sq: Any, R: Any, X: Any) -> Any:
     return np.arctan2(X * P - R * Q, PHASES * V_sq - R * P - X * Q)
 
 
+def source_behind(P: Any, Q: Any, V_rms: Any, R: Any, X: Any) -> tuple[Any, Any]:
+    """The source behind a path to which a voltage delivers P and Q: the inverse of :func:`operating_point`.
+
+    Returns (V_g_rms, delta) in V and rad.
+    """
+    along = V_rms - (R * P + X * Q) / (PHASES * V_rms)
+    across = (X * P - R * Q) / (PHASES * V_rms)
+    return np.sqrt(along * along + across * across), np.arctan2(across, along)
+
+
 def largest_scale(P: Any, Q: Any, V_g_rms: Any, R: Any, X: Any) -> Any:
     """The largest s for which s·(P, Q) has an operating point; scaling R and X by s has the same effect.
 

@@ -60,6 +60,9 @@ OF_BEFORE = {"disk_margin_smaller": _defined("disk_margin_smaller", 0.02)}
 OF_THE_DESIGN = {
     "cross_peak": Figure("Peak of the other power per step", "1"),
     "full_order_decay_1_s": Figure("Decay of the slowest mode, full order", "1/s", at_design_point=False),
+    "differential_decay_1_s": Figure(
+        "Decay of the differential mode", "1/s", asked="differential_decay", at_design_point=False
+    ),
     "scenarios": Figure("Scenarios of the design", "1", at_design_point=False),
 }
 """Margins that a design stores as well, over its whole box, and that no check computes again."""

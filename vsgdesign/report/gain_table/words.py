@@ -97,6 +97,7 @@ _SPECIFIED = {
     "H_min": ("inertia constant ≥", "s"),
     "H_max": ("inertia constant ≤", "s"),
     "bandwidth_max": ("k_2 and d_1 ≤", "1/s"),
+    "differential_decay": (f"{ASKED['differential_decay']} ≥", "1/s"),
     "scr": ("SCR of the first nodes", ""),
     "scr_basis": ("basis of SCR", ""),
     "x_over_r": ("X/R of the first nodes", ""),
@@ -110,7 +111,7 @@ _SPECIFIED = {
 }
 """Words and unit of what a specification says, in their order."""
 _SCALES = {"%": 100.0, "kW": 1e-3, "kvar": 1e-3, "Hz": 0.5 / math.pi}
-_NOT_ASKED = {"H": None, "H_min": 0.0, "H_max": UNBOUNDED_H, "box.error_Z": 0.0}
+_NOT_ASKED = {"H": None, "differential_decay": 0.0, "H_min": 0.0, "H_max": UNBOUNDED_H, "box.error_Z": 0.0}
 
 
 def specification_rows(table: GainTable) -> list[tuple[str, str]]:

@@ -98,6 +98,9 @@ class Specification:
     """Least inertia constant at the design point; not with `inertia`."""
     H_max: float = number("s", _H_MIN, 1e6, default=UNBOUNDED_H)
     """Largest inertia constant at the design point; not with `inertia`."""
+    differential_decay: float = number("1/s", 0.0, 1e3, default=0.0)
+    """Least decay of the differential mode of equal units at one node, which the gains of every node keep
+    (:eq:`differential-mode`); 0: not asked. A unit's transformer and feeder belong to `L_2` and `R_2` of `[filter]`."""
     bandwidth_max: float = number("1/s", 1e-2, 1e5, shown="0.1/T_s")
     """Upper bound of k_2 and d_1; with `inertia` of k_2 alone, since ζ and H decide d_1."""
     scr_basis: str = basis_field(shown=_OF_GRID)

@@ -463,6 +463,7 @@ class SpecificationTable(TypedDict, total=False):
     H: Quantity
     H_min: Quantity
     H_max: Quantity
+    differential_decay: Quantity
     bandwidth_max: Quantity
     scr_basis: Literal["impedance", "reactance"] | str
     scr: Sequence[Quantity]
