@@ -61,8 +61,8 @@ DEFINITIONS: Mapping[str, Definition] = {
     "damping_power_loops": Definition(
         "damping ratio of the power loops",
         "1",
-        "least damping ratio over the modes of the reduced model, which are those of the power loops and the power "
-        "filters with ideal inner loops; a specification asks for this one",
+        "least damping ratio over the modes of the reduced model, which are those of the power loops, the power "
+        "filters and the transient impedance with ideal inner loops; a specification asks for this one",
         _DAMPING,
     ),
     "damping_all_modes": Definition(
