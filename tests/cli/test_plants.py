@@ -44,6 +44,19 @@ def test_a_plant_leaves_its_units(tmp_path: Path) -> None:
         assert kept["L_g"][-1] < kept["L_g"][0]
 
 
+def test_validate_finds_what_a_run_would_say(tmp_path: Path) -> None:
+    """A plant that is unstable between its units, and one that cannot start."""
+    unstable = PLANT.replace("0.06", "0.0") + "[power_loops]\nsettling_time = 0.2\n"
+    done = CliRunner().invoke(main, ["validate", "--deep", str(study_file(tmp_path, unstable))])
+    assert done.exit_code == 0, done.output
+    assert "the units against each other" in done.output
+    heavy = study_file(tmp_path, PLANT)
+    heavy.write_text(heavy.read_text(encoding="utf-8").replace("scr = 3", "scr = 0.3"), encoding="utf-8")
+    done = CliRunner().invoke(main, ["validate", "--deep", str(heavy)])
+    assert done.exit_code != 0
+    assert "no operating point" in done.output
+
+
 def test_one_unit_is_one_converter(tmp_path: Path) -> None:
     """Today's keys and files."""
     file = study_file(tmp_path, PLANT.replace("units = 2", "units = 1"))

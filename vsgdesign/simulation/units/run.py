@@ -100,6 +100,11 @@ def simulate_plant(
     return _Run(logged, timeline or plant_timeline(study), schedules).run(progress)
 
 
+def check_start(study: Study, schedules: Sequence[Sequence[GainChange]], timeline: PlantTimeline) -> None:
+    """Prepares a run up to its first sample. Raises what :func:`simulate_plant` raises until then."""
+    _Run(study, timeline, schedules)
+
+
 class _Run:
     """A run that is under way."""
 

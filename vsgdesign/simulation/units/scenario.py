@@ -31,7 +31,7 @@ from vsgdesign.simulation.scenario.controllers import (
     rest_at_limit,
     samples_per_mean,
 )
-from vsgdesign.simulation.units.run import PlantRun, UnitRun, simulate_plant, situation_at
+from vsgdesign.simulation.units.run import PlantRun, UnitRun, check_start, simulate_plant, situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of
 from vsgdesign.study.parameters.power_plant import GRID
 from vsgdesign.study.parameters.source import GridSource
@@ -113,12 +113,7 @@ def run_plant(
     run in a plant."""
     found = []
     for spec in study.controllers:
-        timeline = plant_timeline(study, spec)
-        schedules = [_gains(timeline, k, spec, ready) for k in range(len(timeline.units))]
-        rests = _rests(study, timeline, schedules)
-        for one in rests if warn is not None else ():
-            if not one.stable and warn is not None:
-                warn(_unstable(spec, one))
+        timeline, schedules, rests = _prepared(study, spec, ready, warn)
         report = None if progress is None else _reporter(progress, spec.name)
         interval = _interval(study, timeline)
         run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
@@ -127,6 +122,28 @@ def run_plant(
             PlantController(spec=spec, timeline=timeline, rests=rests, units=units, loop_seconds=run.loop_seconds)
         )
     return PlantResult(study=study, controllers=tuple(found), ready=ready)
+
+
+def check_plant_run(study: Study, ready: Ready = NOTHING) -> list[str]:
+    """What a run of a plant would warn of. Raises what :func:`run_plant` raises before its first sample."""
+    said: list[str] = []
+    for spec in study.controllers:
+        timeline, schedules, _ = _prepared(study, spec, ready, said.append)
+        check_start(study, schedules, timeline)
+    return said
+
+
+def _prepared(
+    study: Study, spec: ControllerSpec, ready: Ready, warn: Callable[[str], None] | None
+) -> tuple[PlantTimeline, list[Sequence[GainChange]], tuple[PlantRest, ...]]:
+    """Timeline, gains of each unit and rests of a controller, before its run."""
+    timeline = plant_timeline(study, spec)
+    schedules = [_gains(timeline, k, spec, ready) for k in range(len(timeline.units))]
+    rests = _rests(study, timeline, schedules)
+    for one in rests if warn is not None else ():
+        if not one.stable and warn is not None:
+            warn(_unstable(spec, one))
+    return timeline, schedules, rests
 
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:

@@ -11,9 +11,11 @@ from vsgdesign.artifacts.network_weights import read_network_weights
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.simulation.scenario.checking import check_scenario
+from vsgdesign.simulation.units.scenario import check_plant_run
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.opening import KeptInnerLoops, check_named_files
+from vsgdesign.verbs.pipeline.plant import as_one_converter, check_designed
 from vsgdesign.verbs.pipeline.run import export_tables
 from vsgdesign.verbs.pipeline.training import recipe_of, trains
 
@@ -29,6 +31,10 @@ def check_deep(study_file: str | Path, out: str | Path | None = None) -> tuple[S
     study = load_study(study_file, KeptInnerLoops(Path(study_file), keep=False))
     check_named_files(study, str(study_file))
     check_folder_target(Path("out") / study.name if out is None else out, "vsgdesign run", study.input_files)
+    study = as_one_converter(study)
+    if study.plant is not None:
+        check_designed(study)
+        return study, check_plant_run(study, Ready(tables=read_tables(study)))
     untrained, spec = trains(study), study.estimator
     if untrained and spec is not None:
         recipe_of(study, spec, None)

@@ -34,11 +34,7 @@ def run_plant_study(
     CSV, and results.json to ``out``, which appears when everything is done. Returns the result and the content of
     results.json. Raises InfeasibleStudyError and ArtifactError."""
     tell, verb = progress or silent, "vsgdesign simulate"
-    designed = [one.name for one in study.controllers if one.schedule == "table" and one.table_file is None]
-    if designed:
-        raise InfeasibleStudyError(
-            f'controller {designed[0]}: no table is designed for a plant yet. Give its table = "FILE.json".'
-        )
+    check_designed(study)
     with room_for(out, verb, inputs=study.input_files), staged_folder(out, verb, inputs=study.input_files) as folder:
         begin = time.perf_counter()
         ready = Ready(tables=read_tables(study))
@@ -52,6 +48,15 @@ def run_plant_study(
                 write_csv(folder / f"{name}.csv", one.series, study.simulation.csv_interval)
         document = plant_document(result, timing)
         return result, write_record(folder, document, verb)
+
+
+def check_designed(study: Study) -> None:
+    """Raises InfeasibleStudyError where a controller of a plant leaves its table to be designed."""
+    designed = [one.name for one in study.controllers if one.schedule == "table" and one.table_file is None]
+    if designed:
+        raise InfeasibleStudyError(
+            f'controller {designed[0]}: no table is designed for a plant yet. Give its table = "FILE.json".'
+        )
 
 
 def plant_document(result: PlantResult, timing_s: dict[str, float]) -> dict[str, Any]:
