@@ -80,4 +80,4 @@ def write_explorer(study: Path, page: Path, state: Mapping[str, Any]) -> None:
     from vsgdesign.report.explore.session import Session
 
     shown, start = shown_of(study, state)
-    write_page(Session(shown, NOTHING, start=start), page, lattice=(32, 20))
+    write_page(Session(shown, NOTHING, start=start), page, lattice=(24, 16))
