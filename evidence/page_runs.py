@@ -135,6 +135,8 @@ class Compared:
     others: list[str] = field(default_factory=list)
     statuses: Counter[str] = field(default_factory=Counter)
     worst: dict[str, float] = field(default_factory=dict)
+    """Of all events but ramps."""
+    worst_of_ramps: dict[str, float] = field(default_factory=dict)
 
 
 def opened(page: Page, path: Path) -> tuple[list[float], list[float]]:
@@ -176,19 +178,25 @@ def compare(
     run = simulated(
         study_of(scene_of(study, session.ready, state), session.ready, state, k).made_strict(), session.ready
     )
-    same = ours["done"] == len(run.log) and ours["bits"] == bits_of(run.log)
+    same, row = ours["done"] == len(run.log) and ours["bits"] == bits_of(run.log), ours["row"]
     (found.exact if same else found.near)[event["kind"]] += 1
-    row = ours["row"]
+    worst, said = (
+        (found.worst_of_ramps if event["kind"] == "ramp" else found.worst),
+        f"{event} of {CONTROLLERS[k]} on {at}",
+    )
+    if not same and event["kind"] != "ramp":
+        found.others.append(f"{said}: other bits")
     if (row["status"], row["verdict"]) == (theirs["status"], theirs["verdict"]):
         found.words += 1
     else:
-        found.others.append(f"{event} of {CONTROLLERS[k]} on {at}: {row['verdict']} | {theirs['verdict']}")
+        both = (f"{one['status']}: {one['verdict']}" for one in (row, theirs))
+        found.others.append(f"{said}: {' | '.join(both)}")
     for name in NOTHING:
         a, b = row[name], theirs[name]
         if a is not None and b is not None:
-            found.worst[name] = max(found.worst.get(name, 0.0), abs(a - b))
+            worst[name] = max(worst.get(name, 0.0), abs(a - b))
         elif a is not b:
-            found.others.append(f"{event} of {CONTROLLERS[k]} on {at}: {name} {a} | {b}")
+            found.others.append(f"{said}: {name} {a} | {b}")
 
 
 def drags(page: Page, path: Path) -> dict[str, list[float]]:
@@ -233,9 +241,12 @@ def tables(found: Compared, drag: dict[str, list[float]]) -> Iterator[str]:
     ]
     yield from table(["event", "runs", "equal to the bit"], rows)
     yield ""
-    yield from table(
-        ["figure", "largest difference"], [[name, f"{value:.1e}"] for name, value in sorted(found.worst.items())]
-    )
+    names = [name for name in NOTHING if name in found.worst or name in found.worst_of_ramps]
+    both = [
+        [f"{one[name]:.1e}" if name in one else "–" for one in (found.worst, found.worst_of_ramps)] for name in names
+    ]
+    head = ["figure", "largest difference", "of ramps"]
+    yield from table(head, [[f"`{name}`", *values] for name, values in zip(names, both, strict=True)])
     yield ""
     yield f"Status and words of the verdict are equal in {found.words} of {found.runs} runs."
     if drag:

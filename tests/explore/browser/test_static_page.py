@@ -14,6 +14,7 @@ from tests.explore.browser.chromium import Chromium, Page
 from tests.explore.browser.explorer import COUNTER, SETTLED, TABLE, Explorer, ExplorerPage, explorer_of
 from tests.explore.test_page_runs import session_in
 from vsgdesign import __version__
+from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.report.explore import page_file
 from vsgdesign.report.explore.events import study_of
@@ -155,6 +156,8 @@ def test_a_file_shows_another_event(explorer: Explorer, browser: Chromium, tmp_p
     state = explorer.session.state(page.evaluate("page.store.state"))
     answer = explorer.session.emt(explorer.session.study_of(state), state)
     assert answer is not None
+    bands = "page.answers.emt.header.bands"
+    assert page.evaluate(bands) == plain(answer.header["bands"])
     rows = page.evaluate("page.answers.emt.header.controllers")
     for k, (ours, theirs) in enumerate(zip(rows, answer.header["controllers"], strict=True)):
         assert (ours["status"], ours["verdict"]) == (theirs["status"], theirs["verdict"])
@@ -164,7 +167,13 @@ def test_a_file_shows_another_event(explorer: Explorer, browser: Chromium, tmp_p
             ends = page.evaluate(f"((v) => [Math.min(...v), Math.max(...v)])(page.answers.emt.arrays['{k}/{signal}'])")
             curve = answer.arrays[f"{k}/{signal}"]
             np.testing.assert_allclose(ends, [curve.min(), curve.max()], rtol=1e-6)
-    page.evaluate("page.store.set({event: {...page.store.state.event, size: 2}})")
+    page.evaluate("page.store.set({event: {...page.store.state.event, kind: 'step', size: -0.07}})")
+    page.wait("page.answers.emt.header.controllers[0].recovery_s === null")
+    state = explorer.session.state(page.evaluate("page.store.state"))
+    stepped = explorer.session.emt(explorer.session.study_of(state), state)
+    assert stepped is not None
+    assert page.evaluate(bands) == plain(stepped.header["bands"])
+    page.evaluate("page.store.set({event: {...page.store.state.event, kind: 'sag', size: 2}})")
     page.wait("document.body.textContent.includes('Size of the event must be a number between 0 and 0.95 pu.')")
     beyond = [url for url in page.urls if url != path.as_uri() and not url.startswith(("data:", "blob:"))]
     assert (beyond, list(page.faults)) == ([], [])

@@ -166,18 +166,32 @@ def bands(scene: Scene, ready: Ready, state: State) -> list[dict[str, Any]]:
     given = [one.study.converter.current_limit_pu for one in scene.shown]
     limits = sorted({limit for limit in given if limit is not None})
     found = [_band("i_s_pu", (-LEAD_S, end_s), None, limit, f"current limit {limit:.3g} pu") for limit in limits]
-    asked, event = scene.study.specification, state.event
-    if asked is None or not asked.settles or event.kind != "step" or event.size == 0.0:
+    asked, event = asked_of_steps(scene, state), state.event
+    if asked is None or event.kind != "step" or event.size == 0.0 or event.signal not in asked["start"]:
         return found
-    if event.signal == "Q" and np.any(np.asarray(scene.cells.gains.D_q)):
-        return found
-    final = (state.P_pu if event.signal == "P" else state.Q_pu) + event.size
-    width, beyond = abs(event.size) * SETTLING_BAND, final + event.size * asked.overshoot
-    label = f"within 2 % from {asked.settling_time:.3g} s"
-    found.append(_band(event.signal, (asked.settling_time, end_s), final - width, final + width, label))
-    low, high = (None, beyond) if event.size > 0.0 else (beyond, None)
-    found.append(_band(event.signal, (0.0, end_s), low, high, f"overshoot of {100.0 * asked.overshoot:.3g} %"))
+    final, (within, beyond) = asked["start"][event.signal] + event.size, asked["labels"]
+    width, most = abs(event.size) * asked["band"], final + event.size * asked["overshoot"]
+    found.append(_band(event.signal, (asked["from_s"], end_s), final - width, final + width, within))
+    low, high = (None, most) if event.size > 0.0 else (most, None)
+    found.append(_band(event.signal, (0.0, end_s), low, high, beyond))
     return found
+
+
+def asked_of_steps(scene: Scene, state: State) -> dict[str, Any] | None:
+    """What the bands of a step of any size are made of: P and Q before it in per unit, of Q only where no droop moves
+    its final value. None where the study asks for nothing."""
+    asked = asked_of(scene.study)
+    if asked is None:
+        return None
+    settling_s, overshoot = asked
+    moves = np.any(np.asarray(scene.cells.gains.D_q))
+    return {
+        "start": {"P": state.P_pu} | ({} if moves else {"Q": state.Q_pu}),
+        "from_s": settling_s,
+        "overshoot": overshoot,
+        "band": SETTLING_BAND,
+        "labels": (f"within 2 % from {settling_s:.3g} s", f"overshoot of {100.0 * overshoot:.3g} %"),
+    }
 
 
 def _band(

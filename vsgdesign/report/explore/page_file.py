@@ -34,7 +34,7 @@ from vsgdesign.report.explore.lattice import (
     figures_document,
     shown_in,
 )
-from vsgdesign.report.explore.live import bands, told_note
+from vsgdesign.report.explore.live import asked_of_steps, bands, told_note
 from vsgdesign.report.explore.page_cases import PageCase
 from vsgdesign.report.explore.page_runs import CellStart, page_runs, starts_of
 from vsgdesign.report.explore.scene import scene_of
@@ -199,6 +199,7 @@ def _kept(
         }
         for one in scene.shown
     ]
+    limits = [band for band in bands(scene, session.ready, start) if band["signal"] == "i_s_pu"]
     made = MADE.format(__version__, study.name, study.hash[:12], f"{counts[0]} × {counts[1]}")
     return {
         "info": info
@@ -214,7 +215,12 @@ def _kept(
             },
         },
         "cells": of_cells
-        | {"controllers": controllers, "columns": columns.document(), "bands": bands(scene, session.ready, start)},
+        | {
+            "controllers": controllers,
+            "columns": columns.document(),
+            "bands": limits,
+            "asked": asked_of_steps(scene, start),
+        },
         "figures": _deflated(columns.packed()),
         "texts": _deflated(json.dumps(list(texts.known), ensure_ascii=False).encode()),
         "runs": {"info": runs.info, "data": _deflated(runs.data)},

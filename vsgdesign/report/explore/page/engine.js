@@ -192,7 +192,7 @@ class Run {
     this.sources = [[0, this.source]];
     this.place = this.start;
     this.limited = 0;
-    this.state = this.start.state;
+    this.state = { ...this.start.state };
     if (controller.gains === "table" || controller.gains === "followed") {
       this.update = engine.loop(controller.update, controller.limits || [], 1);
     }

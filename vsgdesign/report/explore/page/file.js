@@ -27,13 +27,10 @@ function fileAsk(kept, cells) {
     const words = cells.texts[found.words - 1] || "";
     return { status: 200, answer: live.saved([text, words, ...found.refs], shown, found.grid) };
   };
-  const limits = () => kept.cells.bands.filter((band) => band.signal === "i_s_pu");
   const emt = async (cell, { event, hold, case: number = null }) => {
-    if (number !== null) return live.caseAnswer(number, { ...kept.cells, bands: limits() });
+    if (number !== null) return live.caseAnswer(number, kept.cells);
     const to = target(event);
-    const { controllers, bands } = kept.cells;
-    const own = JSON.stringify(event) === JSON.stringify(kept.info.defaults.event);
-    const shown = { controllers, texts: cells.texts, bands: bands.filter((band) => own || band.signal === "i_s_pu") };
+    const shown = { controllers: kept.cells.controllers, texts: cells.texts, bands: live.bands(kept.cells, event) };
     return live.answer(`${cell}${hold ? ",h" : ""}`, given(event, hold), shown, to);
   };
   const lived = new LiveMap(cells, live);
@@ -64,7 +61,9 @@ function fileAsk(kept, cells) {
     } catch (error) {
       // Also where it does not let a worker begin.
       const missing = /WebAssembly|CompileError/.test(error.message);
-      return refused(missing ? kept.runs.info.words.no_wasm : `This browser does not simulate here (${error.message}).`);
+      return refused(
+        missing ? kept.runs.info.words.no_wasm : `This browser does not simulate here (${error.message}).`,
+      );
     }
   };
 }

@@ -22,6 +22,21 @@ export class LiveRuns {
     return null;
   }
 
+  /** Limits of the curves, and what is asked of a step: as the server's. */
+  bands({ bands, asked }, { kind, signal, size, length_s }) {
+    const { after_s, after_step_s } = this.info;
+    const to_s = (["sag", "ramp"].includes(kind) ? length_s : 0) + (kind === "step" ? after_step_s : after_s);
+    const found = bands.map((band) => ({ ...band, to_s }));
+    if (!asked || kind !== "step" || !size || !(signal in asked.start)) return found;
+    const final = asked.start[signal] + size;
+    const [width, most] = [Math.abs(size) * asked.band, final + size * asked.overshoot];
+    const [within, beyond] = asked.labels;
+    found.push({ signal, from_s: asked.from_s, to_s, low: final - width, high: final + width, label: within });
+    const [low, high] = size > 0 ? [null, most] : [most, null];
+    found.push({ signal, from_s: 0, to_s, low, high, label: beyond });
+    return found;
+  }
+
   async start() {
     const address = URL.createObjectURL(new Blob([this.code], { type: "text/javascript" }));
     const worker = new Worker(address);

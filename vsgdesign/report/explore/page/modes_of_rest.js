@@ -80,7 +80,7 @@ class Sampled {
   }
 }
 
-/** The places of what moves the angle and is moved by it, directly or not: all else is no part of the rest. */
+/** The places of what the angle moves, directly or not, and of those that move it, too: all else is no part of a rest. */
 function coupled(A, x, angle) {
   const size = x.map((value) => Math.max(Math.abs(value), 1));
   const moves = (k, i) => Math.abs(A[i][k]) * size[k] > WEAK * size[i];
@@ -97,7 +97,8 @@ function coupled(A, x, angle) {
     return found;
   };
   const [after, before] = [reached((k, i) => moves(k, i)), reached((k, i) => moves(i, k))];
-  return [...after].filter((k) => before.has(k)).sort((a, b) => a - b);
+  const moved = [...after].sort((a, b) => a - b);
+  return { moved, both: moved.filter((k) => before.has(k)) };
 }
 
 /** x of A x = b, by elimination; A and b are used up. */
@@ -173,14 +174,14 @@ function settled(map, start) {
   for (let round = 0; round < ROUNDS && x.every(Number.isFinite); round += 1) {
     const after = map.after(x);
     const A = map.matrix(x);
-    const used = coupled(A, x, map.angle);
+    const { moved: used, both } = coupled(A, x, map.angle);
     const missing = used.map((i) => after[i] - x[i]);
     const some = used.map((i) => Float64Array.from(used, (j) => (i === j ? 1 : 0) - A[i][j]));
     const step = solved(some, missing);
     x = x.slice();
     used.forEach((i, k) => (x[i] += step[k]));
     const far = Math.max(...used.map((i, k) => Math.abs(step[k]) / Math.max(Math.abs(x[i]), 1)));
-    if (far < STILL) return { x, A: used.map((i) => Float64Array.from(used, (j) => A[i][j])) };
+    if (far < STILL) return { x, A: both.map((i) => Float64Array.from(both, (j) => A[i][j])) };
   }
   return null;
 }

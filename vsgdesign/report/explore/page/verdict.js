@@ -417,7 +417,8 @@ export class Judge {
     }
     const settling_s = this.entered_s.answer(entry)("entered_s");
     if (needed > observed) {
-      if (observed > 2 * needs(loop.get("need.worst"))) return { ...row, status: "not settled", overshoot, within_s: settling_s };
+      if (observed > 2 * needs(loop.get("need.worst")))
+        return { ...row, status: "not settled", overshoot, within_s: settling_s };
       return { ...row, status: words.too_short_status, needs_s: needed, within_s: settling_s };
     }
     return { ...row, status: words.settled, overshoot, settling_s };
