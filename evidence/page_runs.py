@@ -233,7 +233,7 @@ ear.port2.postMessage(0);
 """
 
 
-def tables(found: Compared, drag: dict[str, list[float]]) -> Iterator[str]:
+def tables(found: Compared) -> Iterator[str]:
     """The lines of what was found."""
     kinds = sorted({*found.exact, *found.near})
     rows = [
@@ -249,18 +249,20 @@ def tables(found: Compared, drag: dict[str, list[float]]) -> Iterator[str]:
     yield from table(head, [[f"`{name}`", *values] for name, values in zip(names, both, strict=True)])
     yield ""
     yield f"Status and words of the verdict are equal in {found.words} of {found.runs} runs."
-    if drag:
-        yield ""
-        p = {name: np.percentile(values, [50.0, 95.0]) for name, values in drag.items() if values}
-        rows = [[name, *(f"{value:.0f} ms" for value in p[name])] for name in ("linear", "emt") if name in p]
-        yield from table(["redrawn", "median", "95 %"], rows)
-        yield ""
-        yield f"The longest time without an answer of the page itself is {max(drag['silent'], default=0.0):.0f} ms."
+
+
+def dragged(drag: dict[str, list[float]]) -> Iterator[str]:
+    """The lines of the drags, which depend on the machine and on what else it does."""
+    p = {name: np.percentile(values, [50.0, 95.0]) for name, values in drag.items() if values}
+    rows = [[name, *(f"{value:.0f} ms" for value in p[name])] for name in ("linear", "emt") if name in p]
+    yield from table(["redrawn", "median", "95 %"], rows)
+    yield ""
+    yield f"The longest time without an answer of the page itself is {max(drag['silent'], default=0.0):.0f} ms."
 
 
 def main(folder: Path, runs: int = RUNS) -> None:
     """300 runs, and the drags."""
-    found, drag = Compared(), dict[str, list[float]]()
+    found = Compared()
     with tempfile.TemporaryDirectory() as place, chromium() as browser:
         for number, case in enumerate(CASES.values()):
             at = Path(place) / case
@@ -274,15 +276,13 @@ def main(folder: Path, runs: int = RUNS) -> None:
                 compare(page, session, lattice, [SEED, number, seed], found)
                 seed += 1
             page.close()
-        leave(folder, "page_runs", vars(found), list(tables(found, drag)))
+        leave(folder, "page_runs", vars(found), list(tables(found)))
         session = Session(replace(load_study(STRUCTURES)), Ready())
         write_page(session, Path(place) / "drag.html", lattice=(16, 10))
         page = browser.page()
         drag = drags(page, Path(place) / "drag.html")
         page.close()
-    document = {
-        name: getattr(found, name) for name in ("runs", "exact", "near", "words", "others", "statuses", "worst")
-    }
-    leave(folder, "page_runs", document | drag, list(tables(found, drag)))
+    leave(folder, "page_drags", drag)
+    print("\n".join(dragged(drag)))
     for other in found.others:
         print(other)

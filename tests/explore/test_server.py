@@ -141,7 +141,7 @@ def test_the_whole_page_is_packaged_and_small() -> None:
     of_a_file = {PAGE / name for name in OF_A_FILE}
     assert of_a_file < files
     assert sum(path.stat().st_size for path in files - of_a_file) <= 150_000
-    assert sum(path.stat().st_size for path in of_a_file) <= 95_000
+    assert sum(path.stat().st_size for path in of_a_file) <= 120_000
 
 
 def test_the_address_is_on_the_loopback_interface_and_its_token_is_random(served: ExplorerServer) -> None:
