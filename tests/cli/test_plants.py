@@ -10,7 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from tests.simulation.test_plants import STUDY
+from vsgdesign.study.parameters import load_study
 from vsgdesign.verbs.cli.program import main
+from vsgdesign.verbs.pipeline.plant import as_one_converter
 
 PLANT = "[plant]\nunits = 2\nreactance = 0.06\nresistance = 0.01\n"
 LOSS = '[[events]]\ntime = "20 ms"\nelement = "unit2"\nbreaker = "open"\n'
@@ -58,12 +60,23 @@ def test_validate_finds_what_a_run_would_say(tmp_path: Path) -> None:
 
 
 def test_one_unit_is_one_converter(tmp_path: Path) -> None:
-    """Today's keys and files."""
+    """With today's keys and files."""
     file = study_file(tmp_path, PLANT.replace("units = 2", "units = 1"))
     done = CliRunner().invoke(main, ["simulate", str(file), "--out", str(tmp_path / "out"), "--json"])
     assert done.exit_code == 0, done.output
     assert "units" not in json.loads(done.stdout)
     assert (tmp_path / "out" / "fixed.npz").exists()
+
+
+def test_a_load_is_behind_the_reactance_of_one_unit(tmp_path: Path) -> None:
+    """With a load at the node, one unit is not one converter with a load at its terminals."""
+    plant = PLANT.replace("units = 2", "units = 1") + '[network]\nload = { P = "2 kW" }\n'
+    study = load_study(study_file(tmp_path, plant))
+    assert as_one_converter(study) is study
+    alone = load_study(study_file(tmp_path, PLANT.replace("units = 2", "units = 1")))
+    found = as_one_converter(alone)
+    assert found.plant is None
+    assert found.grid.L_g > alone.grid.L_g
 
 
 @pytest.mark.parametrize("verb", ["run", "report", "verify"])

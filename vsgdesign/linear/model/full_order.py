@@ -239,7 +239,7 @@ def _one_period(
 ) -> tuple[ca.SX, ca.SX]:
     state = dict(zip(names, ca.vertsplit(z), strict=True))
     values = _values_of(p, limiter)
-    push = dict(zip(INPUTS, ca.vertsplit(u), strict=True))
+    push: dict[str, ca.SX] = dict(zip(INPUTS, ca.vertsplit(u), strict=True))
     circuit, settings, controller, after, output, applied = _sampled(state, values, push, limiter)
     omega_g = values["omega_g"] + push["omega_g"]
     V_g = rms_to_peak(values["V_g"] + push["V_g"])

@@ -119,11 +119,13 @@ def as_one_converter(study: Study) -> Study:
     """A plant of one unit with nothing but the grid at its node as one converter on x_t + Z_g; any other study as it
     is."""
     plant = study.plant
-    if plant is None or len(plant.units) > 1 or plant.elements or plant.sources or plant.opened:
+    if plant is None or len(plant.units) != 1 or plant.elements or plant.sources or plant.opened:
         return study
     unit = plant.units[0]
     if unit.case is not None or unit.offset or any(event.element is not None for event in study.events):
         return study
+    if not study.network.plain or any(event.network is not None for event in study.events):
+        return study  # load, fault and breaker are behind x_t
 
     def behind(grid: Any) -> Any:
         return replace(grid, R_g=grid.R_g + unit.R, L_g=grid.L_g + unit.L)
