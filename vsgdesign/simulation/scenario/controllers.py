@@ -306,7 +306,8 @@ def derive_series(
     # The published structure has the first four gains only.
     held = [(name, gains[:, k]) for k, name in enumerate(PowerLoopGains._fields) if k < always or gains[:, k].any()]
     names = *_AT_PCC, "omega", "V_rms", "delta", "R_g", "L_g", *(name for name, _ in held)
-    series = {"t_s": t_s} | _arrays(names, len(t_s))
+    # Not one array for several: the first touch of large pages took longer than that of small ones (a virtual machine).
+    series = {"t_s": t_s} | {name: np.empty(len(t_s)) for name in names}
     if at_pcc is None:
         _put_at_pcc(study, run, [series[name] for name in _AT_PCC])
     else:
@@ -325,19 +326,6 @@ def derive_series(
     for name, values in held:
         series[name][:] = values[index]
     return series
-
-
-_TOGETHER = 2_000_000
-"""Numbers in one array, 16 MB. A system gives an array of more than 4 MB its memory in large pages, which takes a third
-of the time of small ones; one of more than 32 MB goes back to the system each time, which costs more than that."""
-
-
-def _arrays(names: Sequence[str], count: int) -> dict[str, Array]:
-    """An array of ``count`` numbers for each name; some of them lie in one."""
-    each, found = max(_TOGETHER // max(count, 1), 1), {}
-    for some in (names[k : k + each] for k in range(0, len(names), each)):
-        found |= dict(zip(some, np.empty((len(some), count)), strict=True))
-    return found
 
 
 _AT_PCC = (*(f"{name}_pcc_{phase}" for name in "vi" for phase in "abc"), "P_pcc", "Q_pcc")
