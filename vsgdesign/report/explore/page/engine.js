@@ -378,8 +378,7 @@ class Run {
     for (const [name, value] of Object.entries(this.gains())) given[`old.${name}`] = value;
     for (const name of GAINS) given[`new.${name}`] = gains[name];
     this.put(gains, transfer.answer(given)("gain_transfer"));
-    this.loop.set("grid.R_g", this.place.grid[0]);
-    this.loop.set("grid.L_g", this.place.grid[1]);
+    this.tellGrid(...this.place.grid);
   }
 
   /** What the scheduler says at an update, for the grid as it was up to this instant. */

@@ -37,7 +37,7 @@ export class LiveMap {
         Math.log(ratio[rows[Math.floor(n / columns.length)]] / state.x_over_r),
       );
     const left = places.map((_, n) => n).sort((a, b) => far(a) - far(b));
-    Object.assign(this, { key, left, places, under_way: 0, failed: null, begun: performance.now(), first_ms: null });
+    Object.assign(this, { key, left, places, under_way: 0, failed: null });
     this.scr = columns.map((i) => scr[i]);
     this.x_over_r = rows.map((j) => ratio[j]);
     this.values = new Float32Array(places.length).fill(NaN);
@@ -57,9 +57,7 @@ export class LiveMap {
       const found = await this.live.asks(worker, { kind: "survived", k, keys, event });
       if (key !== this.key) return;
       this.under_way -= 1;
-      this.first_ms ??= performance.now() - this.begun;
       part.forEach((n, j) => (this.values[n] = found[j]));
     }
-    this.all_ms = performance.now() - this.begun;
   }
 }
