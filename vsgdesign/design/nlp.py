@@ -198,11 +198,8 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
     lags = law.lags
     model = coupled_function(lags.tau_P > 0.0, lags.tau_Q > 0.0, yields=lags.yields)
     found = model(s.delta, s.V_rms, s.V_g_rms, s.R, s.X, *gains, *lags)
-    A, B, C, _, *opened, J = found[:8]
-    if lags.yields:
-        *opened, J_o = found[12:]
-    else:
-        J_o = J
+    A, B, C, J = (*found[:3], found[7])
+    A_o, B_o, C_o, J_o = found[12:] if lags.yields else found[4:8]
     rows: list[Any] = []
     if spec.settles:
         stiffness = J[1, 1] - J[1, 0] * J[0, 1] / J[0, 0]
@@ -216,7 +213,7 @@ def _slot_function(law: LawOfStudy, spec: Specification, v: Variables) -> ca.Fun
             ]
             band = (_GUARD + _RESERVE[0] * reserve) * SETTLING_BAND * (1.0 + 5.0 * slack[1])
             rows += [band - error[k] for k in tails] + [band + error[k] for k in tails]
-    rows += _margin_rows(*opened, J_o, margin, _FREQUENCIES / spec.settling_time)
+    rows += _margin_rows(A_o, B_o, C_o, J_o, margin, _FREQUENCIES / spec.settling_time)
     if law.apart is not None:
         rows += _differential_rows(law, spec, s, gains, slack[2])
     scenario = ca.vertcat(*(getattr(s, f.name) for f in fields(Scenarios)))

@@ -18,16 +18,16 @@ class Lags(NamedTuple):
     """Time constants of the power filters in s, and the transient impedance R_t + jX_t in Ω with its corner in
     rad/s."""
 
-    tau_P: float = 0.0
-    tau_Q: float = 0.0
-    R_t: float = 0.0
-    X_t: float = 0.0
-    omega_t: float = 0.0
+    tau_P: Any = 0.0
+    tau_Q: Any = 0.0
+    R_t: Any = 0.0
+    X_t: Any = 0.0
+    omega_t: Any = 0.0
 
     @property
     def yields(self) -> bool:
         """Whether the voltage yields to changes of the current."""
-        return self.R_t != 0.0 or self.X_t != 0.0
+        return bool(self.R_t != 0.0 or self.X_t != 0.0)
 
 
 class Yielding(NamedTuple):
