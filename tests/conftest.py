@@ -81,7 +81,7 @@ def chosen(names: list[str], stay: dict[str, int], only: bool) -> list[bool]:
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The whole suite leaves out what `tests/thorough.txt` lists. Tests that were named run whatever it says."""
-    only = config.getoption("--thorough")
+    only = bool(config.getoption("--thorough"))
     if not only and config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
         return
     kept = chosen([item.nodeid for item in items], thorough(), only)

@@ -60,7 +60,7 @@ def damping(study: Study, schedule: Schedule, scr: float, x_over_r: float) -> tu
     """Least over the box: damping ratio of the power loops, of every mode of the full order, full-order disk margin."""
     s = scenarios_of_truth(study, specification_of(study), scr, x_over_r, P_0, Q_0)
     gains = schedule.gains_measured(s.R_hat - schedule.R_2, s.X_hat / schedule.omega - schedule.L_2, s.P, s.Q, s.V_rms)
-    loops = evaluate_gains(gains, s, 1.0, study.tau_P, study.tau_Q)
+    loops = evaluate_gains(gains, s, 1.0, study.power_lags)
     full = full_order_figures(study, gains, s, 1.0)
     return float(loops.damping_ratio.min()), float(full.damping_ratio.min()), float(full.disk_margin.min())
 

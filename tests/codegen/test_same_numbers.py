@@ -111,9 +111,9 @@ CANCELLING = {
 }
 """Differences of large terms: their scale is what the last digit of every input is worth there."""
 
-IN_DOUBLE_ALONE = {"power_loops.power_loops_about_rest"}
-"""Run in the certificate alone: no exported C has them. This one divides by 1 − k_P D_p, which random gains bring near
-zero."""
+IN_DOUBLE_ALONE = {"power_loops.power_loops_about_rest", "slow_plant.yielding_columns"}
+"""Run in the certificate alone: no exported C has them. The first divides by 1 − k_P D_p, which random gains bring near
+zero; the second multiplies powers by admittances that the random draws have in units of no converter."""
 
 POLES = {
     "power_flow.largest_scale": "infinite where there is no limit",

@@ -13,6 +13,7 @@ from tests.design.robust_studies import controller, law, robust_study, specifica
 from vsgdesign.design.evaluation import Evaluation, evaluate_fixed, evaluate_pairs
 from vsgdesign.design.single import best_fixed, exact_scenarios, violations
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.equations.structures import NormalisedGains, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError
 
@@ -84,7 +85,9 @@ def test_an_unstable_tuning_is_worse_than_any_stable_one() -> None:
     s = exact_scenarios(study, spec, GRIDS, 4500.0, 1000.0)
     stable, unstable = (PowerLoopGains(2e-3, D_p, 0.05, 50.0) for D_p in (1e3, 1e-3))
     H = np.array([1.0])
-    low, high = (violations(spec, evaluate_fixed(g, s, spec.settling_time, 5e-3, 5e-3), H) for g in (stable, unstable))
+    low, high = (
+        violations(spec, evaluate_fixed(g, s, spec.settling_time, Lags(5e-3, 5e-3)), H) for g in (stable, unstable)
+    )
     assert low.max() <= 5.0 < 10.0 <= high.max()
 
 

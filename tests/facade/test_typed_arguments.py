@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import inspect
+import keyword
 import textwrap
 from pathlib import Path
 
@@ -50,6 +51,11 @@ def _doc(text: str, indent: int) -> list[str]:
 
 
 def _table(path: str, fields: tuple[Field, ...]) -> list[str]:
+    if any(keyword.iskeyword(one.name) for one in fields):
+        # A class cannot have a field that is a word of the language.
+        inside = ", ".join(f'"{one.name}": {_type(one, path)}' for one in fields)
+        name = _class_name(path)
+        return ["", f'{name} = TypedDict("{name}", {{{inside}}}, total=False)', f'"""The fields of [{path}]."""']
     lines = ["", f"class {_class_name(path)}(TypedDict, total=False):", f'    """The fields of [{path}]."""', ""]
     return [*lines, *(f"    {one.name}: {_type(one, path)}" for one in fields)]
 

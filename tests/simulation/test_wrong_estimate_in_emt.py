@@ -36,7 +36,7 @@ def test_the_design_of_a_wrong_estimate_is_what_the_emt_does(sign_R: float) -> N
     one = s.take(np.array([k]))
     found = variables(own.structure, spec).normalised(textbook(study)[None])
     gains = own.gains(NormalisedGains(*(np.asarray(value).ravel()[:1] for value in found)), one)
-    said = evaluate_gains(gains, one, spec.settling_time, study.tau_P, study.tau_Q)
+    said = evaluate_gains(gains, one, spec.settling_time, study.power_lags)
     numbers = PowerLoopGains(*(float(np.ravel(value)[0]) for value in gains))
     grid = Grid(float(one.R[0] - R_2), float((one.X[0] - X_2) / study.converter.omega_n))
     t_s, P = simulate_step(study, grid, numbers, float(one.P[0]), float(one.Q[0]), "P", STEP, 3.0)

@@ -138,7 +138,7 @@ def _yielding(cell: tuple[ca.SX, ...], lags: Lags, powers: ca.SX) -> tuple[ca.SX
     delta, V, V_g, R, X = cell
     v, i_f = (ca.SX.sym(name, 2) for name in ("v", "i_f"))
     with numpy_on_symbols():
-        found = yielding_plant(delta, V, (v[0], v[1]), (i_f[0], i_f[1]), (V_g, R, X), lags)
+        found = yielding_plant(delta, V, v[0], v[1], i_f[0], i_f[1], V_g, R, X, lags)
     left = ca.vertcat(found.v_d, found.v_q) - v
     results = ca.vertcat(found.P, found.Q, found.di_f_d, found.di_f_q)
     inputs = ca.vertcat(i_f, delta, V, V_g)

@@ -160,20 +160,8 @@ class NetworkNodesTable(TypedDict, total=False):
 
     name: str
 
-class NetworkBranchesTable(TypedDict, total=False):
-    """The fields of [network.branches]."""
-
-    name: str
-    from: str
-    to: str
-    R: Quantity
-    R_pu: Quantity
-    L: Quantity
-    X_pu: Quantity
-    C: Quantity
-    B_pu: Quantity
-    S_rated: Quantity
-    breaker: Literal["open", "closed"]
+NetworkBranchesTable = TypedDict("NetworkBranchesTable", {"name": str, "from": str, "to": str, "R": Quantity, "R_pu": Quantity, "L": Quantity, "X_pu": Quantity, "C": Quantity, "B_pu": Quantity, "S_rated": Quantity, "breaker": Literal["open", "closed"]}, total=False)
+"""The fields of [network.branches]."""
 
 class NetworkShuntsTable(TypedDict, total=False):
     """The fields of [network.shunts]."""
