@@ -65,6 +65,7 @@ class Session:
         self._lock = threading.Lock()
         self._warm = threading.Event()
         self._warm.set()
+        self._closed = threading.Event()
         self._colours = {spec.name: colour_of(k) for k, spec in enumerate(study.controllers)}
         self._info: dict[str, Any] | None = None
         self._apart: list[AnsweringProcess] = []
@@ -161,9 +162,11 @@ class Session:
         try:
             if apart:
                 self._apart = [self._process()]
-            self._emt(self.study_of(self.start), self.start, never)
+            self._emt(self.study_of(self.start), self.start, self._closed.is_set)
         finally:
             self._warm.set()
+        if self._closed.is_set():
+            return
         map_answer(self.study_of(self.start), self.ready, self.start)
         # The first answers do not wait for these.
         for _ in range(min(apart, len(self.study.controllers)) - 1):
@@ -179,7 +182,8 @@ class Session:
         return AnsweringProcess(_emt_of, self.study, dict(ready.tables), ready.network, STRUCTURES.added)
 
     def close(self) -> None:
-        """Ends the processes in which EMT is computed."""
+        """Ends the processes in which EMT is computed, and a warm-up at its next step."""
+        self._closed.set()
         for process in self._apart:
             process.close()
         self._apart = []

@@ -19,6 +19,8 @@ _SWITCH_S = 5e-4
 """How long a thread computes while another one waits. Python's own 5 ms are half a linear answer."""
 _MOST_APART = 3
 """Processes for EMT at most."""
+_COMPILED_S = 20.0
+"""How long the end waits for what is being compiled."""
 _LAST_WORDS_S = 1.0
 """How long a page that waits has time to hear that the study is wrong."""
 
@@ -209,15 +211,19 @@ def _write(
 
 def _explored(opening: Opening, session: Session) -> None:
     """Serve the session until Ctrl-C, which is the way to end it from the moment in which it is open."""
+    warm_up = threading.Thread(target=session.warm_up, kwargs={"apart": _apart()}, name="warm-up", daemon=True)
     try:
         opening.open(session)
-        threading.Thread(target=session.warm_up, kwargs={"apart": _apart()}, name="warm-up", daemon=True).start()
+        warm_up.start()
         click.echo("Ctrl-C ends the explorer.", err=True)
         threading.Event().wait()
     except KeyboardInterrupt:
         return
     finally:
         session.close()
+        # A thread that stops within the compiler, because the process ends, keeps its lock: the end then waits for it.
+        if warm_up.is_alive():
+            warm_up.join(_COMPILED_S)
 
 
 def _apart() -> int:
