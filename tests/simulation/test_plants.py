@@ -2,7 +2,7 @@
 
 The library moves from instant to instant with exact matrices out of the list of elements. The equations here are those
 of the drawing, in complex numbers; every unit has a controller in complex numbers, and the solver is stopped at every
-instant at which one of them samples and at every event. Tolerance: 1e-8 of rated (measured: 2e-10 and less).
+instant at which one of them samples and at every event. Tolerance: 1e-8 of rated.
 """
 
 from __future__ import annotations
