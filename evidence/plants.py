@@ -10,7 +10,7 @@ from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.units import plant_timeline, simulate_plant
 from vsgdesign.study.parameters import study_from_text
 
-UNITS, REPEATS, DURATION_S = (1, 4, 9), 5, 2.0
+UNITS, REPEATS, DURATION_S = (1, 4, 9), 5, 20.0
 
 STUDY = """
 base = "case:lab_12kva_lcl"
