@@ -179,12 +179,20 @@ R = "1 ohm"
 name = "load"
 node = "there"
 series = { R_pu = 1.0 }
+[[network.loads]]
+name = "drive"
+node = "there"
+kind = "constant_power"
+P_pu = 0.1
 [[network.sources]]
 name = "source"
 node = "there"
 X_pu = 0.1
 [[network.units]]
 name = "unit"
+node = "here"
+[[network.inverters]]
+name = "inverter"
 node = "here"
 """
 

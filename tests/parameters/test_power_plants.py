@@ -153,3 +153,51 @@ def test_an_event_names_its_element() -> None:
     assert (one.element, one.name) == ("unit2", "unit2: breaker opens")
     assert one.document(build(study_document()).converter)["element"] == "unit2"
     assert math.isclose(one.t_s, 1.0)
+
+
+def test_inverters_and_loads_of_constant_power() -> None:
+    document = network(
+        inverters=[{"name": "pv", "node": "pcc", "S_rated": "2 kVA", "P_ref": "1 kW", "pll_bandwidth": "50 Hz"}],
+        loads=[{"name": "drive", "node": "pcc", "kind": "constant_power", "P": "1 kW", "Q": "0.5 kvar"}],
+    )
+    plant, c = plant_of(document), build(document).converter
+    pv, drive = plant.inverters
+    assert (pv.name, pv.asked, drive.name) == ("pv", (1000.0, 0.0), "drive")
+    assert drive.asked == pytest.approx((-1000.0, -500.0), rel=1e-12)
+    assert drive.S_rated == pytest.approx(1.25 * math.hypot(1000.0, 500.0), rel=1e-12)
+    assert pv.filter.L_1 * c.omega_n == pytest.approx(0.1 * 3.0 * c.V_rated_rms**2 / 2000.0, rel=1e-12)
+    assert plant.elements == ()
+    assert plant.names["pv"] == plant.names["drive"] == "inverter"
+
+
+def test_what_is_wrong_with_inverters_is_told_with_their_names() -> None:
+    found = faults(
+        network(
+            inverters=[
+                {"name": "pv", "node": "pcc", "P_ref": "9 kW", "S_rated": "5 kVA"},
+                {"name": "slow", "node": "pcc", "f_s": "10 Hz", "reactance": -0.1},
+                {"name": "other", "node": "pcc", "kind": "grid_leading", "f_n": "60 Hz"},
+                {"name": "one", "node": "nowhere"},
+            ],
+            loads=[
+                {"name": "drive", "node": "pcc", "kind": "constant_power", "R_pu": 1.0},
+                {"name": "heater", "node": "pcc", "P_pu": 0.1, "pll_bandwidth": "50 Hz"},
+                {"name": "small", "node": "pcc", "kind": "constant_power", "P": "2 kW", "S_rated": "1 kVA"},
+            ],
+        )
+        | {"events": [{"time": 1.0, "element": "pv", "V_ref_pu": 1.02}]}
+    )
+    for words in (
+        'network.inverters["pv"].P_ref = "9000 W": P_ref and Q_ref are 1.8 times its rating',
+        'network.inverters["slow"].f_s = "10 Hz"',
+        'network.inverters["slow"].reactance = -0.1: outside 0 to 10',
+        'network.inverters["other"].kind = "grid_leading": must be one of "grid_following"',
+        'network.inverters["other"].f_n: unknown field',
+        'network.inverters["one"].node = "nowhere": is no node',
+        'name = "one": used twice',
+        'network.loads["drive"].R_pu: a load of constant power has no impedance',
+        'network.loads["heater"].pll_bandwidth = "50 Hz": is of a load that samples',
+        'network.loads["small"].S_rated = "1000 VA": the load takes 2000 VA',
+        "pv is an inverter, which has no V_ref_pu",
+    ):
+        assert words in found, words

@@ -109,5 +109,5 @@ def test_a_unit_of_another_case_and_clock() -> None:
 
 
 def test_clocks_that_never_meet_are_refused() -> None:
-    with pytest.raises(InfeasibleStudyError, match=r"network.units: .*one 20000 Hz, other 19999 Hz.* do not repeat"):
+    with pytest.raises(InfeasibleStudyError, match=r"network: .*one 20000 Hz, other 19999 Hz.* do not repeat"):
         clock_of(["one", "other"], [50e-6, 1.0 / 19999.0], [0.0, 0.0])

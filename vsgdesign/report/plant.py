@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from vsgdesign.equations.frames import peak_to_rms
 from vsgdesign.report.drawing.quantities import DASH, plain
 from vsgdesign.report.page.blocks import Block, Table, Where, words
 from vsgdesign.simulation.units.scenario import PlantController, PlantRest, PlantResult
 
 
 def plant_blocks(result: PlantResult) -> list[Block]:
-    """One table of units and one of modes for each controller."""
+    """One table of units, one of inverters and one of modes for each controller."""
     blocks: list[Block] = []
     for one in result.controllers:
-        blocks += [_units(one), _modes(one), words(*_reasons(one), on=Where.TERMINAL)]
+        blocks += [_units(one), *_inverters(one), _modes(one), words(*_reasons(one), on=Where.TERMINAL)]
     return blocks
 
 
@@ -31,6 +34,19 @@ def _units(one: PlantController) -> Table:
     return Table(f"{one.spec.name}: {one.outcome.status}, at the end of the run", head, tuple(rows), on=Where.TERMINAL)
 
 
+def _inverters(one: PlantController) -> list[Table]:
+    """What the inverters give at the end of the run."""
+    head = ("inverter", "P [kW]", "Q [kvar]", "f [Hz]", "largest current [pu]")
+    rows = []
+    for inverter, (name, series) in zip(one.timeline.plant.inverters, one.inverters, strict=True):
+        rated = inverter.S_rated / (3.0 * inverter.V_rated_rms) / peak_to_rms(1.0)
+        peak = max(float(np.abs(series[f"i_pcc_{phase}"]).max()) for phase in "abc") / rated
+        end = (series["P_pcc"][-1] / 1e3, series["Q_pcc"][-1] / 1e3, series["omega"][-1] / (2.0 * math.pi))
+        rows.append((name, *(plain(float(value), 4) for value in end), plain(peak, 3)))
+    title = f"{one.spec.name}: inverters at the end of the run"
+    return [Table(title, head, tuple(rows), on=Where.TERMINAL)] if rows else []
+
+
 def _modes(one: PlantController) -> Table:
     head = (
         "from [s]",
@@ -41,6 +57,7 @@ def _modes(one: PlantController) -> Table:
         "damping",
         "together",
         "against each other",
+        "most in it",
     )
     return Table(
         f"{one.spec.name}: modes of the whole plant at rest", head, tuple(map(_row, one.rests)), on=Where.TERMINAL
@@ -50,13 +67,15 @@ def _modes(one: PlantController) -> Table:
 def _row(rest: PlantRest) -> tuple[str, ...]:
     start = (plain(rest.t_s, 4), rest.name, str(len(rest.on_line)))
     if not rest.modes:
-        return (*start, *(DASH,) * 5)
+        return (*start, *(DASH,) * 6)
     slowest = rest.modes[0]
     own = plain(slowest.s.real, 3), plain(abs(slowest.s.imag) / (2.0 * math.pi), 3), plain(slowest.damping, 2)
+    who, share = slowest.units[0]
+    most = f"{who} {100.0 * share:.0f} %"
     if rest.split is None:
-        return (*start, *own, DASH, DASH)
+        return (*start, *own, DASH, DASH, most)
     both = (plain(modes[0].s.real, 3) for modes in (rest.split.common, rest.split.differential))
-    return (*start, *own, *both)
+    return (*start, *own, *both, most)
 
 
 def _reasons(one: PlantController) -> list[str]:

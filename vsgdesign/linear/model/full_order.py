@@ -278,6 +278,10 @@ class ControllerMap:
     names: tuple[str, ...]
     sample: ca.Function
     linear: ca.Function
+    angles: tuple[str, ...] = ("delta",)
+    """Those of the states that are angles to the source."""
+    pairs: tuple[tuple[str, str], ...] = ()
+    """Those that are components of a vector in the frame of the source."""
 
 
 @functools.cache
@@ -305,6 +309,7 @@ def controller_map(
         names[_PLANT:],
         ca.Function("sample", [z, p], [result], {"cse": True}),
         ca.Function("sample_linear", [z, p], [result, derivative], {"cse": True}),
+        pairs=(("pending_d", "pending_q"),) if delay else (),
     )
 
 

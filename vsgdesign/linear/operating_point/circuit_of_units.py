@@ -20,14 +20,23 @@ from vsgdesign.linear.operating_point.plants import less_one
 from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.network import Load
-from vsgdesign.study.parameters.power_plant import GRID, NEUTRAL, Element, PowerPlant, Source, Unit, load_elements
+from vsgdesign.study.parameters.power_plant import (
+    GRID,
+    NEUTRAL,
+    Element,
+    Inverter,
+    PowerPlant,
+    Source,
+    Unit,
+    load_elements,
+)
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 OF_UNIT = ("i_s", "v_c", "i_g")
-"""The states that every unit has, and that its sensors measure."""
+"""The states that every converter has, and that its sensors measure."""
 
 _LOAD, _FAULT = "load", "fault"
 
@@ -45,7 +54,7 @@ class Topology(NamedTuple):
 
 
 class Wiring(NamedTuple):
-    """A plant with the filters of its units: what circuits are made of."""
+    """A plant with the filters of its converters: what circuits are made of."""
 
     plant: PowerPlant
     filters: tuple[Filter, ...]
@@ -55,8 +64,8 @@ class Wiring(NamedTuple):
 class UnitsCircuit:
     """dq/dt = A q + B v_b + E v_g, of one axis, and y = X q + X_g v_g.
 
-    y are ``names``: i_s, v_c and i_g of each unit, ``UNIT.i_s`` and so on, and the other currents of inductances and
-    voltages of capacitances. v_b has one entry a unit and v_g one a source, of which the first is the grid.
+    y are ``names``: i_s, v_c and i_g of each converter, ``UNIT.i_s`` and so on, and the other currents of inductances
+    and voltages of capacitances. v_b has one entry a converter and v_g one a source, of which the first is the grid.
     """
 
     names: tuple[str, ...]
@@ -68,7 +77,7 @@ class UnitsCircuit:
     onto: Array
     """What q is made of: fluxes and charges of y stay as they are as far as the circuit lets them."""
     terminals: tuple[Array, Array]
-    """The voltage at the terminals of each unit, behind L_2, per y and per v_g."""
+    """The voltage at the terminals of each converter, behind L_2, per y and per v_g."""
 
     def step(self, h: float, omega: float) -> tuple[Array, Array, Complex]:
         """Φ, Γ and ρ of q over an interval h (s): what held bridges add, and sources e^{jωs} (:eq:`exact-step`)."""
@@ -85,7 +94,8 @@ def wiring_of(study: Study) -> Wiring:
     """The plant of a study. Raises ValueError where it has none."""
     if study.plant is None:
         raise ValueError("the study has no plant")
-    return Wiring(study.plant, tuple((unit.case or study).filter for unit in study.plant.units))
+    own = (one.filter if isinstance(one, Inverter) else (one.case or study).filter for one in study.plant.converters)
+    return Wiring(study.plant, tuple(own))
 
 
 def sources_of(plant: PowerPlant, grid: Grid) -> tuple[Source, ...]:
@@ -103,8 +113,8 @@ def elements_of(plant: PowerPlant, topology: Topology) -> tuple[Element, ...]:
 
 
 def names_of_states(plant: PowerPlant, topologies: Sequence[Topology]) -> tuple[str, ...]:
-    """Of everything that all these topologies remember, the units first."""
-    found = [f"{unit.name}.{name}" for unit in plant.units for name in OF_UNIT]
+    """Of everything that all these topologies remember, the converters first."""
+    found = [f"{one.name}.{name}" for one in plant.converters for name in OF_UNIT]
     for topology in topologies:
         found += [f"i.{one.name}" for one in sources_of(plant, topology.grid) if one.L > 0.0]
         for one in elements_of(plant, topology):
@@ -171,7 +181,7 @@ class _Builder:
         self.sources = sources_of(self.plant, topology.grid)
         self.elements = elements_of(self.plant, topology)
         self.mass: dict[str, float] = {}
-        for unit, f in zip(self.plant.units, self.filters, strict=True):
+        for unit, f in zip(self.plant.converters, self.filters, strict=True):
             own = zip(OF_UNIT, (f.L_1, f.C, f.L_2 + unit.L), strict=True)
             self.mass |= {f"{unit.name}.{name}": mass for name, mass in own}
         for one in (*self.sources, *self.elements):
@@ -196,7 +206,7 @@ class _Builder:
         def stores(v: Array, i: Array) -> None:
             J[:] += np.outer(v, i) - np.outer(i, v)
 
-        for unit, f in zip(self.plant.units, self.filters, strict=True):
+        for unit, f in zip(self.plant.converters, self.filters, strict=True):
             i_s, v_c, i_g = (self.x(f"{unit.name}.{name}") for name in OF_UNIT)
             stores(v_c, i_s - i_g)
             losses += [(i_s, f.R_1), (i_s - i_g, f.R_c), (i_g, f.R_2 + unit.R)]
@@ -219,7 +229,7 @@ class _Builder:
         losses = [(row, R) for row, R in losses if R > 0.0]
         M = np.array(list(self.mass.values()))
         of_unit = np.array(
-            [name.startswith(tuple(f"{unit.name}." for unit in self.plant.units)) for name in self.names]
+            [name.startswith(tuple(f"{unit.name}." for unit in self.plant.converters)) for name in self.names]
         )
         return Equations(
             M=M,
@@ -228,7 +238,7 @@ class _Builder:
             R=np.array([R for _, R in losses]),
             G=np.array([*into.values(), *G]),
             inputs=(
-                np.array([self.x(f"{unit.name}.i_s") for unit in self.plant.units]).T,
+                np.array([self.x(f"{unit.name}.i_s") for unit in self.plant.converters]).T,
                 -np.array([self.x(f"i.{one.name}") for one in self.sources]).T,
             ),
             # The states of units stay states where there is a choice: then equal units have equal equations.
@@ -237,7 +247,7 @@ class _Builder:
 
 
 class Phasors(NamedTuple):
-    """What the units see at an angular frequency: v = Z i + V of the nodes of N units, phase rms."""
+    """What the converters see at an angular frequency: v = Z i + V of the nodes of N of them, phase rms."""
 
     Z: Complex
     """(N, N), Ω: with all sources short-circuited."""
@@ -246,8 +256,8 @@ class Phasors(NamedTuple):
 
 
 def phasors_of(plant: PowerPlant, topology: Topology, omega: float) -> Phasors:
-    """The network between the units as they see it. Raises InfeasibleStudyError where it has no answer, as an island
-    without a load."""
+    """The network between the converters as they see it. Raises InfeasibleStudyError where it has no answer, as an
+    island without a load."""
     sources, elements = sources_of(plant, topology.grid), elements_of(plant, topology)
     nodes = {node: k for k, node in enumerate(plant.nodes)}
     branches: list[tuple[str, str, complex, int, bool]] = []
@@ -256,7 +266,7 @@ def phasors_of(plant: PowerPlant, topology: Topology, omega: float) -> Phasors:
     for one in elements:
         Z = one.R + 1j * omega * one.L + (0.0 if one.C is None else 1.0 / (1j * omega * one.C))
         branches.append((one.start, one.end, Z, -1, one.group in topology.opened))
-    n, count = len(nodes), len(plant.units)
+    n, count = len(nodes), len(plant.converters)
     M = np.zeros((n + len(branches),) * 2, dtype=complex)
     right = np.zeros((n + len(branches), count + len(sources)), dtype=complex)
     for b, (start, end, Z, source, opened) in enumerate(branches, n):
@@ -267,27 +277,27 @@ def phasors_of(plant: PowerPlant, topology: Topology, omega: float) -> Phasors:
         M[b, b] = 1.0 if opened else -Z
         if source >= 0 and not opened:
             right[b, count + source] = 1.0
-    for k, unit in enumerate(plant.units):
-        right[nodes[unit.node], k] = 1.0
+    for k, one in enumerate(plant.converters):
+        right[nodes[one.node], k] = 1.0
     scale = np.abs(M).max(axis=1)
     if np.linalg.cond(M / scale[:, None]) > 1e14:
         raise InfeasibleStudyError(
             "network: a part of it has neither a source nor a load, so nothing says its voltage. Close a breaker, or "
             "connect a load."
         )
-    found: Complex = np.asarray(np.linalg.solve(M, right), dtype=complex)[[nodes[one.node] for one in plant.units]]
+    found: Complex = np.asarray(np.linalg.solve(M, right), dtype=complex)[[nodes[one.node] for one in plant.converters]]
     return Phasors(found[:, :count], found[:, count:])
 
 
 def grid_of_unit(study: Study, unit: Unit, topology: Topology) -> Grid:
     """The grid that a unit sees where all units on line move in proportion to their ratings: its own transformer and
-    Σ Z S_j/S (:eq:`plant-grid`). Of N equal units this is x_t + N Z_g. Raises InfeasibleStudyError where it is not
-    inductive."""
+    Σ Z S_j/S (:eq:`plant-grid`). Of N equal units this is x_t + N Z_g. Inverters keep their currents. Raises
+    InfeasibleStudyError where it is not inductive."""
     plant = study.plant
     if plant is None:
         return study.grid
     omega = study.converter.omega_n
-    Z = phasors_of(plant, topology, omega).Z
+    Z = phasors_of(plant, topology, omega).Z[: len(plant.units), : len(plant.units)]
     at = [one.name for one in plant.units].index(unit.name)
     ratings = np.array([(one.case or study).converter.S_rated for one in plant.units])
     on_line = np.array([one.name not in topology.opened or one.name == unit.name for one in plant.units])

@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.study.parameters.power_plant import Inverter
 from vsgdesign.study.parameters.study import Study
 
 _MOST_INSTANTS = 128
@@ -21,6 +22,7 @@ class Instant(NamedTuple):
     t_s: float
     """Since the beginning of the clock's period."""
     units: tuple[int, ...]
+    """Indices of converters."""
     gap: float
     """Time to the next instant, s."""
 
@@ -51,7 +53,7 @@ def clock_of(names: Sequence[str], T_s: Sequence[float], offsets: Sequence[float
     if not fits or sum(map(int, counts)) > _MOST_INSTANTS:
         shown = ", ".join(f"{name} {1.0 / T:.6g} Hz" for name, T in zip(names, T_s, strict=True))
         raise InfeasibleStudyError(
-            f"network.units: the sampling frequencies ({shown}) do not repeat within {_MOST_INSTANTS} instants. Give "
+            f"network: the sampling frequencies ({shown}) do not repeat within {_MOST_INSTANTS} instants. Give "
             "frequencies in the ratio of small whole numbers."
         )
     due = sorted(
@@ -72,6 +74,6 @@ def clock_of(names: Sequence[str], T_s: Sequence[float], offsets: Sequence[float
 
 def clock_of_study(study: Study) -> Clock:
     """That of a study's plant."""
-    units = () if study.plant is None else study.plant.units
-    periods = [(one.case or study).converter.T_s for one in units]
-    return clock_of([one.name for one in units], periods, [one.offset for one in units])
+    some = () if study.plant is None else study.plant.converters
+    periods = [one.T_s if isinstance(one, Inverter) else (one.case or study).converter.T_s for one in some]
+    return clock_of([one.name for one in some], periods, [one.offset for one in some])

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.frames import instantaneous_power, rms_to_peak
+from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
 from vsgdesign.linear.model.full_order import ControllerMap, limiter_states
+from vsgdesign.linear.model.inverter import inverter_map
 from vsgdesign.linear.operating_point.circuit_of_units import (
     Topology,
     UnitsCircuit,
@@ -31,7 +33,10 @@ from vsgdesign.linear.operating_point.clock_of_units import Clock, clock_of_stud
 from vsgdesign.linear.operating_point.full_order import controller_of, pack, parameters_of
 from vsgdesign.linear.operating_point.many import Lanes, lanes_of, many_steady_states
 from vsgdesign.linear.operating_point.sampled import cold_start, fault_of_rest
+from vsgdesign.study.parameters import inverter_kinds
+from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.power_plant import Inverter
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
 
@@ -53,6 +58,13 @@ class UnitAsked(NamedTuple):
     """The grid that its controller takes for its own."""
 
 
+class InverterAsked(NamedTuple):
+    """What an inverter is asked for between two events."""
+
+    inverter: Inverter
+    refs: SetPoints
+
+
 class Situation(NamedTuple):
     """A plant between two events."""
 
@@ -62,6 +74,12 @@ class Situation(NamedTuple):
     omega: float
     sources: tuple[tuple[float, float], ...]
     """V (phase rms) and angle (rad) of each source to the grid's."""
+    inverters: tuple[InverterAsked, ...] = ()
+
+    @property
+    def filters(self) -> tuple[Filter, ...]:
+        """Of all converters."""
+        return (*(one.study.filter for one in self.units), *(one.inverter.filter for one in self.inverters))
 
     @property
     def phasors(self) -> Complex:
@@ -98,6 +116,22 @@ class UnitsAtRest:
         known |= {"theta": named["delta"] + phase, "u_alpha": waits.real, "u_beta": waits.imag}
         return asleep._replace(**known, limiter=memory), held, waits
 
+    def inverter(self, k: int, phase: float) -> tuple[Any, complex, complex]:
+        """The state of an inverter with the grid's source at a phase (rad), the bridge voltage that acts and the one
+        that its delay holds back, αβ."""
+        model, turn = self.model, np.exp(1j * phase)
+        at = len(model.situation.units) + k
+        kind, own = model.situation.inverters[k].inverter.kind, model.slices[at]
+        named = dict(zip(model.maps[at].names, self.z[own.controller].tolist(), strict=True))
+        held = complex(*self.z[own.held]) * turn
+        waits = complex(named.pop("pending_d"), named.pop("pending_q")) * turn if "pending_d" in named else held
+        for name in kind.angles:
+            named[name] += phase
+        for one, other in kind.pairs:
+            turned = complex(named[one], named[other]) * turn
+            named[one], named[other] = turned.real, turned.imag
+        return kind.state(**named), held, waits
+
     def circuit(self, phase: float) -> Complex:
         """The circuit's states y with the grid's source at a phase, αβ."""
         return self.model.states(self.z) * np.exp(1j * phase)
@@ -119,23 +153,34 @@ class PlantMap:
         study, self.situation = situation.study, situation
         wiring = wiring_of(study)
         self.plant = wiring.plant
-        units = [unit.name for unit in wiring.plant.units]
+        converters = [one.name for one in wiring.plant.converters]
         self.network: UnitsCircuit = circuit_of_units(
             wiring, situation.topology, names or names_of_states(wiring.plant, [situation.topology])
         )
         self.clock = clock or clock_of_study(study)
-        self.maps: tuple[ControllerMap, ...] = tuple(controller_of(one.study) for one in situation.units)
+        others = [one.inverter for one in situation.inverters]
+        self.maps: tuple[ControllerMap, ...] = (
+            *(controller_of(one.study) for one in situation.units),
+            *(inverter_map(one.kind, one.delay_samples) for one in others),
+        )
         self._p = [_parameters(one, situation) for one in situation.units]
+        self._p += [
+            np.array([one.inverter.filter.R_c, *one.refs, *one.inverter.settings]) for one in situation.inverters
+        ]
         self.slices: list[_Slices] = []
         at = 2 * len(self.network.A)
         states = [f"{name}_{axis}" for name in _names_of(self.network) for axis in "dq"]
-        for unit, one in zip(units, self.maps, strict=True):
+        self._angles, self._pairs = list[int](), list[list[int]]()
+        for converter, one in zip(converters, self.maps, strict=True):
             end = at + len(one.names)
             self.slices.append(_Slices(slice(at, end), slice(end, end + 2)))
-            states += [f"{unit}.{name}" for name in (*one.names, "held_d", "held_q")]
+            self._angles += [at + one.names.index(name) for name in one.angles]
+            self._pairs += [[at + one.names.index(name) for name in pair] for pair in one.pairs]
+            self._pairs.append([end, end + 1])
+            states += [f"{converter}.{name}" for name in (*one.names, "held_d", "held_q")]
             at = end + 2
         self.names = tuple(states)
-        """``UNIT.STATE``, or the element of the network."""
+        """``CONVERTER.STATE``, or the element of the network."""
         self.kept = np.ones(at, dtype=bool)
         """Without the bridge voltages that the first instant overwrites."""
         for k in self.clock.instants[0].units:
@@ -147,14 +192,14 @@ class PlantMap:
         return self.network.X @ q + self.network.X_g @ self.situation.phasors
 
     def measured(self, z: Array, unit: int) -> Array:
-        """i_s, v_c and i_g of a unit (d, q in turn)."""
+        """i_s, v_c and i_g of a converter (d, q in turn)."""
         y = self.states(z)[3 * unit : 3 * unit + 3]
         return np.stack([y.real, y.imag], axis=1).ravel()
 
     def powers(self, z: Array, unit: int) -> tuple[float, float]:
-        """P (W) and Q (var) at the capacitor node of a unit."""
+        """P (W) and Q (var) at the capacitor node of a converter."""
         i_s, v_c, i_g = self.states(z)[3 * unit : 3 * unit + 3]
-        v = v_c + self.situation.units[unit].study.filter.R_c * (i_s - i_g)
+        v = v_c + self.situation.filters[unit].R_c * (i_s - i_g)
         P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
         return float(P), float(Q)
 
@@ -176,20 +221,13 @@ class PlantMap:
             z[: 2 * n] = moved @ z + np.stack([q.real, q.imag], axis=1).ravel()
             J[: 2 * n] = moved @ J if derivative else J[: 2 * n]
             rotation = _real(np.array([[turn]]))
-            for k, own in enumerate(self.slices):
-                names = self.maps[k].names
-                first = own.controller.start
-                pairs = [own.held]
-                if "pending_d" in names:
-                    at = first + names.index("pending_d")
-                    pairs.append(slice(at, at + 2))
-                for pair in pairs:
-                    z[pair], J[pair] = rotation @ z[pair], rotation @ J[pair]
-                z[first + names.index("delta")] -= omega * instant.gap
+            for pair in self._pairs:
+                z[pair], J[pair] = rotation @ z[pair], rotation @ J[pair]
+            z[self._angles] -= omega * instant.gap
         return z, J
 
     def _sample(self, z: Array, J: Array, unit: int, derivative: bool) -> None:
-        """The unit's next state, and the bridge voltage that acts from now on."""
+        """The converter's next state, and the bridge voltage that acts from now on."""
         own, n = self.slices[unit], 2 * len(self.network.A)
         given = np.concatenate([self.measured(z, unit), z[own.controller]])
         result, slope = self.maps[unit].linear(given, self._p[unit])
@@ -298,6 +336,10 @@ def rest_of_units(
         z[own.controller] = pack(all_names, found)[0][6:]
         held[k] = complex(*found.pending[:, 0])
         _since_sample(model, z, k, held[k])
+    for j, one in enumerate(situation.inverters):
+        k = len(situation.units) + j
+        z[model.slices[k].controller], held[k] = _inverter_guess(one, flow.v[k], flow.i[k], omega)
+        _since_sample(model, z, k, held[k])
     # The circuit at rest with these bridge voltages, as if all units sampled together.
     phi, gamma, rho = model.network.step(model.clock.period, omega)
     turn = np.exp(1j * omega * model.clock.period)
@@ -316,15 +358,28 @@ def _since_sample(model: PlantMap, z: Array, unit: int, held: complex) -> None:
     mine = [one.t_s for one in clock.instants if unit in one.units]
     until = mine[0] - clock.instants[0].t_s
     since = clock.period - (mine[-1] - clock.instants[0].t_s)
-    own, names = model.slices[unit], model.maps[unit].names
+    own, one = model.slices[unit], model.maps[unit]
     first = own.controller.start
-    z[first + names.index("delta")] += omega * until
-    if "pending_d" in names:
-        at = first + names.index("pending_d")
-        waits = complex(*z[at : at + 2]) * np.exp(1j * omega * until)
-        z[at : at + 2] = waits.real, waits.imag
+    for name in one.angles:
+        z[first + one.names.index(name)] += omega * until
+    for pair in one.pairs:
+        at = [first + one.names.index(name) for name in pair]
+        turned = complex(*z[at]) * np.exp(1j * omega * until)
+        z[at] = turned.real, turned.imag
     acts = held * np.exp(-1j * omega * since)
     z[own.held] = acts.real, acts.imag
+
+
+def _inverter_guess(one: InverterAsked, v_rms: complex, i_rms: complex, omega: float) -> tuple[Array, complex]:
+    """The states of an inverter near its phasors, and the bridge voltage that acts from its sample on."""
+    own, f = one.inverter, one.inverter.filter
+    v, i_g = complex(rms_to_peak(v_rms)), complex(rms_to_peak(i_rms))
+    i_c = v / (f.R_c + 1.0 / (1j * omega * f.C))
+    i_s = i_g + i_c
+    u = v + (f.R_1 + 1j * omega * f.L_1) * i_s
+    state = own.kind.at_rest(inverter_kinds.Phasors(v, i_s, i_g, u, omega), own.settings)
+    held = complex(u * np.exp(0.5j * omega * own.T_s))
+    return np.array([*state, *((held.real, held.imag) if own.delay_samples else ())]), held
 
 
 def _power_flow(situation: Situation) -> _Flow:
@@ -336,12 +391,13 @@ def _power_flow(situation: Situation) -> _Flow:
     for _ in range(12):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if _newton(situation, middle) is not None else (low, middle)
+    every = (*situation.units, *situation.inverters)
     asked = ", ".join(
-        f"{unit.name} {one.refs.P_ref / 1e3:.4g} kW, {one.refs.Q_ref / 1e3:.4g} kvar"
-        for unit, one in zip(situation.study.plant.units, situation.units, strict=True)  # type: ignore[union-attr]
+        f"{converter.name} {one.refs.P_ref / 1e3:.4g} kW, {one.refs.Q_ref / 1e3:.4g} kvar"
+        for converter, one in zip(situation.study.plant.converters, every, strict=True)  # type: ignore[union-attr]
     )
     raise InfeasibleStudyError(
-        f"no operating point: the network does not take what the units are asked for ({asked}); it takes about "
+        f"no operating point: the network does not take what its converters are asked for ({asked}); it takes about "
         f"{100.0 * low:.0f} % of it. Ask for less, or strengthen the network."
     )
 
@@ -354,19 +410,23 @@ def _newton(situation: Situation, share: float) -> _Flow | None:
     network = phasors_of(plant, situation.topology, omega)
     own = np.array(
         [
-            unit.R + one.study.filter.R_2 + 1j * omega * (unit.L + one.study.filter.L_2)
-            for unit, one in zip(plant.units, situation.units, strict=True)
+            one.R + filter_.R_2 + 1j * omega * (one.L + filter_.L_2)
+            for one, filter_ in zip(plant.converters, situation.filters, strict=True)
         ]
     )
     Y = np.linalg.inv(network.Z + np.diag(own))
     V = network.V @ (situation.phasors / rms_to_peak(1.0))
-    P, Q, D_q, V_n = (np.array(one) for one in zip(*(_asked(one, omega) for one in situation.units), strict=True))
-    v = V / np.maximum(np.abs(V), 1e-9) * V_n
+    every = [_asked(one, omega) for one in situation.units] + [
+        _inverter_asked(one, omega) for one in situation.inverters
+    ]
+    P, Q, D_q, V_n, V_near = (np.array(one) for one in zip(*every, strict=True))
+    ratings = [one.study.converter.S_rated for one in situation.units]
+    scale = np.array(ratings + [one.inverter.S_rated for one in situation.inverters])
+    v = V / np.maximum(np.abs(V), 1e-9) * V_near
     for _ in range(30):
         i = Y @ (v - V)
         S = 3.0 * v * i.conj()
         wrong = S - share * (P + 1j * Q) - 1j * D_q * (V_n - np.abs(v))
-        scale = np.array([one.study.converter.S_rated for one in situation.units])
         if np.abs(wrong / scale).max() < 1e-12:
             return _Flow(v, i)
         dS = 3.0 * np.diag(i.conj()), 3.0 * v[:, None] * Y.conj()  # for dv, and for its conjugate
@@ -379,15 +439,22 @@ def _newton(situation: Situation, share: float) -> _Flow | None:
         matrix = np.concatenate(columns, axis=1)
         step = np.linalg.lstsq(matrix, np.concatenate([wrong.real, wrong.imag]), rcond=None)[0]
         v = v - (step[: len(v)] + 1j * step[len(v) :])
-        if not np.isfinite(v).all() or (np.abs(v) < 0.05 * V_n).any() or (np.abs(v) > 3.0 * V_n).any():
+        if not np.isfinite(v).all() or (np.abs(v) < 0.05 * V_near).any() or (np.abs(v) > 3.0 * V_near).any():
             return None
     return None
 
 
-def _asked(unit: UnitAsked, omega: float) -> tuple[float, float, float, float]:
-    """P (W) with its droop, Q (var) at V_n, D_q and V_n."""
+def _asked(unit: UnitAsked, omega: float) -> tuple[float, ...]:
+    """P (W) with its droop, Q (var) at V_n, D_q, V_n, and a voltage near which the flow is."""
     refs, gains = unit.refs, unit.gains
-    return refs.P_ref + gains.D_p * (refs.omega_0 - omega), refs.Q_ref, gains.D_q, refs.V_n
+    P = refs.P_ref + gains.D_p * (refs.omega_0 - omega)
+    return P, refs.Q_ref, gains.D_q, refs.V_n, refs.V_n
+
+
+def _inverter_asked(one: InverterAsked, omega: float) -> tuple[float, ...]:
+    """The same of an inverter."""
+    own = one.inverter
+    return (*own.kind.rest(one.refs, omega, own.settings), own.V_rated_rms)
 
 
 def situation_of(

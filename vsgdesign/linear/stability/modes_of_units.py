@@ -27,7 +27,7 @@ NETWORK = "network"
 
 @dataclass(frozen=True)
 class PlantMode:
-    """A mode of a plant, and the share that each unit and the network have in it."""
+    """A mode of a plant, and the share that each unit, each inverter and the network have in it."""
 
     s: complex
     damping: float
@@ -47,7 +47,7 @@ class SplitModes:
 def modes_of_units(rest: UnitsAtRest, most: int | None = None) -> tuple[PlantMode, ...]:
     """The modes of a plant, the least stable first."""
     names = [name for name, kept in zip(rest.model.names, rest.model.kept, strict=True) if kept]
-    units = [unit.name for unit in rest.model.plant.units]
+    units = [one.name for one in rest.model.plant.converters]
     owner = [name.partition(".")[0] if name.partition(".")[0] in units else NETWORK for name in names]
     values, shares = participation_factors(rest.A)
     s = to_continuous(values, rest.model.clock.period)
@@ -77,7 +77,7 @@ def split_modes(rest: UnitsAtRest, most: int | None = None) -> SplitModes | None
 def splits(situation: Situation) -> bool:
     """Whether the units of a plant are equal, and there are at least two."""
     plant, units = situation.study.plant, situation.units
-    if plant is None or len(units) < 2 or not plant.equal:
+    if plant is None or len(units) < 2 or not plant.equal or situation.inverters:
         return False
     return all(one.gains == units[0].gains and one.refs == units[0].refs for one in units)
 

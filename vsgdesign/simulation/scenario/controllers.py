@@ -305,13 +305,13 @@ def derive_series(
     always = len(PowerLoopGains._fields) - len(PowerLoopGains._field_defaults)
     # The published structure has the first four gains only.
     held = [(name, gains[:, k]) for k, name in enumerate(PowerLoopGains._fields) if k < always or gains[:, k].any()]
-    names = *_AT_PCC, "omega", "V_rms", "delta", "R_g", "L_g", *(name for name, _ in held)
+    names = *AT_PCC, "omega", "V_rms", "delta", "R_g", "L_g", *(name for name, _ in held)
     # Not one array for several: the first touch of large pages took longer than that of small ones (a virtual machine).
     series = {"t_s": t_s} | {name: np.empty(len(t_s)) for name in names}
     if at_pcc is None:
-        _put_at_pcc(study, run, [series[name] for name in _AT_PCC])
+        _put_at_pcc(study, run, [series[name] for name in AT_PCC])
     else:
-        _put_vectors([series[name] for name in _AT_PCC], at_pcc[0].T, at_pcc[1].T)
+        put_vectors([series[name] for name in AT_PCC], at_pcc[0].T, at_pcc[1].T)
     series["omega"][:], series["V_rms"][:] = run.column("omega"), run.column("V_rms")
     delta = np.subtract(
         run.column("theta"), run.timeline.source_phase(t_s) if phase is None else phase, out=series["delta"]
@@ -328,22 +328,22 @@ def derive_series(
     return series
 
 
-_AT_PCC = (*(f"{name}_pcc_{phase}" for name in "vi" for phase in "abc"), "P_pcc", "Q_pcc")
+AT_PCC = (*(f"{name}_pcc_{phase}" for name in "vi" for phase in "abc"), "P_pcc", "Q_pcc")
 
 _ROWS = 4096
 """So many rows are worked on at a time, because they fit into the processor's cache."""
 
 
 def _put_at_pcc(study: Study, run: Simulation, series: Sequence[Array]) -> None:
-    """Phases and powers at the PCC, in the order of _AT_PCC."""
+    """Phases and powers at the PCC, in the order of AT_PCC."""
     done = 0
     for rows, circuit in AtPcc(study, run.timeline).parts(run.t_s, run.log, run.circuit_log, _ROWS):
         v, i = (vectors.T for vectors in pcc_vectors(np.asfortranarray(rows), circuit))
-        _put_vectors([values[done : done + len(rows)] for values in series], v, i)
+        put_vectors([values[done : done + len(rows)] for values in series], v, i)
         done += len(rows)
 
 
-def _put_vectors(series: Sequence[Array], v: Array, i: Array) -> None:
+def put_vectors(series: Sequence[Array], v: Array, i: Array) -> None:
     """Of a voltage and a current, (2, n) each."""
     found = *clarke_inverse(*v), *clarke_inverse(*i), *instantaneous_power(*v, *i)
     for values, own in zip(series, found, strict=True):

@@ -1,4 +1,4 @@
-"""The loop of a plant: at each instant the circuit arrives, then the units that sample take their next step.
+"""The loop of a plant: at each instant the circuit arrives, then the converters that sample take their next step.
 
 One sample of the loop is one instant of the plant's clock. Both axes of the circuit are alike, so one product of a
 matrix with numbers of the state moves each of them: states of the circuit, bridge voltages that are held, and the
@@ -11,18 +11,31 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from vsgdesign.codegen.blocks import Part, Writer, joined, renamed, with_outputs
-from vsgdesign.codegen.flat import Block
+from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.loop_spec import LoopSpec, Product
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.simulation.bodies import Kind, control
+from vsgdesign.simulation import circuit_sample
+from vsgdesign.simulation.axes import headed
+from vsgdesign.simulation.bodies import Kind, control, names_of
+from vsgdesign.study.parameters.inverter_kinds import InverterKind
 
 AXES = ("alpha", "beta")
 SAID = ("P", "Q", "omega", "at_bridge")
 """What a unit said at its last sample."""
 
+SAID_BY_OTHERS = ("P", "Q", "omega", "V", "theta", "limited", "at_bridge")
+"""What another converter said at its last sample."""
+
 PHASORS = ("along", "across")
 """Of a source on an axis: its phasor there, and less its phasor a quarter turn before. On α (cos, sin), on β (sin,
 −cos): then the same matrix moves both axes."""
+
+
+class OtherKind(NamedTuple):
+    """A converter that is no unit of ours."""
+
+    kind: InverterKind
+    delayed: bool
 
 
 class PlantKind(NamedTuple):
@@ -30,12 +43,24 @@ class PlantKind(NamedTuple):
 
     units: tuple[Kind, ...]
     states: tuple[str, ...]
-    """Of the circuit, on each axis: i_s, v_c and i_g of each unit first."""
+    """Of the circuit, on each axis: i_s, v_c and i_g of each converter first."""
     sources: int
     sampling: tuple[tuple[int, ...], ...]
-    """The units that sample at each instant of the clock's period."""
+    """The converters that sample at each instant of the clock's period."""
     turns: int
     """Matrices: one for each instant, or one for all where they are equally far apart."""
+    others: tuple[OtherKind, ...] = ()
+    """Behind the units."""
+
+    @property
+    def converters(self) -> int:
+        """How many there are."""
+        return len(self.units) + len(self.others)
+
+    def delayed(self, k: int) -> bool:
+        """Whether the bridge voltage of a converter waits for a sample."""
+        count = len(self.units)
+        return self.units[k].bridge.delayed if k < count else self.others[k - count].delayed
 
     @property
     def moved(self) -> tuple[str, ...]:
@@ -45,7 +70,7 @@ class PlantKind(NamedTuple):
     @property
     def factors(self) -> tuple[str, ...]:
         """What it is made of."""
-        held = (f"held.{k}" for k in range(len(self.units)))
+        held = (f"held.{k}" for k in range(self.converters))
         return (*self.moved, *held)
 
     @property
@@ -56,15 +81,18 @@ class PlantKind(NamedTuple):
 
 
 def log_names(kind: PlantKind) -> tuple[str, ...]:
-    """What is logged at an instant: LOG_COLUMNS of each unit, then the other states of the circuit."""
+    """What is logged at an instant: LOG_COLUMNS of each converter, then the other states of the circuit."""
     found: list[str] = []
-    for k, unit in enumerate(kind.units):
-        del unit
+    for k in range(kind.converters):
         found += [f"next.{axis}.{state}" for state in kind.states[3 * k : 3 * k + 3] for axis in AXES]
         found += [f"v_g.{axis}" for axis in AXES]
         found += [f"next.u{k}.last.{name}" for name in SAID[:3]]
-        found += [f"u{k}.state.V", f"u{k}.state.theta", f"next.u{k}.limited", f"next.u{k}.last.at_bridge"]
-    return (*found, *(f"next.{axis}.{state}" for state in kind.states[3 * len(kind.units) :] for axis in AXES))
+        if k < len(kind.units):
+            found += [f"u{k}.state.V", f"u{k}.state.theta", f"next.u{k}.limited"]
+        else:
+            found += [f"next.u{k}.last.{name}" for name in ("V", "theta", "limited")]
+        found.append(f"next.u{k}.last.at_bridge")
+    return (*found, *(f"next.{axis}.{state}" for state in kind.states[3 * kind.converters :] for axis in AXES))
 
 
 def spec_of_plant(kind: PlantKind) -> LoopSpec:
@@ -109,12 +137,16 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
         own = [*unit.names(ControllerState, "state"), "limited", *(f"last.{name}" for name in SAID)]
         own += [f"pending.{axis}" for axis in AXES] if unit.bridge.delayed else []
         found += [f"u{k}.{name}" for name in own]
+    for k, other in enumerate(kind.others, len(kind.units)):
+        own = [*names_of(other.kind.state, "state"), *(f"last.{name}" for name in SAID_BY_OTHERS)]
+        own += [f"pending.{axis}" for axis in AXES] if other.delayed else []
+        found += [f"u{k}.{name}" for name in own]
     return [(name, f"next.{name}") for name in found]
 
 
 def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]) -> Block:
-    """One instant at which some units sample."""
-    parts = [Part(renamed(control(kind.units[k]), lambda name, k=k: _called(kind, k, name))) for k in sampling]
+    """One instant at which some converters sample."""
+    parts = [Part(renamed(_control(kind, k), lambda name, k=k: _called(kind, k, name))) for k in sampling]
     after: dict[str, str] = {}
     for axis in AXES:
         after |= {f"{axis}.{name}": f"now.{axis}.{name}" for name in kind.moved}
@@ -132,8 +164,17 @@ def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]
     return joined(*parts, Part(line.block()))
 
 
+def _control(kind: PlantKind, k: int) -> Block:
+    """The sample of a converter."""
+    if k < len(kind.units):
+        return control(kind.units[k])
+    own = flat_block(kind.others[k - len(kind.units)].kind.sample)
+    measured = headed(flat_block(circuit_sample.measured_by), measurement="measured")
+    return joined(Part(measured), Part(headed(own, following="following", said="said")))
+
+
 def _called(kind: PlantKind, unit: int, name: str) -> str:
-    """What a number of a unit's controller is called in the loop of the plant."""
+    """What a number of a converter's controller is called in the loop of the plant."""
     if name.startswith("x."):
         states = [f"{state}_{axis}" for state in ("i_s", "v_c", "i_g") for axis in AXES]
         at = states.index(name.removeprefix("x."))
@@ -143,18 +184,24 @@ def _called(kind: PlantKind, unit: int, name: str) -> str:
 
 
 def _following(kind: PlantKind, k: int) -> dict[str, str]:
-    """Where the numbers of a unit that samples come from."""
-    unit = kind.units[k]
+    """Where the numbers of a converter that samples come from."""
     found = {}
-    for name in unit.names(ControllerState, "state"):
-        own = "kept_angle" if name == "state.theta" else name.replace("state.", "following.", 1)
-        found[f"u{k}.{name}"] = f"u{k}.{own}"
-    found[f"u{k}.limited"] = f"u{k}.limited_samples"
-    found |= {f"u{k}.last.{name}": f"u{k}.said.{name}" for name in SAID[:3]}
-    found[f"u{k}.last.at_bridge"] = f"u{k}.at_bridge"
+    if k < len(kind.units):
+        for name in kind.units[k].names(ControllerState, "state"):
+            own = "kept_angle" if name == "state.theta" else name.replace("state.", "following.", 1)
+            found[f"u{k}.{name}"] = f"u{k}.{own}"
+        found[f"u{k}.limited"] = f"u{k}.limited_samples"
+        found |= {f"u{k}.last.{name}": f"u{k}.said.{name}" for name in SAID[:3]}
+        found[f"u{k}.last.at_bridge"] = f"u{k}.at_bridge"
+    else:
+        state = kind.others[k - len(kind.units)].kind.state
+        found |= {
+            f"u{k}.{name}": f"u{k}.{name.replace('state.', 'following.', 1)}" for name in names_of(state, "state")
+        }
+        found |= {f"u{k}.last.{name}": f"u{k}.said.{name}" for name in SAID_BY_OTHERS}
     for axis in AXES:
         asked = f"u{k}.said.v_b_{axis}"
-        if unit.bridge.delayed:
+        if kind.delayed(k):
             found |= {f"{axis}.held.{k}": f"u{k}.pending.{axis}", f"u{k}.pending.{axis}": asked}
         else:
             found[f"{axis}.held.{k}"] = asked

@@ -129,8 +129,8 @@ class PlantProgram:
         V[0] = rms_to_peak(segment.source.V_g_rms)
         turn = np.full(len(V), np.exp(1j * omega * h))
         if h == 0.0:
-            n, units = len(self._kind.states), len(self._kind.units)
-            return Gap(np.eye(n), np.zeros((n, units)), np.zeros((n, len(V)), dtype=complex), turn)
+            n = len(self._kind.states)
+            return Gap(np.eye(n), np.zeros((n, self._kind.converters)), np.zeros((n, len(V)), dtype=complex), turn)
         circuit = circuit_of_units(self._wiring, segment.topology, self._kind.states)
         phi, gamma, rho = circuit.moved(h, omega)
         return Gap(phi, gamma, rho * V, turn)

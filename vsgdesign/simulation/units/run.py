@@ -6,6 +6,7 @@ import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,24 +15,33 @@ from vsgdesign.codegen.llvm import compiled_loop, empty_rows
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller import ControllerSettings, ControllerState
 from vsgdesign.equations.controller_data import flat_state
-from vsgdesign.equations.frames import peak_to_rms
+from vsgdesign.equations.frames import peak_to_rms, rated_current_rms, rms_to_peak
+from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.linear.operating_point.circuit_of_units import Topology, UnitsCircuit, circuit_of_units, wiring_of
 from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
-from vsgdesign.linear.operating_point.rest_of_units import Situation, UnitAsked, UnitsAtRest, rest_of_units
+from vsgdesign.linear.operating_point.rest_of_units import (
+    InverterAsked,
+    Situation,
+    UnitAsked,
+    UnitsAtRest,
+    rest_of_units,
+)
 from vsgdesign.linear.operating_point.sampled import cold_start
-from vsgdesign.simulation.bodies import Kind
+from vsgdesign.simulation.bodies import Kind, names_of
 from vsgdesign.simulation.circuit_program import ProgramWriter
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import LOG_COLUMNS, kind_of, spans_of
-from vsgdesign.simulation.outcome import Divergence, outside
+from vsgdesign.simulation.outcome import BOUND_PU, Divergence, outside
 from vsgdesign.simulation.run_state import with_gains
-from vsgdesign.simulation.units.body import AXES, PlantKind, body_numbers, log_names, spec_of_plant
+from vsgdesign.simulation.units.body import AXES, OtherKind, PlantKind, body_numbers, log_names, spec_of_plant
 from vsgdesign.simulation.units.program import PlantProgram
 from vsgdesign.simulation.units.timeline import PlantSegment, PlantTimeline, plant_timeline
+from vsgdesign.study.parameters.inverter_kinds import Phasors
+from vsgdesign.study.parameters.power_plant import Inverter
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -59,6 +69,21 @@ class UnitRun:
 
 
 @dataclass(frozen=True, kw_only=True)
+class InverterRun:
+    """One inverter's part of a run: as of a unit, with the voltage that its controller takes for its capacitor's (rms)
+    as ``V_rms``, its angle as ``theta``, and 1 in ``limited_samples`` where its current reference is at its limit."""
+
+    name: str
+    log: Array
+    terminals: Array
+    asked: tuple[tuple[float, SetPoints], ...]
+
+    def column(self, name: str) -> Array:
+        """One logged quantity by name."""
+        return self.log[:, LOG_COLUMNS.index(name)]
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlantRun:
     """A finished run of a plant."""
 
@@ -72,6 +97,7 @@ class PlantRun:
     loop_seconds: float
     """Wall time inside the compiled loop."""
     divergence: Divergence | None = None
+    inverters: tuple[InverterRun, ...] = ()
 
     def unit(self, name: str) -> UnitRun:
         """The part of a unit."""
@@ -115,10 +141,11 @@ class _Run:
         kinds = tuple(_kind(one) for one in timeline.units)
         sampling = tuple(one.units for one in self.clock.instants)
         turns = 1 if self.clock.equal_gaps else len(sampling)
-        self.kind = PlantKind(kinds, timeline.names, 1 + len(timeline.plant.sources), sampling, turns)
+        others = tuple(OtherKind(one.kind, one.delay_samples > 0) for one in timeline.plant.inverters)
+        self.kind = PlantKind(kinds, timeline.names, 1 + len(timeline.plant.sources), sampling, turns, others)
         spec = spec_of_plant(self.kind)
         self.loop, self.rows, self.spans = compiled_loop(spec), empty_rows(spec, 1), spans_of(spec.rows)
-        self.uniform = _uniform(timeline.units, kinds, spec.uniform)
+        self.uniform = _uniform(timeline, kinds, spec.uniform)
         self.program = PlantProgram(self.kind, self.wiring, timeline.segments, self.clock)
         self.per_period = len(sampling)
         self.log_periods = max(round(study.simulation.log_interval / self.clock.period), 1)
@@ -135,6 +162,8 @@ class _Run:
         for k, one in enumerate(self.timeline.units):
             state, held, waits = cold_start(one, phase).controller, 0j, 0j
             self._put_unit(k, state, held, waits)
+        for j, one in enumerate(self.timeline.plant.inverters):
+            self._put_inverter(j, _waiting(one, self.timeline.segments[0].source.omega, phase), 0j, 0j)
         if self.study.simulation.start != "cold":
             self._begin_at_rest(phase)
         for k in range(len(self.timeline.units)):
@@ -145,6 +174,11 @@ class _Run:
             for t_s, refs in timeline.references:
                 at = 0 if t_s == 0.0 else self.program.sample_from(t_s, k)
                 writer.put([0], [at], self.spans[f"u{k}.refs"].start, np.array([refs]))
+        for j, own in enumerate(self.timeline.asked):
+            k = len(self.timeline.units) + j
+            for t_s, asked in own:
+                at = 0 if t_s == 0.0 else self.program.sample_from(t_s, k)
+                writer.put([0], [at], self.spans[f"u{k}.asked"].start, np.array([asked]))
         self.records = writer.program(1, 1)
         self._phase(0)
 
@@ -152,7 +186,8 @@ class _Run:
         """The steady state of the units that are connected; the others wait at nominal voltage, in phase."""
         plant, first = self.timeline.plant, self.timeline.segments[0]
         on_line = [k for k, unit in enumerate(plant.units) if unit.name not in first.topology.opened]
-        if not on_line:
+        others = [j for j, one in enumerate(plant.inverters) if one.name not in first.topology.opened]
+        if not on_line and not others:
             raise InfeasibleStudyError("the start: no unit is connected. Close a breaker, or start cold.")
         situation = situation_at(self.study, self.timeline, first, self._gains, on_line)
         try:
@@ -167,12 +202,24 @@ class _Run:
             self._put_unit(k, *rest.controller(at, phase))
             # What a unit says that has not sampled yet.
             self._at(f"u{k}.last")[:] = *rest.model.powers(rest.z, at), situation.omega, 0.0
+        for at, j in enumerate(others):
+            self._put_inverter(j, *rest.inverter(at, phase))
+            P, Q = rest.model.powers(rest.z, len(on_line) + at)
+            self._at(f"u{len(plant.units) + j}.last")[:] = P, Q, situation.omega, 0.0, 0.0, 0.0, 0.0
 
     def _put_unit(self, k: int, state: ControllerState, held: complex, waits: complex) -> None:
         self._at(f"u{k}.state")[:] = flat_state(state)
+        self._put_bridge(k, held, waits)
+
+    def _put_inverter(self, j: int, state: Any, held: complex, waits: complex) -> None:
+        k = len(self.timeline.units) + j
+        self._at(f"u{k}.state")[:] = state
+        self._put_bridge(k, held, waits)
+
+    def _put_bridge(self, k: int, held: complex, waits: complex) -> None:
         for axis, value, waiting in zip(AXES, (held.real, held.imag), (waits.real, waits.imag), strict=True):
             self._at(f"{axis}.held.{k}")[:] = value
-            if self.kind.units[k].bridge.delayed:
+            if self.kind.delayed(k):
                 self._at(f"u{k}.pending.{axis}")[:] = waiting
 
     def _put_gains(self, k: int, change: GainChange) -> None:
@@ -251,6 +298,12 @@ class _Run:
             why = outside(self.timeline.units[k], np.array(own), self._state(k))
             if why is not None:
                 return f"unit {unit.name}: {why}"
+        for k, one in enumerate(self.timeline.plant.inverters, len(self.timeline.units)):
+            own = [self._at(f"{axis}.{name}")[0] for name in self.kind.states[3 * k : 3 * k + 3] for axis in AXES]
+            rated = rms_to_peak(rated_current_rms(one.S_rated, one.V_rated_rms)), rms_to_peak(one.V_rated_rms)
+            bounds = BOUND_PU * np.array([rated[0]] * 2 + [rated[1]] * 2 + [rated[0]] * 2)
+            if not (np.abs(own) <= bounds).all():
+                return f"inverter {one.name}: a current or a voltage is beyond {BOUND_PU:g} times its rated value"
         return None
 
     def _result(self, log: Array, seconds: float, divergence: Divergence | None) -> PlantRun:
@@ -273,15 +326,24 @@ class _Run:
             timeline=self.timeline,
             t_s=t_s,
             units=found,
-            circuit_log=log[:, width * units :],
-            names=self.kind.states[3 * units :],
+            inverters=tuple(
+                InverterRun(
+                    name=one.name,
+                    log=_in_rms(log[:, width * k : width * (k + 1)]),
+                    terminals=terminals[:, k],
+                    asked=self.timeline.asked[k - units],
+                )
+                for k, one in enumerate(self.timeline.plant.inverters, units)
+            ),
+            circuit_log=log[:, width * self.kind.converters :],
+            names=self.kind.states[3 * self.kind.converters :],
             loop_seconds=seconds,
             divergence=divergence,
         )
 
     def _terminals(self, t_s: Array, log: Array) -> Array:
-        """(n, units, 2): the voltages at the terminals of the units (:eq:`plant-terminal`)."""
-        width, units = len(LOG_COLUMNS), len(self.timeline.units)
+        """(n, converters, 2): the voltages at the terminals of the converters (:eq:`plant-terminal`)."""
+        width, units = len(LOG_COLUMNS), self.kind.converters
         found = np.empty((len(t_s), units, 2))
         starts = [one.t_s for one in self.timeline.segments]
         index = np.maximum(np.searchsorted(starts, t_s + 1e-9 * self.clock.period, side="right") - 1, 0)
@@ -304,10 +366,26 @@ def _kind(study: Study) -> Kind:
     return kind_of(study, switched=False)
 
 
-def _uniform(studies: Sequence[Study], kinds: Sequence[Kind], names: Sequence[str]) -> Array:
+def _waiting(one: Inverter, omega: float, phase: float) -> Any:
+    """The state of an inverter that waits at nominal voltage in phase with the grid's source, without current."""
+    v = complex(rms_to_peak(one.V_rated_rms) * np.exp(1j * phase))
+    return one.kind.at_rest(Phasors(v, 0j, 0j, v, omega), one.settings)
+
+
+def _in_rms(log: Array) -> Array:
+    """The log of an inverter with its voltage in V rms, as of a unit."""
+    found = log.copy()
+    found[:, LOG_COLUMNS.index("V_rms")] = peak_to_rms(found[:, LOG_COLUMNS.index("V_rms")])
+    return found
+
+
+def _uniform(timeline: PlantTimeline, kinds: Sequence[Kind], names: Sequence[str]) -> Array:
     """What never changes: gains of the inner loops and constants of the controllers."""
     known: dict[str, float] = {}
-    for k, (study, kind) in enumerate(zip(studies, kinds, strict=True)):
+    for k, one in enumerate(timeline.plant.inverters, len(kinds)):
+        known[f"u{k}.R_c"] = one.filter.R_c
+        known |= dict(zip(names_of(one.kind.settings, f"u{k}.settings"), one.settings, strict=True))
+    for k, (study, kind) in enumerate(zip(timeline.units, kinds, strict=True)):
         known[f"u{k}.R_c"] = study.filter.R_c
         for head, record, value in (
             ("inner_gains", InnerLoopGains, study.inner_gains),
@@ -328,8 +406,11 @@ def situation_at(
     """The plant in a segment with the units that are on line, with what they are asked for at an instant (None: when
     the segment begins)."""
     plant, t_s = timeline.plant, segment.t_s if at_s is None else at_s
-    some = replace(plant, units=tuple(plant.units[k] for k in on_line))
-    opened = segment.topology.opened - {unit.name for unit in plant.units}
+    others = [j for j, one in enumerate(plant.inverters) if one.name not in segment.topology.opened]
+    inverters = tuple(InverterAsked(plant.inverters[j], timeline.asked_at(j, t_s)) for j in others)
+    units = tuple(plant.units[k] for k in on_line)
+    some = replace(plant, units=units, inverters=tuple(one.inverter for one in inverters))
+    opened = segment.topology.opened - {one.name for one in plant.converters}
     topology: Topology = segment.topology._replace(opened=frozenset(opened))
     asked = tuple(
         UnitAsked(
@@ -338,7 +419,7 @@ def situation_at(
         for k in on_line
     )
     sources = ((segment.source.V_g_rms, 0.0), *((one.V_rms, one.phase) for one in plant.sources))
-    return Situation(replace(study, plant=some), topology, asked, segment.source.omega, sources)
+    return Situation(replace(study, plant=some), topology, asked, segment.source.omega, sources, inverters)
 
 
-__all__ = ["PlantRun", "UnitRun", "UnitsAtRest", "simulate_plant", "situation_at"]
+__all__ = ["InverterRun", "PlantRun", "UnitRun", "UnitsAtRest", "simulate_plant", "situation_at"]

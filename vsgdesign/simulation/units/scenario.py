@@ -31,6 +31,12 @@ from vsgdesign.simulation.scenario.controllers import (
     rest_at_limit,
     samples_per_mean,
 )
+from vsgdesign.simulation.units.inverters import (
+    InverterRest,
+    inverter_series,
+    inverters_at_rest,
+    terminals_at_rest,
+)
 from vsgdesign.simulation.units.run import PlantRun, UnitRun, check_start, simulate_plant, situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of
 from vsgdesign.study.parameters.power_plant import GRID
@@ -62,6 +68,8 @@ class PlantRest:
     """Why there is no rest; None where there is one."""
     units: tuple[Rest, ...]
     """Of each unit of the plant."""
+    inverters: tuple[InverterRest, ...] = ()
+    """Of those that are connected, where there is a rest."""
 
     @property
     def stable(self) -> bool:
@@ -78,6 +86,8 @@ class PlantController:
     rests: tuple[PlantRest, ...]
     units: tuple[ControllerResult, ...]
     """Figures and series of each unit, as of one converter."""
+    inverters: tuple[tuple[str, dict[str, Array]], ...]
+    """Names and series of the inverters."""
     loop_seconds: float
 
     @property
@@ -118,8 +128,18 @@ def run_plant(
         interval = _interval(study, timeline)
         run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
         units = tuple(_unit_result(study, spec, run, k, rests) for k in range(len(timeline.units)))
+        every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
+        phase = _phase(timeline, run.t_s)
+        inverters = tuple((one.name, inverter_series(one, run.t_s, phase, every)) for one in run.inverters)
         found.append(
-            PlantController(spec=spec, timeline=timeline, rests=rests, units=units, loop_seconds=run.loop_seconds)
+            PlantController(
+                spec=spec,
+                timeline=timeline,
+                rests=rests,
+                units=units,
+                inverters=inverters,
+                loop_seconds=run.loop_seconds,
+            )
         )
     return PlantResult(study=study, controllers=tuple(found), ready=ready)
 
@@ -164,7 +184,7 @@ def _gains(timeline: PlantTimeline, k: int, spec: ControllerSpec, ready: Ready) 
 def _interval(study: Study, timeline: PlantTimeline) -> float:
     """The spacing of the rows from which figures are taken, s: that of the clock, as long as they fit into memory."""
     period = clock_of_study(study).period
-    wide = 15 * len(timeline.units) + 2 * len(timeline.names)
+    wide = 15 * len(timeline.plant.converters) + 2 * len(timeline.names)
     rows = study.simulation.duration / period
     logged = max(round(study.simulation.log_interval / period), 1)
     enough = (n for n in range(1, logged) if logged % n == 0 and rows * wide <= n * _MOST_NUMBERS)
@@ -248,11 +268,12 @@ def _rest(
         t_s=t_s,
         end_s=end_s,
         name=name,
-        on_line=tuple(plant.units[k].name for k in on_line),
+        on_line=tuple(one.name for one in plant.converters if one.name not in segment.topology.opened),
         modes=modes,
         split=split,
         obstacle=obstacle,
         units=tuple(units),
+        inverters=() if rest is None else inverters_at_rest(rest),
     )
 
 
@@ -260,10 +281,7 @@ def _at_rest(study: Study, base: Rest, rest: UnitsAtRest, k: int, modes: Sequenc
     """The rest of a unit within that of the plant, whose slowest mode is that of every unit."""
     model = rest.model
     P, Q = model.powers(rest.z, k)
-    y, v_g = model.states(rest.z), model.situation.phasors
-    per_state, per_source = model.network.terminals
-    v = per_state[k] @ y + per_source[k] @ v_g
-    i_g = y[3 * k + 2]
+    v, i_g = terminals_at_rest(rest, k)
     P_pcc, Q_pcc = (float(one) for one in instantaneous_power(v.real, v.imag, i_g.real, i_g.imag))
     controller, _, _ = rest.controller(k, 0.0)
     path = study.path_to_grid(base.grid, base.source.omega_g)

@@ -6,13 +6,14 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.circuit_of_units import Topology, grid_of_unit, names_of_states
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.network import PLAIN
 from vsgdesign.study.parameters.network_fields import CLOSED
-from vsgdesign.study.parameters.power_plant import GRID, PowerPlant, Unit
+from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, Unit
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
@@ -36,6 +37,8 @@ class PlantTimeline:
     its set points and of this grid."""
     timelines: tuple[Timeline, ...]
     """Of these."""
+    asked: tuple[tuple[tuple[float, SetPoints], ...], ...]
+    """Of each inverter: from when on it is asked for what."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -44,6 +47,11 @@ class PlantTimeline:
         return names_of_states(plant, [one.topology for one in self.segments])
 
     plant: PowerPlant
+
+    def asked_at(self, inverter: int, t_s: float) -> SetPoints:
+        """What an inverter is asked for from an instant on."""
+        own = self.asked[inverter]
+        return own[max(bisect_right(own, t_s, key=lambda one: one[0]) - 1, 0)][1]
 
     def segment_at(self, t_s: float) -> PlantSegment:
         """The segment from an instant on."""
@@ -77,7 +85,17 @@ def plant_timeline(study: Study, spec: ControllerSpec | None = None) -> PlantTim
     units = tuple(_alone(study, unit, segments) for unit in plant.units)
     if spec is not None:
         units = tuple(one.with_limit_of(spec_of(one, spec)) for one in units)
-    return PlantTimeline(tuple(segments), units, tuple(map(build_timeline, units)), plant)
+    asked = tuple(_asked(one, of_elements) for one in plant.inverters)
+    return PlantTimeline(tuple(segments), units, tuple(map(build_timeline, units)), asked, plant)
+
+
+def _asked(inverter: Inverter, events: Sequence[Event]) -> tuple[tuple[float, SetPoints], ...]:
+    """What an inverter is asked for over time. Events of all units are not meant for it."""
+    found = [(0.0, inverter.asked)]
+    for event in events:
+        if event.element == inverter.name and event.set_points:
+            found.append((event.t_s, found[-1][1]._replace(**event.set_points)))
+    return tuple(found)
 
 
 def spec_of(unit: Study, spec: ControllerSpec) -> ControllerSpec:

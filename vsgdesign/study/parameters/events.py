@@ -91,8 +91,8 @@ class EventFields:
     name: str = text(limits="not empty", shown="a description of the change")
     """Label in reports."""
     element: str | None = text(default=None, shown="the grid and all units")
-    """Of a plant, by its name, what it changes: a unit (set points, `breaker`), a branch, shunt, load or source
-    (`breaker`), or a node (`fault`)."""
+    """Of a plant, by its name, what it changes: a unit or an inverter (set points, `breaker`), a branch, shunt, load or
+    source (`breaker`), or a node (`fault`)."""
     grid: Any = subtable(_GRID, shown=_UNCHANGED)
     """New grid impedance."""
     over: float = number("s", 0.0, DURATION, default=0.0)
@@ -169,10 +169,24 @@ def read_events(
     return tuple(events)
 
 
-_MAY_CHANGE = {"unit": "set points and breaker", "node": "fault", "source": "breaker", "element": "breaker"}
+_MAY_CHANGE = {
+    "unit": "set points and breaker",
+    "inverter": "set points and breaker",
+    "node": "fault",
+    "source": "breaker",
+    "element": "breaker",
+}
 """What of an element an event may change, by the kind of the element."""
 
-_ARTICLE = {"unit": "a unit", "node": "a node", "source": "a source", "element": "a branch, shunt or load"}
+_ARTICLE = {
+    "unit": "a unit",
+    "inverter": "an inverter",
+    "node": "a node",
+    "source": "a source",
+    "element": "a branch, shunt or load",
+}
+_OF_INVERTER = ("P_ref", "Q_ref")
+"""The set points that an inverter has."""
 
 
 def _of_element(
@@ -196,6 +210,12 @@ def _of_element(
     wrong = [one for one, there in given.items() if there and what and one not in _MAY_CHANGE[what]]
     if not any(given.values()):
         table.fault("", None, "changes nothing", f"Give {_MAY_CHANGE.get(what, 'breaker')}.")
+    others = [
+        kind.name for kind in set_points if found[kind.quantity] is not None and kind.quantity not in _OF_INVERTER
+    ]
+    if what == "inverter" and others:
+        problem = f"{name} is an inverter, which has no {' and '.join(others)}"
+        table.fault(others[0], table.table[others[0]], problem, "Give its P_ref or Q_ref.")
     if wrong:
         problem = f"{name} is {_ARTICLE[what]}, which has no {' and '.join(wrong)} that an event may change"
         table.fault("element", name, problem, f"An event may change its {_MAY_CHANGE[what]}.")

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.study.parameters.converter import Filter
+from vsgdesign.study.parameters.inverter_kinds import InverterKind
 from vsgdesign.study.parameters.network import Load
 
 if TYPE_CHECKING:
@@ -69,6 +72,29 @@ class Unit:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Inverter:
+    """A converter of another kind at a node: a grid-following inverter, or an active rectifier."""
+
+    name: str
+    node: str
+    kind: InverterKind
+    settings: Any
+    """The constants of its kind."""
+    filter: Filter
+    S_rated: float
+    V_rated_rms: float
+    T_s: float
+    delay_samples: int
+    R: float = 0.0
+    L: float = 0.0
+    """Of its own transformer and feeder, from its terminals to the node."""
+    asked: SetPoints
+    """At t = 0."""
+    offset: float = 0.0
+    """When it samples for the first time, s; less than its sampling period."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PowerPlant:
     """Everything that is connected to the grid's impedance."""
 
@@ -81,12 +107,20 @@ class PowerPlant:
     """The node to which the grid's impedance leads, and at which the load and the fault of [network] are."""
     opened: frozenset[str] = frozenset()
     """Names of what is not connected at the start."""
+    inverters: tuple[Inverter, ...] = ()
+    """Converters of other kinds."""
+
+    @property
+    def converters(self) -> tuple[Unit | Inverter, ...]:
+        """Everything with a bridge: the units, then the inverters."""
+        return (*self.units, *self.inverters)
 
     @property
     def names(self) -> dict[str, str]:
         """Everything that an event may name, and what it is."""
         found = {one.group: "element" for one in self.elements} | {one.name: "source" for one in self.sources}
-        return {GRID: "source"} | found | {one.name: "unit" for one in self.units} | dict.fromkeys(self.nodes, "node")
+        found |= {one.name: "unit" for one in self.units} | {one.name: "inverter" for one in self.inverters}
+        return {GRID: "source"} | found | dict.fromkeys(self.nodes, "node")
 
     def unit(self, name: str) -> Unit:
         """The unit of a name."""
@@ -94,7 +128,9 @@ class PowerPlant:
 
     @property
     def equal(self) -> bool:
-        """Whether all units are alike, at one node, with equal set points, and sample together."""
+        """Whether all converters are units that are alike, at one node, with equal set points, and sample together."""
+        if not self.units or self.inverters:
+            return False
         first = self.units[0]
         alike = {(one.node, one.R, one.L, one.P_ref, one.Q_ref, one.offset) for one in self.units}
         return len(alike) == 1 and all(one.case == first.case for one in self.units)

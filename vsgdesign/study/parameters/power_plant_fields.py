@@ -27,6 +27,14 @@ from vsgdesign.study.parameters.fields import (
     whole,
     word,
 )
+from vsgdesign.study.parameters.inverter_fields import (
+    CONSTANT_POWER,
+    LoadKind,
+    inverter_fields,
+    read_inverter,
+    read_rectifier,
+    rectifier_fields,
+)
 from vsgdesign.study.parameters.network import THREE_PHASE, Fault, Load, Network
 from vsgdesign.study.parameters.network_fields import (
     CLOSED,
@@ -43,6 +51,7 @@ from vsgdesign.study.parameters.power_plant import (
     GRID,
     NEUTRAL,
     Element,
+    Inverter,
     PowerPlant,
     Source,
     Unit,
@@ -162,9 +171,13 @@ def _several(*of: type) -> tuple[Any, ...]:
 NODE = fields_of(_Named)
 BRANCH = _several(_Named, _Ends, _Series, _OfBranch, _Breaker)
 SHUNT = _several(_Named, _AtNode, SeriesFields, _Breaker)
-LOAD = _several(_Named, _AtNode, LoadFields, _Breaker)
+LOAD = (*_several(_Named, _AtNode, LoadKind, LoadFields), *rectifier_fields(), *fields_of(_Breaker))
 SOURCE = _several(_Named, _AtNode, _OfSource, _Series, _Breaker)
 UNIT = _several(_Named, _AtNode, _OfUnit, _Breaker)
+
+
+def _inverter() -> tuple[Any, ...]:
+    return (*_several(_Named, _AtNode), *inverter_fields(), *fields_of(_Breaker))
 
 
 class ListFields:
@@ -179,11 +192,13 @@ class ListFields:
     shunts: Any = subtable(SHUNT, kind="tables", shown="none")
     """R, L and C in series between a node and the neutral, such as a filter."""
     loads: Any = subtable(LOAD, kind="tables", shown="none")
-    """Loads of constant impedance."""
+    """Loads of constant impedance or of constant power."""
     sources: Any = subtable(SOURCE, kind="tables", shown="none")
     """Sources beside the grid."""
     units: Any = subtable(UNIT, kind="tables", shown="none")
     """The converters; without any there is no plant."""
+    inverters: Any = subtable(_inverter, kind="tables", shown="none")
+    """Converters of other kinds beside them."""
 
 
 NETWORK = (*fields_of(NetworkFields), *fields_of(ListFields))
@@ -260,6 +275,7 @@ class _Reader:
         self._names: list[str] = [GRID]
         self._opened: set[str] = set()
         self._elements: list[Element] = []
+        self._rectifiers: list[Inverter] = []
         self._nodes: tuple[str, ...] = ()
 
     def plant(self) -> PowerPlant:
@@ -281,10 +297,11 @@ class _Reader:
             self._load(one)
         sources = tuple(self._source(one) for one in table.children("sources"))
         units = tuple(self._unit(one) for one in table.children("units"))
+        inverters = (*map(self._inverter, table.children("inverters")), *self._rectifiers)
         if not 1 <= len(units) <= MOST_UNITS:
             advice = "Add [[network.units]] with name and node, or take the other lists out."
             table.fault("units", len(units), f"a plant has 1 to {MOST_UNITS} units", advice)
-        fed = {pcc, *(one.node for one in (*sources, *units))}
+        fed = {pcc, *(one.node for one in (*sources, *units, *inverters))}
         lost = unconnected(self._nodes, tuple(self._elements), fed)
         for one, name in nodes:
             if name in lost:
@@ -298,6 +315,7 @@ class _Reader:
             units=units,
             pcc=pcc,
             opened=frozenset(self._opened),
+            inverters=inverters,
         )
 
     def _name(self, table: TableReader) -> str:
@@ -357,10 +375,26 @@ class _Reader:
 
     def _load(self, table: TableReader) -> None:
         name, node = self._named(table), self._node(table)
+        own = rectifier_fields()
+        samples = values(LoadKind, table)["kind"] == CONSTANT_POWER
+        rectifier = values(own, table, self._around.scope) if samples else {}
+        for one in (one.name for one in own if not samples and table.has(one.name)):
+            table.fault(one, table.table[one], "is of a load that samples", f'Give kind = "{CONSTANT_POWER}".')
+            table.skip(one)
+        wrong = [one for one in ("R", "R_pu", "L", "X_L_pu", "C", "X_C_pu", "series") if samples and table.has(one)]
+        for one in wrong:
+            table.fault(one, None, "a load of constant power has no impedance", "Give P and Q, or P_pu and Q_pu.")
         load = read_load(table, self._base)
         if load == Load() and not any(one.field.startswith(table.path) for one in table.faults):
             table.fault("", None, f"load {name} takes no power", "Give P_pu, R_pu, X_L_pu, X_C_pu or series.")
-        self._elements += load_elements(name, node, load)
+        if samples:
+            self._rectifiers.append(read_rectifier(table, name, node, self._around.converter, load, rectifier))
+        else:
+            self._elements += load_elements(name, node, load)
+
+    def _inverter(self, table: TableReader) -> Inverter:
+        name, node = self._named(table), self._node(table)
+        return read_inverter(table, name, node, self._around.converter, self._around.scope)
 
     def _source(self, table: TableReader) -> Source:
         name, node = self._named(table), self._node(table)

@@ -120,6 +120,7 @@ class NetworkTable(TypedDict, total=False):
     loads: Sequence[NetworkLoadsTable | Mapping[str, Any]]
     sources: Sequence[NetworkSourcesTable | Mapping[str, Any]]
     units: Sequence[NetworkUnitsTable | Mapping[str, Any]]
+    inverters: Sequence[NetworkInvertersTable | Mapping[str, Any]]
 
 class NetworkLoadTable(TypedDict, total=False):
     """The fields of [network.load]."""
@@ -181,6 +182,7 @@ class NetworkLoadsTable(TypedDict, total=False):
 
     name: str
     node: str
+    kind: Literal["impedance", "constant_power"]
     P: Quantity
     P_pu: Quantity
     Q: Quantity
@@ -192,6 +194,12 @@ class NetworkLoadsTable(TypedDict, total=False):
     C: Quantity
     X_C_pu: Quantity
     series: NetworkLoadsSeriesTable | Mapping[str, Any]
+    S_rated: Quantity
+    pll_bandwidth: Quantity
+    pll_damping: Quantity
+    current_bandwidth: Quantity
+    feedforward_time: Quantity
+    voltage_filter: Quantity
     breaker: Literal["open", "closed"]
 
 class NetworkLoadsSeriesTable(TypedDict, total=False):
@@ -228,6 +236,35 @@ class NetworkUnitsTable(TypedDict, total=False):
     P_ref: Quantity
     Q_ref: Quantity
     offset: Quantity
+    breaker: Literal["open", "closed"]
+
+class NetworkInvertersTable(TypedDict, total=False):
+    """The fields of [network.inverters]."""
+
+    name: str
+    node: str
+    kind: Literal["grid_following"] | str
+    S_rated: Quantity
+    P_ref: Quantity
+    Q_ref: Quantity
+    reactance: Quantity
+    resistance: Quantity
+    f_s: Quantity
+    delay_samples: int
+    offset: Quantity
+    L_1_pu: Quantity
+    R_1_pu: Quantity
+    C_pu: Quantity
+    R_c_pu: Quantity
+    L_2_pu: Quantity
+    R_2_pu: Quantity
+    pll_bandwidth: Quantity
+    pll_damping: Quantity
+    current_bandwidth: Quantity
+    feedforward_time: Quantity
+    keeps: Literal["power", "current"]
+    voltage_filter: Quantity
+    current_limit_pu: Quantity
     breaker: Literal["open", "closed"]
 
 class PlantTable(TypedDict, total=False):
@@ -763,8 +800,8 @@ def event(
     Parameters:
         time: Instant (0 to `duration` in s; required).
         name: Label in reports (not empty; default a description of the change).
-        element: Of a plant, by its name, what it changes: a unit (set points, `breaker`), a branch, shunt,
-        load or source (`breaker`), or a node (`fault`) (default the grid and all units).
+        element: Of a plant, by its name, what it changes: a unit or an inverter (set points, `breaker`), a
+        branch, shunt, load or source (`breaker`), or a node (`fault`) (default the grid and all units).
         grid: New grid impedance (default unchanged).
         V_g_pu: source voltage, pu of rated (0 to 2; default unchanged).
         f_g: source frequency (0.8 to 1.2 times f_n in Hz; default unchanged).

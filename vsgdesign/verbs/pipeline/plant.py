@@ -30,9 +30,9 @@ def run_plant_study(
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> tuple[PlantResult, dict[str, Any]]:
-    """Simulates every controller of a study in all units of its plant, and writes ``CONTROLLER.UNIT.npz``, the same as
-    CSV, and results.json to ``out``, which appears when everything is done. Returns the result and the content of
-    results.json. Raises InfeasibleStudyError and ArtifactError."""
+    """Simulates every controller of a study in all units of its plant, and writes ``CONTROLLER.NAME.npz`` of each unit
+    and inverter, the same as CSV, and results.json to ``out``, which appears when everything is done. Returns the
+    result and the content of results.json. Raises InfeasibleStudyError and ArtifactError."""
     tell, verb = progress or silent, "vsgdesign simulate"
     check_designed(study)
     with room_for(out, verb, inputs=study.input_files), staged_folder(out, verb, inputs=study.input_files) as folder:
@@ -46,6 +46,10 @@ def run_plant_study(
                 name = f"{controller.spec.name}.{unit.name}"
                 write_npz(folder / f"{name}.npz", one.series)
                 write_csv(folder / f"{name}.csv", one.series, study.simulation.csv_interval)
+            for inverter, series in controller.inverters:
+                name = f"{controller.spec.name}.{inverter}"
+                write_npz(folder / f"{name}.npz", series)
+                write_csv(folder / f"{name}.csv", series, study.simulation.csv_interval)
         document = plant_document(result, timing)
         return result, write_record(folder, document, verb)
 
@@ -108,6 +112,10 @@ def _rest(rest: PlantRest) -> dict[str, Any]:
         "reason": rest.obstacle,
         "modes": [_mode(mode) | {"units": dict(mode.units)} for mode in rest.modes],
         "split": split,
+        "inverters": {
+            one.name: {"P_pcc": one.P_pcc, "Q_pcc": one.Q_pcc, "V_rms": one.V_rms, "I_pu": one.I_pu}
+            for one in rest.inverters
+        },
     }
 
 
@@ -120,6 +128,8 @@ def as_one_converter(study: Study) -> Study:
     is."""
     plant = study.plant
     if plant is None or len(plant.units) != 1 or plant.elements or plant.sources or plant.opened:
+        return study
+    if plant.inverters:
         return study
     unit = plant.units[0]
     if unit.case is not None or unit.offset or any(event.element is not None for event in study.events):
