@@ -10,7 +10,8 @@ import pytest
 from evidence._random_studies import bare, table_of
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.report.explore.lattice import Lattice, Texts
-from vsgdesign.report.explore.page_runs import PageRuns, page_runs, starts_of
+from vsgdesign.report.explore.page_runs import PageRuns, page_runs
+from vsgdesign.report.explore.page_starts import starts_of
 from vsgdesign.report.explore.session import Session
 from vsgdesign.report.explore.state import PlaceOfState
 from vsgdesign.study.parameters import study_from_text
@@ -60,8 +61,13 @@ def runs_of(session: Session) -> PageRuns:
     )
 
 
-def test_every_way_of_gains_has_its_starts(session: Session) -> None:
-    found, data = runs_of(session)
+@pytest.fixture(scope="module")
+def runs(session: Session) -> PageRuns:
+    return runs_of(session)
+
+
+def test_every_way_of_gains_has_its_starts(runs: PageRuns) -> None:
+    found, data = runs
     assert [one["gains"] for one in found["controllers"]] == ["fixed", "listed", "followed", "table"]
     assert data[:4] == b"\0asm"
     kinds, packed = found["columns"]["kinds"], data[found["module"] :]
@@ -74,14 +80,30 @@ def test_every_way_of_gains_has_its_starts(session: Session) -> None:
     assert len(set(loops)) == 1  # they are of one kind
 
 
-def test_controllers_share_the_numbers_of_a_grid(session: Session) -> None:
+@pytest.mark.parametrize("held", [False, True])
+def test_starts_on_many_grids_are_those_of_single_runs(session: Session, held: bool) -> None:
+    """To the bit, in all ways in which gains come about, and with the words of those that have no start."""
+    study, lattice = session.study_of(session.start), Lattice((0.4, 2.0, 7.0), (0.7, 4.0), PlaceOfState(3.0, 3.0))
+    states = lattice.states(session.start, held=held)
+    together = starts_of(study, session.ready, states)
+    for at, state in enumerate(states):
+        alone = starts_of(study, session.ready, [state])  # one grid is begun as any run
+        assert together.saves[at] == alone.saves[0]
+        for many, one in zip(together.starts, alone.starts, strict=True):
+            assert many.why[at] == one.why[0]
+            if one.why[0] is None:
+                assert many.numbers[at].tobytes() == one.numbers[0].tobytes()
+    assert {one.there.sum() for one in together.starts} == {4}  # the weakest grids carry no 4 kW
+
+
+def test_controllers_share_the_numbers_of_a_grid(runs: PageRuns) -> None:
     """The circuit and the grid are kept once."""
-    found, _ = runs_of(session)
+    found, _ = runs
     rows = found["places"][found["controllers"][0]["loop"]]["rows"]
     first, second = (one["numbers"] for one in found["controllers"][1:3])
     same = [name for name, a, b in zip(rows, first, second, strict=False) if a == b]
     assert {"row.p11", "row.b1", "row.re1", "grid.R_g"} <= set(same)
 
 
-def test_the_same_bytes_when_made_twice(session: Session) -> None:
-    assert runs_of(session) == runs_of(session)
+def test_the_same_bytes_when_made_twice(runs: PageRuns, session: Session) -> None:
+    assert runs_of(session) == runs

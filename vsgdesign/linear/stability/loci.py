@@ -53,13 +53,12 @@ def modes(
     ``count``: of the states that take part in each. ``known``: the eigenvectors of A, if they were computed before.
     ``most``: how many modes are asked for, None for all.
     """
-    eigenvalues, shares = participation_factors(A, known)
+    eigenvalues, shares = participation_factors(A, known) if count or known is None else (known.values, A[:0])
     s: Complex = eigenvalues.astype(complex) if T_s is None else to_continuous(eigenvalues, T_s)
-    found = []
+    found, damping = [], damping_ratio(s).tolist()
     for k in np.argsort(-s.real, kind="stable").tolist()[:most]:
         order = np.argsort(-shares[:, k], kind="stable")[:count].tolist()
-        damping = float(damping_ratio(s[k]))
-        found.append(Mode(complex(s[k]), damping, tuple((str(states[j]), float(shares[j, k])) for j in order)))
+        found.append(Mode(complex(s[k]), damping[k], tuple((str(states[j]), float(shares[j, k])) for j in order)))
     return tuple(found)
 
 

@@ -18,7 +18,7 @@ from vsgdesign.linear.stability.step_responses import full_order_settling
 from vsgdesign.metrics.modes import least_damping
 from vsgdesign.report.explore.answer import Answer
 from vsgdesign.report.explore.events import event_s, events_at, length_s, told_spec
-from vsgdesign.report.explore.scene import Shown, at_source, held_grid, shown_of
+from vsgdesign.report.explore.scene import Shown, at_source, held_grid, references_of, shown_of
 from vsgdesign.report.explore.state import State
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, LaneResults
@@ -271,9 +271,8 @@ def results_of(one: Shown, ready: Ready, state: State, cells: CellSet) -> LaneRe
 def lane_cases(study: Study, state: State, cells: CellSet) -> LaneCases:
     """The page's event in cells without faults. The references put each cell at the state's powers in spite of the
     droops."""
-    count, c, source = len(cells.R_g), study.converter, study.grid_source
-    P_ref = cells.P - cells.gains.D_p * (c.omega_n - source.omega_g)
-    Q_ref = cells.Q - cells.gains.D_q * (c.V_rated_rms - cells.V_rms)
+    count, source = len(cells.R_g), study.grid_source
+    P_ref, Q_ref = references_of(study, cells)
     references = zip(P_ref.tolist(), Q_ref.tolist(), strict=True)
     none = np.zeros(count)
     return LaneCases(

@@ -36,7 +36,8 @@ from vsgdesign.report.explore.lattice import (
 )
 from vsgdesign.report.explore.live import asked_of_steps, bands, told_note
 from vsgdesign.report.explore.page_cases import PageCase
-from vsgdesign.report.explore.page_runs import CellStart, page_runs, starts_of
+from vsgdesign.report.explore.page_runs import page_runs
+from vsgdesign.report.explore.page_starts import CellStarts, joined, starts_of
 from vsgdesign.report.explore.scene import scene_of
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
@@ -146,7 +147,7 @@ class _Part(NamedTuple):
 
     rows: list[list[dict[str, Any]]]
     limit_use: list[NDArray[np.float64]]
-    starts: list[CellStart]
+    starts: CellStarts
 
 
 def _part_of(study: Study, ready: Ready, states: Sequence[State]) -> _Part:
@@ -185,7 +186,7 @@ def _kept(
             ]
             for held, parts in found.items()
         }
-        cells = {held: (states[held], [one for part in parts for one in part.starts]) for held, parts in found.items()}
+        cells = {held: (states[held], joined([part.starts for part in parts])) for held, parts in found.items()}
         runs = page_runs(study, session.ready, lattice, cells, _models(session, study, states), texts, cases)
     tell("cells of the page", 1.0)
     scene = scene_of(study, session.ready, start)

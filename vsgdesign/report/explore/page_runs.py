@@ -7,7 +7,6 @@ puts these numbers into the loops (``page/engine.js``).
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -19,23 +18,21 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.codegen.llvm import LoopSpec
 from vsgdesign.codegen.llvm_loop import INTEGERS, POINTERS
-from vsgdesign.codegen.records import numbers_of
 from vsgdesign.codegen.wasm import wasm_module
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import References, gain_transfer
 from vsgdesign.equations.sampled_path import source_response
 from vsgdesign.equations.scheduler_data import SchedulerState
-from vsgdesign.errors import VsgDesignError
 from vsgdesign.linear.model.compiled import block_of, model_names
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.operating_point.plants import plant_steps
 from vsgdesign.linear.stability.loci import RANKED, quantity_of
 from vsgdesign.report.explore.columns import Columns
 from vsgdesign.report.explore.events import NAMES, STEP_NAME, after_s, event_s, study_of
 from vsgdesign.report.explore.lattice import Lattice, Texts
 from vsgdesign.report.explore.live import NOTHING
 from vsgdesign.report.explore.page_cases import PageCase, cases_document
+from vsgdesign.report.explore.page_starts import AtRest, CellStarts, at_rest
 from vsgdesign.report.explore.page_verdicts import (
     common_of_verdicts,
     function_spec,
@@ -43,7 +40,7 @@ from vsgdesign.report.explore.page_verdicts import (
     one_sample,
     verdict_loops,
 )
-from vsgdesign.report.explore.saving import WithoutEvent, saved_without_event
+from vsgdesign.report.explore.saving import WithoutEvent
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State, sizes_of_steps
 from vsgdesign.runtime.closed_form import closed_form_schedule
@@ -51,13 +48,9 @@ from vsgdesign.runtime.lookup import gain_lookup
 from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.bodies import names_of
 from vsgdesign.simulation.circuit_program import RAMP_DRIFT
-from vsgdesign.simulation.every_sample import with_every_sample
-from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.loop import log_names, spec_of
 from vsgdesign.simulation.rescheduled import refollowed, rescheduled
-from vsgdesign.simulation.run import begin_together, program_of
-from vsgdesign.simulation.run_state import RunOf, RunState
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
@@ -93,48 +86,11 @@ class PageRuns(NamedTuple):
     """What is behind it: the module, the columns of numbers, and the numbers of the cases."""
 
 
-class Start(NamedTuple):
-    """A controller at rest on a grid, before its event: its numbers, or why there is none."""
-
-    numbers: Array | None
-    """The rows of the loop, what the source adds per volt, the grid, and the state of its scheduler."""
-    why: str | None = None
-
-
-class CellStart(NamedTuple):
-    """All controllers on a grid, and the study file of what is shown there; None where nothing can be saved."""
-
-    starts: list[Start]
-    save: WithoutEvent | None
-
-
-def starts_of(study: Study, ready: Ready, states: Sequence[State]) -> list[CellStart]:
-    """The starts of the shown controllers in several states."""
-    found = []
-    for state in states:
-        scene = scene_of(study, ready, state)
-        save = None
-        with contextlib.suppress(VsgDesignError):
-            save = saved_without_event(scene, ready, state)
-        found.append(CellStart([_begun(scene, ready, state, k) for k in range(len(scene.shown))], save))
-    return found
-
-
-def _begun(scene: Scene, ready: Ready, state: State, k: int) -> Start:
-    fault = scene.cells.faults[k]
-    if fault is not None:
-        return Start(None, fault)
-    try:
-        return Start(_at_rest(study_of(scene, ready, state, k), ready).numbers)
-    except VsgDesignError as error:
-        return Start(None, str(error))
-
-
 def page_runs(
     study: Study,
     ready: Ready,
     lattice: Lattice,
-    cells: Mapping[bool, tuple[Sequence[State], Sequence[CellStart]]],
+    cells: Mapping[bool, tuple[Sequence[State], CellStarts]],
     models: Mapping[tuple[bool, int], FullOrderModel],
     texts: Texts,
     cases: Sequence[PageCase] = (),
@@ -151,27 +107,26 @@ def page_runs(
     columns = lattice.columns()
     info = _common(scene_of(study, ready, cells[False][0][0]), ready, cells[False][0][0])
     linear = _LinearLoops(loops)
-    for held, (states, starts) in cells.items():
+    for held, (states, found) in cells.items():
         documents = []
-        for k in range(len(starts[0].starts)):
-            own = [one.starts[k] for one in starts]
-            document = {"why": columns.whole(texts.numbers(one.why for one in own)), "there": 0}
-            good = next((at for at, one in enumerate(own) if one.numbers is not None), None)
-            if good is not None:
+        for k, own in enumerate(found.starts):
+            document = {"why": columns.whole(texts.numbers(own.why)), "there": 0}
+            if own.there.any():
+                good = int(np.argmax(own.there))
                 scene = scene_of(study, ready, states[good])
-                described, of_start = _at_rest(study_of(scene, ready, states[good], k), ready).described(ready)
+                described, of_start = _described(at_rest(study_of(scene, ready, states[good], k), ready), ready)
                 document |= described | _named(of_start, loops)
-                nothing = np.full_like(own[good].numbers, np.nan)
-                matrix = np.array([nothing if one.numbers is None else one.numbers for one in own])
-                document["there"] = columns.whole([one.numbers is not None for one in own])
-                document["numbers"] = [columns.exact(values) for values in matrix.T]
+                document["there"] = columns.whole(own.there)
+                document["numbers"] = [columns.exact(values) for values in own.numbers.T]
                 if (model := models.get((held, k))) is not None:
                     document["model"] = linear.document(model, of_start["loop"].rows)
             documents.append(document)
         info["held" if held else "controllers"] = documents
     grids = [Place(at.scr, at.x_over_r, study.scr_basis).grid(study.converter) for at in lattice.places]
     info["grids"] = [columns.exact([grid.R_g for grid in grids]), columns.exact([grid.L_g for grid in grids])]
-    info["saves"] = {"held" if held else "follow": _saves(columns, texts, one) for held, (_, one) in cells.items()}
+    info["saves"] = {
+        "held" if held else "follow": _saves(columns, texts, one.saves) for held, (_, one) in cells.items()
+    }
     info["cases"], behind = cases_document(cases, ready, loops, study.scr_basis, NOTHING)
     module, packed = wasm_module(loops), columns.packed()
     info |= {"places": {name: _places(spec) for name, spec in loops.items()}, "module": len(module)}
@@ -235,14 +190,14 @@ def _row_of_parameter(name: str) -> str:
     return f"refs.{name}" if name in References._fields else f"power_gains.{name}"
 
 
-def _saves(columns: Columns, texts: Texts, cells: Sequence[CellStart]) -> dict[str, Any]:
+def _saves(columns: Columns, texts: Texts, saves: Sequence[WithoutEvent | None]) -> dict[str, Any]:
     """The study files of all grids: of each its lines, and the references."""
-    files = [[] if one.save is None else one.save.text.splitlines() for one in cells]
+    files = [[] if one is None else one.text.splitlines() for one in saves]
     most = max(len(lines) for lines in files)
-    refs = np.array([(np.nan, np.nan) if one.save is None else one.save[2:] for one in cells])
+    refs = np.array([(np.nan, np.nan) if one is None else one[2:] for one in saves])
     return {
         "lines": [columns.whole(texts.numbers(_line(lines, k) for lines in files)) for k in range(most)],
-        "words": columns.whole(texts.numbers(None if one.save is None else one.save.words for one in cells)),
+        "words": columns.whole(texts.numbers(None if one is None else one.words for one in saves)),
         "refs": [columns.exact(values) for values in refs.T],
     }
 
@@ -302,59 +257,23 @@ def _set_points(c: Converter) -> dict[str, Any]:
     }
 
 
-class _AtRest(NamedTuple):
-    """A controller's run before its event, which is left out."""
-
-    study: Study
-    feed: Any
-    run: RunState
-    batch: Batch
-    rows: Array
-    """Those of the loop, as the first sample finds them."""
-
-    @property
-    def numbers(self) -> Array:
-        """What the page begins with on this grid."""
-        grid, T_s, feed = self.study.grid, self.study.converter.T_s, self.feed
-        source = plant_steps(self.study, grid.R_g, grid.L_g, T_s, self.study.grid_source.omega_g).source[0, 0]
-        own = feed.runtime if isinstance(feed, KnownGridScheduler) else None
-        state = [] if own is None else numbers_of(own.present)
-        parts = [self.rows, source.real, source.imag, [grid.R_g, grid.L_g], state]
-        return np.concatenate([np.asarray(part, dtype=float) for part in parts])
-
-    def described(self, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSpec]]:
-        """What is the same on every grid, and the loops."""
-        study, spec, kind = self.study, self.study.controllers[0], self.batch.kind
-        ramped = kind._replace(ramped=True)
-        loops = {"loop": spec_of(kind, log_names(kind)), "ramp": spec_of(ramped, log_names(ramped))}
-        document: dict[str, Any] = {
-            "uniform": self.batch.uniform.tolist(),
-            "ramp_uniform": Batch(ramped, study, 1).uniform.tolist(),
-            "gains": "fixed" if spec.kind == "fixed" else "listed",
-            "period_s": spec.update_period or study.converter.T_s,
-        }
-        if isinstance(self.feed, KnownGridScheduler):
-            own, loops["update"] = _following(self.feed, study, spec)
-            document |= own | {"period_s": self.feed.update_period}
-        marks = _marks(study, document["period_s"], study.converter.T_s, updates="update" in loops)
-        document["judge"] = judged_with(study, spec, ready)
-        return document | {"marks": marks, "phasors": self.run.phasors(marks).ravel().tolist()}, loops
-
-
-def _at_rest(study: Study, ready: Ready) -> _AtRest:
-    spec = study.controllers[0]
-    calm = with_every_sample(replace(study.with_limit_of(spec), events=()).made_strict())
-    feed = feed_of(calm, spec, build_timeline(calm), ready)
-    run = RunState(RunOf(calm, feed))
-    batch = begin_together([run], False)
-    writer, _ = program_of([run])
-    batch.follow(writer)
-    run.before(0)
-    rows, program = batch.rows[0, :, 0].copy(), batch.program
-    for at, row, count, source in zip(program.at, program.row, program.count, program.source, strict=True):
-        if at == 0:
-            rows[row : row + count] = program.values[source : source + count]
-    return _AtRest(calm, feed, run, batch, rows[: len(spec_of(batch.kind, log_names(batch.kind)).rows)])
+def _described(at: AtRest, ready: Ready) -> tuple[dict[str, Any], dict[str, LoopSpec]]:
+    """What is the same of a controller on every grid, and its loops."""
+    study, spec, kind = at.study, at.study.controllers[0], at.batch.kind
+    ramped = kind._replace(ramped=True)
+    loops = {"loop": spec_of(kind, log_names(kind)), "ramp": spec_of(ramped, log_names(ramped))}
+    document: dict[str, Any] = {
+        "uniform": at.batch.uniform.tolist(),
+        "ramp_uniform": Batch(ramped, study, 1).uniform.tolist(),
+        "gains": "fixed" if spec.kind == "fixed" else "listed",
+        "period_s": spec.update_period or study.converter.T_s,
+    }
+    if isinstance(at.feed, KnownGridScheduler):
+        own, loops["update"] = _following(at.feed, study, spec)
+        document |= own | {"period_s": at.feed.update_period}
+    marks = _marks(study, document["period_s"], study.converter.T_s, updates="update" in loops)
+    document["judge"] = judged_with(study, spec, ready)
+    return document | {"marks": marks, "phasors": at.run.phasors(marks).ravel().tolist()}, loops
 
 
 def _named(own: dict[str, LoopSpec], loops: dict[str, LoopSpec]) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,14 +73,32 @@ class Scene:
 
 def scene_of(study: Study, ready: Ready, state: State) -> Scene:
     """The scene of a state. ``study`` has the state's changes already, and ``ready`` contains its tables."""
+    return scenes_of(study, ready, [state])[0]
+
+
+def scenes_of(study: Study, ready: Ready, states: Sequence[State]) -> list[Scene]:
+    """The scenes of states that differ in their grid alone."""
+    state = states[0]
     study = at_source(study, state)
     c = study.converter
-    grid = Place(state.scr, state.x_over_r, study.scr_basis).grid(c)
+    grids = [Place(one.scr, one.x_over_r, study.scr_basis).grid(c) for one in states]
     held = held_grid(study, state)
     P, Q = state.P_pu * c.S_rated, state.Q_pu * c.S_rated
     shown, error = shown_of(study, ready, state), (state.error_R, state.error_X)
-    parts = [_cell(one, grid, held, P, Q, error) for one in shown]
-    return Scene(study=study, grid=grid, held=held, P=P, Q=Q, error=error, shown=shown, cells=_together(study, parts))
+    R_g, L_g = np.array([(grid.R_g, grid.L_g) for grid in grids]).T
+    parts = [_cells(one, R_g, L_g, held, P, Q, error) for one in shown]
+    return [
+        Scene(study=study, grid=grid, held=held, P=P, Q=Q, error=error, shown=shown, cells=_together(study, parts, k))
+        for k, grid in enumerate(grids)
+    ]
+
+
+def references_of(study: Study, cells: CellSet) -> tuple[np.ndarray, np.ndarray]:
+    """P_ref (W) and Q_ref (var), (N,) each, that put each cell at its powers in spite of its droops, as
+    :func:`vsgdesign.simulation.steps.references_at` says for one."""
+    c, gains = study.converter, cells.gains
+    P_ref = cells.P - gains.D_p * (c.omega_n - study.grid_source.omega_g)
+    return P_ref, cells.Q - gains.D_q * (c.V_rated_rms - cells.V_rms)
 
 
 def held_grid(study: Study, state: State) -> Grid | None:
@@ -137,25 +156,30 @@ def _note(study: Study, spec: ControllerSpec, ready: Ready) -> str | None:
     return f"The table was designed for other data, and its gains are not changed: {'; '.join(differences)}."
 
 
-def _cell(one: Shown, grid: Grid, held: Grid | None, P: float, Q: float, error: tuple[float, float]) -> CellSet:
+def _cells(
+    one: Shown, R_g: np.ndarray, L_g: np.ndarray, held: Grid | None, P: float, Q: float, error: tuple[float, float]
+) -> CellSet:
+    """A controller on several grids."""
     study = one.study
     if one.law is None:
         nothing = PowerLoopGains(*(np.nan,) * len(PowerLoopGains._fields))
-        return cell_set(study, grid.R_g, grid.L_g, P, Q, nothing, one.why or NO_GAINS)
-    gains = gains_in_force(study, one.law, grid.R_g, grid.L_g, P, Q, error=error, held=held)
-    return cell_set(study, grid.R_g, grid.L_g, P, Q, gains, one.law.why_none)
+        return cell_set(study, R_g, L_g, P, Q, nothing, one.why or NO_GAINS)
+    gains = gains_in_force(study, one.law, R_g, L_g, P, Q, error=error, held=held)
+    return cell_set(study, R_g, L_g, P, Q, gains, one.law.why_none)
 
 
-def _together(study: Study, parts: list[CellSet]) -> CellSet:
-    """Cells one after another."""
+def _together(study: Study, parts: list[CellSet], k: int) -> CellSet:
+    """The k-th cell of every controller."""
     if not parts:
         none = np.empty(0)
         return cell_set(study, none, none, none, none, PowerLoopGains(*[none] * len(PowerLoopGains._fields)))
+    return joined_cells([(part, k) for part in parts])
 
-    def joined(name: str) -> np.ndarray:
-        return np.concatenate([getattr(part, name) for part in parts])
 
-    gains = PowerLoopGains(*(np.concatenate(values) for values in zip(*(part.gains for part in parts), strict=True)))
-    arrays = {name: joined(name) for name in ("R_g", "L_g", "P", "Q", "V_rms", "delta")}
-    faults, outside = (tuple(text for part in parts for text in getattr(part, name)) for name in ("faults", "outside"))
-    return CellSet(**arrays, gains=gains, faults=faults, outside=outside)
+def joined_cells(cells: Sequence[tuple[CellSet, int]]) -> CellSet:
+    """Some cells of several sets, one after another."""
+    names = ("R_g", "L_g", "P", "Q", "V_rms", "delta")
+    arrays = {name: np.array([getattr(own, name)[k] for own, k in cells]) for name in names}
+    gains = np.array([[values[k] for values in own.gains] for own, k in cells]).T
+    faults, outside = (tuple(getattr(own, name)[k] for own, k in cells) for name in ("faults", "outside"))
+    return CellSet(**arrays, gains=PowerLoopGains(*gains), faults=faults, outside=outside)
