@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -23,6 +23,7 @@ from vsgdesign.equations.limiters import CIRCULAR
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.c_content import Origin, content_of, field_parts, network_of
 from vsgdesign.export.field import ConverterConstants, converter_constants
+from vsgdesign.export.unit_content import unit_content, unit_document
 from vsgdesign.identification.field import FINDS_WITHIN
 from vsgdesign.identification.field_network import field_network
 from vsgdesign.identification.neural import neural_estimator
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     from vsgdesign.artifacts.gain_table import TableBase
     from vsgdesign.artifacts.network_weights import NetworkWeights
+    from vsgdesign.export.unit import Unit
     from vsgdesign.study.parameters.study import Study
 
 KIND = "vsgdesign export c"
@@ -53,6 +55,9 @@ FILES = (
     "CMakeLists.txt",
     "INTEGRATION.md",
 )
+
+UNIT_FILES = ("vsg_unit.h", "vsg_unit.c")
+"""What a folder of a study's controller has besides FILES: the converter with ports, which wrappers call."""
 
 FIELD_FILES = ("vsg_field_laws.h", "vsg_field.c", "vsg_converter.c")
 """What a folder with the field estimator has besides FILES."""
@@ -191,38 +196,18 @@ def export_c(
     *,
     inputs: Iterable[str | Path] = (),
     converter: ConverterConstants | None = None,
+    unit: Unit | None = None,
 ) -> ExportedC:
     """C of a scheduler into the folder ``out``, which appears when everything is written. With the constants of a
-    ``converter`` it also has the field estimator.
+    ``converter`` it also has the field estimator, and with a ``unit`` the converter with ports.
 
     A folder from an earlier export is replaced as long as its files are as they were written, and none of the
     ``inputs`` is in it. Raises ArtifactError.
     """
     out, inputs = Path(out), tuple(inputs)
     check_folder_target(out, KIND, inputs, MANIFEST)  # before the work rather than after it
-    estimator = network_of(scheduler)
-    texts = render(scheduler, origin, converter)
-    manifest = plain(
-        {
-            "schema": SCHEMA,
-            "table": {"name": origin.table, "sha256": origin.table_sha256, "certificate": origin.certificate},
-            "study": {"name": origin.study, "hash": origin.study_hash},
-            "weights": None if estimator is None else {"sha256": origin.weights_sha256},
-            "generator": {"vsgdesign": __version__, "sha256": generator_hash()},
-            "limiter": origin.limiter,
-            "settings": asdict(scheduler.settings),
-            "network": None
-            if estimator is None
-            else {
-                "shape": [2 * estimator.samples * estimator.components, len(estimator.b_1), 2],
-                "v_limit": estimator.v_limit,
-                "i_limit": estimator.i_limit,
-            },
-            "field": None
-            if converter is None
-            else {"settings": converter.field_settings._asdict(), "network_sha256": converter.network_sha256},
-        }
-    )
+    texts = render(scheduler, origin, converter, unit)
+    manifest = plain(manifest_of(scheduler, origin, converter, unit))
     with staged_folder(out, KIND, inputs=inputs, record=MANIFEST) as folder:
         for name, text in texts.items():
             write_text(folder / name, text)
@@ -230,11 +215,57 @@ def export_c(
     return ExportedC(out, manifest)
 
 
-def render(scheduler: Scheduler, origin: Origin, converter: ConverterConstants | None = None) -> dict[str, str]:
+def export_unit_c(unit: Unit, out: str | Path, *, inputs: Iterable[str | Path] = ()) -> ExportedC:
+    """C of a study's controller with its ports into the folder ``out``, as :func:`export_c`. Raises ArtifactError."""
+    converter = unit.constants if unit.has_field else None
+    return export_c(unit.scheduler, unit.origin, out, inputs=inputs, converter=converter, unit=unit)
+
+
+def render_unit(unit: Unit) -> dict[str, str]:
+    """The texts of :func:`export_unit_c` by the names of their files."""
+    return render(unit.scheduler, unit.origin, unit.constants if unit.has_field else None, unit)
+
+
+def manifest_of(
+    scheduler: Scheduler, origin: Origin, converter: ConverterConstants | None, unit: Unit | None = None
+) -> dict[str, Any]:
+    """What the record of an exported folder says besides its files: the hashes of everything that it was made from."""
+    estimator = network_of(scheduler)
+    found: dict[str, Any] = {
+        "schema": SCHEMA,
+        "table": {"name": origin.table, "sha256": origin.table_sha256, "certificate": origin.certificate},
+        "study": {"name": origin.study, "hash": origin.study_hash},
+        "weights": None if estimator is None else {"sha256": origin.weights_sha256},
+        "generator": {"vsgdesign": __version__, "sha256": generator_hash()},
+        "limiter": origin.limiter,
+        "settings": asdict(scheduler.settings),
+        "network": None
+        if estimator is None
+        else {
+            "shape": [2 * estimator.samples * estimator.components, len(estimator.b_1), 2],
+            "v_limit": estimator.v_limit,
+            "i_limit": estimator.i_limit,
+        },
+        "field": None
+        if converter is None
+        else {"settings": converter.field_settings._asdict(), "network_sha256": converter.network_sha256},
+    }
+    return found if unit is None else found | {"unit": unit_document(unit)}
+
+
+def render(
+    scheduler: Scheduler, origin: Origin, converter: ConverterConstants | None = None, unit: Unit | None = None
+) -> dict[str, str]:
     """Every file's text by name."""
     content = content_of(scheduler, origin) | {"field": None if converter is None else field_parts(converter)}
-    names = FILES if converter is None else (*FILES, *FIELD_FILES)
-    return {name: _environment().get_template(f"{name}.j2").render(content) for name in names}
+    content["unit"] = None if unit is None else unit_content(unit)
+    names = (*FILES, *(() if converter is None else FIELD_FILES), *(() if unit is None else UNIT_FILES))
+    return {name: filled(name, content) for name in names}
+
+
+def filled(name: str, content: Mapping[str, Any]) -> str:
+    """A template with its content."""
+    return _environment().get_template(f"{name}.j2").render(content)
 
 
 @functools.cache
@@ -255,13 +286,19 @@ def _environment() -> jinja2.Environment:
     )
 
 
+_MODULES = (
+    *("c_code.py", "c_content.py", "field.py", "known_answers.py", "known_cycles.py", "laws.py"),
+    *("ports.py", "unit.py", "unit_content.py"),
+)
+
+
 def generator_hash() -> str:
     """SHA-256 of the templates and of the modules that fill them; the equations are in the files' own hashes."""
     digest = hashlib.sha256()
     room = resources.files("vsgdesign.export")
-    for name in sorted(f"{name}.j2" for name in (*FILES, *FIELD_FILES)):
+    for name in sorted(f"{name}.j2" for name in (*FILES, *FIELD_FILES, *UNIT_FILES)):
         digest.update((room / "templates" / name).read_bytes())
-    for name in ("c_code.py", "c_content.py", "field.py", "known_answers.py", "known_cycles.py", "laws.py"):
+    for name in _MODULES:
         digest.update((room / name).read_bytes())
     printer = resources.files("vsgdesign.codegen")
     for name in sorted(file.name for file in printer.iterdir() if file.name.endswith(".py")):

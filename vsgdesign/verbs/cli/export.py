@@ -1,22 +1,62 @@
-"""Verbs that write what the controller needs: C99 and ONNX."""
+"""Verbs that write the controller for other tools: C99, ONNX and wrappers of the exported C."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from vsgdesign.errors import counted
-from vsgdesign.verbs.cli.common import JSON, load, print_json, results_at, verb
+from vsgdesign.verbs.cli.common import JSON, echo_aside, load, print_json, progress, results_at, verb
+
+if TYPE_CHECKING:
+    from vsgdesign.export.unit import Unit
+    from vsgdesign.study.parameters.study import Study
+
+FILE = click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
+STUDY_OF_TABLE = click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
+)
+CONTROLLER = click.option(
+    "--controller", default=None, metavar="NAME", help="The controller of the study.  [default: the last one]"
+)
+OUT = click.option(
+    "--out", required=True, metavar="FOLDER", help="Folder to write. A folder with other files is refused."
+)
+
+
+def is_table(file: str) -> bool:
+    """Whether a file is taken for a gain table, and not for a study."""
+    return file.lower().endswith(".json")
+
+
+def unit_asked(
+    file: str, study_file: str | None, controller: str | None, rate: float | None = None
+) -> tuple[Unit, Study]:
+    """The controller that the arguments of a verb name, and its study."""
+    from vsgdesign.verbs.pipeline.export import unit_of_files
+
+    table = is_table(file)
+    if table and study_file is None:
+        problem = f"{file}: if it is a gain table, --study names the study with whose converter it is exported"
+        raise click.UsageError(problem)
+    if not table and study_file is not None:
+        raise click.UsageError("--study belongs to a TABLE.json; a study is given alone")
+    study = load(file if study_file is None else study_file, left_tables=not table)
+    with progress(quiet=False) as tell:
+        unit = unit_of_files(study, file if table else None, controller, rate=rate, progress=tell, say=echo_aside)
+    for note in unit.notes:
+        echo_aside(note)
+    return unit, study
 
 
 @click.group()
 def export() -> None:
-    """Write the controller as C99, or the network as ONNX."""
+    """Write the controller for another tool."""
 
 
 @export.command(name="c")
-@click.argument("table_file", metavar="TABLE.json", type=click.Path())
+@FILE
 @click.option(
     "--weights",
     default=None,
@@ -24,7 +64,8 @@ def export() -> None:
     type=click.Path(),
     help="Also write the network that estimates the impedance.",
 )
-@click.option("--out", required=True, metavar="FOLDER", help="Folder to write. A folder with other files is refused.")
+@OUT
+@CONTROLLER
 @click.option(
     "--study",
     "study_file",
@@ -67,9 +108,10 @@ def export() -> None:
 @JSON
 @verb
 def c(
-    table_file: str,
+    file: str,
     weights: str | None,
     out: str,
+    controller: str | None,
     study_file: str | None,
     v_limit: float | None,
     i_limit: float | None,
@@ -80,15 +122,33 @@ def c(
 ) -> None:
     """Write C99 of the scheduler, the controller and the estimator.
 
-    The folder also contains a self-test, and the hashes of everything that it was made from.
+    The folder also contains a self-test, and the hashes of everything that it was made from. Of a study, or of a table
+    with --study and --controller, it also has the controller with its ports, at rest at the operating point of the
+    study.
     """
     from vsgdesign.export import export_c_files
+    from vsgdesign.export.c_code import export_unit_c
 
+    if not is_table(file) or controller is not None:
+        of_tables = {"--weights": weights, "--v-limit": v_limit, "--i-limit": i_limit, "--estimator": estimator}
+        given = [name for name, value in of_tables.items() if value is not None] + ["--grid-phase"] * grid_phase
+        if given:
+            raise click.UsageError(f"{', '.join(given)}: of a TABLE.json alone; a controller of a study has its own")
+        with results_at(out):
+            unit, of = unit_asked(file, study_file, controller, rate)
+            made = export_unit_c(unit, out, inputs=(file, *of.input_files))
+            if as_json:
+                print_json({"folder": str(made.folder)} | made.manifest)
+                return
+            files = counted(len(made.manifest["files"]), "file")
+            click.echo(f"{made.folder}: {files} of controller {unit.controller} of study {of.name}")
+            click.echo(f"next: make -C {made.folder} test")
+        return
     study = None if study_file is None else load(study_file)
     changes: dict[str, Any] = {} if rate is None else {"rate": rate}
     with results_at(out):
         made = export_c_files(
-            table_file,
+            file,
             out,
             weights=weights,
             study=study,

@@ -167,14 +167,31 @@ def certify(
     return Proof(with_steps(study, spec, found, ready=ready, progress=progress))
 
 
-def export_c(source: DesignedTable | GainTable | str | Path, out: str | Path, **options: Any) -> ExportedC:
-    """Writes the C99 code of a table (or of its file) into the folder ``out``.
+def export_c(
+    source: Study | DesignedTable | GainTable | str | Path,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    **options: Any,
+) -> ExportedC:
+    """Writes the C99 code of a table (or of its file), or of a controller of a study, into the folder ``out``.
 
-    ``options`` are those of :func:`vsgdesign.export.export_c_files` (``weights``, ``study``, ``rate`` ...). Raises
-    ArtifactError where the table does not fit or the folder cannot be written.
+    ``controller`` names the controller of a study; None is the last one. Its folder has the converter with its ports.
+    ``options`` of a table are those of :func:`vsgdesign.export.export_c_files` (``weights``, ``study``, ``rate`` ...),
+    those of a study ``table`` and ``rate``. Raises ArtifactError where the table does not fit or the folder cannot be
+    written.
     """
     from vsgdesign.artifacts import write_table_file
     from vsgdesign.export import export_c_files
+
+    if isinstance(source, Study):
+        from vsgdesign.export.c_code import export_unit_c
+        from vsgdesign.verbs.pipeline.export import unit_of_study
+
+        given = options.pop("table", None)
+        table = given.table if isinstance(given, DesignedTable) else given
+        unit = unit_of_study(source, controller, table=table, **options)
+        return export_unit_c(unit, out, inputs=source.input_files)
 
     if isinstance(source, str | Path):
         return export_c_files(source, out, **options)

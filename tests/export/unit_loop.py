@@ -1,0 +1,279 @@
+"""An exported controller in closed loop with its plant, sample by sample: whatever wrapper it comes in."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.compilers import require_compiler
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.equations.controller import Measurement
+from vsgdesign.equations.frames import clarke, clarke_inverse, rms_to_peak
+from vsgdesign.export.compiled import CompiledControl, run_compiler
+from vsgdesign.export.ports import PortList
+from vsgdesign.export.unit import Unit, unit_of
+from vsgdesign.export.unit_content import lists_of
+from vsgdesign.linear.operating_point.plant import plant_step
+from vsgdesign.simulation import GainChange, simulate
+from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import Study, study_from_text
+
+CASES = {0: "hoang2025_5kva", 1: "lab_12kva_lcl"}
+"""Without and with a sample of delay."""
+
+STUDY = """
+base = "case:{case}"
+converter = {{ current_limit_pu = 1.2, current_limiter = "{limiter}" }}
+inner_loops = {{ transient_resistance_pu = 0.08 }}
+grid = {{ scr_basis = "impedance", scr = 3, x_over_r = 5 }}
+power_loops = {{ structure = "angle_damped", tau_P = "5 ms", tau_Q = "5 ms" }}
+simulation = {{ duration = "{duration} s", bridge = "averaged", log_interval = "{T_s} s", P_ref = "0.3 pu" }}
+controllers = [{{ name = "one", {controller} }}]
+"""
+
+FIXED = 'kind = "fixed"'
+
+
+def study_with(
+    delay: int, controller: str = FIXED, duration: float = 0.12, limiter: str = "projection", *, quiet: bool = False
+) -> Study:
+    """A step of the power, a jump of the grid from SCR 3 to 1.5, and a sag to 30 % for 30 ms; ``quiet``: without."""
+    text = f"""base = "case:{CASES[delay]}"
+controllers = [{{ name = "one", kind = "fixed" }}]
+simulation = {{ duration = "1 s", P_ref = "0 W", Q_ref = "0 var" }}"""
+    bare = study_from_text(text)
+    S, T_s = bare.converter.S_rated, bare.converter.T_s
+    text = STUDY.format(case=CASES[delay], limiter=limiter, duration=duration, T_s=T_s, controller=controller)
+    study = study_from_text(text.replace('"0.3 pu"', f'"{0.3 * S} W", Q_ref = "0 var"'))
+    if quiet:
+        return study
+    return study.with_events(
+        {"time": "0.01 s", "P_ref": f"{0.6 * S} W"},
+        {"time": "0.04 s", "grid": {"scr": 1.5, "x_over_r": 5}},
+        {"time": "0.07 s", "V_g_pu": 0.3},
+        {"time": "0.1 s", "V_g_pu": 1.0},
+    )
+
+
+Step = Callable[[np.ndarray], np.ndarray]
+"""What a wrapper does in a sample: outputs from inputs."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """P, Q (over rated), omega (over nominal), and i_s α and β (over rated) of every sample, and all outputs."""
+
+    figures: np.ndarray
+    outputs: np.ndarray
+
+
+class Plant:
+    """The circuit of a study between bridge and source, with the events of the study."""
+
+    def __init__(self, study: Study, unit: Unit) -> None:
+        c = study.converter
+        self.study, self.unit, self.T_s, self.omega = study, unit, c.T_s, c.omega_n
+        self.timeline = build_timeline(study)
+        v, i_s, i_g = unit.measured
+        R_c = study.filter.R_c
+        self.x = np.array([i_s, v - R_c * (i_s - i_g), i_g])
+        self.pending, self.R_c = unit.bridge, R_c
+        self.marks = {round(t / self.T_s): t for t in {0.0, *(event.t_s for event in study.events)}}
+        self.k, self.E = 0, self._source(0.0)
+        self.turn = np.exp(1j * self.omega * self.T_s)
+
+    def _source(self, t_s: float) -> complex:
+        source = self.timeline.source_at(t_s + 1e-9).at(t_s)
+        return rms_to_peak(source.V_g_rms) * np.exp(1j * source.phase)
+
+    def change(self) -> None:
+        """What an event changes before a sample."""
+        if self.k in self.marks:
+            t_s = self.marks[self.k]
+            circuit = self.study.circuit(self.timeline.grid_at(t_s + 1e-9))
+            self.step_of = plant_step(circuit, self.T_s, self.omega, edges=False)
+            self.refs = self.timeline.references_at(t_s + 1e-9)
+            if self.k:
+                before = self.timeline.source_at(t_s - 1e-9).at(t_s)
+                after = self.timeline.source_at(t_s + 1e-9).at(t_s)
+                ratio = after.V_g_rms / before.V_g_rms * np.exp(1j * (after.phase - before.phase))
+                self.E = self.E * ratio
+
+    @property
+    def measured(self) -> tuple[complex, complex, complex]:
+        """v, i_s and i_g now."""
+        i_s, v_c, i_g = self.x
+        return v_c + self.R_c * (i_s - i_g), i_s, i_g
+
+    def advance(self, v_b: complex) -> None:
+        """One sample with the bridge voltage that acts in it."""
+        step = self.step_of
+        self.x = step.transition @ self.x + step.bridge * v_b + step.source[0] * self.E
+        self.E, self.k = self.E * self.turn, self.k + 1
+
+
+def run_loop(
+    study: Study,
+    unit: Unit,
+    step: Step,
+    *,
+    late: int = 0,
+    acts_now: bool = False,
+    samples: int = 0,
+    empty: bool = False,
+) -> Run:
+    """A wrapper in closed loop. ``late``: so many samples more until a voltage acts. ``acts_now``: the wrapper gives
+    what acts in this sample, and not what it has made for the next. ``empty``: the circuit begins without energy."""
+    c, ports = study.converter, lists_of(unit)["controller"]
+    at_in = {port.name: k for k, port in enumerate(ports.inputs)}
+    at_out = {port.name: k for k, port in enumerate(ports.outputs)}
+    plant, given = Plant(study, unit), np.array([port.start for port in ports.inputs])
+    if empty:
+        plant.x[:] = 0.0
+    waits = [0j if empty else unit.bridge] * ((0 if acts_now else c.delay_samples) + late)
+    figures, outputs = [], []
+    for _ in range(samples or round(study.simulation.duration / c.T_s)):
+        plant.change()
+        v, i_s, i_g = plant.measured
+        for name, value in (("v", v), ("i_s", i_s), ("i_g", i_g), ("v_grid", v)):
+            given[at_in[f"{name}_a"] : at_in[f"{name}_a"] + 3] = phases(value)
+        given[at_in["P_ref"]], given[at_in["Q_ref"]] = plant.refs.P_ref, plant.refs.Q_ref
+        if "R_g" in at_in:
+            grid = plant.timeline.true_grid_at(max((plant.k - 0.5) * c.T_s, 0.0))
+            given[at_in["R_g"]], given[at_in["L_g"]] = grid.R_g, grid.L_g
+        out = np.array(step(given))
+        outputs.append(out)
+        figures.append(
+            [
+                out[at_out["P"]] / c.S_rated,
+                out[at_out["Q"]] / c.S_rated,
+                out[at_out["omega"]] / c.omega_n,
+                i_s.real / c.I_rated_pk,
+                i_s.imag / c.I_rated_pk,
+            ]
+        )
+        waits.append(vector(out[at_out["v_b_a"] : at_out["v_b_a"] + 3]))
+        plant.advance(waits.pop(0))
+    return Run(np.array(figures), np.array(outputs))
+
+
+def phases(vector_of: complex) -> tuple[float, float, float]:
+    """Three phases of α + jβ."""
+    return clarke_inverse(float(vector_of.real), float(vector_of.imag))
+
+
+def vector(abc: Any) -> complex:
+    """α + jβ of three phases."""
+    return complex(*clarke(*map(float, abc)))
+
+
+def simulated(study: Study, unit: Unit) -> np.ndarray:
+    """The same figures from ``simulate`` with the controller's fixed gains."""
+    run = simulate(study, [GainChange(0.0, unit.gains)])
+    c = study.converter
+    scale = {"P": c.S_rated, "Q": c.S_rated, "omega": c.omega_n, "i_s_alpha": c.I_rated_pk, "i_s_beta": c.I_rated_pk}
+    return np.column_stack([run.column(name) / size for name, size in scale.items()])
+
+
+def plain_c(control: CompiledControl, unit: Unit) -> Step:
+    """``vsg_control_step`` itself, at rest where the unit is, with the phases of the wrapper around it."""
+    ports = lists_of(unit)["controller"]
+    at_in = {port.name: k for k, port in enumerate(ports.inputs)}
+    names = [port.name for port in ports.outputs]
+    for name, value in unit.rest._asdict().items():
+        if isinstance(value, tuple):
+            for inner, number in unit.rest.limiter._asdict().items():
+                setattr(control.data.state.limiter, inner, number)
+        else:
+            setattr(control.data.state, name, value)
+
+    def step(given: np.ndarray) -> np.ndarray:
+        three = (vector(given[at_in[f"{name}_a"] : at_in[f"{name}_a"] + 3]) for name in ("v", "i_s", "i_g"))
+        control.data.refs.P_ref, control.data.refs.Q_ref = given[at_in["P_ref"]], given[at_in["Q_ref"]]
+        out = control.step(Measurement(*(part for value in three for part in (value.real, value.imag))))
+        told = dict(zip(("v_b_a", "v_b_b", "v_b_c"), phases(complex(out.v_b_alpha, out.v_b_beta)), strict=True))
+        told |= {"P": out.P, "Q": out.Q, "omega": out.omega, "limited": out.limited}
+        return np.array([told.get(name, math.nan) for name in names])
+
+    return step
+
+
+def control_of(made: Any, unit: Unit) -> CompiledControl:
+    """The compiled controller with the constants of a unit."""
+    k = unit.constants
+    return made.control(unit.gains, k.inner_gains, unit.grid, unit.references, k.controller_settings)
+
+
+class Library:
+    """The converter with ports of an exported folder, compiled in double precision and called by ctypes."""
+
+    def __init__(self, folder: Path, build: Path, unit: Unit, variant: str = "controller", *flags: str) -> None:
+        require_compiler("gcc")
+        self.ports: PortList = lists_of(unit)[variant]
+        self.word = {"controller": "unit", "reference": "loops"}[variant]
+        place = build / f"lib{self.word}.so"
+        sources = [str(path) for path in sorted(folder.glob("*.c")) if path.name != "vsg_selftest.c"]
+        command = ["gcc", "-std=c99", "-w", "-O0", "-ffp-contract=off", "-shared", "-fPIC", "-DVSG_DOUBLE", *flags]
+        run_compiler([*command, *sources, "-o", str(place), "-lm"])
+        self._library = ctypes.CDLL(str(place))
+        self.parameters = np.array([port.start for port in self.ports.parameters])
+
+    def instance(self, **parameters: float) -> Instance:
+        """One converter, begun with these parameters."""
+        return Instance(self, parameters)
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """A function of the variant."""
+        getattr(self._library, f"vsg_{self.word}_{name}")(*arguments)
+
+
+class Instance:
+    """One converter with ports."""
+
+    def __init__(self, library: Library, parameters: dict[str, float]) -> None:
+        self._library = library
+        self._struct = ctypes.create_string_buffer(1 << 16)
+        self.names = [port.name for port in library.ports.parameters]
+        self.parameters = library.parameters.copy()
+        for name, value in parameters.items():
+            self.parameters[self.names.index(name)] = value
+        library.call("begin", self._struct, _doubles(self.parameters))
+
+    def step(self, given: np.ndarray) -> np.ndarray:
+        """One sample."""
+        outputs = np.zeros(len(self._library.ports.outputs))
+        inputs = np.ascontiguousarray(given, dtype=float)
+        self._library.call("step", self._struct, _doubles(inputs), _doubles(self.parameters), _doubles(outputs))
+        return outputs
+
+    def follow(self, given: np.ndarray) -> None:
+        """Begin from what is measured."""
+        inputs = np.ascontiguousarray(given, dtype=float)
+        self._library.call("follow", self._struct, _doubles(inputs), _doubles(self.parameters))
+
+    def save(self) -> np.ndarray:
+        """Every number of the state."""
+        numbers = np.full(len(self._library.ports.states), np.nan)
+        self._library.call("save", self._struct, _doubles(numbers))
+        return numbers
+
+    def load(self, numbers: np.ndarray) -> None:
+        """Go on from a state."""
+        self._library.call("load", self._struct, _doubles(np.ascontiguousarray(numbers)))
+
+
+def _doubles(array: np.ndarray) -> Any:
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+
+@functools.cache
+def unit_with(delay: int, controller: str = FIXED, limiter: str = "projection") -> Unit:
+    """The unit of :func:`study_with`."""
+    return unit_of(study_with(delay, controller, limiter=limiter), ready=NOTHING)

@@ -1,0 +1,401 @@
+"""Ports, parameters and state of an exported controller: one list, out of the records that run on a converter.
+
+Every wrapper is printed from this list. A port takes its unit and its meaning from the record of the equations in which
+its number is (:mod:`vsgdesign.export.numbers`); the records of this module hold what only a wrapper has.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from vsgdesign.codegen.described import DescribedNumber, described_numbers
+from vsgdesign.equations.controller import ControllerOutput, ControllerState, Measurement
+from vsgdesign.equations.frames import clarke_inverse
+from vsgdesign.equations.limiters import GridEstimate
+from vsgdesign.equations.notation import Count
+from vsgdesign.equations.power_loops import References
+from vsgdesign.equations.scheduler_data import SchedulerState
+from vsgdesign.equations.synchronising import GridWatch
+from vsgdesign.export.unit import Unit
+from vsgdesign.runtime.guards import STATUSES
+
+VARIANTS = ("controller", "reference")
+"""The whole controller, whose output is the bridge voltage, and its power loops alone, whose output is a voltage."""
+
+INPUT, OUTPUT, FIXED, TUNABLE = "input", "output", "fixed", "tunable"
+"""What a port is: an input, an output, a parameter that is read at the start, or one that may change at any time."""
+
+
+class Asked(NamedTuple):
+    """What a wrapper asks besides the measured values."""
+
+    closed: Any = 1.0
+    """1 while the breaker between the converter and the grid is closed, else 0."""
+    estimated: Any = 1.0
+    """1 while R_g and L_g are an estimate that may be followed, else 0."""
+    delta: Any = 0.0
+    """Angle of the measured voltage against a frame that turns at the nominal frequency from the start on, rad."""
+    scheduling: Any = 1.0
+    """1: the gains follow the estimate; 0: they stay as they are."""
+    probe: Any = 1.0
+    """1: the field estimator sends its probe; 0: it does not."""
+    i_max_pk: Any = 0.0
+    """Current limit, A peak."""
+    start: Any = 0.0
+    """0: the controller begins at rest at the operating point; 1: it follows the measured voltage until it is ready."""
+    P_start: Any = 0.0
+    """Active power at which it begins at rest, W."""
+    Q_start: Any = 0.0
+    """Reactive power at which it begins at rest, var."""
+    V_start: Any = 0.0
+    """Voltage of the power loops at which it begins at rest, V phase rms."""
+    theta_start: Any = 0.0
+    """Angle at which it begins at rest, rad."""
+
+
+class Told(NamedTuple):
+    """What a wrapper tells besides the controller's own output."""
+
+    used: Any
+    """1 if the sample was used; 0 if it was left out, because a number in it was no number or beyond every limit."""
+    ready: Any
+    """1 if the breaker may close, or is closed; 0 while the controller follows the measured voltage and is not in step
+    with it yet."""
+    reason: Any
+    """Number of the reason why the last estimate was not followed; 0 if it was."""
+    delta: Any
+    """Angle of the converter's voltage against a frame that turns at the nominal frequency from the start on, rad."""
+
+
+class UnitMemory(NamedTuple):
+    """What a wrapper remembers besides the controller and its scheduler."""
+
+    steps: Count
+    """Samples since the start."""
+    following: Count
+    """1 while it follows the measured voltage, else 0."""
+    seeded: Count
+    """1 if it has seen the voltage that it follows, else 0."""
+    apart: Count
+    """1 if the breaker was open in the last sample, else 0."""
+    in_step: Count
+    """Samples in which the breaker might have closed, without one between them in which it might not."""
+    limited: Count
+    """Samples since the last update of the gains in which the current limiter acted."""
+    status: Count
+    """Bits of the scheduler's last answer."""
+    reason: Count
+    """Reason of the scheduler's last answer."""
+    frame: Any
+    """Angle of the frame that turns at the nominal frequency, rad."""
+
+
+STATUS_MEANINGS = {
+    "fresh": "1 if the scheduler followed the last estimate, else 0",
+    "held": "1 if the scheduler did not follow the last estimate, else 0: see the reason",
+    "clamped": "1 if P, Q, V or the estimated grid is outside the box of the schedule, else 0",
+    "limited": "1 if the place of the gains is still on its way to the estimate, else 0",
+    "fallback": "1 if the scheduler was too long in doubt or without an estimate, and its place moves to the safe one",
+    "refused": "1 if what the scheduler was given could not be used, else 0",
+    "doubt": "1 if the grid may have changed since the last estimate that was followed, else 0",
+    "partly": "1 if the estimate is less certain than the design allows, and is followed in part, else 0",
+}
+
+
+@dataclass(frozen=True)
+class Port:
+    """One number that goes into an exported controller or comes out of it."""
+
+    name: str
+    unit: str
+    """As the records write it; 1 for a number without a unit."""
+    meaning: str
+    kind: str
+    """INPUT, OUTPUT, FIXED or TUNABLE."""
+    start: float
+    """With which it begins; of an output, its value at rest."""
+    low: float = -math.inf
+    high: float = math.inf
+
+
+@dataclass(frozen=True)
+class Stored:
+    """One number of a controller's state."""
+
+    name: str
+    """Where it is in the struct of C."""
+    unit: str
+    meaning: str
+    whole: bool
+    bits: int = 0
+    """Of a whole number; 0 for a real one."""
+
+
+@dataclass(frozen=True)
+class PortList:
+    """Everything that a wrapper is printed from."""
+
+    variant: str
+    ports: tuple[Port, ...]
+    states: tuple[Stored, ...]
+
+    def of(self, *kinds: str) -> list[Port]:
+        """The ports of some kinds, in order."""
+        return [port for port in self.ports if port.kind in kinds]
+
+    @property
+    def inputs(self) -> list[Port]:
+        """What is read in every sample."""
+        return self.of(INPUT)
+
+    @property
+    def outputs(self) -> list[Port]:
+        """What is written in every sample."""
+        return self.of(OUTPUT)
+
+    @property
+    def parameters(self) -> list[Port]:
+        """Fixed and tunable parameters."""
+        return self.of(FIXED, TUNABLE)
+
+    def document(self) -> dict[str, Any]:
+        """The list in JSON's types; a limit that is not there is None."""
+
+        def limit(value: float) -> float | None:
+            return value if math.isfinite(value) else None
+
+        return {
+            "variant": self.variant,
+            "ports": [
+                {
+                    "name": one.name,
+                    "kind": one.kind,
+                    "unit": one.unit,
+                    "meaning": one.meaning,
+                    "start": one.start,
+                    "low": limit(one.low),
+                    "high": limit(one.high),
+                }
+                for one in self.ports
+            ],
+            "states": [{"name": one.name, "unit": one.unit, "meaning": one.meaning} for one in self.states],
+        }
+
+
+def port_list(unit: Unit, variant: str, structs: Mapping[str, str]) -> PortList:
+    """The ports and the state of one variant of an exported controller. ``structs``: what C calls the records."""
+    ports = _of_controller(unit) if variant == "controller" else _of_reference(unit)
+    return PortList(variant, tuple(ports), tuple(_states(unit, variant, structs)))
+
+
+def _of_controller(unit: Unit) -> Iterator[Port]:
+    refs, S, asked = unit.references, unit.S_rated, unit.asked
+    v, i_s, i_g = (_phases(value) for value in unit.measured)
+    yield from _abc("v", Measurement, "v_alpha", INPUT, v)
+    yield from _abc("i_s", Measurement, "i_s_alpha", INPUT, i_s)
+    yield from _abc("i_g", Measurement, "i_g_alpha", INPUT, i_g)
+    grid = described_numbers(GridWatch)[0]._replace(meaning="Voltage of the grid behind the breaker")
+    yield from _abc("v_grid", grid, "", INPUT, v)
+    yield _one(Asked, "closed", INPUT, 1.0, 0.0, 1.0)
+    yield from _references(refs, S)
+    yield from _estimate(unit, not unit.has_field)
+    yield from _abc("v_b", ControllerOutput, "v_b_alpha", OUTPUT, _phases(unit.bridge))
+    yield _one(ControllerOutput, "omega", OUTPUT, unit.omega)
+    yield _one(ControllerState, "theta", OUTPUT, unit.rest.theta)
+    yield _one(ControllerState, "V", OUTPUT, unit.rest.V, name="V_rms")
+    yield _one(ControllerOutput, "P", OUTPUT, unit.powers[0])
+    yield _one(ControllerOutput, "Q", OUTPUT, unit.powers[1])
+    yield _one(ControllerOutput, "limited", OUTPUT, 0.0, 0.0, 1.0)
+    yield _one(Told, "used", OUTPUT, 1.0, 0.0, 1.0)
+    yield from _told(unit)
+    if unit.limit_may_move:
+        yield _one(Asked, "i_max_pk", TUNABLE, asked.i_max_pk, 0.0, asked.i_max_pk, name="i_max")
+    if unit.has_field:
+        yield _one(Asked, "probe", TUNABLE, 1.0, 0.0, 1.0)
+    yield from _starts(unit)
+
+
+def _of_reference(unit: Unit) -> Iterator[Port]:
+    V_n = unit.references.V_n
+    yield _one(ControllerOutput, "P", INPUT, unit.powers[0])
+    yield _one(ControllerOutput, "Q", INPUT, unit.powers[1])
+    measured = _number(ControllerState, "V")._replace(meaning="Measured voltage")
+    yield _port(measured, "V", INPUT, unit.rest.V, 0.0, 2.0 * V_n)
+    yield _one(Asked, "delta", INPUT, unit.rest.theta, name="delta_v")
+    yield _one(Asked, "closed", INPUT, 1.0, 0.0, 1.0)
+    yield from _references(unit.references, unit.S_rated)
+    yield from _estimate(unit, True)
+    yield _one(ControllerState, "V", OUTPUT, unit.rest.V, name="V_rms")
+    yield _one(ControllerState, "theta", OUTPUT, unit.rest.theta)
+    yield _one(Told, "delta", OUTPUT, unit.rest.theta)
+    yield _one(ControllerOutput, "omega", OUTPUT, unit.omega)
+    yield _one(Told, "used", OUTPUT, 1.0, 0.0, 1.0)
+    yield from _told(unit)
+    yield from _starts(unit)
+
+
+def _references(refs: References, S: float) -> Iterator[Port]:
+    for name, low, high in (
+        ("P_ref", -2.0 * S, 2.0 * S),
+        ("Q_ref", -2.0 * S, 2.0 * S),
+        ("omega_0", 0.9 * refs.omega_0, 1.1 * refs.omega_0),
+        ("V_n", 0.5 * refs.V_n, 1.5 * refs.V_n),
+    ):
+        port = _one(References, name, INPUT, getattr(refs, name), low, high)
+        yield Port(port.name, port.unit, f"Set point: {_lower(port.meaning)}", *_rest_of(port))
+
+
+def _estimate(unit: Unit, given: bool) -> Iterator[Port]:
+    """What the scheduler is given by an estimator outside, and whether it is to follow it."""
+    if not unit.scheduled:
+        return
+    c = unit.scheduler.settings
+    if given:
+        for name, quantity, unit_of, limits in (
+            ("R_g", "resistance", "Ω", c.R_g),
+            ("L_g", "inductance", "H", c.L_g),
+        ):
+            meaning = f"Estimated {quantity} of the grid at the PCC"
+            yield Port(name, unit_of, meaning, INPUT, getattr(unit.grid, name), *map(float, limits))
+        yield _one(Asked, "estimated", INPUT, 1.0, 0.0, 1.0)
+    yield _one(Asked, "scheduling", TUNABLE, 1.0, 0.0, 1.0)
+
+
+def _told(unit: Unit) -> Iterator[Port]:
+    yield _one(Told, "ready", OUTPUT, 1.0, 0.0, 1.0)
+    for name, unit_of, value in (("R_g", "Ω", unit.grid.R_g), ("L_g", "H", unit.grid.L_g)):
+        quantity = "resistance" if name == "R_g" else "inductance"
+        yield Port(f"{name}_of_gains", unit_of, f"Grid {quantity} that the gains are made for", OUTPUT, value)
+    if unit.scheduled:
+        for bit, name in STATUSES.items():
+            start = float(bool(unit.first_status & bit))
+            yield Port(f"status_{name}", "1", STATUS_MEANINGS[name], OUTPUT, start, 0.0, 1.0)
+        yield _one(Told, "reason", OUTPUT, 0.0, 0.0, 8.0)
+
+
+def _starts(unit: Unit) -> Iterator[Port]:
+    at, S, V_n = unit.asked, unit.S_rated, unit.references.V_n
+    yield _one(Asked, "start", FIXED, 0.0, 0.0, 1.0)
+    yield _one(Asked, "P_start", FIXED, at.P_start, -2.0 * S, 2.0 * S)
+    yield _one(Asked, "Q_start", FIXED, at.Q_start, -2.0 * S, 2.0 * S)
+    yield _one(Asked, "V_start", FIXED, at.V_start, 0.0, 2.0 * V_n)
+    yield _one(Asked, "theta_start", FIXED, at.theta_start, -math.pi, math.pi)
+
+
+def _number(record: Any, field: str) -> DescribedNumber:
+    return next(one for one in described_numbers(record) if one.name == field)
+
+
+def _port(
+    number: DescribedNumber, name: str, kind: str, start: float, low: float = -math.inf, high: float = math.inf
+) -> Port:
+    return Port(name, number.unit, number.meaning, kind, float(start), low, high)
+
+
+def _one(
+    record: Any, field: str, kind: str, start: float, low: float = -math.inf, high: float = math.inf, name: str = ""
+) -> Port:
+    """A port that is one number of a record."""
+    return _port(_number(record, field), name or field, kind, start, low, high)
+
+
+def _abc(name: str, of: Any, field: str, kind: str, start: tuple[float, ...]) -> Iterator[Port]:
+    """The three phases of what a record has as α and β."""
+    number = of if isinstance(of, DescribedNumber) else _number(of, field)
+    for phase, value in zip("abc", start, strict=True):
+        meaning = f"{number.meaning}, phase {phase}"
+        unit = number.unit.removesuffix(" peak")
+        yield Port(f"{name}_{phase}", unit, meaning, kind, value)
+
+
+def _rest_of(port: Port) -> tuple[str, float, float, float]:
+    return port.kind, port.start, port.low, port.high
+
+
+def _lower(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def _phases(vector: complex) -> tuple[float, float, float]:
+    """Phases of α + jβ, without a zero sequence."""
+    a, b, c = clarke_inverse(vector.real, vector.imag)
+    return float(a), float(b), float(c)
+
+
+_MEMBER = re.compile(r"^    (\w+) (\w+)(?:\[\d+\])?;", re.MULTILINE)
+
+
+def _states(unit: Unit, variant: str, structs: Mapping[str, str]) -> Iterator[Stored]:
+    """Every number that goes from one sample to the next, with its place in the struct of the variant."""
+    where: dict[str, str] = {"memory.": "vsg_unit_memory_t"}
+    described: dict[str, list[DescribedNumber]] = {"memory.": described_numbers(UnitMemory)}
+    within = "x." if unit.has_field and variant == "controller" else ""
+    if variant == "controller":
+        for part, struct, record, first in (
+            ("control.state.", "vsg_controller_state_t", ControllerState, unit.rest),
+            ("control.lost.", "vsg_controller_state_lost_t", None, None),
+            ("control.gains.", "vsg_gains_t", type(unit.gains), None),
+            ("control.grid.", "vsg_grid_estimate_t", GridEstimate, None),
+            ("control.refs.", "vsg_references_t", References, None),
+        ):
+            path = f"{within}{part}"
+            where[path] = struct
+            described[path] = [] if record is None else described_numbers(record, first)
+        where["watch."], described["watch."] = "vsg_grid_watch_t", described_numbers(GridWatch)
+    else:
+        where |= {"power.gains.": "vsg_gains_t", "power.refs.": "vsg_references_t", "grid.": "vsg_grid_estimate_t"}
+        described |= {"power.gains.": described_numbers(type(unit.gains)), "power.refs.": described_numbers(References)}
+        described["grid."] = described_numbers(GridEstimate)
+        for name, field in POWER_FIELDS.items():
+            number = _number(ControllerState, field)
+            yield Stored(f"power.{name}", number.unit, number.meaning, False)
+        for k in range(3):
+            yield Stored(f"power.lost[{k}]", "1", LOST, False)
+    if unit.scheduled:
+        path = f"{within}scheduler."
+        where[path], described[path] = "vsg_scheduler_t", described_numbers(SchedulerState)
+    if unit.has_field and variant == "controller":
+        where |= unit.field_structs
+        described |= unit.field_numbers
+        for path, kind in unit.field_members.items():
+            yield Stored(path, "1", "Of the field estimator", kind != "vsg_real_t", _bits(kind))
+    for path, struct in where.items():
+        known = {number.name: number for number in described.get(path, [])}
+        for member, kind in members(structs, struct):
+            number = known.get(member)
+            meaning = LOST if number is None else number.meaning
+            unit_of = "1" if number is None else number.unit
+            yield Stored(f"{path}{member}", unit_of, meaning, kind != "vsg_real_t", _bits(kind))
+
+
+LOST = "What rounding left out of an integrator"
+
+POWER_FIELDS = {
+    "theta": "theta",
+    "omega_i": "omega_i",
+    "V_rms": "V",
+    "P_f": "P_f",
+    "Q_f": "Q_f",
+    "ripple_P": "ripple_P",
+    "ripple_Q": "ripple_Q",
+    "mean_P": "mean_P",
+    "mean_Q": "mean_Q",
+}
+"""What ``vsg_power_t`` calls the states of the power loops."""
+
+
+def members(structs: Mapping[str, str], struct: str, path: str = "") -> Iterator[tuple[str, str]]:
+    """Every number of a struct of C with its type, those of the structs in it included."""
+    for kind, name in _MEMBER.findall(structs[struct]):
+        if kind in structs:
+            yield from members(structs, kind, f"{path}{name}.")
+        else:
+            yield f"{path}{name}", kind
+
+
+def _bits(kind: str) -> int:
+    return {"uint32_t": 32, "uint16_t": 16}.get(kind, 0)
