@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.normals import NormalStream
 from vsgdesign.equations.controller import Measurement
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.simulation.background import Background, Interval
@@ -20,7 +21,7 @@ from vsgdesign.simulation.circuits import Circuits, connection_at
 from vsgdesign.simulation.sample import SensorChannel, Sensors
 from vsgdesign.simulation.strictly import directions
 from vsgdesign.simulation.timeline import Timeline
-from vsgdesign.study.parameters.ranges import stream
+from vsgdesign.simulation.wander import normal_stream
 from vsgdesign.study.parameters.sensors import CHANNELS, SensorSpec
 from vsgdesign.study.parameters.study import Study
 
@@ -165,29 +166,30 @@ class SensorsOfRun:
         """What was true one sample before the first."""
         channels = [SensorChannel(*values) for values in np.stack([gains, offsets, steps, limit], axis=1).tolist()]
         self.constants = Sensors(*channels, late_v=max(-lag, 0.0), late_i=max(lag, 0.0))
-        self._seed, self._stream, self._next = spec.seed, stream(spec.seed, "noise", 0), 0
+        self._seed, self._next = spec.seed, -1
+        self._stream: NormalStream | None = None
 
     def noise(self, first: int, count: int) -> Array:
         """What is added to each reading of samples first … first + count − 1: (count, 9), channels in the order of
         ``CHANNELS``."""
         found = np.zeros((count, len(CHANNELS)))
         if self.rms.any():
-            self.draw(first, found)
-            found *= self.rms
+            self.put(first, found)
         return found
 
-    def draw(self, first: int, normal: Array) -> None:
-        """Puts the normal numbers of rms 1 of the samples from ``first`` on into ``normal`` (count, 9), contiguous.
+    def put(self, first: int, out: Array, again: int = 0) -> None:
+        """Puts the same from sample ``first`` on into ``out`` (count, 9), which may lie anywhere, and each number once
+        more so many numbers after its place.
 
         Each block of samples has a stream of its own. To go on where the last call ended costs nothing but the draw.
         """
         done = 0
-        while done < len(normal):
+        while done < len(out):
             block, at = divmod(first + done, NOISE_BLOCK)
-            if at == 0 or first + done != self._next:
-                self._stream = stream(self._seed, "noise", block)
-                self._stream.standard_normal((at, len(CHANNELS)))
-            part = normal[done : done + NOISE_BLOCK - at]
-            self._stream.standard_normal(out=part)
+            if self._stream is None or at == 0 or first + done != self._next:
+                self._stream = normal_stream(self._seed, "noise", block)
+                self._stream.skip(at * len(CHANNELS))
+            part = out[done : done + NOISE_BLOCK - at]
+            self._stream.put(part, self.rms, again)
             done += len(part)
             self._next = first + done

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.normals import NormalStream
 from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.ranges import stream
 from vsgdesign.study.parameters.replay import ReplaySpec
@@ -145,7 +146,9 @@ class Wander:
     def _normal(self, index: int, name: str, rms: float) -> Array:
         if rms == 0.0:
             return np.zeros(BLOCK)
-        return rms * stream(self.spec.seed, name, index).standard_normal(BLOCK)
+        found = np.empty((BLOCK, 1))
+        normal_stream(self.spec.seed, name, index).put(found, np.array([rms]))
+        return found[:, 0]
 
     def _steps(self, index: int, name: str, per_minute: float, sizes: tuple[float, float]) -> Array:
         """Steps of either sign at random instants, each at the sample that follows."""
@@ -156,6 +159,11 @@ class Wander:
             places, signs = rng.integers(0, BLOCK, count), rng.choice([-1.0, 1.0], count)
             np.add.at(found, places, signs * rng.uniform(*sizes, count))
         return found
+
+
+def normal_stream(seed: int, *names: str | int) -> NormalStream:
+    """The normal numbers of one purpose, which ``names`` tell from all others of the same seed."""
+    return NormalStream(stream(seed, *names).bit_generator)
 
 
 def _recursion(kept: float, drive: Array, begin: float) -> Array:

@@ -40,21 +40,16 @@ class LaneFeed:
         self._sources: list[_SourceOfLane] = []
         self._sensors: list[SensorsOfRun] = []
         self._columns = len(fed_names(batch.kind._replace(added=batch.kind.moved)))
-        groups, _, width = batch.rows.shape
-        self._rms = np.zeros((groups, len(CHANNELS), width))
-        self._normal, self._room = np.zeros((width, 0, len(CHANNELS))), np.zeros((0, 0, self._columns, width))
+        self._room = np.zeros((0, 0, self._columns, batch.rows.shape[2]))
 
     def add_sensors(self, specs: Sequence[SensorSpec], x: Array, omega: Array) -> None:
         """``x`` (2n, N): the circuits' states at the beginning; ``omega`` (N,): of the sources there, rad/s."""
-        batch, (groups, _, width) = self._batch, self._rms.shape
+        batch = self._batch
         of_run = zip(specs, x.T, omega.tolist(), strict=True)
         self._sensors = [SensorsOfRun(batch.study, *one) for one in of_run]
         for number, run in enumerate(self._sensors):
             batch.set("sensors", numbers_of(run.constants), number)
             batch.set("before", run.before, number)
-        rms = np.zeros((groups * width, len(CHANNELS)))
-        rms[: len(self._sensors)] = [run.rms for run in self._sensors]
-        self._rms = rms.reshape(groups, width, -1).transpose(0, 2, 1)
 
     def add_sources(
         self, writer: ProgramWriter, studies: Sequence[Study], timelines: Sequence[Timeline], circuits: Circuits
@@ -71,7 +66,7 @@ class LaneFeed:
         ``begin`` (N,) on for ``counts`` (N,) samples, which come ``late`` (N,) samples later than the first; None: at
         once. It is valid until the next call."""
         late = np.zeros_like(counts) if late is None else late
-        width, most = self._rms.shape[2], int((counts + late).max())
+        width, most = self._room.shape[3], int((counts + late).max())
         if self._room.shape[0] < groups or self._room.shape[1] < most:
             self._room = aligned_zeros((groups, most, self._columns, width))
         found = self._room[:groups, :most]
@@ -90,18 +85,13 @@ class LaneFeed:
     def _add_noise(
         self, found: Array, group: int, lanes: range, begin: Samples, counts: Samples, late: Samples
     ) -> None:
-        each = self._apart
-        if self._normal.shape[1] < len(found):
-            self._normal = np.zeros((self._rms.shape[2] // each, len(found), len(CHANNELS)))
-        normal = self._normal[:, : len(found)]
+        """A twin has what its run has, in the next lane."""
+        at = self._columns - len(CHANNELS) - (self._batch.kind.moved and self._batch.kind.watch == DISTURBANCE)
+        width = found.shape[2]
         for lane in lanes:
             rows = slice(late[lane], late[lane] + counts[lane])
-            of_lane = normal[lane // each % len(normal), rows]
-            self._sensors[lane].draw(int(begin[lane]), of_lane)
-            of_lane *= self._rms[group, :, lane % self._rms.shape[2]]
-        at = self._columns - len(CHANNELS) - (self._batch.kind.moved and self._batch.kind.watch == DISTURBANCE)
-        for k in range(each):
-            found[:, at : at + len(CHANNELS), k::each] = normal.transpose(1, 2, 0)
+            of_lane = found[rows, at : at + len(CHANNELS), lane - group * width]
+            self._sensors[lane].put(int(begin[lane]), of_lane, self._apart - 1)
 
 
 class _SourceOfLane:
