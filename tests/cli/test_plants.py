@@ -46,6 +46,43 @@ def test_a_plant_leaves_its_units(tmp_path: Path) -> None:
         assert kept["L_g"][-1] < kept["L_g"][0]
 
 
+def test_a_step_of_a_plant_settles(tmp_path: Path) -> None:
+    """A step of a set point of one unit beside another one and an inverter is measured, and the run has an outcome."""
+    network = """[[network.nodes]]
+name = "pcc"
+[[network.units]]
+name = "one"
+node = "pcc"
+reactance = 0.06
+[[network.units]]
+name = "two"
+node = "pcc"
+reactance = 0.08
+[[network.inverters]]
+name = "pv"
+node = "pcc"
+S_rated = "2 kVA"
+P_ref = "1 kW"
+[[events]]
+time = "0.5 s"
+element = "one"
+P_ref = "2.5 kW"
+"""
+    file = study_file(tmp_path, network)
+    file.write_text(file.read_text(encoding="utf-8").replace('duration = "60 ms"', 'duration = "4 s"'), encoding="utf-8")
+    done = CliRunner().invoke(main, ["simulate", str(file), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "fixed: inverters at the end of the run" in done.output
+    found = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    assert found["controllers"]["fixed"]["outcome"]["status"] == "settled"
+    (rest, after) = found["controllers"]["fixed"]["rests"]
+    assert after["inverters"]["pv"]["P_pcc"] == pytest.approx(1000.0, rel=0.01)
+    assert rest["on_line"] == ["one", "two", "pv"]
+    with np.load(tmp_path / "out" / "fixed.pv.npz") as series:
+        assert series["P_pcc"][-1] == pytest.approx(1000.0, rel=0.01)
+        assert {"omega", "V_rms", "delta", "v_pcc_a"} <= set(series)
+
+
 def test_validate_finds_what_a_run_would_say(tmp_path: Path) -> None:
     """A plant that is unstable between its units, and one that cannot start."""
     unstable = PLANT.replace("0.06", "0.0") + "[power_loops]\nsettling_time = 0.2\n"

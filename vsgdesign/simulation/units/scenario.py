@@ -294,6 +294,7 @@ def _at_rest(study: Study, base: Rest, rest: UnitsAtRest, k: int, modes: Sequenc
         Q_pcc=Q_pcc,
         mode=Mode(slowest.s, slowest.damping, slowest.units),
         obstacle=None,
+        modelled=True,
     )
 
 
