@@ -69,7 +69,9 @@ element = "one"
 P_ref = "2.5 kW"
 """
     file = study_file(tmp_path, network)
-    file.write_text(file.read_text(encoding="utf-8").replace('duration = "60 ms"', 'duration = "4 s"'), encoding="utf-8")
+    file.write_text(
+        file.read_text(encoding="utf-8").replace('duration = "60 ms"', 'duration = "4 s"'), encoding="utf-8"
+    )
     done = CliRunner().invoke(main, ["simulate", str(file), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     assert "fixed: inverters at the end of the run" in done.output
