@@ -115,7 +115,8 @@ def test_a_load_is_behind_the_reactance_of_one_unit(tmp_path: Path) -> None:
     alone = load_study(study_file(tmp_path, PLANT.replace("units = 2", "units = 1")))
     found = as_one_converter(alone)
     assert found.plant is None
-    assert found.grid.L_g > alone.grid.L_g
+    assert found.grid == alone.grid
+    assert found.filter.L_2 > alone.filter.L_2
 
 
 @pytest.mark.parametrize("verb", ["run", "report", "verify"])
@@ -123,3 +124,32 @@ def test_other_verbs_refuse_a_plant(tmp_path: Path, verb: str) -> None:
     done = CliRunner().invoke(main, [verb, str(study_file(tmp_path, PLANT)), "--out", str(tmp_path / "out")])
     assert done.exit_code != 0
     assert f"vsgdesign {verb} knows one converter on a grid, and this study has a plant of 2" in done.output
+
+
+def test_margins_of_a_plant_have_both_modes(tmp_path: Path) -> None:
+    """The units against each other, by the model of the whole plant: the worst cell at the study's own grid is its
+    differential mode there."""
+    file = study_file(tmp_path, PLANT)
+    text = file.read_text(encoding="utf-8") + "[stability]\nscr = [3.0, 6.0]\nx_over_r = [2.0, 4.0]\nP = [2000.0]\n"
+    file.write_text(text + "Q = [500.0]\n", encoding="utf-8")
+    done = CliRunner().invoke(main, ["margins", str(file)])
+    assert done.exit_code == 0, done.output
+    assert "Units against each other" in done.output
+    found = json.loads(CliRunner().invoke(main, ["margins", str(file), "--json"]).stdout)["differential"]
+    assert [one["controller"] for one in found] == ["fixed"]
+    done = CliRunner().invoke(main, ["simulate", str(file), "--out", str(tmp_path / "out"), "--json"])
+    slowest = json.loads(done.stdout)["controllers"]["fixed"]["rests"][0]["split"]["differential"][0]
+    # The droops leave the rest of the run a little beside the powers of the map.
+    assert found[0]["real"] == pytest.approx(slowest["real"], rel=0.02)
+
+
+def test_verbs_that_know_equal_units_alone_say_so(tmp_path: Path) -> None:
+    file = study_file(tmp_path, PLANT + 'sampling = "spread"\n')
+    for verb in ("margins", "certify", "design"):
+        done = CliRunner().invoke(main, [verb, str(file)])
+        assert done.exit_code != 0
+        assert f"vsgdesign {verb} knows equal units at one node that sample together" in done.output
+    loaded = study_file(tmp_path, PLANT + '[network]\nload = { P = "2 kW" }\n')
+    done = CliRunner().invoke(main, ["table", "build", str(loaded), "--out", str(tmp_path / "t.json")])
+    assert done.exit_code != 0
+    assert "vsgdesign table build knows the units of a plant and their grid alone" in done.output

@@ -232,3 +232,12 @@ def test_a_table_that_is_opened_shows_itself(tmp_path: Path) -> None:
     assert "closed form" in str(shown)
     shown.plot(file=tmp_path / "table.svg")
     assert (tmp_path / "table.svg").read_text(encoding="utf-8").startswith("<?xml")
+
+
+def test_what_is_no_study_is_told() -> None:
+    """A file is taken, and anything else says what is expected."""
+    for function in (vd.simulate, vd.margins, vd.design_table, vd.certify):
+        with pytest.raises(TypeError, match=rf"{function.__name__} takes a study, such as vd.load.*not int"):
+            function(3)  # type: ignore[arg-type]
+    with pytest.raises(StudyError, match="no such file"):
+        vd.simulate("missing.toml")

@@ -201,3 +201,34 @@ def test_what_is_wrong_with_inverters_is_told_with_their_names() -> None:
         "pv is an inverter, which has no V_ref_pu",
     ):
         assert words in found, words
+
+
+def test_a_range_of_units() -> None:
+    """The grid is that of all units. The table of a unit is made for what it sees with any number of them on line, and
+    for the differential mode, which settles as the steps do."""
+    asked = {"specification": {"scr": [1.5, 5.0, 20.0], "settling_time": 1.3}}
+    alone, study = (
+        build(study_document() | asked | {"plant": {"units": units, "reactance": 0.06}}) for units in (4, [1, 4])
+    )
+    plant, found, four = study.plant, study.specification, alone.specification
+    assert plant is not None
+    assert found is not None
+    assert four is not None
+    assert (len(plant.units), plant.least) == (4, 1)
+    assert study.grid == alone.grid
+    assert four.scr == (1.5, 5.0, 20.0)
+    assert found.scr == pytest.approx((1.5, 5.0, 20.0, 40.0, 80.0))
+    assert found.differential_decay == pytest.approx(3.9 / 1.3)
+    given = asked["specification"] | {"differential_decay": 0.5}
+    own = build(study_document() | {"specification": given, "plant": {"units": 2, "reactance": 0.06}})
+    assert own.specification is not None
+    assert own.specification.differential_decay == 0.5
+    one = build(study_document() | asked | {"plant": {"units": 1, "reactance": 0.06}}).specification
+    assert one is not None
+    assert one.differential_decay == 0.0
+
+
+@pytest.mark.parametrize("units", [[4, 1], [0, 4], [1, 2, 4], [1.5, 4], [1, 40], []])
+def test_faults_of_a_range_of_units(units: list[Any]) -> None:
+    words = f"plant.units = {units}: must be two whole numbers from 1 to 32 that increase. For example units = [1, 4]"
+    assert words in faults(study_document() | {"plant": {"units": units}})

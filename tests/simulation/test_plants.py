@@ -269,12 +269,14 @@ def test_cable_load_and_loss_of_a_unit() -> None:
 
 
 def test_one_unit_is_a_converter() -> None:
-    """A plant of one unit runs as one converter on x_t + Z_g does: the same to rounding, over a step of a set point and
-    of the grid."""
+    """A plant of one unit runs as one converter with x_t in its filter does: the same to rounding, over a step of a set
+    point and of the grid."""
     events = '[[events]]\ntime = "10 ms"\nP_ref = "3 kW"\n[[events]]\ntime = "20.01 ms"\ngrid = { scr = 2 }\n'
     study = plant_study(f"[plant]\nunits = 1\nreactance = 0.06\n{events}", duration='"40 ms"', start='"steady_state"')
     alone = plant_timeline(study).units[0]
-    assert alone.grid.L_g == pytest.approx(study.grid.L_g + 0.06 * study.converter.Z_base / OMEGA, rel=1e-12)
+    assert alone.grid.L_g == pytest.approx(study.grid.L_g, rel=1e-12)
+    x_t = 0.06 * study.converter.Z_base / OMEGA
+    assert pytest.approx(study.filter.L_2 + x_t, rel=1e-12) == alone.filter.L_2
     expected, found = simulate(alone, [GainChange(0.0, GAINS)]), run(study).units[0]
     c = study.converter
     rated = [c.I_rated_pk] * 2 + [math.sqrt(2.0) * c.V_rated_rms] * 2 + [c.I_rated_pk] * 2
@@ -305,8 +307,7 @@ def test_events_of_all_units_and_of_one() -> None:
     assert [one.P_ref for _, one in timeline.timelines[1].references] == [2000.0, 3000.0]
     assert [one.Q_ref for _, one in timeline.timelines[0].references] == [500.0, 500.0, 1000.0]
     seen = [grid.L_g for _, grid in timeline.timelines[0].grids]
-    x_t = 0.06 * study.converter.Z_base / OMEGA
-    assert seen == pytest.approx([x_t + 2.0 * study.grid.L_g, x_t + study.grid.L_g], rel=1e-9)
+    assert seen == pytest.approx([2.0 * study.grid.L_g, study.grid.L_g], rel=1e-9)
 
 
 def test_no_operating_point_is_told() -> None:

@@ -24,6 +24,7 @@ from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.simulation.units import plant_timeline
 from vsgdesign.simulation.units.run import situation_at
 from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.power_plant import behind_its_path
 
 STEEP = PowerLoopGains(K_ip=0.00767, D_p=2087.0, K_iq=0.115, D_q=0.687)
 """Right for one converter on a weak grid, too high for x_t alone."""
@@ -48,7 +49,9 @@ def test_the_spectrum_of_equal_units_is_that_of_two_models(count: int) -> None:
     whole = to_continuous(np.linalg.eigvals(rest.A), T_S)
     unit = plant_of(study).units[0]
     grid = grid_of_unit(study, unit, rest.model.situation.topology)
-    alone = linearise_full_order(replace(study, plant=None), [Cell(grid, STEEP, unit.P_ref, unit.Q_ref)])
+    alone = linearise_full_order(
+        replace(behind_its_path(study, unit), plant=None), [Cell(grid, STEEP, unit.P_ref, unit.Q_ref)]
+    )
     common = to_continuous(np.linalg.eigvals(alone.A[0]), T_S)
     (names, C), (_, D) = split_matrices(rest)
     differential = to_continuous(np.linalg.eigvals(D), T_S)

@@ -185,8 +185,8 @@ def apart_of(study: Study) -> tuple[float, float] | None:
     if f.L_2 == 0.0:
         raise InfeasibleStudyError(
             f"specification: differential_decay = {asked.differential_decay:g} 1/s, but nothing lies between units of "
-            "an LC filter at one node. Give L_2 and R_2 of [filter] with the unit's transformer and feeder, or leave "
-            "the decay out."
+            "an LC filter at one node. Give the unit's transformer and feeder: reactance of [plant], or L_2 and R_2 of "
+            "[filter]; or ask for a decay of 0."
         )
     return f.R_2, f.L_2
 

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
-from vsgdesign.design.evaluation import Figures, between_units, exact_disk_margins, final_Q
+from vsgdesign.design.evaluation import Figures, exact_disk_margins, final_Q
 from vsgdesign.design.kernels import HORIZON
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loops import FullOrderLoop
 from vsgdesign.linear.stability.step_responses import sampled_steps
 from vsgdesign.metrics.margins import disk_margin_per_frequency
@@ -96,16 +97,11 @@ def full_order_figures(
         out["disk_margin"] = exact_disk_margins(
             out["disk_margin"], lambda near: linearise_full_order(study, [cells[k] for k in near])
         )
-    differential = None if apart is None else _differential(study, gains, between_units(s, *apart))
+    differential = None
+    if apart is not None:
+        rates = differential_modes(study, gains, s.P, s.Q, s.V_rms, s.omega_g).real
+        differential = np.where(np.isnan(rates), _NO_REST, rates)
     return FullOrderFigures(**out, differential=differential)
-
-
-def _differential(study: Study, gains: PowerLoopGains, s: Scenarios) -> Array:
-    """The largest real part of the modes of each scenario, 1/s; _NO_REST without a steady state."""
-    model = linearise_full_order(study, _cells(study, gains, s))
-    found = np.full(len(s), _NO_REST)
-    found[model.index] = to_continuous(np.linalg.eigvals(model.A), model.T_s).real.max(axis=1)
-    return found
 
 
 def _cells(study: Study, gains: PowerLoopGains, s: Scenarios) -> list[Cell]:

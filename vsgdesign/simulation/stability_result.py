@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.linear.stability.assessment import ControllerAssessment
+from vsgdesign.linear.stability.differential import DifferentialWorst
 from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.linear.stability.verdict import Verdict
 from vsgdesign.simulation.evidence import StepEvidence
@@ -27,6 +28,8 @@ class StabilityResult:
     timing_s: dict[str, float]
     ready: Ready = NOTHING
     """The gain tables that the controllers were assessed with."""
+    differential: tuple[DifferentialWorst, ...] = ()
+    """Of each controller, where the study is one of several equal units."""
 
 
 def slug(label: str) -> str:

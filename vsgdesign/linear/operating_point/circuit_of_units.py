@@ -290,9 +290,9 @@ def phasors_of(plant: PowerPlant, topology: Topology, omega: float) -> Phasors:
 
 
 def grid_of_unit(study: Study, unit: Unit, topology: Topology) -> Grid:
-    """The grid that a unit sees where all units on line move in proportion to their ratings: its own transformer and
-    Σ Z S_j/S (:eq:`plant-grid`). Of N equal units this is x_t + N Z_g. Inverters keep their currents. Raises
-    InfeasibleStudyError where it is not inductive."""
+    """The grid that a unit sees at its node where all units on line move in proportion to their ratings: Σ Z S_j/S
+    (:eq:`plant-grid`). Of N equal units this is N Z_g. Inverters keep their currents. Raises InfeasibleStudyError where
+    it is not inductive."""
     plant = study.plant
     if plant is None:
         return study.grid
@@ -301,8 +301,8 @@ def grid_of_unit(study: Study, unit: Unit, topology: Topology) -> Grid:
     at = [one.name for one in plant.units].index(unit.name)
     ratings = np.array([(one.case or study).converter.S_rated for one in plant.units])
     on_line = np.array([one.name not in topology.opened or one.name == unit.name for one in plant.units])
-    seen = complex(np.sum(Z[at] * ratings * on_line) / ratings[at]) + unit.R + 1j * omega * unit.L
-    if not (seen.imag > 0.0 and seen.real >= 0.0):
+    seen = complex(np.sum(Z[at] * ratings * on_line) / ratings[at])
+    if not (seen.imag >= 0.0 and seen.real >= 0.0 and seen.imag + omega * unit.L > 0.0):
         raise InfeasibleStudyError(
             f"unit {unit.name}: the network that it sees has R = {seen.real:.4g} Ω and X = {seen.imag:.4g} Ω at "
             "nominal frequency, which is no R–L grid. Give its controller gains or a design_grid."

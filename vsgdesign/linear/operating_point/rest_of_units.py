@@ -410,8 +410,11 @@ def _newton(situation: Situation, share: float) -> _Flow | None:
     network = phasors_of(plant, situation.topology, omega)
     own = np.array(
         [
+            one.study.filter.R_2 + 1j * omega * one.study.filter.L_2 for one in situation.units
+        ]  # with R and L of the unit
+        + [
             one.R + filter_.R_2 + 1j * omega * (one.L + filter_.L_2)
-            for one, filter_ in zip(plant.converters, situation.filters, strict=True)
+            for one, filter_ in zip(plant.inverters, situation.filters[len(plant.units) :], strict=True)
         ]
     )
     Y = np.linalg.inv(network.Z + np.diag(own))

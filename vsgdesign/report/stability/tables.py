@@ -101,6 +101,28 @@ def worst_table(result: StabilityResult, a: ControllerAssessment) -> Table:
     return Table(f"Worst cells of {a.spec.name}", head, tuple(rows), 3, notes=notes, flagged=frozenset(flagged))
 
 
+def differential_table(result: StabilityResult) -> Table | None:
+    """The units of a plant against each other, the worst cell of each controller."""
+    if not result.differential:
+        return None
+    rows, flagged = [], set()
+    for one in result.differential:
+        if one.missing or not one.decay > 0.0:
+            flagged.add(len(rows))
+        hertz = NOTHING if math.isnan(one.s.imag) else number(abs(one.s.imag) / (2.0 * math.pi))
+        asked = number(one.asked) if one.asked else "no limit"
+        found = "no steady state" if math.isnan(one.s.real) else number(one.s.real)
+        share = f"{one.missing} of {one.cells}" if one.asked else NOTHING
+        rows.append((one.controller, one.where or NOTHING, found, hertz, asked, share))
+    head = ("Controller", "Worst cell", "Mode [1/s]", "[Hz]", "Decay asked", "Cells that miss it")
+    note = (
+        "One unit on its own transformer and feeder, with the gains that it has in the plant: each of these modes is "
+        "there once for every unit but one. All other tables are of the common mode, in which all units move alike, "
+        "over the grids that one unit sees."
+    )
+    return Table("Units against each other", head, tuple(rows), 2, notes=(note,), flagged=frozenset(flagged))
+
+
 def left_out_text(field: MarginMap) -> str:
     """How many cells of a map are not counted, and why; empty if all are counted."""
     parts = left_out_parts(field)

@@ -13,7 +13,7 @@ from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timelin
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.network import PLAIN
 from vsgdesign.study.parameters.network_fields import CLOSED
-from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, Unit
+from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, Unit, behind_its_path
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
@@ -138,7 +138,7 @@ def _alone(study: Study, unit: Unit, segments: Sequence[PlantSegment]) -> Study:
         for one in study.events
     ]
     first = told[0].grid
-    base = unit.case or study
+    base = behind_its_path(study, unit)
     return replace(
         base,
         name=f"{study.name}.{unit.name}",

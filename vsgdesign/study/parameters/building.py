@@ -70,7 +70,7 @@ from vsgdesign.study.parameters.scenario import (
 )
 from vsgdesign.study.parameters.sensors import SENSORS, SensorSpec, read_sensors
 from vsgdesign.study.parameters.source import GridSource
-from vsgdesign.study.parameters.specification import SPECIFICATION, read_specification
+from vsgdesign.study.parameters.specification import SPECIFICATION, of_a_unit, read_specification
 from vsgdesign.study.parameters.stability import (
     StabilitySpec,
     SurvivalSpec,
@@ -227,7 +227,10 @@ def build_study(
     controllers = read_controllers(
         root, scope, target, grid, basis, converter, filter_, (current_limiter, limiter_given)
     )
-    specification = read_specification(root.child("specification"), scope, converter, source_, target, basis)
+    specification_table = root.child("specification")
+    specification = read_specification(specification_table, scope, converter, source_, target, basis)
+    if specification is not None and specification_table is not None and plant is not None:
+        specification = of_a_unit(specification, specification_table, plant)
     slowest = target.settling_time if specification is None else specification.settling_time
     axes = default_axes(specification, converter, basis)
     stability = read_stability(root.child("stability"), scope, target, slowest, axes)

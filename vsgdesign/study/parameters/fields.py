@@ -57,8 +57,8 @@ class Field:
     """One field of a table of a study file."""
 
     kind: str
-    """``number``, ``range`` (a number or [low, high]), ``numbers``, ``whole number``, ``word``, ``true or false``,
-    ``text``, ``name`` (of a file), ``names``, ``table`` or ``tables``."""
+    """``number``, ``range`` (a number or [low, high]), ``numbers``, ``whole number``, ``whole range`` (of them),
+    ``word``, ``true or false``, ``text``, ``name`` (of a file), ``names``, ``table`` or ``tables``."""
     name: str = ""
     attribute: str = ""
     """The attribute that it becomes."""
@@ -146,6 +146,11 @@ def numbers(unit: str, low: Limit, high: Limit, *, default: Any = REQUIRED, **mo
 def whole(low: int, high: int, *, default: Any = REQUIRED, **more: Any) -> Any:
     """A whole number."""
     return _specifier(Field(kind="whole number", low=low, high=high, default=default, **more))
+
+
+def whole_range(low: int, high: int, *, default: Any = REQUIRED, **more: Any) -> Any:
+    """A whole number, or a range [low, high] of them."""
+    return _specifier(Field(kind="whole range", low=low, high=high, default=default, **more))
 
 
 def word(words: Words, *, default: Any = REQUIRED, **more: Any) -> Any:
@@ -243,6 +248,8 @@ def take(table: TableReader, one: Field, scope: Scope, default: Any) -> Any:
         return table.quantities(one.name, one.unit, low, high, default, one.increasing)
     if one.kind == "whole number":
         return table.integer(one.name, int(low), int(high), default=default)
+    if one.kind == "whole range":
+        return _whole_range(table, one, int(low), int(high), default)
     if one.kind == "word":
         return table.choice(one.name, one.choices, default=default)
     if one.kind == "true or false":
@@ -272,6 +279,21 @@ def _range(table: TableReader, one: Field, low: float, high: float, default: Any
         problem, advice = "the range is reversed", "Give the lower end first."
     table.fault(one.name, raw, problem, advice)
     return faulty
+
+
+def _whole_range(table: TableReader, one: Field, low: int, high: int, default: Any) -> Any:
+    """Two whole numbers; the same twice for one."""
+    given = table.table.get(one.name)
+    if not isinstance(given, list):
+        value = table.integer(one.name, low, high, default=default)
+        return value if isinstance(value, tuple) or value is None else (value, value)
+    table.skip(one.name)
+    whole_numbers = [end for end in given if isinstance(end, int) and not isinstance(end, bool)]
+    if len(given) == 2 and len(whole_numbers) == 2 and low <= given[0] <= given[1] <= high:
+        return given[0], given[1]
+    problem = f"must be two whole numbers from {low} to {high} that increase"
+    table.fault(one.name, given, problem, f"For example {one.name} = [{low}, {min(4, high)}].")
+    return low, low
 
 
 def values(

@@ -7,7 +7,7 @@ neutral. A cable is three of them, and a load up to four. :class:`PowerPlant` ha
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.equations.grid_following import SetPoints
@@ -107,6 +107,8 @@ class PowerPlant:
     """The node to which the grid's impedance leads, and at which the load and the fault of [network] are."""
     opened: frozenset[str] = frozenset()
     """Names of what is not connected at the start."""
+    least: int | None = None
+    """The least number of units on line for which gains are designed; None: all of them."""
     inverters: tuple[Inverter, ...] = ()
     """Converters of other kinds."""
 
@@ -125,6 +127,11 @@ class PowerPlant:
     def unit(self, name: str) -> Unit:
         """The unit of a name."""
         return next(one for one in self.units if one.name == name)
+
+    @property
+    def most_grid(self) -> float:
+        """How many times as strong a grid a unit sees with the least number of units on line as with all of them."""
+        return len(self.units) / self.least if self.least else 1.0
 
     @property
     def equal(self) -> bool:
@@ -171,12 +178,23 @@ def unconnected(nodes: tuple[str, ...], elements: tuple[Element, ...], fed: set[
     return [node for node in nodes if node not in reached]
 
 
+def behind_its_path(study: Study, unit: Unit) -> Study:
+    """The converter of a unit, whose transformer and feeder belong to L_2 and R_2 of its filter: the grid begins at the
+    unit's node. The table of a unit is made for this filter."""
+    base = unit.case or study
+    if unit.R == 0.0 and unit.L == 0.0:
+        return base
+    f = base.filter
+    return replace(base, filter=replace(f, L_2=f.L_2 + unit.L, R_2=f.R_2 + unit.R))
+
+
 def one_converter(study: Study, what: str) -> None:
     """Raises InfeasibleStudyError for ``what``, which knows one converter on a grid, where there is a plant."""
     if study.plant is not None:
         raise InfeasibleStudyError(
             f"{what} knows one converter on a grid, and this study has a plant of {len(study.plant.units)}: take "
-            "[plant] and the lists of [network] out of the study. vsgdesign simulate runs it with its modes."
+            "[plant] and the lists of [network] out of the study. vsgdesign simulate runs it with its modes, and of "
+            "equal units vsgdesign table build, margins and certify do the gains."
         )
 
 

@@ -24,7 +24,7 @@ from vsgdesign.study.parameters.fields import (
     subtable,
     text,
     values,
-    whole,
+    whole_range,
     word,
 )
 from vsgdesign.study.parameters.inverter_fields import (
@@ -74,8 +74,9 @@ _MOST_PU = 1e3
 class PlantFields:
     """The fields of [plant]."""
 
-    units: int = whole(1, MOST_UNITS)
-    """How many equal converters there are."""
+    units: tuple[int, int] = whole_range(1, MOST_UNITS)
+    """How many equal converters there are; [least, all]: gains are designed for every number of them from the least
+    on, as after the loss of units."""
     reactance: float = number("1", 0.0, 10.0, default=0.0)
     """Reactance x_t of one unit's transformer and feeder, pu of one unit."""
     resistance: float = number("1", 0.0, 10.0, default=0.0)
@@ -224,6 +225,7 @@ def units_asked(root: TableReader) -> int:
     """How many units the document has, before anything else is read; 1 where it is faulty."""
     plant, network = root.table.get("plant"), root.table.get("network")
     count = plant.get("units") if isinstance(plant, dict) else None
+    count = count[-1] if isinstance(count, list) and count else count
     listed = network.get("units") if isinstance(network, dict) else None
     if isinstance(count, int) and not isinstance(count, bool) and 1 <= count <= MOST_UNITS:
         return count
@@ -249,7 +251,7 @@ def _short(table: TableReader, around: Around) -> PowerPlant:
     """N equal units at one node."""
     found, c = values(PlantFields, table), around.converter
     table.finish()
-    count = found["units"]
+    least, count = found["units"]
     each = found["resistance"] * c.Z_base, found["reactance"] * c.Z_base / c.omega_n
     spread = c.T_s / count if found["sampling"] == SPREAD else 0.0
     units = tuple(
@@ -264,7 +266,7 @@ def _short(table: TableReader, around: Around) -> PowerPlant:
         )
         for k in range(count)
     )
-    return PowerPlant(nodes=("pcc",), elements=(), sources=(), units=units, pcc="pcc")
+    return PowerPlant(nodes=("pcc",), elements=(), sources=(), units=units, pcc="pcc", least=least)
 
 
 class _Reader:

@@ -50,6 +50,7 @@ def _kind(one: Field) -> str:
         "numbers": f"list of {unit}",
         "name": "text",
         "names": "list of texts",
+        "whole range": "whole number",
         "tables": "list of tables",
     }
     return words.get(one.kind, one.kind)
@@ -96,7 +97,7 @@ def _default(one: Field) -> str:
 
 def _value(one: Field, value: float) -> str:
     """A number in the unit of the field; an angle in multiples of π or in degrees where these are short."""
-    if one.kind == "whole number":
+    if one.kind in ("whole number", "whole range"):
         return str(int(value))
     turns, degrees = value / math.pi, math.degrees(value)
     if one.unit == "rad" and value != 0.0 and turns == round(turns):
@@ -138,6 +139,7 @@ def type_text(one: Field, table: str = "Mapping[str, Any]") -> str:
         "range": "Quantity | Sequence[Quantity]",
         "numbers": "Sequence[Quantity]",
         "whole number": "int",
+        "whole range": "int | Sequence[int]",
         "true or false": "bool",
         "word": words if isinstance(one.words, tuple) else f"{words} | str",
         "text": "str | Path" if "file" in one.limits or ".csv" in one.limits else "str",

@@ -23,6 +23,7 @@ from vsgdesign.study.parameters.fields import (
     word,
 )
 from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, basis_field
+from vsgdesign.study.parameters.power_plant import PowerPlant
 from vsgdesign.study.parameters.reader import TableReader
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.targets import ClosedFormTarget
@@ -98,9 +99,10 @@ class Specification:
     """Least inertia constant at the design point; not with `inertia`."""
     H_max: float = number("s", _H_MIN, 1e6, default=UNBOUNDED_H)
     """Largest inertia constant at the design point; not with `inertia`."""
-    differential_decay: float = number("1/s", 0.0, 1e3, default=0.0)
+    differential_decay: float = number("1/s", 0.0, 1e3, shown="0; of a plant 3.9/`settling_time`")
     """Least decay of the differential mode of equal units at one node, which the gains of every node keep
-    (:eq:`differential-mode`); 0: not asked. A unit's transformer and feeder belong to `L_2` and `R_2` of `[filter]`."""
+    (:eq:`differential-mode`); 0: not asked. A unit's transformer and feeder are those of `[plant]`, or belong to `L_2`
+    and `R_2` of `[filter]`."""
     bandwidth_max: float = number("1/s", 1e-2, 1e5, shown="0.1/T_s")
     """Upper bound of k_2 and d_1; with `inertia` of k_2 alone, since ζ and H decide d_1."""
     scr_basis: str = basis_field(shown=_OF_GRID)
@@ -183,6 +185,7 @@ def read_specification(
         "settling_time": target.settling_time,
         "bandwidth_max": 0.1 / converter.T_s,
         "scr_basis": scr_basis,
+        "differential_decay": 0.0,
     }
     box = DesignBox(**values(DesignBox, table, scope, defaults))
     known: dict[str, Any] = {"aim": aim} | values(picked(Specification, "disk_margin", "H_min"), table)
@@ -201,6 +204,30 @@ def read_specification(
         table.fault("error_Z", box.error_Z, problem, "Begin x_over_r higher, or ask for less.")
     table.finish()
     return specification
+
+
+_SETTLED = 3.9
+"""ln 50: of a mode that leaves 2 % after its settling time."""
+
+
+def of_a_unit(found: Specification, table: TableReader, plant: PowerPlant) -> Specification:
+    """A specification of a plant, whose grids are on the rating of all units, as one for a unit: over the grids that it
+    sees, and with the decay of its differential mode."""
+    decay = found.differential_decay
+    if not table.has("differential_decay") and found.settles and len(plant.units) > 1:
+        decay = _SETTLED / found.settling_time
+    return replace(found, scr=seen_by_a_unit(found.scr, plant), differential_decay=decay)
+
+
+_APART = 2.0
+"""The largest ratio of two neighbouring nodes that are added to those of a study."""
+
+
+def seen_by_a_unit(scr: tuple[float, ...], plant: PowerPlant) -> tuple[float, ...]:
+    """SCR of the grids that a unit sees behind its node: those of the plant with all units on line, and up to the
+    strongest one with the least number of them (:eq:`plant-grid`)."""
+    steps = math.ceil(math.log(plant.most_grid) / math.log(_APART) - 1e-9) if scr else 0
+    return (*scr, *(scr[-1] * plant.most_grid ** (k / steps) for k in range(1, steps + 1)))
 
 
 def margin_of(gain_db: float, phase_deg: float) -> float:

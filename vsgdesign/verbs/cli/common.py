@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 
@@ -181,24 +181,41 @@ def _of_the_disk(error: OSError) -> bool:
     return error.errno in OF_THE_DISK
 
 
-def load(study_file: str, quiet: bool = False, *, left_tables: bool = False, plants: bool = False) -> Study:
+Plants = Literal["refused", "as one unit", "whole"]
+"""What a verb makes of a plant of several converters."""
+
+
+def load(study_file: str, quiet: bool = False, *, left_tables: bool = False, plants: Plants = "refused") -> Study:
     """Load the study of a file. If it leaves its inner loops to be designed, they are designed once and kept beside
     it. With ``left_tables``, a gain table of the same design that an earlier command has left below ``out`` is taken.
-    A plant of several converters is refused, but with ``plants``.
+    ``plants``: whether a plant of several converters is refused, as of a verb that knows one, or becomes one of its
+    equal units (:func:`vsgdesign.verbs.pipeline.plant.as_unit`), or stays as it is.
     """
     from vsgdesign.study.parameters.power_plant import one_converter
     from vsgdesign.verbs.pipeline.opening import open_study
-    from vsgdesign.verbs.pipeline.plant import as_one_converter
+    from vsgdesign.verbs.pipeline.plant import as_one_converter, as_unit
 
+    what = f"vsgdesign {_verb_name()}"
     with progress(quiet) as report:
         study = as_one_converter(open_study(study_file, progress=report, say=echo_aside))
-    if not plants:
-        one_converter(study, f"vsgdesign {click.get_current_context().info_name}")
-    if left_tables:
+    if plants == "refused":
+        one_converter(study, what)
+    if plants == "as one unit":
+        study = as_unit(study, what)
+    if left_tables and study.plant is None:
         from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
         study = with_left_tables(study, say=echo_aside)
     return study
+
+
+def _verb_name() -> str:
+    """The verb that runs, as it is written after the program's name."""
+    names, context = [], click.get_current_context()
+    while context.parent is not None:
+        names.append(context.info_name or "")
+        context = context.parent
+    return " ".join(reversed(names))
 
 
 def streams_can_print() -> None:

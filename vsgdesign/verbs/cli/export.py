@@ -42,7 +42,7 @@ def unit_asked(
         raise click.UsageError(problem)
     if not table and study_file is not None:
         raise click.UsageError("--study belongs to a TABLE.json; a study is given alone")
-    study = load(file if study_file is None else study_file, left_tables=not table)
+    study = load(file if study_file is None else study_file, left_tables=not table, plants="as one unit")
     with progress(quiet=False) as tell:
         unit = unit_of_files(study, file if table else None, controller, rate=rate, progress=tell, say=echo_aside)
     for note in unit.notes:
@@ -144,7 +144,7 @@ def c(
             click.echo(f"{made.folder}: {files} of controller {unit.controller} of study {of.name}")
             click.echo(f"next: make -C {made.folder} test")
         return
-    study = None if study_file is None else load(study_file)
+    study = None if study_file is None else load(study_file, plants="as one unit")
     changes: dict[str, Any] = {} if rate is None else {"rate": rate}
     with results_at(out):
         made = export_c_files(

@@ -110,7 +110,7 @@ def _run(
     from vsgdesign.verbs.pipeline.run import what_is_there
 
     report, left_out = what != "-simulation", list[str]()
-    study = load(study_file, left_tables=bool(what), plants=not report)
+    study = load(study_file, left_tables=bool(what), plants="refused" if report else "whole")
     if study.plant is not None:
         _run_plant(study, Path("out") / f"{study.name}{what}" if out is None else Path(out), bridge, as_json)
         return

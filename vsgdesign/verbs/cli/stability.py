@@ -14,6 +14,7 @@ from vsgdesign.verbs.cli.common import (
     EXPLORER,
     JSON,
     STUDY,
+    echo_aside,
     load,
     print_json,
     progress,
@@ -42,7 +43,7 @@ def design(study_file: str, out: str | None, as_json: bool) -> None:
     from vsgdesign.design.study_design import design_study
     from vsgdesign.verbs.pipeline.design import report_design
 
-    study = _on_the_grid_alone(load(study_file, left_tables=True))
+    study = _on_the_grid_alone(load(study_file, left_tables=True, plants="as one unit"))
     with nullcontext() if out is None else results_at(out):
         found = design_study(study) if out is None else report_design(study, out)
         if as_json:
@@ -68,10 +69,13 @@ def margins(study_file: str, evidence: bool, as_json: bool) -> None:
     met.
     """
     from vsgdesign.verbs.pipeline import assess_study, stability_document
+    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
-    study = _on_the_grid_alone(load(study_file, left_tables=True))
+    whole = load(study_file, plants="whole")
+    study = with_left_tables(_on_the_grid_alone(as_unit(whole, "vsgdesign margins")), say=echo_aside)
     with progress(quiet=as_json) as tell:
-        result = assess_study(study, evidence=evidence, progress=tell)
+        result = assess_study(study, evidence=evidence, several=whole.plant is not None, progress=tell)
     if as_json:
         print_json(stability_document(result))
         return
@@ -207,7 +211,7 @@ def certify(
     from vsgdesign.certificate.swing import large_signal
     from vsgdesign.verbs.pipeline.study_tables import study_tables
 
-    study = _on_the_grid_alone(load(study_file, left_tables=True))
+    study = _on_the_grid_alone(load(study_file, left_tables=True, plants="as one unit"))
     named = Ready(tables=read_tables(study))
     study = on_basis_of_table(study, controller, named)
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)

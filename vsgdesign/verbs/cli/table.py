@@ -80,7 +80,7 @@ def build(
     from vsgdesign.verbs.pipeline.study_tables import CELLS
     from vsgdesign.verbs.pipeline.table import build_table_file
 
-    study = load(study_file)
+    study = load(study_file, plants="as one unit")
     default = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
     file = default if out is None else Path(out)
 
@@ -148,7 +148,7 @@ def check(table_file: str, study_file: str | None, as_json: bool) -> None:
     from vsgdesign.verbs.pipeline.table import check_document, check_whole_table
 
     found = read_table_file(table_file)
-    outcome = check_whole_table(found, None if study_file is None else load(study_file))
+    outcome = check_whole_table(found, None if study_file is None else load(study_file, plants="as one unit"))
     if as_json:
         print_json({"table": found.name, "sha256": found.sha256} | check_document(outcome))
     else:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.given import given_study
 from vsgdesign.verbs.facade.shown import Shown
 
 if TYPE_CHECKING:
@@ -44,14 +46,20 @@ class Margins(Shown):
         yield from stability_figures(self.result)
 
 
-def margins(study: Study, *, evidence: bool = False, progress: Callable[[str, float], None] | None = None) -> Margins:
+def margins(
+    study: Study | str | Path, *, evidence: bool = False, progress: Callable[[str, float], None] | None = None
+) -> Margins:
     """Computes modes and margins over the study's stability axes.
 
-    With ``evidence`` it also simulates small steps in EMT, which takes longer. Gain tables that the study asks for are
+    With ``evidence`` it also simulates small steps in EMT, which takes longer. Of a plant of equal units the modes
+    of the units against each other are added. Gain tables that the study asks for are
     read, taken from below ``out`` where an earlier command has left them, or designed first. Raises the errors of
     :func:`vsgdesign.verbs.pipeline.margins.assess_study`.
     """
     from vsgdesign.verbs.pipeline.margins import assess_study
+    from vsgdesign.verbs.pipeline.plant import as_one_converter, as_unit
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
-    return Margins(assess_study(with_left_tables(study), evidence=evidence, progress=progress))
+    study = given_study(study, "margins")
+    unit, several = as_unit(study, "margins"), as_one_converter(study).plant is not None
+    return Margins(assess_study(with_left_tables(unit), evidence=evidence, several=several, progress=progress))

@@ -27,8 +27,10 @@ def write_report(
     of results.json.
     """
     if isinstance(what, Study):
+        from vsgdesign.verbs.pipeline.plant import alone
         from vsgdesign.verbs.pipeline.run import run_study
 
+        what = alone(what, "write_report")
         return run_study(what, out, report=explorer or "still", progress=progress)
     if isinstance(what, Run):
         from vsgdesign.verbs.pipeline.run import write_run

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.given import given_study
 from vsgdesign.verbs.facade.shown import Shown
 
 if TYPE_CHECKING:
@@ -77,7 +79,7 @@ class Run(Shown):
 
 
 def simulate(
-    study: Study,
+    study: Study | str | Path,
     *,
     bridge: str | None = None,
     strict: bool = False,
@@ -86,7 +88,7 @@ def simulate(
     progress: Callable[[str, float], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Run:
-    """Simulates every controller of a study through its events, in memory.
+    """Simulates every controller of a study, or of the study of a file, through its events, in memory.
 
     ``bridge`` is ``averaged`` or ``pwm`` and replaces that of the study. With ``strict`` a run has the bits of a page
     of the explorer, as with ``strict`` in the study's [simulation]. ``ready`` holds gain tables and the network
@@ -98,9 +100,11 @@ def simulate(
     from vsgdesign.execution.progress import silent
     from vsgdesign.simulation.scenario import run_scenario
     from vsgdesign.verbs.pipeline.making import make_ready
+    from vsgdesign.verbs.pipeline.plant import alone
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
-    tell, study = progress or silent, study.made_strict() if strict else study
+    tell, study = progress or silent, alone(given_study(study, "simulate"), "simulate")
+    study = study.made_strict() if strict else study
     there = ready or make_ready(with_left_tables(study), bridge=bridge, workers=workers, progress=progress)
     return Run(
         run_scenario(

@@ -270,7 +270,7 @@ class NetworkInvertersTable(TypedDict, total=False):
 class PlantTable(TypedDict, total=False):
     """The fields of [plant]."""
 
-    units: int
+    units: int | Sequence[int]
     reactance: Quantity
     resistance: Quantity
     sampling: Literal["together", "spread"]

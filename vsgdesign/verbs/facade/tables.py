@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.given import given_study
 from vsgdesign.verbs.facade.shown import Shown
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ class Proof(Shown):
 
 
 def design_table(
-    study: Study,
+    study: Study | str | Path,
     *,
     controller: str | None = None,
     workers: int | None = None,
@@ -112,8 +113,10 @@ def design_table(
     [specification], and the errors of :func:`vsgdesign.verbs.pipeline.table.build_table_file`.
     """
     from vsgdesign.artifacts import read_table_file
+    from vsgdesign.verbs.pipeline.plant import as_unit
     from vsgdesign.verbs.pipeline.table import build_table_file
 
+    study = as_unit(given_study(study, "design_table"), "design_table")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"{study.name}.json"
         document = build_table_file(
@@ -130,7 +133,7 @@ def open_table(file: str | Path) -> DesignedTable:
 
 
 def certify(
-    study: Study,
+    study: Study | str | Path,
     *,
     controller: str | None = None,
     table: DesignedTable | GainTable | None = None,
@@ -150,8 +153,10 @@ def certify(
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import certify as prove
     from vsgdesign.certificate import on_basis_of_table, region_of, with_steps
+    from vsgdesign.verbs.pipeline.plant import as_unit
     from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
+    study = as_unit(given_study(study, "certify"), "certify")
     given = table.table if isinstance(table, DesignedTable) else table
     study = study if given is not None else with_left_tables(study)
     tables = read_tables(study)

@@ -12,10 +12,11 @@ from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.simulation.scenario.checking import check_scenario
 from vsgdesign.simulation.units.scenario import check_plant_run
+from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.opening import KeptInnerLoops, check_named_files
-from vsgdesign.verbs.pipeline.plant import as_one_converter, check_designed
+from vsgdesign.verbs.pipeline.plant import as_one_converter
 from vsgdesign.verbs.pipeline.run import export_tables
 from vsgdesign.verbs.pipeline.training import recipe_of, trains
 
@@ -33,8 +34,9 @@ def check_deep(study_file: str | Path, out: str | Path | None = None) -> tuple[S
     check_folder_target(Path("out") / study.name if out is None else out, "vsgdesign run", study.input_files)
     study = as_one_converter(study)
     if study.plant is not None:
-        check_designed(study)
-        return study, check_plant_run(study, Ready(tables=read_tables(study)))
+        return study, check_plant_run(
+            _without_designs(study, untrained=False), Ready(tables=read_tables(plant_timeline(study).units[0]))
+        )
     untrained, spec = trains(study), study.estimator
     if untrained and spec is not None:
         recipe_of(study, spec, None)
@@ -42,6 +44,14 @@ def check_deep(study_file: str | Path, out: str | Path | None = None) -> tuple[S
         None if untrained or spec is None or spec.weights_file is None else read_network_weights(spec.weights_file)
     )
     ready = Ready(tables=read_tables(study), network=network)
+    said = check_scenario(_without_designs(study, untrained), ready)
+    with TemporaryDirectory(prefix="vsgdesign-") as folder:
+        export_tables(study, ready, Path(folder), warn=said.append)
+    return study, said
+
+
+def _without_designs(study: Study, untrained: bool) -> Study:
+    """The study with the closed form in place of tables to be designed, and the truth in place of a network."""
     controllers = []
     for one in study.controllers:
         if one.schedule == "table" and one.table_file is None:
@@ -49,7 +59,4 @@ def check_deep(study_file: str | Path, out: str | Path | None = None) -> tuple[S
         if untrained and needs_network(one.estimate):
             one = replace(one, estimate="truth")
         controllers.append(one)
-    said = check_scenario(replace(study, controllers=tuple(controllers)), ready)
-    with TemporaryDirectory(prefix="vsgdesign-") as folder:
-        export_tables(study, ready, Path(folder), warn=said.append)
-    return study, said
+    return replace(study, controllers=tuple(controllers))

@@ -25,6 +25,7 @@ from vsgdesign.linear.stability.assessment import (
     map_rows,
     view_rows,
 )
+from vsgdesign.linear.stability.differential import DifferentialWorst, worst_differential
 from vsgdesign.linear.stability.verdict import clause_matrix, left_out, worst_cases
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.report.drawing.figure_types import ExplorerFile
@@ -44,11 +45,17 @@ EXPLORER_FILE = "explorer.html"
 
 
 def assess_study(
-    study: Study, ready: Ready | None = None, *, evidence: bool = True, progress: Progress | None = None
+    study: Study,
+    ready: Ready | None = None,
+    *,
+    evidence: bool = True,
+    several: bool = False,
+    progress: Progress | None = None,
 ) -> StabilityResult:
     """Assesses every controller of a study; with ``evidence``, it also simulates small EMT steps at its stable grids.
 
-    ``ready`` holds the gain tables that the study asks for. With None they are read or designed first.
+    ``several``: the study is one of several equal units, whose differential mode is assessed, too. ``ready`` holds
+    the gain tables that the study asks for. With None they are read or designed first.
     """
     tell = progress or silent
     if ready is None:
@@ -59,6 +66,7 @@ def assess_study(
         for spec in study.controllers
         if spec in told_apart(study, ready)  # margins are those of the gains for a grid
     )
+    apart = tuple(worst_differential(study, a.spec.name, a.full_order) for a in assessments) if several else ()
     timing = {"assess": time.perf_counter() - begin}
     begin = time.perf_counter()
     found: dict[tuple[str, str], tuple[StepEvidence, StepEvidence]] = {}
@@ -69,7 +77,7 @@ def assess_study(
             found[name, cell.label] = step_evidence(study, cell)
         tell("simulate small steps", 1.0)
         timing["evidence"] = time.perf_counter() - begin
-    return StabilityResult(study, assessments, found, clause_matrix(study, assessments), timing, ready)
+    return StabilityResult(study, assessments, found, clause_matrix(study, assessments), timing, ready, apart)
 
 
 def report_stability(
@@ -174,8 +182,14 @@ def stability_document(result: StabilityResult) -> dict[str, Any]:
         "scr_basis": study.scr_basis,
         "verdicts": [asdict(row) for row in result.verdicts],
         "controllers": {a.spec.name: _controller(result, a) for a in result.assessments},
+        **({"differential": [_differential(one) for one in result.differential]} if result.differential else {}),
         "timing_s": result.timing_s,
     }
+
+
+def _differential(one: DifferentialWorst) -> dict[str, Any]:
+    found = {name: getattr(one, name) for name in ("controller", "cells", "where", "asked", "missing")}
+    return found | {"real": one.s.real, "imag": one.s.imag}
 
 
 def _controller(result: StabilityResult, a: ControllerAssessment) -> dict[str, Any]:

@@ -172,7 +172,19 @@ def check_possible(study: Study) -> None:
     from vsgdesign.simulation.expected_rests import refuse_impossible
     from vsgdesign.simulation.timeline import build_timeline
 
-    refuse_impossible(study, build_timeline(study), Ready(tables=read_tables(study)))
+    for one in _converters(study):
+        refuse_impossible(one, build_timeline(one), Ready(tables=read_tables(one)))
+
+
+def _converters(study: Study) -> tuple[Study, ...]:
+    """The units of a plant, each as one converter on the grid that it sees, of equal ones the first; else the study."""
+    from vsgdesign.simulation.units.timeline import plant_timeline
+
+    plant = study.plant
+    if plant is None:
+        return (study,)
+    units = plant_timeline(study).units
+    return units[:1] if plant.equal and all(one.element is None for one in study.events) else units
 
 
 def check_named_files(study: Study, source: str) -> None:
@@ -182,11 +194,13 @@ def check_named_files(study: Study, source: str) -> None:
     another converter, and weights or a recipe that do not fit the windows of a controller.
     """
     faults: list[Fault] = []
-    for k, spec in enumerate(study.controllers):
-        try:
-            read_named_table(study, spec)
-        except ArtifactError as error:
-            faults.append(_fault(f"controllers[{k}].table", str(spec.table_file), error))
+    tabled = [spec for spec in study.controllers if spec.table_file is not None]
+    for one in _converters(study) if tabled else ():
+        for k, spec in enumerate(one.controllers):
+            try:
+                read_named_table(one, spec)
+            except ArtifactError as error:
+                faults.append(_fault(f"controllers[{k}].table", str(spec.table_file), error))
     faults += _estimator_faults(study)
     if faults:
         raise StudyError(source, faults)

@@ -16,8 +16,11 @@ from vsgdesign.linear.stability.loci import Mode
 from vsgdesign.linear.stability.modes_of_units import PlantMode
 from vsgdesign.simulation.scenario import ScenarioResult
 from vsgdesign.simulation.units.scenario import PlantController, PlantRest, PlantResult, run_plant
+from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.power_plant import behind_its_path, one_converter
 from vsgdesign.verbs.pipeline.run import results_document
+from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
 _OF_UNIT = ("operating_points", "gains", "promises", "controllers")
 """What results.json has of each unit, as of one converter."""
@@ -29,15 +32,15 @@ def run_plant_study(
     *,
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> tuple[PlantResult, dict[str, Any]]:
     """Simulates every controller of a study in all units of its plant, and writes ``CONTROLLER.NAME.npz`` of each unit
     and inverter, the same as CSV, and results.json to ``out``, which appears when everything is done. Returns the
     result and the content of results.json. Raises InfeasibleStudyError and ArtifactError."""
     tell, verb = progress or silent, "vsgdesign simulate"
-    check_designed(study)
     with room_for(out, verb, inputs=study.input_files), staged_folder(out, verb, inputs=study.input_files) as folder:
         begin = time.perf_counter()
-        ready = Ready(tables=read_tables(study))
+        ready = plant_tables(study, progress=progress, say=say)
         duration = study.simulation.duration
         result = run_plant(study, ready, warn=warn, progress=lambda name, t_s: tell(f"simulate {name}", t_s / duration))
         timing = {"simulate": time.perf_counter() - begin}
@@ -54,13 +57,22 @@ def run_plant_study(
         return result, write_record(folder, document, verb)
 
 
-def check_designed(study: Study) -> None:
-    """Raises InfeasibleStudyError where a controller of a plant leaves its table to be designed."""
+def plant_tables(study: Study, *, progress: Progress | None = None, say: Callable[[str], None] | None = None) -> Ready:
+    """The gain tables of a plant. Those that it names must be made for every unit behind its transformer and feeder. Of
+    equal units others are taken from below ``out`` or designed, as for one converter. Raises InfeasibleStudyError for
+    units that differ and leave a table to be designed, and ArtifactError."""
+    units = plant_timeline(study).units
+    named, *_ = [read_tables(one) for one in units]
     designed = [one.name for one in study.controllers if one.schedule == "table" and one.table_file is None]
-    if designed:
+    if not designed:
+        return Ready(tables=named)
+    if study.plant is None or not study.plant.equal:
         raise InfeasibleStudyError(
-            f'controller {designed[0]}: no table is designed for a plant yet. Give its table = "FILE.json".'
+            f"controller {designed[0]}: no table is designed for a plant whose units differ. "
+            'Give its table = "FILE.json".'
         )
+    own = with_left_tables(replace(units[0], name=study.name), say=say)
+    return Ready(tables=study_tables(own, progress=progress, say=say).tables)
 
 
 def plant_document(result: PlantResult, timing_s: dict[str, float]) -> dict[str, Any]:
@@ -123,9 +135,38 @@ def _mode(mode: Mode | PlantMode) -> dict[str, float]:
     return {"real": mode.s.real, "imag": mode.s.imag, "damping_ratio": mode.damping}
 
 
+def as_unit(study: Study, what: str) -> Study:
+    """A plant of equal units at one node as one unit: x_t belongs to its filter, and its grids are those that it sees
+    where all units on line move alike. Their differential mode is that of the same unit on a stiff node. Any other
+    study is returned as it is. Raises InfeasibleStudyError for a plant with more than equal units and a grid; ``what``
+    asks for it."""
+    plant = study.plant
+    if plant is None:
+        return study
+    if not plant.equal or plant.elements or plant.sources or plant.opened:
+        raise InfeasibleStudyError(
+            f"{what} knows equal units at one node that sample together, as [plant] describes them, with nothing but "
+            "the grid there. vsgdesign simulate gives the modes of any plant."
+        )
+    if not study.network.plain or any(event.network is not None for event in study.events):
+        raise InfeasibleStudyError(
+            f"{what} knows the units of a plant and their grid alone: take load, fault and breaker out of [network] "
+            "and of the events. vsgdesign simulate runs it with its modes."
+        )
+    return replace(plant_timeline(study).units[0], name=study.name)
+
+
+def alone(study: Study, what: str) -> Study:
+    """A study for ``what``, which knows one converter on a grid. Raises InfeasibleStudyError for any other plant than
+    :func:`as_one_converter`."""
+    found = as_one_converter(study)
+    one_converter(found, what)
+    return found
+
+
 def as_one_converter(study: Study) -> Study:
-    """A plant of one unit with nothing but the grid at its node as one converter on x_t + Z_g; any other study as it
-    is."""
+    """A plant of one unit with nothing but the grid at its node as one converter, with x_t in its filter; any other
+    study as it is."""
     plant = study.plant
     if plant is None or len(plant.units) != 1 or plant.elements or plant.sources or plant.opened:
         return study
@@ -137,9 +178,5 @@ def as_one_converter(study: Study) -> Study:
     if not study.network.plain or any(event.network is not None for event in study.events):
         return study  # load, fault and breaker are behind x_t
 
-    def behind(grid: Any) -> Any:
-        return replace(grid, R_g=grid.R_g + unit.R, L_g=grid.L_g + unit.L)
-
-    events = tuple(one if one.grid is None else replace(one, grid=behind(one.grid)) for one in study.events)
     simulation = replace(study.simulation, P_ref=unit.P_ref, Q_ref=unit.Q_ref)
-    return replace(study, plant=None, grid=behind(study.grid), events=events, simulation=simulation)
+    return replace(behind_its_path(study, unit), plant=None, simulation=simulation)

@@ -1,0 +1,21 @@
+"""What the facade's functions are given in place of a study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.studies import load
+
+
+def given_study(study: Study | str | Path, what: str) -> Study:
+    """A study, or that of a file. Raises TypeError for anything else, and the errors of
+    :func:`vsgdesign.verbs.facade.studies.load`."""
+    if isinstance(study, str | Path):
+        return load(study)
+    if not isinstance(study, Study):
+        raise TypeError(
+            f'{what} takes a study, such as vd.load("study.toml"), or the name of its file, and not '
+            f"{type(study).__name__}."
+        )
+    return study
