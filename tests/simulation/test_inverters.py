@@ -9,7 +9,9 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
+import re
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,8 +21,13 @@ from scipy.integrate import solve_ivp
 from tests.oracles.emt_controller import SampledController, State
 from tests.simulation.test_plants import GAINS, OMEGA, T_S, found_states, plant_of, plant_study, run
 from tests.stability.test_modes_of_units import rest_of
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.linear.operating_point.rest_of_units import rest_of_units
 from vsgdesign.linear.stability.modes_of_units import modes_of_units
-from vsgdesign.study.parameters import Study
+from vsgdesign.simulation.feeds import feed_of
+from vsgdesign.simulation.units import plant_timeline
+from vsgdesign.simulation.units.run import situation_at
+from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.power_plant import Inverter
 
 TOLERANCE = 1e-8
@@ -279,3 +286,39 @@ def test_the_settings_are_those_of_the_fields() -> None:
     assert pv.settings.K_slip == pytest.approx(natural**2, rel=1e-12)
     assert pv.settings.i_max_pk == pytest.approx(1.2 * ROOT_2 * 4000.0 / 3.0 / 110.0, rel=1e-12)
     assert pv.offset == pytest.approx(0.4 * T_S, rel=1e-12)
+
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "beside-photovoltaics.md"
+
+
+def slowest_beside(scr: float, share: float, pll: float, *, alone: bool) -> tuple[float, float]:
+    """The slowest mode (1/s, Hz) of the plant of the page without its drive."""
+    text = re.findall(r"<!-- file: beside.toml -->\n```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[0]
+    text = text[: text.index("[[network.loads]]")].replace("scr = 2.5", f"scr = {scr}")
+    text = text.replace('"12.5 kVA"', f'"{12.5 * share} kVA"').replace('"8.75 kW"', f'"{8.75 * share} kW"')
+    study = study_from_text(text.replace("50 Hz", f"{pll} Hz"), folder=str(PAGE.parents[2]))
+    timeline = plant_timeline(study, study.controllers[0])
+    feed: Any = feed_of(timeline.units[0], timeline.units[0].controllers[0], timeline.timelines[0], NOTHING)
+    units = () if alone else (0,)
+    mode = modes_of_units(rest_of_units(situation_at(study, timeline, timeline.segments[0], [feed[0].gains], units)), 1)
+    return mode[0].s.real, abs(mode[0].s.imag) / 2.0 / math.pi
+
+
+@pytest.mark.parametrize(
+    ("scr", "share", "pll", "alone", "expected"),
+    [
+        (1.5, 1, 20, True, (-31.7, 127)),
+        (2.5, 1, 50, True, (45.0, 140)),
+        (5, 1, 100, True, (154.0, 182)),
+        (1.5, 1, 50, False, (-4.03, 0.4)),
+        (1.5, 1, 100, False, (57.1, 162)),
+        (2.5, 2, 50, False, (-3.60, 0.4)),
+        (5, 1, 20, False, (-4.35, 0.0)),
+        (2.5, 2, 100, False, (250.0, 124)),
+        (5, 2, 100, False, (142.0, 160)),
+    ],
+)
+def test_the_table_of_the_page(scr: float, share: float, pll: float, alone: bool, expected: Any) -> None:
+    real, hertz = slowest_beside(scr, share, pll, alone=alone)
+    assert real == pytest.approx(expected[0], rel=5e-3)
+    assert hertz == pytest.approx(expected[1], rel=5e-3, abs=0.06)

@@ -94,8 +94,11 @@ class PlantController:
     def outcome(self) -> Outcome:
         """The worst one of its units that are connected at the end, with the name of the unit."""
         order = ("diverged", "unstable", "infeasible", "limited", "not settled", "not known", "settled")
-        names = [unit.name for unit in self.timeline.plant.units]
-        last = self.rests[-1].on_line or names
+        names, rest = [unit.name for unit in self.timeline.plant.units], self.rests[-1]
+        last = [name for name in names if name in rest.on_line]
+        if not last and not rest.stable:
+            return Outcome("unstable", f"the inverters are unstable without a unit: {rest.modes[0].s.real:+.3g} 1/s")
+        last = last or names
         ranked = [one for one in zip(names, self.units, strict=True) if one[0] in last]
         name, worst = min(ranked, key=lambda one: order.index(one[1].outcome.status))
         reason = worst.outcome.reason
@@ -233,7 +236,7 @@ def _rest(
     sources = {GRID, *(one.name for one in plant.sources)}
     if segment.topology.faults:
         obstacle = "a fault is there, which is no state to stay in"
-    elif not on_line:
+    elif not on_line and all(one.name in segment.topology.opened for one in plant.inverters):
         obstacle = "no unit is connected"
     elif sources <= segment.topology.opened:
         obstacle = "no source is connected in whose frequency a steady state could be"
