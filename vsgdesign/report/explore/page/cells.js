@@ -78,7 +78,8 @@ export class Cells {
     const times = Float32Array.from({ length: count }, (_, k) => k * every * this.T_s);
     const { P_pu, Q_pu } = this.kept.info.defaults;
     const begin = signal === "P" ? P_pu : Q_pu;
-    const drawn = await live.asks(1, { kind: "linear", key, places: rows.map((_, k) => k), asked });
+    const places = rows.map((_, k) => k);
+    const drawn = await live.shared(1, places, { kind: "linear", key, asked });
     drawn.forEach((curves, k) => {
       if (!curves || rows[k].stable === null) return;
       const put = (name, values) => (arrays[`${k}/${name}`] = Float32Array.from(values));
@@ -88,7 +89,10 @@ export class Cells {
       put("bode_Q_mag_db", curves.mag_Q);
       put("bode_Q_phase_deg", curves.phase_Q);
       put("step_t", times);
-      put("step_full", curves.step.map((y) => begin + size * Math.min(Math.max(y, -1e3), 1e3)));
+      put(
+        "step_full",
+        curves.step.map((y) => begin + size * Math.min(Math.max(y, -1e3), 1e3)),
+      );
     });
     return { header: { signal, step_pu: size, controllers: rows }, arrays };
   }

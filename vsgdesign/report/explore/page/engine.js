@@ -126,7 +126,10 @@ class Loop {
     this.plans ||= new Map();
     if (!this.plans.has(from)) {
       const known = pairs.filter(([name]) => name in this.at);
-      const places = known.map(([name, of]) => [this.rows + this.at[name], of in from.at ? from.rows + from.at[of] : -1]);
+      const places = known.map(([name, of]) => [
+        this.rows + this.at[name],
+        of in from.at ? from.rows + from.at[of] : -1,
+      ]);
       this.plans.set(from, places);
     }
     const { floats } = this.memory;

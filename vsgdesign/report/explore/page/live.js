@@ -66,12 +66,22 @@ export class LiveRuns {
     return this.post(await this.workers[worker], question);
   }
 
+  /** What the workers say of these places, in their order: they share them, the more to the worker that is named. */
+  async shared(worker, places, question) {
+    const parts = [0, 1].map((m) => places.filter((_, k) => k % 2 === m));
+    const found = await Promise.all(
+      parts.map((own, m) => own.length && this.asks((worker + m) % 2, { ...question, places: own })),
+    );
+    return places.map((_, k) => found[k % 2][k >> 1]);
+  }
+
   /**
    * The answer to an event: rows and curves as those of the server. `controllers` are those of the file, with words for
    * why there is no run, and `to` is the grid of the file to which the event leads.
    */
   async answer(key, event, { controllers: shown, texts, bands }, to) {
-    const runs = await this.asks(0, { kind: "runs", key, event, places: shown.map((_, k) => k) });
+    const places = shown.map((_, k) => k);
+    const runs = await this.shared(0, places, { kind: "runs", key, event });
     const arrays = {};
     const controllers = shown.map((row, k) => {
       const { name, colour, told } = row;

@@ -136,7 +136,10 @@ class Page {
     document.documentElement.classList.add("static");
     const { cases } = this.file;
     byId("case-box").hidden = !cases.length;
-    byId("case").replaceChildren(...cases.map((one, k) => option(k, one.label)), option("", "none: the grid of the map"));
+    byId("case").replaceChildren(
+      ...cases.map((one, k) => option(k, one.label)),
+      option("", "none: the grid of the map"),
+    );
     byId("case").addEventListener("change", ({ target }) => {
       const chosen = target.value === "" ? null : Number(target.value);
       this.store.set({ case: chosen, ...(chosen === null ? {} : this.file.placeOf(chosen)) });

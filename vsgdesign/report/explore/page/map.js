@@ -23,7 +23,8 @@ function shareColour(share) {
 function shareOf({ low, high, promise, better }) {
   const sign = better === "low" ? -1 : 1;
   const middle = promise ?? (sign > 0 ? low : high);
-  return (value) => (value === middle ? 0 : (sign * (value - middle)) / (value < middle ? middle - low : high - middle));
+  return (value) =>
+    value === middle ? 0 : (sign * (value - middle)) / (value < middle ? middle - low : high - middle);
 }
 
 export class GridMap {

@@ -5,6 +5,7 @@ import { LinearModel } from "./linear.js";
 const ROUNDS = 12;
 const STEP = 5e-3;
 const STILL = 1e-9;
+const SERVES = 0.1;
 const WEAK = 1e-9;
 
 /** The numbers of the loop that one sample moves, as a map in the frame of the source. */
@@ -15,6 +16,7 @@ class Sampled {
     const counted = (name) => !name.startsWith("source.") && name !== "limited";
     Object.assign(this, { loop, names: rows.slice(0, state).filter(counted) });
     this.at = this.names.map((name) => loop.rows + loop.at[name]);
+    this.source = ["source.cosine", "source.sine"].map((name) => loop.rows + loop.at[name]);
     // Components on the axes α and β, of which the second follows the first, turn with the source.
     this.pairs = this.names.flatMap((name, k) =>
       /[._]alpha$/.test(name) ? [[k, this.names.indexOf(name.replace(/alpha$/, "beta"))]] : [],
@@ -25,7 +27,11 @@ class Sampled {
 
   turned(x, by) {
     const [cosine, sine] = [Math.cos(by), Math.sin(by)];
-    for (const [k, j] of this.pairs) [x[k], x[j]] = [cosine * x[k] - sine * x[j], sine * x[k] + cosine * x[j]];
+    for (const [k, j] of this.pairs) {
+      const [a, b] = [x[k], x[j]];
+      x[k] = cosine * a - sine * b;
+      x[j] = sine * a + cosine * b;
+    }
     x[this.angle] = Math.atan2(Math.sin(x[this.angle] + by), Math.cos(x[this.angle] + by));
     return x;
   }
@@ -40,32 +46,48 @@ class Sampled {
     );
   }
 
-  after(x) {
-    const { floats } = this.loop.memory;
-    this.at.forEach((at, k) => (floats[at] = x[k]));
-    this.loop.set("source.cosine", 1);
-    this.loop.set("source.sine", 0);
-    this.loop.call(0, 1);
-    return this.turned(
-      Float64Array.from(this.at, (at) => floats[at]),
-      -this.omega_T,
-    );
+  /** The state one sample after x, in `found`. */
+  after(x, found = new Float64Array(x.length)) {
+    const { at, loop } = this;
+    const { floats } = loop.memory;
+    for (let k = 0; k < at.length; k += 1) floats[at[k]] = x[k];
+    floats[this.source[0]] = 1;
+    floats[this.source[1]] = 0;
+    loop.call(0, 1);
+    for (let k = 0; k < at.length; k += 1) found[k] = floats[at[k]];
+    return this.turned(found, -this.omega_T);
   }
 
   /** The derivative, row by row, by differences of the fourth order. */
   matrix(x) {
     const n = x.length;
     const found = Array.from({ length: n }, () => new Float64Array(n));
+    const [high, low, higher, lower] = [1, 2, 3, 4].map(() => new Float64Array(n));
+    const moved = x.slice();
     for (let j = 0; j < n; j += 1) {
       const step = STEP * Math.max(Math.abs(x[j]), 1);
-      const at = (by) => this.after(x.map((value, k) => (k === j ? value + by * step : value)));
-      const [high, low, higher, lower] = [at(1), at(-1), at(2), at(-2)];
+      const at = (by, into) => {
+        moved[j] = x[j] + by * step;
+        this.after(moved, into);
+      };
+      at(1, high);
+      at(-1, low);
+      at(2, higher);
+      at(-2, lower);
+      moved[j] = x[j];
       for (let i = 0; i < n; i += 1) {
         const [near, far] = [this.apart(high, low, i), this.apart(higher, lower, i)];
         found[i][j] = (8 * near - far) / (12 * step);
       }
     }
     return found;
+  }
+
+  /** The derivative of what is coupled. */
+  coupledAt(x) {
+    const A = this.matrix(x);
+    const { both } = coupled(A, x, this.angle);
+    return both.map((i) => Float64Array.from(both, (j) => A[i][j]));
   }
 
   /** Whether a state is that of a rest. */
@@ -122,27 +144,33 @@ function solved(A, b) {
   return b;
 }
 
-function product(A, B) {
-  const n = A.length;
-  return A.map((row) => {
-    const found = new Float64Array(n);
+/** A·A over the square of its largest number, in `found`, and this number. A and `found` are (n, n), row by row. */
+function squared(n, A, found) {
+  let size = 0;
+  for (let k = 0; k < n * n; k += 1) size = Math.max(size, Math.abs(A[k]));
+  const scale = 1 / size;
+  for (let k = 0; k < n * n; k += 1) A[k] *= scale;
+  found.fill(0);
+  for (let i = 0; i < n; i += 1) {
     for (let k = 0; k < n; k += 1) {
-      const [a, other] = [row[k], B[k]];
-      if (a) for (let j = 0; j < n; j += 1) found[j] += a * other[j];
+      const a = A[i * n + k];
+      if (a) for (let j = 0; j < n; j += 1) found[i * n + j] += a * A[k * n + j];
     }
-    return found;
-  });
+  }
+  return size;
 }
+
+const flat = (matrix) => Float64Array.from(matrix.flatMap((row) => [...row]));
 
 /** The logarithm of the largest magnitude of an eigenvalue: of a high power of the matrix by squaring (Gelfand). */
 export function logOfRadius(matrix) {
-  let [A, log, share] = [matrix, 0, 1];
+  const n = matrix.length;
+  let [A, other, log, share] = [flat(matrix), new Float64Array(n * n), 0, 1];
   for (let k = 0; k < 48; k += 1) {
-    const size = Math.max(...A.map((row) => row.reduce((most, value) => Math.max(most, Math.abs(value)), 0)));
+    const size = squared(n, A, other);
     if (!(size > 0)) return -Infinity;
     log += share * Math.log(size);
-    A = A.map((row) => row.map((value) => value / size));
-    A = product(A, A);
+    [A, other] = [other, A];
     share /= 2;
   }
   return log;
@@ -161,27 +189,34 @@ export function slowestMode(run, rest) {
   for (const start of [map.turned(begun, -run.info.phase), end]) {
     const found = settled(map, start);
     // Where a limiter acts there may be another state that stays.
-    if (!found || !map.isAt(found.x, rest)) continue;
-    if (!run.controller.model) return { decay: -logOfRadius(found.A) / run.T_s };
-    return ofModel(run, map, map.after(found.x));
+    if (!found || !map.isAt(found, rest)) continue;
+    if (!run.controller.model) return { decay: -logOfRadius(map.coupledAt(found)) / run.T_s };
+    return ofModel(run, map, map.after(found));
   }
   return null;
 }
 
-/** The state that stays where it is, near another one, with the derivative there of what is coupled; null without one. */
+/**
+ * The state that stays where it is, near another one; null without one. A derivative serves as long as it brings each step
+ * below a part of the one before.
+ */
 function settled(map, start) {
-  let x = start;
+  let [x, A, used, last] = [start, null, null, 0];
   for (let round = 0; round < ROUNDS && x.every(Number.isFinite); round += 1) {
     const after = map.after(x);
-    const A = map.matrix(x);
-    const { moved: used, both } = coupled(A, x, map.angle);
+    if (!A) {
+      A = map.matrix(x);
+      used = coupled(A, x, map.angle).moved;
+    }
     const missing = used.map((i) => after[i] - x[i]);
     const some = used.map((i) => Float64Array.from(used, (j) => (i === j ? 1 : 0) - A[i][j]));
     const step = solved(some, missing);
     x = x.slice();
     used.forEach((i, k) => (x[i] += step[k]));
     const far = Math.max(...used.map((i, k) => Math.abs(step[k]) / Math.max(Math.abs(x[i]), 1)));
-    if (far < STILL) return { x, A: both.map((i) => Float64Array.from(both, (j) => A[i][j])) };
+    if (far < STILL) return x;
+    if (!(far < SERVES * last)) A = null;
+    last = far;
   }
   return null;
 }
@@ -207,12 +242,13 @@ function ofModel(run, map, x) {
 
 /** The eigenvalue of the largest magnitude, of two that are conjugate the upper one. */
 function dominant(matrix) {
-  let A = matrix;
+  const n = matrix.length;
+  let [high, other] = [flat(matrix), new Float64Array(n * n)];
   for (let k = 0; k < 40; k += 1) {
-    const size = Math.max(...A.map((row) => row.reduce((most, value) => Math.max(most, Math.abs(value)), 0)));
-    A = A.map((row) => row.map((value) => value / size));
-    A = product(A, A);
+    squared(n, high, other);
+    [high, other] = [other, high];
   }
+  const A = Array.from({ length: n }, (_, i) => high.subarray(i * n, (i + 1) * n));
   const times = (v) => Float64Array.from(matrix, (row) => row.reduce((sum, value, j) => sum + value * v[j], 0));
   const dot = (a, b) => a.reduce((sum, value, k) => sum + value * b[k], 0);
   // In their plane A² v = a A v + b v.

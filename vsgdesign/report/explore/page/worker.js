@@ -4,27 +4,7 @@ import { LinearModel } from "./linear.js";
 import { Judge } from "./verdict.js";
 
 const BUCKETS = 320;
-
-/** Rows with which all signals can be drawn: of each bucket the first one, and every least and largest value. */
-function thinned(signals) {
-  const count = signals[0].length;
-  const size = Math.max(Math.ceil(count / BUCKETS), 1);
-  const kept = new Set([count - 1]);
-  for (let begin = 0; begin < count; begin += size) {
-    const end = Math.min(begin + size, count);
-    kept.add(begin);
-    for (const values of signals) {
-      let [least, most] = [begin, begin];
-      for (let k = begin; k < end; k += 1) {
-        if (values[k] < values[least]) least = k;
-        if (values[k] > values[most]) most = k;
-      }
-      kept.add(least);
-      kept.add(most);
-    }
-  }
-  return [...kept].sort((a, b) => a - b);
-}
+const SIGNALS = ["P", "Q", "i_s_pu", "omega_hz", "v_pu"];
 
 function simulated(engine, k, key, event) {
   const { info } = engine;
@@ -36,17 +16,47 @@ function simulated(engine, k, key, event) {
   return { curves, row: judge.judged(found.run, found.done) };
 }
 
-/** What can be drawn of the samples of a run. */
+/** What can be drawn of the samples of a run: of each bucket the first one, and every least and largest value. */
 function curvesOf(info, { rows, width, done, loop, event_s: event }) {
-  const curves = signalsOf(info, info.places[loop].logged, rows, width, done);
-  const kept = thinned(Object.values(curves));
-  const found = { t: Float32Array.from(kept, (j) => j * info.T_s - event) };
-  for (const [name, values] of Object.entries(curves)) found[name] = Float32Array.from(kept, (j) => values[j]);
+  const size = Math.max(Math.ceil(done / BUCKETS), 1);
+  const put = signalsOf(info, info.places[loop].logged, rows, width);
+  const block = SIGNALS.map(() => new Float64Array(size));
+  const [kept, drawn] = [[], SIGNALS.map(() => [])];
+  for (let begin = 0; begin < done; begin += size) {
+    const count = Math.min(size, done - begin);
+    put(begin, count, block);
+    const chosen = [0];
+    if (begin + count === done) chosen.push(count - 1);
+    for (const values of block) {
+      let least = 0;
+      let most = 0;
+      for (let k = 1; k < count; k += 1) {
+        if (values[k] < values[least]) least = k;
+        if (values[k] > values[most]) most = k;
+      }
+      chosen.push(least, most);
+    }
+    chosen.sort((one, other) => one - other);
+    chosen.forEach((k, at) => {
+      if (at && k === chosen[at - 1]) return;
+      kept.push(begin + k);
+      block.forEach((values, j) => drawn[j].push(values[k]));
+    });
+  }
+  const drawnAs = [
+    (P) => P / info.S_rated,
+    (Q) => Q / info.S_rated,
+    (square) => Math.sqrt(square) / info.I_rated_pk,
+    (omega) => omega / (2 * Math.PI),
+    (square) => Math.sqrt(square) / info.V_rated_pk,
+  ];
+  const found = { t: Float32Array.from(kept, (k) => k * info.T_s - event) };
+  SIGNALS.forEach((name, j) => (found[name] = Float32Array.from(drawn[j], drawnAs[j])));
   return found;
 }
 
-/** The signals of every sample. */
-function signalsOf(info, logged, rows, width, done) {
+/** A function that puts numbers of some samples into arrays, one for each signal, of which the signal grows. */
+function signalsOf(info, logged, rows, width) {
   const names = [
     "said.P",
     "said.Q",
@@ -54,21 +64,21 @@ function signalsOf(info, logged, rows, width, done) {
     ...["i_s", "v_c", "i_g"].flatMap((x) => [`x.${x}_alpha`, `x.${x}_beta`]),
   ];
   const [P, Q, omega, i_a, i_b, v_a, v_b, g_a, g_b] = names.map((name) => logged.indexOf(name));
-  const found = {};
-  for (const name of ["P", "Q", "i_s_pu", "omega_hz", "v_pu"]) found[name] = new Float64Array(done);
   const R_c = info.circuit["circuit.R_c"];
-  for (let j = 0, at = 0; j < done; j += 1, at += width) {
-    found.P[j] = rows[at + P] / info.S_rated;
-    found.Q[j] = rows[at + Q] / info.S_rated;
-    found.omega_hz[j] = rows[at + omega] / (2 * Math.PI);
-    const [a, b] = [rows[at + i_a], rows[at + i_b]];
-    found.i_s_pu[j] = Math.sqrt(a * a + b * b) / info.I_rated_pk;
-    // The voltage at the control point.
-    const c = rows[at + v_a] + R_c * (a - rows[at + g_a]);
-    const d = rows[at + v_b] + R_c * (b - rows[at + g_b]);
-    found.v_pu[j] = Math.sqrt(c * c + d * d) / info.V_rated_pk;
-  }
-  return found;
+  return (begin, count, [P_now, Q_now, i_sq, omega_now, v_sq]) => {
+    for (let k = 0, at = begin * width; k < count; k += 1, at += width) {
+      P_now[k] = rows[at + P];
+      Q_now[k] = rows[at + Q];
+      omega_now[k] = rows[at + omega];
+      const a = rows[at + i_a];
+      const b = rows[at + i_b];
+      i_sq[k] = a * a + b * b;
+      // The voltage at the control point.
+      const c = rows[at + v_a] + R_c * (a - rows[at + g_a]);
+      const d = rows[at + v_b] + R_c * (b - rows[at + g_b]);
+      v_sq[k] = c * c + d * d;
+    }
+  };
 }
 
 /** 1 where a controller survives an event, or settles after a step, and 0 where it does not; NaN where there is no rest within
@@ -92,7 +102,7 @@ function modelOf(engine, k, key) {
 function drawn(engine, k, key, { omega, every, count, signal }) {
   const model = modelOf(engine, k, key);
   if (!model) return null;
-  const [[mag, phase], [mag_Q, phase_Q]] = ["P", "Q"].map((power) => model.loop(power, omega));
+  const [[mag, phase], [mag_Q, phase_Q]] = model.loops(["P", "Q"], omega);
   return { mag, phase, mag_Q, phase_Q, step: model.step(`${signal}_ref`, signal, every, count) };
 }
 
