@@ -9,6 +9,7 @@ from vsgdesign.design.inner.designing import (
     what_would_help,
 )
 from vsgdesign.design.inner.grids import GridBox
+from vsgdesign.design.inner.passivity import PassiveBand, passive_band
 from vsgdesign.design.inner.promises import PROMISES, InnerScore, PromiseReached, Promises, Targets, score_inner_loops
 
 __all__ = [
@@ -18,11 +19,13 @@ __all__ = [
     "GridBox",
     "InnerDesign",
     "InnerScore",
+    "PassiveBand",
     "PromiseReached",
     "Promises",
     "Targets",
     "check_full_order",
     "design_inner_loops",
+    "passive_band",
     "score_inner_loops",
     "what_would_help",
 ]

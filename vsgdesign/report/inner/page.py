@@ -157,6 +157,8 @@ def inner_page(document: dict[str, Any], figures: Sequence[WrittenFigure] = (), 
         Heading("Gains", numbered=True),
         gains,
         _score_table(document),
+        Heading("With cables, capacitors and other passive networks", numbered=True),
+        words(*passivity_sentences(document["passivity"]), style=BULLETS, on=Where.BOTH),
         *phase_jump_blocks(document["phase_jumps"], numbered=True),
         Heading("Each promise over the grids", numbered=True),
         *drawings(figures, 1),
@@ -172,6 +174,44 @@ def inner_page(document: dict[str, Any], figures: Sequence[WrittenFigure] = (), 
     ]
     origin = ("Study ", Span(study["name"], code=True), ", SHA-256 ", Span(study["hash"], code=True), ".")
     return Page(f"{study['title']}: inner loops", blocks, origin)
+
+
+def passivity_sentences(found: dict[str, Any]) -> list[str]:
+    """The band, what it does not say, the worst capacitance, and a warning."""
+    end = plain_quantity(found["to_hz"], "Hz")
+    if found["from_hz"] is None:
+        band = (
+            f"At the end of the scan, {end}, the output admittance is not passive at every operating point. So no band "
+            "is named in which the converter cannot feed an oscillation."
+        )
+    else:
+        begin = plain_quantity(found["from_hz"], "Hz")
+        band = (
+            f"Between {begin} and {end} in the frame of the source, the output admittance is passive at all "
+            f"{found['cells']} operating points that were scanned. There the converter cannot feed an oscillation of a "
+            "passive network, such as cables, capacitors, transformers and loads of constant impedance."
+        )
+    limits = (
+        "This is a scan and no proof. Below the band, the power loops decide. Above 0.35 of the sampling frequency, "
+        "components of the sampled bridge that the scan leaves out are no longer small."
+    )
+    lines, worst = [band, limits], found["worst"]
+    if worst is not None:
+        grows = "grows" if worst["real"] > 0.0 else "decays"
+        lines.append(
+            f"Of the capacitances from 0.0003 to 0.5 pu at the PCC, {plain(worst['C_pu'], 2)} pu is the worst, behind "
+            f"{plain(worst['series_pu'], 2)} pu of reactance at SCR {plain(worst['scr'], 3)} and X/R "
+            f"{plain(worst['x_over_r'], 3)}: an oscillation, which the samples show at "
+            f"{plain_quantity(worst['hertz'], 'Hz')}, {grows} with {plain(abs(worst['real']), 3)} 1/s."
+        )
+    if found["warns"]:
+        lines.append(
+            f"The filter has {plain(found['series_pu'], 2)} pu of reactance between its capacitor and the PCC. With "
+            "less than 0.02 pu, a capacitance near it can oscillate with that of the filter near half of the sampling "
+            "frequency. Put a transformer or an inductor of 0.02 pu or more between them, or damp the capacitor with "
+            "R_c."
+        )
+    return lines
 
 
 def _score_table(document: dict[str, Any]) -> Table:

@@ -15,7 +15,7 @@ from vsgdesign.study.parameters.study import InnerLoopRequest, Study
 
 if TYPE_CHECKING:  # the compiled scores are loaded by who asks for them
     from vsgdesign.campaigns.phase_jumps import PhaseJumps
-    from vsgdesign.design.inner import Alternative, FullOrderCheck, InnerScore
+    from vsgdesign.design.inner import Alternative, FullOrderCheck, InnerScore, PassiveBand
 
 VERB = "vsgdesign inner"
 
@@ -31,6 +31,8 @@ class InnerAssessment:
     full_order: FullOrderCheck
     resonance_hz: float
     """Highest resonance of filter and grid in the box."""
+    passive: PassiveBand
+    """Where the output admittance is passive."""
     alternatives: tuple[Alternative, ...] | None
     """The improvement by another sampling, delay or L_2. None if it was not asked for."""
     jumps: PhaseJumps | None = None
@@ -63,7 +65,7 @@ def assess_inner_loops(
     and X/R 0.3 to 20 without one. This takes about one second, and some seconds more for each alternative.
     """
     from vsgdesign.campaigns.phase_jumps import phase_jumps
-    from vsgdesign.design.inner import GridBox, check_full_order, score_inner_loops, what_would_help
+    from vsgdesign.design.inner import GridBox, check_full_order, passive_band, score_inner_loops, what_would_help
     from vsgdesign.design.inner.grids import asked_of, highest_resonance
 
     tell = progress or silent
@@ -75,6 +77,9 @@ def assess_inner_loops(
         converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
     )
     check = check_full_order(
+        converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
+    )
+    passive = passive_band(
         converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
     )
     tell("score the inner loops", 1.0)
@@ -94,7 +99,7 @@ def assess_inner_loops(
             )
         )
     resonance_hz = highest_resonance(converter, filter_, box) / (2.0 * math.pi)
-    return InnerAssessment(study, request, score, check, resonance_hz, alternatives, found)
+    return InnerAssessment(study, request, score, check, resonance_hz, passive, alternatives, found)
 
 
 def report_inner_loops(
@@ -144,6 +149,7 @@ def inner_document(found: InnerAssessment) -> dict[str, Any]:
             "highest_resonance_hz": found.resonance_hz,
             "ratio": 1.0 / (study.converter.T_s * found.resonance_hz),
         },
+        "passivity": asdict(found.passive) | {"warns": found.passive.warns},
         "phase_jumps": None if found.jumps is None else found.jumps.document(),
         "map": {"scr": score.scr, "x_over_r": score.x_over_r, "score": score.t_map.tolist()},
         "alternatives": None
