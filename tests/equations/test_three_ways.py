@@ -57,6 +57,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "phase": (0.0, 3.0), "turn": (0.01, 0.1), "X_1": (0.05, 0.5),
     "left_r_over_x": (0.05, 3.0), "X_g": (0.1, 2.0), "G_load": (0.0, 0.5), "B_load": (-0.3, 0.3),
     "slip": (-5.0, 5.0), "K_pll": (10.0, 500.0), "K_slip": (1e3, 1e5), "by_power": (0.0, 1.0), "lead": (2e-5, 1e-4),
+    "frequency": (-0.1, 0.1), "turned": (-6.0, 6.0), "slow": (-0.1, 0.1), "magnitude": (-0.1, 0.1),
+    "angle": (-1.0, 1.0), "phase_noise": (-0.1, 0.1), "voltage_noise": (-0.1, 0.1), "noise": (0.0, 1.0),
     "smoothing_v": (0.01, 1.0), "smoothing_V": (0.01, 1.0),
     "r": (1e-6, 1e-4), "d": (-4e3, 4e3), "omega_t": (5.0, 200.0), "tau_P": (0.0, 0.02), "tau_Q": (0.0, 0.02),
 }  # fmt: skip

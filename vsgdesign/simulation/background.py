@@ -20,6 +20,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.linear.operating_point.plant import plant_step, straight_line_responses
 from vsgdesign.simulation.circuits import CircuitOfConnection, Connection, states_of
+from vsgdesign.simulation.moved_waves import MovedWaves
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
 from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.source import SourceComponent
@@ -55,8 +56,8 @@ class Background:
         self._replay = None if timeline is None else timeline.replay
         self._responses = functools.lru_cache(maxsize=256)(self._response)
         self._lines = functools.lru_cache(maxsize=64)(lambda one, h: straight_line_responses(circuit(one), h))
-        self._turned: dict[tuple[float, int, float], Complex] = {}
-        self._of_steady: dict[tuple[Any, ...], Array] = {}
+        self._waves = functools.cache(MovedWaves)
+        self._of_steady: tuple[tuple[Any, ...], MovedWaves, Array] | None = None
 
     def acts(self, intervals: Sequence[Interval]) -> bool:
         """Whether the source has more than a fundamental of constant amplitude and frequency."""
@@ -87,63 +88,65 @@ class Background:
 
     def _over(self, interval: Interval, first: int, since: Array, elapsed: float) -> Array:
         """One row for every instant ``since`` the beginning (s), which is ``elapsed`` s after the sample ``first``."""
+        source, wander = interval.source, self._wander
+        components = (*interval.components, *(() if wander is None else wander.spec.components))
+        if wander is not None and source.steady and all(one.order.is_integer() and one.order for one in components):
+            total = _Total(self._steady(interval, components, wander.factors(first, len(since)), wander.T_s))
+        else:
+            total = _Total(np.zeros((len(since), states_of(self._circuit(interval.connection)) + 2)))
+            self._add_any(total, interval, components, first, since, elapsed)
+        if wander is not None and wander.spec.interharmonic > 0.0:
+            self._add_line(total, interval, first * wander.T_s + elapsed + since, wander.spec)
+        return total.rows
+
+    def _add_any(
+        self,
+        total: _Total,
+        interval: Interval,
+        components: tuple[SourceComponent, ...],
+        first: int,
+        since: Array,
+        elapsed: float,
+    ) -> None:
+        """A fundamental that is ramped, a record in place of it, or components, which may have any order."""
         source = interval.source
         drift = source.omega_slope * since
         phase = source.phase + (source.omega + 0.5 * drift) * since
-        total = _Total(len(since), states_of(self._circuit(interval.connection)))
-        if not source.steady:
-            turn, V = np.exp(1j * phase), rms_to_peak(source.V_g_rms + source.V_slope * since)
-            self._add_rotating(total, interval, 1.0, V * turn, drift, rms_to_peak(source.V_slope) * turn)
+        V, slope = rms_to_peak(source.V_g_rms + source.V_slope * since), rms_to_peak(source.V_slope)
+        turned = phase
         if self._replay is not None:
             self._add_record(total, interval, first, elapsed, phase)
-        if self._wander is None:
-            for component in interval.components:
-                n = component.order
-                c = self._V_base_pk * component.amplitude_pu * np.exp(1j * (n * phase + component.phase))
-                self._add_rotating(total, interval, n, c, drift)
-            return total.rows
-        gain, angle = self._wander.factors(first, len(since))
-        moved = np.exp(1j * angle)
-        turn = np.exp(1j * phase) if source.omega_slope else cmath.exp(1j * source.phase) * self._turns(source, since)
-        moved *= turn
-        change = gain * moved
-        change -= turn
-        components, powers = (*interval.components, *self._wander.spec.components), _Powers(moved)
-        orders = [one.order for one in components]
-        waves = [powers.of(int(n)) if n.is_integer() else np.exp(1j * (n * (phase + angle))) for n in orders]
-        if source.steady:  # without ramps there are no terms of s and s²: one product for all
-            total.add([change, *waves], self._steady(interval.connection, interval.h, source, components))
-        else:
-            V, slope = rms_to_peak(source.V_g_rms + source.V_slope * since), rms_to_peak(source.V_slope)
+        if self._wander is not None:
+            gain, angle = self._wander.factors(first, len(since))
+            turned = phase + angle
+            # Where it is not ramped, the compiled loop adds the fundamental that is not moved.
+            change = gain * np.exp(1j * turned) - np.exp(1j * phase) * source.steady
             self._add_rotating(total, interval, 1.0, V * change, drift, slope * change)
-            for one, wave in zip(components, waves, strict=True):
-                self._add_rotating(total, interval, one.order, self._phasor(one) * wave, drift)
-        if self._wander.spec.interharmonic > 0.0:
-            self._add_line(total, interval, first * self._wander.T_s + elapsed + since, self._wander.spec)
-        return total.rows
+        elif not source.steady:
+            turn = np.exp(1j * phase)
+            self._add_rotating(total, interval, 1.0, V * turn, drift, slope * turn)
+        for one in components:
+            wave = np.exp(1j * (one.order * turned + one.phase))
+            self._add_rotating(total, interval, one.order, self._V_base_pk * one.amplitude_pu * wave, drift)
 
     def _phasor(self, component: SourceComponent) -> complex:
         return self._V_base_pk * component.amplitude_pu * cmath.exp(1j * component.phase)
 
     def _steady(
-        self, connection: Connection, h: float, source: SourceSegment, components: tuple[SourceComponent, ...]
+        self, interval: Interval, components: tuple[SourceComponent, ...], moved: tuple[Array, Array], T_s: float
     ) -> Array:
-        """What the waves of a steady source add, which are of length 1: its fundamental and its components. It is the
-        same in all stretches between two events."""
+        """What a wandering source adds that is not ramped: there are no terms of s and s², and one product for all."""
+        connection, h, source = interval.connection, interval.h, interval.source
         key = connection, h, source.omega, source.V_g_rms, components
-        if key not in self._of_steady:
+        if self._of_steady is None or self._of_steady[0] != key:  # the same in all stretches between two events
             sizes = [rms_to_peak(source.V_g_rms), *map(self._phasor, components)]
             orders = [1.0, *(one.order for one in components)]
             rho = [self._responses(connection, h, n * source.omega)[0] for n in orders]
-            self._of_steady = {key: _real_product(np.array(sizes)[:, None] * np.array(rho), sizes)}
-        return self._of_steady[key]
-
-    def _turns(self, source: SourceSegment, since: Array) -> Complex:
-        """e^{jωs} at instants from the beginning on, which are the same in all stretches of a length."""
-        key = source.omega, len(since), float(since[-1])
-        if key not in self._turned:
-            self._turned = {key: np.exp(1j * source.omega * since)}  # the last one alone: a run has few lengths
-        return self._turned[key]
+            parts = _real_product(np.array(sizes)[:, None] * np.array(rho), sizes)
+            waves = self._waves(tuple(int(n) for n in orders[1:]), parts.shape[1])
+            self._of_steady = key, waves, parts
+        _, waves, parts = self._of_steady
+        return waves.over(moved, (source.omega, math.cos(source.phase), math.sin(source.phase)), T_s, parts)
 
     def _add_rotating(
         self, total: _Total, interval: Interval, n: float, c: NDArray[Any], drift: Array, slope: Any = 0.0
@@ -178,19 +181,6 @@ class Background:
         total.add([c], _real_product(rho[:1], (1.0,)))
 
 
-class _Powers:
-    """Whole powers of unit phasors. A product takes a fortieth of the time of an exponential."""
-
-    def __init__(self, base: Complex) -> None:
-        self._found = {1: base}
-
-    def of(self, n: int) -> Complex:
-        """The n-th power, n not 0."""
-        if n not in self._found:
-            self._found[n] = np.conj(self.of(-n)) if n < 0 else self.of(n // 2) * self.of(n - n // 2)
-        return self._found[n]
-
-
 def _real_product(rho: NDArray[Any], voltage: Sequence[complex]) -> Array:
     """What real and imaginary part of m waves add, (2m, states + 2): ``rho`` (m, states) to the states, ``voltage``
     (m,) to the voltage of the source. Of the complex product the real part alone is wanted: half of its terms."""
@@ -202,8 +192,8 @@ def _real_product(rho: NDArray[Any], voltage: Sequence[complex]) -> Array:
 class _Total:
     """The sum of what parts of a source add: to the states, and to its voltage, ``rows`` (count, states + 2)."""
 
-    def __init__(self, count: int, states: int) -> None:
-        self.rows: Array = np.zeros((count, states + 2))
+    def __init__(self, rows: Array) -> None:
+        self.rows = rows
 
     def add(self, waves: Sequence[NDArray[Any]], parts: Array) -> None:
         """Waves (count,) with what their parts add (:func:`_real_product`)."""

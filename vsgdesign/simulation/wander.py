@@ -9,13 +9,16 @@ only a few blocks are kept in memory. Between two samples of the controller a re
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.flat import flat_block
+from vsgdesign.codegen.llvm import LoopSpec, compiled_loop
 from vsgdesign.codegen.normals import NormalStream
+from vsgdesign.equations.wander import WanderDrive, WanderPace, WanderPath, wandered
 from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.ranges import stream
 from vsgdesign.study.parameters.replay import ReplaySpec
@@ -25,6 +28,9 @@ Complex = NDArray[np.complex128]
 
 BLOCK = 8192
 """Samples of a block, which are drawn or interpolated at once."""
+
+_STREAMS = WanderDrive("frequency", "phase walk", "voltage walk", "voltage", "phase_noise", "voltage_noise")
+"""The names of their random numbers."""
 
 _KEPT = 3
 """Blocks in memory."""
@@ -36,21 +42,6 @@ NOISE_TIME = 0.05
 """Correlation time of the noise, in nominal cycles: white up to some hundred hertz."""
 
 
-class _Path(NamedTuple):
-    """Where a block begins."""
-
-    frequency: float = 0.0
-    """Hz."""
-    angle: float = 0.0
-    """rad, without the noise."""
-    slow: float = 0.0
-    """ln of the magnitude: steps and walk."""
-    wander: float = 0.0
-    """ln of the magnitude: its wander."""
-    phase_noise: float = 0.0
-    voltage_noise: float = 0.0
-
-
 class Wander:
     """The factor g e^{jψ} of a background over time (:eq:`wander`). Without noise and modulation it is 1 at t = 0."""
 
@@ -58,7 +49,9 @@ class Wander:
         """``T_s``: the sampling period, s. ``omega_n``: nominal angular frequency, rad/s."""
         self.spec, self.T_s = spec, T_s
         self._cycle = 2.0 * math.pi / omega_n
-        self._starts = [_Path(phase_noise=self._first("phase_noise"), voltage_noise=self._first("voltage_noise"))]
+        first = WanderPath(phase_noise=self._first("phase_noise"), voltage_noise=self._first("voltage_noise"))
+        self._starts, self._pace = [first], np.array(self._paces())
+        self._scales = self._scales_of(WanderPace(*self._pace.tolist()))
         self._blocks: dict[int, tuple[Array, Array]] = {}
 
     def factors(self, first: int, count: int) -> tuple[Array, Array]:
@@ -91,47 +84,52 @@ class Wander:
 
     def _make(self, index: int) -> None:
         """Generate a block, keep it, and keep where the next one begins."""
-        spec, begin, h = self.spec, self._starts[index], self.T_s
-        frequency, frequency_end = self._settling(
-            index, "frequency", begin.frequency, spec.frequency_wander, spec.frequency_deviation
-        )
-        wander, wander_end = self._settling(index, "voltage", begin.wander, spec.voltage_wander, spec.voltage_deviation)
-        step = spec.phasor_walk * math.sqrt(0.5 * h / self._cycle)
-        turned = 2.0 * math.pi * h * frequency
-        turned += self._normal(index, "phase walk", step)
-        turned += self._steps(index, "phase jumps", spec.phase_jumps_per_minute, spec.phase_jump)
-        moved = self._normal(index, "voltage walk", step)
-        moved += self._steps(index, "voltage steps", spec.voltage_steps_per_minute, spec.voltage_step)
-        angle = begin.angle + np.concatenate([[0.0], np.cumsum(turned)])
-        slow = _recursion(math.exp(-h / FORGOTTEN_S), moved, begin.slow)
-        phase_noise, voltage_noise = (
-            self._noise(index, name, getattr(begin, name)) for name in ("phase_noise", "voltage_noise")
-        )
+        spec, loop = self.spec, compiled_loop(path_spec())
+        fed, log = np.zeros((1, BLOCK, len(_STREAMS), 1)), np.empty((1, BLOCK, 2, 1))
+        for k, (name, scale) in enumerate(zip(_STREAMS, self._scales, strict=True)):
+            if scale > 0.0:
+                normal_stream(spec.seed, name, index).put(fed[0, :, k], np.array([scale]))
+        drive = WanderDrive(*fed[0, :, :, 0].T)
+        self._add_steps(drive.turned, index, "phase jumps", spec.phase_jumps_per_minute, spec.phase_jump)
+        self._add_steps(drive.slow, index, "voltage steps", spec.voltage_steps_per_minute, spec.voltage_step)
+        path = np.array(self._starts[index])[None, :, None]
+        loop(0, BLOCK, path, self._pace, fed=fed, log=log, every=1)
         if len(self._starts) == index + 1:
-            ends = (frequency_end, angle[-1], slow[-1], wander_end, phase_noise[-1], voltage_noise[-1])
-            self._starts.append(_Path(*(float(value) for value in ends)))
-        gain = np.exp(slow[:-1] + wander + voltage_noise[:-1])
+            self._starts.append(WanderPath(*path[0, :, 0].tolist()))
+        gain = np.exp(log[0, :, 0, 0])
         if spec.modulation > 0.0:
-            turns = spec.modulation_frequency * (index * BLOCK + np.arange(BLOCK, dtype=np.float64)) * h
+            turns = spec.modulation_frequency * (index * BLOCK + np.arange(BLOCK, dtype=np.float64)) * self.T_s
             gain *= 1.0 + spec.modulation * np.cos(2.0 * math.pi * (turns % 1.0) + spec.modulation_phase)
-        self._blocks[index] = gain, angle[:-1] + phase_noise[:-1]
+        self._blocks[index] = gain, log[0, :, 1, 0]
         while len(self._blocks) > _KEPT:
             del self._blocks[next(iter(self._blocks))]
 
-    def _settling(self, index: int, name: str, begin: float, wander: float, deviation: float) -> tuple[Array, float]:
-        """A process that is pulled back to zero, over a block, and its value where the next one begins."""
-        if wander == 0.0:
-            return np.zeros(BLOCK), 0.0
-        kept = math.exp(-0.5 * self.T_s * (wander / deviation) ** 2)
-        values = _recursion(kept, self._normal(index, name, deviation * math.sqrt(1.0 - kept * kept)), begin)
-        return values[:-1], float(values[-1])
+    def _paces(self) -> WanderPace:
+        spec, h = self.spec, self.T_s
+        pulled = (
+            math.exp(-0.5 * h * (wander / deviation) ** 2) if wander > 0.0 else 1.0
+            for wander, deviation in (
+                (spec.frequency_wander, spec.frequency_deviation),
+                (spec.voltage_wander, spec.voltage_deviation),
+            )
+        )
+        frequency, magnitude = pulled
+        noise = math.exp(-h / (NOISE_TIME * self._cycle))
+        return WanderPace(frequency, math.exp(-h / FORGOTTEN_S), magnitude, noise, 2.0 * math.pi * h)
 
-    def _noise(self, index: int, name: str, begin: float) -> Array:
-        """A block of noise and its next value."""
-        if getattr(self.spec, name) == 0.0:
-            return np.zeros(BLOCK + 1)
-        kept = math.exp(-self.T_s / (NOISE_TIME * self._cycle))
-        return _recursion(kept, self._normal(index, name, self._rms(name) * math.sqrt(1.0 - kept * kept)), begin)
+    def _scales_of(self, pace: WanderPace) -> WanderDrive:
+        """Of the normal numbers. What is pulled back to zero keeps its rms value so."""
+        spec = self.spec
+        step = spec.phasor_walk * math.sqrt(0.5 * self.T_s / self._cycle)
+        left = math.sqrt(1.0 - pace.noise * pace.noise)
+        return WanderDrive(
+            frequency=spec.frequency_deviation * math.sqrt(1.0 - pace.frequency * pace.frequency),
+            turned=step,
+            slow=step,
+            magnitude=spec.voltage_deviation * math.sqrt(1.0 - pace.magnitude * pace.magnitude),
+            phase_noise=self._rms("phase_noise") * left,
+            voltage_noise=self._rms("voltage_noise") * left,
+        )
 
     def _first(self, name: str) -> float:
         return self._rms(name) * float(stream(self.spec.seed, name, "first").standard_normal())
@@ -143,37 +141,32 @@ class Wander:
         share = (1.0 + kept) / (1.0 - kept) / n - 2.0 * kept * (1.0 - kept**n) / ((1.0 - kept) * n) ** 2
         return getattr(self.spec, name) / math.sqrt(share)
 
-    def _normal(self, index: int, name: str, rms: float) -> Array:
-        if rms == 0.0:
-            return np.zeros(BLOCK)
-        found = np.empty((BLOCK, 1))
-        normal_stream(self.spec.seed, name, index).put(found, np.array([rms]))
-        return found[:, 0]
-
-    def _steps(self, index: int, name: str, per_minute: float, sizes: tuple[float, float]) -> Array:
+    def _add_steps(self, found: Array, index: int, name: str, per_minute: float, sizes: tuple[float, float]) -> None:
         """Steps of either sign at random instants, each at the sample that follows."""
-        found = np.zeros(BLOCK)
         if per_minute > 0.0:
             rng = stream(self.spec.seed, name, index)
             count = int(rng.poisson(per_minute / 60.0 * BLOCK * self.T_s))
             places, signs = rng.integers(0, BLOCK, count), rng.choice([-1.0, 1.0], count)
             np.add.at(found, places, signs * rng.uniform(*sizes, count))
-        return found
+
+
+@functools.cache
+def path_spec() -> LoopSpec:
+    """The loop of a source's path, a sample after the other."""
+    block = flat_block(wandered)
+    return LoopSpec(
+        bodies=(block,),
+        state=tuple((f"path.{name}", f"following.{name}") for name in WanderPath._fields),
+        uniform=tuple(f"pace.{name}" for name in WanderPace._fields),
+        fed=tuple(f"drive.{name}" for name in WanderDrive._fields),
+        logged=("exponent", "angle"),
+        strict=True,
+    )
 
 
 def normal_stream(seed: int, *names: str | int) -> NormalStream:
     """The normal numbers of one purpose, which ``names`` tell from all others of the same seed."""
     return NormalStream(stream(seed, *names).bit_generator)
-
-
-def _recursion(kept: float, drive: Array, begin: float) -> Array:
-    """x_0 = begin, x_{k+1} = kept·x_k + drive_k: one value more than ``drive`` has."""
-    if not drive.any() and begin == 0.0:
-        return np.zeros(len(drive) + 1)
-    from scipy.signal import lfilter  # heavy: imported where it is used
-
-    values, _ = lfilter([1.0], [1.0, -kept], drive, zi=[kept * begin])
-    return np.concatenate([[begin], values])
 
 
 class Replay:

@@ -131,12 +131,11 @@ class _SourceOfLane:
         """The rows of the stretch in which a sample is."""
         following = bisect_right(self.marks, at)
         end = min(self.marks[following] if following < len(self.marks) else at + _AHEAD, at + _AHEAD)
-        self._begin, self._rows = at, np.zeros((end - at, self.columns + self._turns))
         added = self._added.over(at, end - at)
-        if added is not None:
-            self._rows[:, : self.columns] = added.rows
-            if added.others is not None:
-                self._batch.others[self._number, at] = added.others
+        self._begin, self._rows = at, np.zeros((end - at, self.columns)) if added is None else added.rows
+        if added is not None and added.others is not None:
+            self._batch.others[self._number, at] = added.others
         if self._turns:
             instants: Array = np.arange(at, end + 1, dtype=np.float64) * self._T_s
-            self._rows[:, -1] = np.diff(self._timeline.source_phase(instants, SAME_INSTANT * self._T_s))
+            turns = np.diff(self._timeline.source_phase(instants, SAME_INSTANT * self._T_s))
+            self._rows = np.column_stack([self._rows, turns])
