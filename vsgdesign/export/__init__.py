@@ -1,8 +1,24 @@
-"""Exports for the controller: C99 and ONNX from gain tables and weights."""
+"""Exports for the controller: C99 and ONNX from gain tables and weights, and wrappers for other tools."""
 
-from vsgdesign.export.c_code import ExportedC, export_c, export_c_files
+from vsgdesign.export.c_code import ExportedC, export_c, export_c_files, export_unit_c
 from vsgdesign.export.c_content import initialiser
 from vsgdesign.export.compiled import CompiledC, compile_c
+from vsgdesign.export.fmu import export_fmu
 from vsgdesign.export.numbers import converter_numbers
+from vsgdesign.export.unit import Unit, unit_of
+from vsgdesign.export.wrapping import Exported
 
-__all__ = ["CompiledC", "ExportedC", "compile_c", "converter_numbers", "export_c", "export_c_files", "initialiser"]
+__all__ = [
+    "CompiledC",
+    "Exported",
+    "ExportedC",
+    "Unit",
+    "compile_c",
+    "converter_numbers",
+    "export_c",
+    "export_c_files",
+    "export_fmu",
+    "export_unit_c",
+    "initialiser",
+    "unit_of",
+]

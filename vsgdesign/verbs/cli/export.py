@@ -10,7 +10,9 @@ from vsgdesign.errors import counted
 from vsgdesign.verbs.cli.common import JSON, echo_aside, load, print_json, progress, results_at, verb
 
 if TYPE_CHECKING:
-    from vsgdesign.export.unit import Unit
+    from collections.abc import Callable
+
+    from vsgdesign.export import Exported, Unit
     from vsgdesign.study.parameters.study import Study
 
 FILE = click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
@@ -22,6 +24,13 @@ CONTROLLER = click.option(
 )
 OUT = click.option(
     "--out", required=True, metavar="FOLDER", help="Folder to write. A folder with other files is refused."
+)
+VARIANT = click.option(
+    "--variant",
+    type=click.Choice(["controller", "reference"]),
+    default="controller",
+    show_default=True,
+    help="The whole controller, with the bridge voltage as output, or the power loops alone, with V, theta and omega.",
 )
 
 
@@ -181,3 +190,42 @@ def onnx(weights_file: str, out: str, double: bool) -> None:
     with results_at(out):
         digest = export_onnx(weights_file, out, double=double)
         click.echo(f"{out}: of weights {digest[:12]}")
+
+
+def _wrap(
+    file: str, study_file: str | None, controller: str | None, out: str, as_json: bool, write: Callable[..., Exported]
+) -> None:
+    """Writes a wrapper of the controller that the arguments name, and says what was written."""
+    with results_at(out):
+        unit, study = unit_asked(file, study_file, controller)
+        made = write(unit, out, inputs=(file, *study.input_files))
+        for sentence in made.said:
+            echo_aside(sentence)
+        if as_json:
+            print_json({"folder": str(made.folder)} | made.manifest)
+            return
+        files = counted(len(made.manifest["files"]), "file")
+        click.echo(f"{made.folder}: {files} of controller {unit.controller} of study {study.name}")
+
+
+@export.command()
+@FILE
+@OUT
+@CONTROLLER
+@STUDY_OF_TABLE
+@VARIANT
+@click.option("--fmi", type=click.Choice(["3", "2"]), default="3", show_default=True, help="Version of FMI.")
+@JSON
+@verb
+def fmu(
+    file: str, out: str, controller: str | None, study_file: str | None, variant: str, fmi: str, as_json: bool
+) -> None:
+    """Write a controller as a functional mock-up unit (FMI).
+
+    The file NAME.fmu has sources, and binaries for Linux and, where mingw is installed, for Windows.
+    """
+    from functools import partial
+
+    from vsgdesign.export import export_fmu
+
+    _wrap(file, study_file, controller, out, as_json, partial(export_fmu, variant=variant, version=fmi))

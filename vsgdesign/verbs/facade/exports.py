@@ -1,0 +1,42 @@
+"""Functions that write a controller of a study in the form that another tool takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from vsgdesign.study.parameters.study import Study
+
+if TYPE_CHECKING:
+    from vsgdesign.artifacts.gain_table import GainTable
+    from vsgdesign.export import Exported, Unit
+    from vsgdesign.verbs.facade.tables import DesignedTable
+
+Variant = Literal["controller", "reference"]
+"""The whole controller, with the bridge voltage as output, or its power loops alone, with V, θ and ω."""
+
+
+def _unit(study: Study, controller: str | None, table: DesignedTable | GainTable | None) -> Unit:
+    from vsgdesign.verbs.facade.tables import DesignedTable
+    from vsgdesign.verbs.pipeline.export import unit_of_study
+
+    return unit_of_study(study, controller, table=table.table if isinstance(table, DesignedTable) else table)
+
+
+def export_fmu(
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+    variant: Variant = "controller",
+    fmi: Literal["3", "2"] = "3",
+) -> Exported:
+    """Writes a controller of a study, the last one if none is named, as NAME.fmu into the folder ``out``.
+
+    ``table`` takes the place of the controller's gain table. ``fmi`` is the version of the standard. Raises
+    ArtifactError for a folder with other files, and the errors of :func:`vsgdesign.export.unit_of`.
+    """
+    from vsgdesign.export import export_fmu as write
+
+    return write(_unit(study, controller, table), out, variant=variant, version=fmi, inputs=study.input_files)
