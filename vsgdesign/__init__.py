@@ -19,6 +19,7 @@ _HOMES = {
     "design_table": "verbs.facade.tables",
     "event": "verbs.facade.studies",
     "export_c": "verbs.facade.tables",
+    "export_dll": "verbs.facade.exports",
     "export_fmu": "verbs.facade.exports",
     "grid": "verbs.facade.studies",
     "load": "verbs.facade.studies",

@@ -7,6 +7,7 @@ from vsgdesign.study.parameters.loading import case_names as case_names
 from vsgdesign.study.parameters.study import Study as Study
 from vsgdesign.verbs.facade.assessed import Margins as Margins
 from vsgdesign.verbs.facade.assessed import margins as margins
+from vsgdesign.verbs.facade.exports import export_dll as export_dll
 from vsgdesign.verbs.facade.exports import export_fmu as export_fmu
 from vsgdesign.verbs.facade.reporting import write_report as write_report
 from vsgdesign.verbs.facade.simulated import Run as Run

@@ -26,6 +26,7 @@ GUIDES = {
     "estimator windows": "[windows](how-to/windows.md)",
     "explore": "[explore](how-to/explore.md)",
     "export c": "[integrate C](how-to/integrate-c.md)",
+    "export dll": "[DLL](how-to/export-dll.md)",
     "export fmu": "[FMU](how-to/export-fmu.md)",
     "export onnx": "[integrate C](how-to/integrate-c.md)",
     "inner": "[inner loops](how-to/inner-loops.md)",

@@ -137,7 +137,7 @@ def run_loop(
     plant, given = Plant(study, unit), np.array([port.start for port in ports.inputs])
     if empty:
         plant.x[:] = 0.0
-    waits = [0j if empty else unit.bridge] * ((0 if acts_now else c.delay_samples) + late)
+    waits = [0j if empty else vector(phases(unit.bridge))] * ((0 if acts_now else c.delay_samples) + late)
     figures, outputs = [], []
     for _ in range(samples or round(study.simulation.duration / c.T_s)):
         plant.change()
@@ -224,6 +224,11 @@ class Library:
         run_compiler([*command, *sources, "-o", str(place), "-lm"])
         self._library = ctypes.CDLL(str(place))
         self.parameters = np.array([port.start for port in self.ports.parameters])
+
+    @staticmethod
+    def ports_of(unit: Unit, variant: str = "controller") -> PortList:
+        """The list of ports of a variant."""
+        return lists_of(unit)[variant]
 
     def instance(self, **parameters: float) -> Instance:
         """One converter, begun with these parameters."""

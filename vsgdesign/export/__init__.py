@@ -2,6 +2,7 @@
 
 from vsgdesign.export.c_code import ExportedC, export_c, export_c_files, export_unit_c
 from vsgdesign.export.c_content import initialiser
+from vsgdesign.export.cigre import export_dll
 from vsgdesign.export.compiled import CompiledC, compile_c
 from vsgdesign.export.fmu import export_fmu
 from vsgdesign.export.numbers import converter_numbers
@@ -17,6 +18,7 @@ __all__ = [
     "converter_numbers",
     "export_c",
     "export_c_files",
+    "export_dll",
     "export_fmu",
     "export_unit_c",
     "initialiser",

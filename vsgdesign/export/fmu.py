@@ -97,7 +97,7 @@ def _written(one: Wrapped, version: str, out: str | Path, inputs: tuple[str | Pa
     files: dict[str, str | bytes] = {f"sources/{name}": text for name, text in (core | own | headers).items()}
     said = []
     for compiler, place in PLACES[version].items():
-        made = builder.library(one.unit, own | headers, compiler)
+        made = builder.library(one.unit, own | headers, compiler, f"fmi{version}*")
         if made is None:
             said.append(NOT_COMPILED[compiler])
         else:

@@ -37,7 +37,7 @@ def reference_inputs(one: Wrapped) -> np.ndarray:
 def reference_csv(one: Wrapped, builder: Builder) -> tuple[str, str] | None:
     """Inputs and outputs of the reference run as CSV; None without a compiler. The outputs of a row are those of the
     sample that took its inputs, and stand one sample later, as a co-simulation gives them."""
-    library = builder.library(one.unit, {}, LINUX)
+    library = builder.library(one.unit, {}, LINUX, "vsg_*")
     if library is None:
         return None
     given = reference_inputs(one)

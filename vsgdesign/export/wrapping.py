@@ -26,14 +26,15 @@ from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import WORDS, lists_of, unit_hash
 
 SCHEMA = 1
-LINUX, WINDOWS = "gcc", "x86_64-w64-mingw32-gcc"
-"""Compilers of the libraries for both systems."""
+LINUX, WINDOWS, WINDOWS_32 = "gcc", "x86_64-w64-mingw32-gcc", "i686-w64-mingw32-gcc"
+"""Compilers of the libraries for Linux, and for Windows in 64 and 32 bits."""
 
 FLAGS = ("-std=c99", "-ffp-contract=off", "-DVSG_DOUBLE", "-Wall", "-Wextra")
 """Without contraction two compilers give the same bits; the numbers of a wrapper are doubles."""
 
 NOT_COMPILED = {
     LINUX: "There is no gcc here: the library for Linux is left out. Install gcc, or compile the sources.",
+    WINDOWS_32: "There is no mingw for 32 bits here: this library is left out. Install gcc-mingw-w64-i686 for it.",
     WINDOWS: "There is no mingw here: the library for Windows is left out. Install gcc-mingw-w64-x86-64, or compile "
     "the sources.",
 }
@@ -170,11 +171,12 @@ class Builder:
         return self._texts[key]
 
     def library(
-        self, unit: Unit, sources: Mapping[str, str], compiler: str, flags: Sequence[str] = (), link: Sequence[str] = ()
+        self, unit: Unit, sources: Mapping[str, str], compiler: str, exports: str, flags: Sequence[str] = ()
     ) -> bytes | None:
         """A shared library of a controller with further files; None where the compiler is not installed.
 
-        Raises ArtifactError with the message of a compiler that fails.
+        ``exports`` is a pattern of the names that are seen outside: two controllers in one process must not find each
+        other's. Raises ArtifactError with the message of a compiler that fails.
         """
         if shutil.which(compiler) is None:
             return None
@@ -191,8 +193,10 @@ class Builder:
             compiler, own, [n for n in sources if n.endswith(".c")], [self._optimise, f"-I{folder}", *flags], own
         )
         out = own / "library.bin"
-        end = ["-static-libgcc"] if compiler == WINDOWS else ["-lm"]
-        _run([compiler, "-shared", "-s", *made, *self._objects[key], "-o", str(out), *link, *end])
+        seen = own / "exports.map"
+        seen.write_text(f"{{ global: {exports}; local: *; }};\n", encoding="ascii")
+        end = ["-static-libgcc"] if "mingw" in compiler else [f"-Wl,--version-script={seen}", "-lm"]
+        _run([compiler, "-shared", "-s", *made, *self._objects[key], "-o", str(out), *end])
         return out.read_bytes()
 
     def _place(self, texts: Mapping[str, str]) -> Path:
@@ -207,7 +211,7 @@ class Builder:
 
 def _compiled(compiler: str, folder: Path, names: Sequence[str], flags: Sequence[str], out: Path) -> list[str]:
     """Objects of C files, several at a time."""
-    position = [] if compiler == WINDOWS else ["-fPIC"]
+    position = {LINUX: ["-fPIC"], WINDOWS_32: ["-msse2", "-mfpmath=sse"]}.get(compiler, [])
     made = [str(out / f"{name}.{compiler}.o") for name in names]
     commands = [
         [compiler, *FLAGS, *position, *flags, f"-I{folder}", "-c", str(folder / name), "-o", place]

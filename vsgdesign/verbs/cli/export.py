@@ -220,7 +220,7 @@ def _wrap(
 def fmu(
     file: str, out: str, controller: str | None, study_file: str | None, variant: str, fmi: str, as_json: bool
 ) -> None:
-    """Write a controller as a functional mock-up unit (FMI).
+    """Write a controller as an FMU (FMI 3.0 or 2.0).
 
     The file NAME.fmu has sources, and binaries for Linux and, where mingw is installed, for Windows.
     """
@@ -229,3 +229,23 @@ def fmu(
     from vsgdesign.export import export_fmu
 
     _wrap(file, study_file, controller, out, as_json, partial(export_fmu, variant=variant, version=fmi))
+
+
+@export.command()
+@FILE
+@OUT
+@CONTROLLER
+@STUDY_OF_TABLE
+@VARIANT
+@JSON
+@verb
+def dll(file: str, out: str, controller: str | None, study_file: str | None, variant: str, as_json: bool) -> None:
+    """Write a controller as a DLL (IEEE/CIGRE TB 958).
+
+    The folder has the sources, a library for Linux and, where mingw is installed, one for Windows.
+    """
+    from functools import partial
+
+    from vsgdesign.export import export_dll
+
+    _wrap(file, study_file, controller, out, as_json, partial(export_dll, variant=variant))

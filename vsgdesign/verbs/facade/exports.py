@@ -40,3 +40,20 @@ def export_fmu(
     from vsgdesign.export import export_fmu as write
 
     return write(_unit(study, controller, table), out, variant=variant, version=fmi, inputs=study.input_files)
+
+
+def export_dll(
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+    variant: Variant = "controller",
+) -> Exported:
+    """Writes a controller of a study as a library with the IEEE/CIGRE interface (TB 958) into the folder ``out``.
+
+    The arguments and the errors are those of :func:`export_fmu`.
+    """
+    from vsgdesign.export import export_dll as write
+
+    return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
