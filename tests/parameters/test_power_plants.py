@@ -232,3 +232,15 @@ def test_a_range_of_units() -> None:
 def test_faults_of_a_range_of_units(units: list[Any]) -> None:
     words = f"plant.units = {units}: must be two whole numbers from 1 to 32 that increase. For example units = [1, 4]"
     assert words in faults(study_document() | {"plant": {"units": units}})
+
+
+def test_a_source_of_a_plant_may_be_dirty() -> None:
+    """Components, sags and a background are read; what a plant does not have is told with what to do."""
+    plant = {"plant": {"units": 2, "reactance": 0.06}, "background": {"level": "dirty"}}
+    events = {"events": [{"time": 1.0, "sag": {"type": "C", "V_pu": 0.7}}]}
+    found = build(study_document() | plant | events)
+    assert found.background is not None
+    assert found.events[0].components
+    pwm = study_document() | plant
+    pwm["simulation"] = study_document()["simulation"] | {"bridge": "pwm"}
+    assert 'simulation.bridge = "pwm": the bridges of a plant are averaged. Give bridge = "averaged"' in faults(pwm)

@@ -22,6 +22,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.units import PlantRun, plant_timeline, simulate_plant
+from vsgdesign.simulation.wander import Wander
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.power_plant import PowerPlant
 
@@ -112,9 +113,11 @@ def solved(
     slopes: Sequence[tuple[float, Slope, Callable[[np.ndarray], np.ndarray]]],
     jumps: Sequence[tuple[float, float]] = (),
     P_steps: Sequence[tuple[float, int, float]] = (),
+    source: Callable[[float, float, float], complex] | None = None,
 ) -> np.ndarray:
     """The states at every sampling period of the study, complex. ``slopes``: (from s, dx/dt, what becomes of x then).
-    ``jumps`` (s, rad) of the source's phase; ``P_steps`` (s, unit, W)."""
+    ``jumps`` (s, rad) of the source's phase; ``P_steps`` (s, unit, W). ``source``: its voltage over the rated one at an
+    instant, in the interval that begins at another one, with a phase (rad)."""
     plant = plant_of(study)
     count = len(plant.units)
     controllers = [SampledController(study) for _ in plant.units]
@@ -142,8 +145,12 @@ def solved(
             x, present = onto(x), slope
         phase += sum(angle for t_s, angle in jumps if abs(t_s - begin) < 1e-12)
 
-        def along(t: float, y: np.ndarray, own: Slope = present, lead: float = phase) -> np.ndarray:
-            return own(t, y, held, math.sqrt(2.0) * V * cmath.exp(1j * (OMEGA * t + lead)))
+        def along(
+            t: float, y: np.ndarray, own: Slope = present, lead: float = phase, begin: float = begin
+        ) -> np.ndarray:
+            angle = OMEGA * t + lead
+            e = cmath.exp(1j * angle) if source is None else source(t, begin, angle)
+            return own(t, y, held, math.sqrt(2.0) * V * e)
 
         x = solve_ivp(along, (begin, end), x, method="DOP853", rtol=1e-11, atol=1e-9).y[:, -1]
     return np.array(found)
@@ -266,6 +273,60 @@ def test_cable_load_and_loss_of_a_unit() -> None:
     result = run(study)
     assert result.names == ("i.grid", "i.cable", "v.cable.pcc", "v.cable.far", "i.heater.L")
     assert errors_pu(study, result, expected) < TOLERANCE
+
+
+DIRTY = """
+[background]
+level = "dirty"
+seed = 3
+phase = 0
+frequency_offset = 0
+voltage_factor = 1
+modulation = 0.01
+modulation_frequency = "30 Hz"
+interharmonic_frequency = "80 Hz"
+interharmonic = 0.005
+frequency_deviation = "50 mHz"
+phasor_walk = 0.02
+[[events]]
+time = "2.013 ms"
+components = [{ order = -1, amplitude_pu = 0.05, phase = "30 deg" }, { order = 7, amplitude_pu = 0.02 }]
+[[events]]
+time = "3 ms"
+phase_jump = "10 deg"
+"""
+
+
+def test_a_source_with_components_and_a_wander() -> None:
+    """Two units with offsets: the source wanders from period to period, has harmonics of its background, and gets a
+    negative sequence and a seventh harmonic between two samples."""
+    text = '[plant]\nunits = 2\nreactance = 0.06\nresistance = 0.01\nsampling = "spread"\n'
+    study = plant_study(text + DIRTY, duration='"4 ms"')
+    spec = study.background
+    assert spec is not None
+    assert len(spec.components) >= 2
+    gain, angle = Wander(spec, T_S, OMEGA).factors(0, 200)
+    assert np.ptp(angle) > 1e-3
+
+    def source(t: float, begin: float, phase: float) -> complex:
+        k = int(begin / T_S + 1e-6)
+        turned = phase + angle[k]
+        later = [(-1.0, 0.05, math.radians(30.0)), (7.0, 0.02, 0.0)] if begin >= 2.013e-3 - 1e-12 else []
+        waves = [(one.order, one.amplitude_pu, one.phase) for one in spec.components] + later
+        found = gain[k] * cmath.exp(1j * turned)
+        found += sum(a * cmath.exp(1j * (n * turned + beta)) for n, a, beta in waves)
+        if spec.interharmonic > 0.0:
+            at = 2.0 * math.pi * spec.interharmonic_frequency * t + spec.interharmonic_phase
+            found += spec.interharmonic * cmath.exp(1j * at)
+        return complex(found)
+
+    jumps = [(2.013e-3, 0.0), (3e-3, math.radians(10.0))]
+    expected = solved(study, 6, [(0.0, star(study), lambda x: x)], jumps, source=source)
+    result = run(study)
+    assert errors_pu(study, result, expected) < TOLERANCE
+    seen = result.units[0].log[:, 6] + 1j * result.units[0].log[:, 7]  # the source's voltage
+    first = math.sqrt(2.0) * study.converter.V_rated_rms * source(0.0, 0.0, -math.pi / 2.0)
+    assert seen[0] == pytest.approx(first, rel=1e-9)
 
 
 def test_one_unit_is_a_converter() -> None:

@@ -80,20 +80,24 @@ class Background:
         the interval's beginning, α and β.
         """
         if len(intervals) == 1:
-            return self._over(intervals[0], first, np.arange(count, dtype=np.float64) * T_s, 0.0)
+            return self.over(intervals[0], first, np.arange(count, dtype=np.float64) * T_s, 0.0)
         begins = np.cumsum([0.0, *(one.h for one in intervals[:-1])])
         return np.concatenate(
-            [self._over(one, first, np.zeros(1), at) for one, at in zip(intervals, begins, strict=True)]
+            [self.over(one, first, np.zeros(1), at) for one, at in zip(intervals, begins, strict=True)]
         )
 
-    def _over(self, interval: Interval, first: int, since: Array, elapsed: float) -> Array:
+    def _states(self, connection: Connection) -> int:
+        """How many states the circuit has on both axes."""
+        return states_of(self._circuit(connection))
+
+    def over(self, interval: Interval, first: int, since: Array, elapsed: float) -> Array:
         """One row for every instant ``since`` the beginning (s), which is ``elapsed`` s after the sample ``first``."""
         source, wander = interval.source, self._wander
         components = (*interval.components, *(() if wander is None else wander.spec.components))
         if wander is not None and source.steady and all(one.order.is_integer() and one.order for one in components):
             total = _Total(self._steady(interval, components, wander.factors(first, len(since)), wander.T_s))
         else:
-            total = _Total(np.zeros((len(since), states_of(self._circuit(interval.connection)) + 2)))
+            total = _Total(np.zeros((len(since), self._states(interval.connection) + 2)))
             self._add_any(total, interval, components, first, since, elapsed)
         if wander is not None and wander.spec.interharmonic > 0.0:
             self._add_line(total, interval, first * wander.T_s + elapsed + since, wander.spec)

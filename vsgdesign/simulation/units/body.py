@@ -51,6 +51,8 @@ class PlantKind(NamedTuple):
     """Matrices: one for each instant, or one for all where they are equally far apart."""
     others: tuple[OtherKind, ...] = ()
     """Behind the units."""
+    added: bool = False
+    """Whether the grid's source has more than its fundamental, which is then fed."""
 
     @property
     def converters(self) -> int:
@@ -61,6 +63,18 @@ class PlantKind(NamedTuple):
         """Whether the bridge voltage of a converter waits for a sample."""
         count = len(self.units)
         return self.units[k].bridge.delayed if k < count else self.others[k - count].delayed
+
+    @property
+    def arrives(self) -> str:
+        """The head of the states at an instant."""
+        return "arrived" if self.added else "now"
+
+    @property
+    def fed(self) -> tuple[str, ...]:
+        """What is fed: increments of the states, α and β in turn, and a voltage of the source."""
+        if not self.added:
+            return ()
+        return tuple(f"more.{axis}.{name}" for name in (*self.states, "v_g") for axis in AXES)
 
     @property
     def moved(self) -> tuple[str, ...]:
@@ -104,7 +118,7 @@ def spec_of_plant(kind: PlantKind) -> LoopSpec:
     bodies = tuple(with_outputs(_body(kind, sampling, moved), outputs) for sampling in distinct)
     placed = {name for name, _ in moved} | {name for axis in AXES for name in _results(kind, axis)}
     inputs = dict.fromkeys(name for one in bodies for name in one.inputs)
-    rest = [name for name in inputs if name not in placed]
+    rest = [name for name in inputs if name not in placed and name not in kind.fed]
     shared = (".settings.", ".inner_gains.", ".R_c")
     return LoopSpec(
         bodies=bodies,
@@ -116,6 +130,7 @@ def spec_of_plant(kind: PlantKind) -> LoopSpec:
             for axis in AXES
         ),
         logged=logged,
+        fed=kind.fed,
         strict=True,
     )
 
@@ -146,10 +161,12 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
 
 def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]) -> Block:
     """One instant at which some converters sample."""
-    parts = [Part(renamed(_control(kind, k), lambda name, k=k: _called(kind, k, name))) for k in sampling]
+    parts = [Part(_arrived(kind))] if kind.added else []
+    parts += [Part(renamed(_control(kind, k), lambda name, k=k: _called(kind, k, name))) for k in sampling]
     after: dict[str, str] = {}
     for axis in AXES:
         after |= {f"{axis}.{name}": f"now.{axis}.{name}" for name in kind.moved}
+        after |= {f"{axis}.{name}": f"{kind.arrives}.{axis}.{name}" for name in kind.states}
     for k in sampling:
         after |= _following(kind, k)
     line = Writer()
@@ -158,10 +175,21 @@ def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]
     for axis in AXES:
         for name in kind.moved:
             line.input(f"now.{axis}.{name}")
-        line.output(f"v_g.{axis}", line.does("*", line.input("V_g"), line.input(f"now.{axis}.source0.along")))
+        v_g = line.does("*", line.input("V_g"), line.input(f"now.{axis}.source0.along"))
+        line.output(f"v_g.{axis}", line.does("+", v_g, line.input(f"more.{axis}.v_g")) if kind.added else v_g)
     for name, output in moved:
         line.output(output, line.input(after.get(name, name)))
     return joined(*parts, Part(line.block()))
+
+
+def _arrived(kind: PlantKind) -> Block:
+    """The circuit's states with what is fed."""
+    line = Writer()
+    for axis in AXES:
+        for name in kind.states:
+            own = line.does("+", line.input(f"now.{axis}.{name}"), line.input(f"more.{axis}.{name}"))
+            line.output(f"arrived.{axis}.{name}", own)
+    return line.block()
 
 
 def _control(kind: PlantKind, k: int) -> Block:
@@ -178,7 +206,7 @@ def _called(kind: PlantKind, unit: int, name: str) -> str:
     if name.startswith("x."):
         states = [f"{state}_{axis}" for state in ("i_s", "v_c", "i_g") for axis in AXES]
         at = states.index(name.removeprefix("x."))
-        return f"now.{AXES[at % 2]}.{kind.states[3 * unit + at // 2]}"
+        return f"{kind.arrives}.{AXES[at % 2]}.{kind.states[3 * unit + at // 2]}"
     shared = {"source.cosine": "now.alpha.source0.along", "source.sine": "now.beta.source0.along", "V_g": "V_g"}
     return shared.get(name, f"u{unit}.{name}")
 

@@ -37,6 +37,7 @@ from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import LOG_COLUMNS, kind_of, spans_of
 from vsgdesign.simulation.outcome import BOUND_PU, Divergence, outside
 from vsgdesign.simulation.run_state import with_gains
+from vsgdesign.simulation.units.added import AddedToPlant, adds
 from vsgdesign.simulation.units.body import AXES, OtherKind, PlantKind, body_numbers, log_names, spec_of_plant
 from vsgdesign.simulation.units.program import PlantProgram
 from vsgdesign.simulation.units.timeline import PlantSegment, PlantTimeline, plant_timeline
@@ -142,11 +143,14 @@ class _Run:
         sampling = tuple(one.units for one in self.clock.instants)
         turns = 1 if self.clock.equal_gaps else len(sampling)
         others = tuple(OtherKind(one.kind, one.delay_samples > 0) for one in timeline.plant.inverters)
-        self.kind = PlantKind(kinds, timeline.names, 1 + len(timeline.plant.sources), sampling, turns, others)
+        self.kind = PlantKind(
+            kinds, timeline.names, 1 + len(timeline.plant.sources), sampling, turns, others, adds(timeline)
+        )
         spec = spec_of_plant(self.kind)
         self.loop, self.rows, self.spans = compiled_loop(spec), empty_rows(spec, 1), spans_of(spec.rows)
         self.uniform = _uniform(timeline, kinds, spec.uniform)
         self.program = PlantProgram(self.kind, self.wiring, timeline.segments, self.clock)
+        self.added = AddedToPlant(study, timeline, self.wiring, self.clock) if self.kind.added else None
         self.per_period = len(sampling)
         self.log_periods = max(round(study.simulation.log_interval / self.clock.period), 1)
         self.periods = int(np.floor(study.simulation.duration / self.clock.period + 1e-6))
@@ -250,9 +254,10 @@ class _Run:
             for unit, change in changes.get(begin, ()):
                 self._change(unit, change)
             self._phase(begin)
+            fed = None if self.added is None else self.added.fed(begin, after)
             clock = time.perf_counter()
             self.loop(
-                begin, after, self.rows, self.uniform, log=log, every=every, program=self.records, cycle=cycle
+                begin, after, self.rows, self.uniform, log=log, every=every, program=self.records, cycle=cycle, fed=fed
             )  # fmt: skip
             seconds += time.perf_counter() - clock
             why = self._outside()
@@ -358,6 +363,7 @@ class _Run:
                 turned = phase[:, None] + np.array([0.0, *(one.phase for one in self.timeline.plant.sources)])
                 V = np.array([segment.source.V_g_rms, *(one.V_rms for one in self.timeline.plant.sources)])
                 v_g = (np.cos(turned) if axis == 0 else np.sin(turned)) * V / peak_to_rms(1.0)
+                v_g[:, 0] = log[rows, 6 + axis]  # with its components
                 found[rows, :, axis] = np.array(own).T @ per_state.T + v_g @ per_source.T
         return found
 

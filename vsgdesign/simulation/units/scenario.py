@@ -31,6 +31,7 @@ from vsgdesign.simulation.scenario.controllers import (
     rest_at_limit,
     samples_per_mean,
 )
+from vsgdesign.simulation.twin import restless
 from vsgdesign.simulation.units.inverters import (
     InverterRest,
     inverter_series,
@@ -132,7 +133,7 @@ def run_plant(
         run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
         units = tuple(_unit_result(study, spec, run, k, rests) for k in range(len(timeline.units)))
         every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
-        phase = _phase(timeline, run.t_s)
+        phase = timeline.shared.source_phase(run.t_s, 1e-9)
         inverters = tuple((one.name, inverter_series(one, run.t_s, phase, every)) for one in run.inverters)
         found.append(
             PlantController(
@@ -314,7 +315,14 @@ def _unit_result(
     seen = SignalsAtPcc(run.t_s, P, Q, *lengths)
     simulation = _as_simulation(run, unit, k)
     at_limit = None if run.divergence else rest_at_limit(own, simulation, seen)
-    events = measure_events(own, seen, found, ripples=False, divergence=run.divergence)
+    events = measure_events(
+        own,
+        seen,
+        found,
+        ripples=study.has_components,
+        divergence=run.divergence,
+        restless=restless(None, study.background, None),
+    )
     every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
     logged = simulation.every(every)
     per_mean = samples_per_mean(own, run.t_s)
@@ -325,12 +333,13 @@ def _unit_result(
         bridge="averaged",
         gain_changes=unit.gain_changes,
         simulation=logged,
-        series=derive_series(own, logged, at_pcc, _phase(run.timeline, logged.t_s)),
+        series=derive_series(own, logged, at_pcc, run.timeline.shared.source_phase(logged.t_s, 1e-9)),
         means=means,
         without={},
         events=events,
         outcome=outcome_of(run.divergence, found, events, at_limit, c.S_rated),
         rests=found,
+        distorted=study.has_components,
     )
 
 
@@ -349,12 +358,3 @@ def _as_simulation(run: PlantRun, unit: UnitRun, k: int) -> Simulation:
         loop_seconds=run.loop_seconds,
         divergence=run.divergence,
     )
-
-
-def _phase(timeline: PlantTimeline, t_s: Array) -> Array:
-    """Of the grid's source, rad."""
-    starts = np.array([one.t_s for one in timeline.segments])
-    index = np.maximum(np.searchsorted(starts, t_s + 1e-12, side="right") - 1, 0)
-    phase, omega = (np.array([getattr(one.source, name) for one in timeline.segments]) for name in ("phase", "omega"))
-    found: Array = phase[index] + omega[index] * (t_s - starts[index])
-    return found

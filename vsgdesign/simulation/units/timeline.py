@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.circuit_of_units import Topology, grid_of_unit, names_of_states
+from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
+from vsgdesign.simulation.wander import Wander
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.network import PLAIN
 from vsgdesign.study.parameters.network_fields import CLOSED
 from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, Unit, behind_its_path
+from vsgdesign.study.parameters.source import SourceComponent
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
@@ -25,6 +28,8 @@ class PlantSegment:
     topology: Topology
     source: SourceSegment
     """Of the grid."""
+    components: tuple[SourceComponent, ...] = ()
+    """What it has besides its fundamental."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,8 @@ class PlantTimeline:
         return names_of_states(plant, [one.topology for one in self.segments])
 
     plant: PowerPlant
+    shared: Timeline
+    """Of the grid and its source, whose background changes once in a period of the plant's clock."""
 
     def asked_at(self, inverter: int, t_s: float) -> SetPoints:
         """What an inverter is asked for from an instant on."""
@@ -65,6 +72,9 @@ def plant_timeline(study: Study, spec: ControllerSpec | None = None) -> PlantTim
     if plant is None:
         raise ValueError("the study has no plant")
     shared = build_timeline(replace(study, events=tuple(one for one in study.events if one.element is None)))
+    if shared.wander is not None:
+        period = clock_of_study(study).period
+        shared = replace(shared, wander=Wander(shared.wander.spec, period, study.converter.omega_n))
     of_elements = sorted((one for one in study.events if one.element is not None), key=lambda one: one.t_s)
     changes = {0.0, *shared.plant_changes(), *(one.t_s for one in of_elements if not one.set_points)}
     segments: list[PlantSegment] = []
@@ -81,12 +91,12 @@ def plant_timeline(study: Study, spec: ControllerSpec | None = None) -> PlantTim
             network.load,
             tuple(sorted(there.items())),
         )
-        segments.append(PlantSegment(t_s, topology, shared.source_at(t_s)))
+        segments.append(PlantSegment(t_s, topology, shared.source_at(t_s), shared.components_at(t_s)))
     units = tuple(_alone(study, unit, segments) for unit in plant.units)
     if spec is not None:
         units = tuple(one.with_limit_of(spec_of(one, spec)) for one in units)
     asked = tuple(_asked(one, of_elements) for one in plant.inverters)
-    return PlantTimeline(tuple(segments), units, tuple(map(build_timeline, units)), asked, plant)
+    return PlantTimeline(tuple(segments), units, tuple(map(build_timeline, units)), asked, plant, shared)
 
 
 def _asked(inverter: Inverter, events: Sequence[Event]) -> tuple[tuple[float, SetPoints], ...]:

@@ -467,7 +467,7 @@ def on_all_units(converter: Converter, count: int) -> Converter:
 def check_plant(root: TableReader, network: Network, simulation: SimulationSpec, events: Sequence[Event]) -> None:
     """What a run of a plant does not have."""
     advice = "Take it out, or take the plant out."
-    for section in ("background", "sensors", "replay"):
+    for section in ("sensors", "replay"):
         if root.has(section):
             root.fault(section, None, "a run of a plant does not have it", advice)
     if simulation.bridge == "pwm":
@@ -481,6 +481,6 @@ def check_plant(root: TableReader, network: Network, simulation: SimulationSpec,
             problem = "a fault of a plant is three-phase and at a node"
             root.fault("network.fault", fault.kind, problem, "Leave at and phases out.")
     for k, event in enumerate(events):
-        if event.over > 0.0 or event.components or event.synchro_check or event.synchronised_until is not None:
-            problem = "a plant knows neither ramps, nor components of the source, nor breakers that wait"
+        if event.over > 0.0 or event.synchro_check or event.synchronised_until is not None:
+            problem = "a plant knows neither ramps nor breakers that wait"
             root.fault(f"events[{k}]", None, problem, "Give steps, and a breaker without synchro_check.")

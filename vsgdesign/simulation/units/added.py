@@ -1,0 +1,123 @@
+"""What the grid's source adds to the circuit of a plant besides its fundamental: components and wander, gap by gap.
+
+The circuit is linear, so each component adds its own exact response, whatever the converters do (:eq:`plant-added`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.linear.operating_point.circuit_of_units import Topology, UnitsCircuit, Wiring, circuit_of_units
+from vsgdesign.linear.operating_point.clock_of_units import Clock
+from vsgdesign.simulation.background import Background, Interval
+from vsgdesign.simulation.circuit_program import SAME_INSTANT
+from vsgdesign.simulation.units.timeline import PlantTimeline
+from vsgdesign.study.parameters.study import Study
+
+Array = NDArray[np.float64]
+
+
+class _OfPlant(Background):
+    """The components of a source at the grid's impedance of a plant. In place of a connection it takes a topology."""
+
+    def __init__(self, wiring: Wiring, names: tuple[str, ...], V_base_pk: float, timeline: Any) -> None:
+        super().__init__(lambda _: None, V_base_pk, timeline)  # type: ignore[arg-type, return-value]
+        self._wiring, self._names = wiring, names
+
+    def circuit(self, topology: Topology) -> UnitsCircuit:
+        """The circuit in a topology."""
+        return circuit_of_units(self._wiring, topology, self._names)
+
+    def _states(self, connection: Any) -> int:
+        del connection  # the states are those of all topologies
+        return 2 * len(self._names)
+
+    def _response(self, connection: Any, h: float, omega: float) -> NDArray[Any]:
+        # A plant has no ramps: its source needs no terms of s and s².
+        source = self.circuit(connection).moved(h, omega)[2][:, 0]
+        found = np.zeros((3, 2 * len(source)), dtype=complex)
+        found[0, 0::2], found[0, 1::2] = source, -1j * source
+        return found
+
+
+class AddedToPlant:
+    """What is fed to the loop of a plant: for each instant the increments of the circuit's states over the gap before
+    it, α and β in turn, and the voltage that is added to the source's at the instant."""
+
+    def __init__(self, study: Study, timeline: PlantTimeline, wiring: Wiring, clock: Clock) -> None:
+        self._timeline, self._clock = timeline, clock
+        V = rms_to_peak(study.converter.V_rated_rms)
+        self._background = _OfPlant(wiring, timeline.names, V, timeline.shared)
+        self._width = 2 * len(timeline.names)
+        self._starts = np.array([one.t_s for one in timeline.segments])
+        self._slack = SAME_INSTANT * min(one.gap for one in clock.instants)
+
+    def _time(self, i: int) -> float:
+        turn, at = divmod(i, len(self._clock.instants))
+        return turn * self._clock.period + self._clock.instants[at].t_s
+
+    def fed(self, begin: int, end: int) -> Array:
+        """(1, end − begin, 2n + 2, 1), for samples ``begin`` to ``end`` − 1 of the loop."""
+        first = max(begin - 1, 0)
+        rows = self._rows(first, end)
+        found = np.zeros((end - begin, self._width + 2))
+        found[begin == 0 :, : self._width] = rows[: end - 1 - first, : self._width]
+        found[:, self._width :] = rows[begin - first :, self._width :]
+        return found[None, :, :, None]
+
+    def _rows(self, first: int, end: int) -> Array:
+        """For each gap from instant ``first`` on: the increments over it, and the voltage at its beginning."""
+        per, period = len(self._clock.instants), self._clock.period
+        instants = np.arange(first, end)
+        t_s = (instants // per) * period + np.array([one.t_s for one in self._clock.instants])[instants % per]
+        segment = np.maximum(np.searchsorted(self._starts, t_s + self._slack, side="right") - 1, 0)
+        found = np.empty((end - first, self._width + 2))
+        for place, slot in itertools.product(np.unique(segment).tolist(), range(per)):
+            own = np.flatnonzero((segment == place) & (instants % per == slot))
+            if len(own):
+                since = np.arange(len(own), dtype=np.float64) * period
+                at = self._clock.instants[slot]
+                interval = self._interval(place, float(t_s[own[0]]), at.gap)
+                found[own] = self._background.over(interval, int(instants[own[0]] // per), since, at.t_s)
+        for start in self._starts[(self._starts > t_s[0]) & (self._starts < self._time(end))].tolist():
+            i = int(np.searchsorted(t_s, start - self._slack, side="right")) - 1
+            if i >= 0 and start - t_s[i] > self._slack:
+                found[i] = self._in_pieces(first + i)
+        return found
+
+    def _interval(self, segment: int, t_s: float, h: float) -> Interval:
+        own = self._timeline.segments[segment]
+        return Interval(h, own.topology, own.source.at(t_s), own.components)  # type: ignore[arg-type]
+
+    def _in_pieces(self, i: int) -> Array:
+        """A gap in which events fall."""
+        begin, end, period = self._time(i), self._time(i + 1), i // len(self._clock.instants)
+        inside = self._starts[(self._starts > begin + self._slack) & (self._starts < end - self._slack)].tolist()
+        marks = [begin, *inside, end]
+        joint = np.zeros(self._width + 2)
+        for k, (t_s, until) in enumerate(itertools.pairwise(marks)):
+            segment = int(np.searchsorted(self._starts, t_s + self._slack, side="right")) - 1
+            interval = self._interval(max(segment, 0), t_s, until - t_s)
+            elapsed = t_s - period * self._clock.period
+            row = self._background.over(interval, period, np.zeros(1), elapsed)[0]
+            if k == 0:
+                joint = row
+                continue
+            phi = self._background.circuit(self._timeline.segments[max(segment, 0)].topology).moved(
+                until - t_s, interval.source.omega
+            )[0]
+            states = joint[: self._width].reshape(-1, 2)
+            joint[: self._width] = (phi @ states).ravel() + row[: self._width]
+        return joint
+
+
+def adds(timeline: PlantTimeline) -> bool:
+    """Whether the grid's source has more than its fundamental at any time."""
+    shared = timeline.shared
+    moving = shared.wander is not None and shared.wander.spec.distorts
+    return moving or any(one.components for one in timeline.segments)
