@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.examples import examples
+from vsgdesign.certificate import taylor_kernel
+from vsgdesign.certificate.box_check import COORDINATES, FOLLOWED, KERNEL, survey
+from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.taylor_kernel import LANES, limits, negative, rows, run_program, sum_up
 from vsgdesign.certificate.tracing import Symbol, Tracer, program_of
 
@@ -130,17 +135,19 @@ def test_a_blend_takes_each_boxs_parameters() -> None:
     np.testing.assert_allclose(registers[program.outputs[0], 0], 21.0 * np.arange(LANES))
 
 
+@pytest.mark.parametrize("n", [3, 5])
 @examples(30)
 @given(st.integers(0, 2**31), st.floats(0.0, 3.0))
-def test_negative_only_where_every_matrix_is(seed: int, size: float) -> None:
+def test_negative_only_where_every_matrix_is(n: int, seed: int, size: float) -> None:
     rng = np.random.default_rng(seed)
     d, last = 3, 1 + 3 + 6
-    entries = np.zeros((6, rows(d), LANES))
-    base = rng.normal(size=(3, 3))
-    base = -(base @ base.T) - 0.2 * np.eye(3)
-    entries[:, 0] = base[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]][:, None]
-    entries[:, 1:last] = 0.03 * size * rng.normal(size=(6, last - 1, 1))
-    entries[:, last : last + d] = 0.02 * size * rng.uniform(size=(6, d, 1))
+    pairs = [(i, i) for i in range(n)] + [(i, j) for i in range(n) for j in range(i + 1, n)]
+    entries = np.zeros((len(pairs), rows(d), LANES))
+    base = rng.normal(size=(n, n))
+    base = -(base @ base.T) - 0.2 * np.eye(n)
+    entries[:, 0] = np.array([base[pair] for pair in pairs])[:, None]
+    entries[:, 1:last] = 0.03 * size * rng.normal(size=(len(pairs), last - 1, 1))
+    entries[:, last : last + d] = 0.02 * size * rng.uniform(size=(len(pairs), d, 1))
     proved, score = np.ones(LANES, dtype=np.bool_), np.zeros((d, LANES))
     negative(entries, d, proved, score)
     t = rng.uniform(-1.0, 1.0, (400, d))
@@ -148,11 +155,46 @@ def test_negative_only_where_every_matrix_is(seed: int, size: float) -> None:
     i, j = np.triu_indices(d)
     terms = np.concatenate([np.ones((400, 1)), t, t[:, i] * t[:, j]], axis=1)
     values = terms @ entries[:, :last, 0].T
-    values += np.sign(rng.normal(size=(400, 6))) * entries[:, last : last + d, 0].sum(axis=1)
-    matrices = np.zeros((400, 3, 3))
-    for k, (row, column) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+    signs = np.sign(rng.normal(size=(400, n)))  # of Rohn's patterns: what is not known at its worst
+    for k, (row, column) in enumerate(pairs):
+        values[:, k] += signs[:, row] * signs[:, column] * entries[k, last : last + d, 0].sum()
+    matrices = np.zeros((400, n, n))
+    for k, (row, column) in enumerate(pairs):
         matrices[:, row, column] = matrices[:, column, row] = values[:, k]
     largest = float(np.linalg.eigvalsh(matrices).max())
     assert not (proved[0] and largest >= 0.0)
     assert bool(proved[0]) or size > 0.0
     assert np.all(score >= 0.0)
+
+
+def test_a_fast_state_does_not_spoil_the_bound_of_a_slow_one() -> None:
+    """What is not known of a coupling of 1 to 100: the sums of rows, 0.5 each, would leave nothing of 0.4."""
+    d, last = 1, 3
+    pairs = [(i, i) for i in range(5)] + [(i, j) for i in range(5) for j in range(i + 1, 5)]
+    entries = np.zeros((len(pairs), rows(d), LANES))
+    entries[:5, 0] = np.array([-0.4, -100.0, -100.0, -100.0, -100.0])[:, None]
+    for radius, held in ((0.5, True), (6.4, False)):  # singular at √(0.4·100) = 6.32
+        entries[pairs.index((0, 1)), last] = radius
+        proved = np.ones(LANES, dtype=np.bool_)
+        negative(entries, d, proved, np.zeros((d, LANES)))
+        assert bool(proved[0]) == held
+
+
+def test_two_limits_that_leave_no_point_in_common_empty_a_box() -> None:
+    """x + y ≤ −a and x − y ≤ −a for 0 ≤ x ≤ 1, |y| ≤ 1: each leaves points, and both x ≤ −a."""
+    tracer = Tracer(COORDINATES)
+    x, y, *_ = tracer.symbols()
+    situation = arrays(program_of(tracer, [x, x + y, x - y]))
+    low, high = np.zeros((2, COORDINATES)), np.ones((2, COORDINATES))
+    low[:, 1] = -1.0
+    high[1] = low[1] = 0.25
+    for most, empty in ((-0.1, [True, True]), (0.1, [False, True]), (0.6, [False, False])):
+        found, none = np.zeros(2, dtype=np.bool_), np.zeros((0, 2), dtype=np.bool_)
+        conditions, forms = np.array([[-np.inf, most]] * 2), np.zeros((2, 1, rows(FOLLOWED + 1)))
+        survey(low, high, np.zeros((0, 2)), situation, conditions, np.zeros((0, 0), np.int64), found, none, forms)
+        assert found.tolist() == empty
+
+
+def test_machine_code_is_made_again_when_the_kernel_changes() -> None:
+    """Numba looks at the file of a function alone, not at those of what it calls: write the fingerprint again."""
+    assert hashlib.sha256(Path(taylor_kernel.__file__).read_bytes()).hexdigest()[:16] == KERNEL

@@ -26,6 +26,19 @@ COORDINATES = 6
 FOLLOWED = 4
 """The coordinates that are followed through the inequality; what the errors do to V is one quantity between bounds."""
 
+_MEANS = 0.2, 0.5, 0.8
+"""Weights of the second of two limits in their mean."""
+
+_STILL = 1e-12
+"""What moves less is not measured in units of what moves it."""
+
+_OFF = 1e-14
+"""Of the size of a sum of a few bounds: more than what floating-point is off by."""
+
+KERNEL = "89c67b213b0ffc70"
+"""Fingerprint of ``taylor_kernel.py``. Numba keeps the machine code of the functions here with all that they call, and
+makes it again when this file changes, and this one alone: so this file has to change with the other."""
+
 _compiled: Any = njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -67,26 +80,86 @@ def survey(
     least, most = np.empty(LANES), np.empty(LANES)
     carried = forms.shape[1]
     between = signs.shape[1]
+    beyond, mean = np.empty((2 * len(conditions), rows(d), LANES)), np.empty((rows(d), LANES))
+    nothing, crossed = np.empty(LANES, dtype=np.bool_), np.empty((2 * len(conditions), LANES), dtype=np.bool_)
     for start in range(0, len(low), LANES):
         width = min(LANES, len(low) - start)
         load_boxes(registers, own, low, high, parameters, start, d, d)
         run_program(code, number, places, factors, registers, own, d)
         applies[:, start : start + width] = True
-        for n in range(between + len(conditions)):
+        for n in range(between):
             limits(registers[outputs[carried + n]], d, least, most)
             for lane in range(width):
-                if n >= between:
-                    low_limit, high_limit = conditions[n - between, 0], conditions[n - between, 1]
-                    empty[start + lane] |= least[lane] > high_limit or most[lane] < low_limit
-                    continue
                 for case in range(len(signs)):
                     if signs[case, n] < 0 and least[lane] > 0.0:
                         applies[case, start + lane] = False
                     if signs[case, n] > 0 and most[lane] < 0.0:
                         applies[case, start + lane] = False
+        _none_within(registers, outputs[carried + between :], conditions, beyond, crossed, nothing, mean, d)
+        empty[start : start + width] |= nothing[:width]
         for n in range(carried):
             for lane in range(width):
                 _carry(forms[start + lane, n], registers[outputs[n], :, lane], n == 0)
+
+
+@_compiled
+def _none_within(
+    registers: Any, outputs: Any, conditions: Any, beyond: Any, crossed: Any, nothing: Any, mean: Any, d: int
+) -> None:
+    """Boxes without a point that keeps all ``conditions``, ``nothing`` (LANES,): one limit leaves none, or two."""
+    least, most = np.empty(LANES), np.empty(LANES)
+    nothing[:] = False
+    count = 0
+    for n in range(len(conditions)):
+        for side in range(2):
+            limit = conditions[n, side]
+            if abs(limit) < np.inf:
+                _beyond(beyond[count], registers[outputs[n]], limit, side == 0, d)
+                limits(beyond[count], d, least, most)
+                for lane in range(LANES):
+                    nothing[lane] |= least[lane] > 0.0
+                    crossed[count, lane] = most[lane] > 0.0
+                count += 1
+    _none_in_common(beyond[:count], crossed, nothing, mean, d)
+
+
+@_compiled
+def _beyond(target: Any, form: Any, limit: float, below: bool, d: int) -> None:
+    """By how much a form is beyond a limit, in units of what moves it; where nothing is known, without a bound."""
+    last = 1 + d + d * (d + 1) // 2
+    total = last + d
+    for k in range(total):
+        for lane in range(LANES):
+            moved = form[total, lane] + form[total + 1, lane] + form[total + 2, lane]
+            scale = 1.0 / moved if moved > _STILL else 1.0
+            target[k, lane] = (-scale if below and k < last else scale) * form[k, lane]
+            if k == 0:
+                target[k, lane] += scale * (limit if below else -limit)
+            if k == last:
+                target[k, lane] += _OFF * scale * (abs(form[0, lane]) + abs(limit) + moved)
+    sum_up(target, d)
+
+
+@_compiled
+def _none_in_common(beyond: Any, crossed: Any, nothing: Any, mean: Any, d: int) -> None:
+    """Boxes in which each of two limits leaves some points, but both together none: a weighted mean of what is beyond
+    them (rows(d), LANES) is positive on the whole box (:eq:`box-emptiness`)."""
+    least, most = np.empty(LANES), np.empty(LANES)
+    for i in range(len(beyond)):
+        for j in range(i):
+            asked = False
+            for lane in range(LANES):
+                asked |= crossed[i, lane] and crossed[j, lane] and not nothing[lane]
+            if not asked:
+                continue
+            for share in _MEANS:
+                for k in range(mean.shape[0]):
+                    for lane in range(LANES):
+                        mean[k, lane] = (1.0 - share) * beyond[i, k, lane] + share * beyond[j, k, lane]
+                sum_up(mean, d)
+                limits(mean, d, least, most)
+                for lane in range(LANES):
+                    nothing[lane] |= least[lane] > 0.0
 
 
 @_compiled

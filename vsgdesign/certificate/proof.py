@@ -21,7 +21,7 @@ from vsgdesign.execution.interrupts import interrupts_deferred
 
 Array = NDArray[np.float64]
 
-_KEPT, _TRIES, _ROUNDS = 300, 20, 14
+_KEPT, _TRIES, _ROUNDS, _SHORTER = 300, 20, 14, 5
 
 
 def worst_points(
@@ -31,27 +31,36 @@ def worst_points(
     points: Array,
     A: Array,
     rng: np.random.Generator,
+    begin: int = 0,
 ) -> tuple[Array, Array]:
     """The points (_KEPT, 6) of largest ``shortfall`` near the worst of ``points`` (N, 6), the worst first, and it.
 
     ``shortfall``: points and their state matrices to a number each. Steps in ln SCR, ln X/R, P, Q and the errors get
-    smaller from round to round; what leaves the region ends on its limit, and what leaves the static limits is
-    dropped.
+    smaller from round to round; what leaves the region ends on its limit. ``begin``: rounds that are left out, where
+    the points are known to lie near the worst.
     """
     worth = shortfall(points, A)
     best = np.argsort(-worth)[:_KEPT]
     points, worth = points[best], worth[best]
     low, high = region.limits
     low[:2], high[:2] = np.log([[region.scr[0], region.x_over_r[0]], [region.scr[1], region.x_over_r[1]]])
-    for turn in range(_ROUNDS):
+
+    def point(columns: Array) -> Array:
+        columns = np.clip(columns, low, high)
+        columns[:, :2] = np.exp(columns[:, :2])
+        return point_of(columns, region)
+
+    for turn in range(begin, _ROUNDS):
         columns = with_shares(np.repeat(points, _TRIES, axis=0), region)
         columns[:, 0], columns[:, 1] = -np.log(columns[:, 0]), np.log(np.tan(columns[:, 1]))
         # Some coordinates at a time: the worst is often on a limit of the others.
         moved = rng.random(columns.shape) < 0.5
-        columns = columns + moved * rng.normal(size=columns.shape) * 0.2 * 0.7**turn * (high - low)
-        columns = np.clip(columns, low, high)
-        columns[:, :2] = np.exp(columns[:, :2])
-        tried, A = system.matrices(point_of(columns, region))
+        step = moved * rng.normal(size=columns.shape) * 0.2 * 0.7**turn * (high - low)
+        # The worst is often on a static limit, too: a step beyond it is made shorter until it ends before it.
+        for _ in range(_SHORTER):
+            beyond = ~system.within_limits(point(columns + step))
+            step[beyond] *= 0.5
+        tried, A = system.matrices(point(columns + step))
         points, worth = np.concatenate([points, tried]), np.concatenate([worth, shortfall(tried, A)])
         best = np.argsort(-worth)[:_KEPT]
         points, worth = points[best], worth[best]

@@ -255,6 +255,10 @@ class System:
             )
         return Cells(points, R, X, V_rms, gains)
 
+    def within_limits(self, points: Array) -> NDArray[np.bool_]:
+        """Which of the points (N, 6) lie within the static limits (:eq:`static-limits`)."""
+        return self._operating_points(points).most_used <= 1.0
+
     def _operating_points(self, points: Array) -> _AtRest:
         study = self.study
         c, source, f = study.converter, study.grid_source, study.filter

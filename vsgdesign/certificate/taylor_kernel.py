@@ -244,7 +244,7 @@ def negative(entries: Any, d: int, proved: Any, score: Any) -> None:
 
     t_k² is 1/2 ± 1/2; without that, and without the rest, the matrix is affine in each t_k, and definite where it is
     at all corners. What is left is an interval of every entry: definite where four sign patterns are (Rohn, 1994), or,
-    for more than three rows, where it is with the sums of the rows' widths on its diagonal.
+    for more than three rows, where it is with what the widths can do on its diagonal.
     """
     last = 1 + d + d * (d + 1) // 2
     size = len(entries)
@@ -336,38 +336,79 @@ def _definite(centre: Any, radius: Any, proved: Any) -> None:
 
 @_compiled
 def _definite_by_rows(centre: Any, radius: Any, proved: Any) -> None:
-    """Pivots of −centre with the sums of the radius's rows taken off its diagonal: the radius's eigenvalues are within
-    them."""
+    """Whether −centre is definite with what the radius can do taken off its diagonal.
+
+    2|x_i x_j| is at most w x_i² + x_j²/w for every w > 0. The least definite direction has elements about as large as
+    the roots of the inverse's diagonal: with w their ratio, a fast state carries most of what is not known of its
+    coupling to a slow one.
+    """
     n = 3
     while n * (n + 1) // 2 < len(centre):
         n += 1
-    pivots = np.empty((n, n, LANES))
+    pivots, inverse = np.zeros((n, n, LANES)), np.zeros((n, n, LANES))
+    good = np.ones(LANES, dtype=np.bool_)
+    _fill(pivots, centre)
+    _eliminate(pivots, good)
+    # The columns of the inverse of the unit lower factor; the diagonal of the inverse follows from them.
+    for i in range(n):
+        for lane in range(LANES):
+            inverse[i, i, lane] = 1.0
+        for j in range(i + 1, n):
+            for k in range(i, j):
+                for lane in range(LANES):
+                    inverse[j, i, lane] -= pivots[j, k, lane] / pivots[k, k, lane] * inverse[k, i, lane]
+    reach = np.zeros((n, LANES))
+    for i in range(n):
+        for j in range(i, n):
+            for lane in range(LANES):
+                reach[i, lane] += inverse[j, i, lane] * inverse[j, i, lane] / pivots[j, j, lane]
+    _fill(pivots, centre)
+    m = n
+    for i in range(n):
+        for lane in range(LANES):
+            pivots[i, i, lane] -= radius[i, lane]
+        for j in range(i + 1, n):
+            for lane in range(LANES):
+                weight = math.sqrt(reach[j, lane] / reach[i, lane]) if good[lane] else 1.0
+                pivots[i, i, lane] -= radius[m, lane] * weight
+                pivots[j, j, lane] -= radius[m, lane] / weight
+            m += 1
     shift = np.zeros(LANES)
     for i in range(n):
         for lane in range(LANES):
-            pivots[i, i, lane] = -centre[i, lane] - radius[i, lane]
-    m = n
-    for i in range(n):
-        for j in range(i + 1, n):
-            for lane in range(LANES):
-                pivots[j, i, lane] = -centre[m, lane]
-                pivots[i, i, lane] -= radius[m, lane]
-                pivots[j, j, lane] -= radius[m, lane]
-            m += 1
-    for i in range(n):
-        for lane in range(LANES):
             shift[lane] += abs(pivots[i, i, lane])
-    good = np.ones(LANES, dtype=np.bool_)
     for k in range(n):
         for lane in range(LANES):
             pivots[k, k, lane] -= 1e-13 * shift[lane]
-    for k in range(n):
-        for lane in range(LANES):
-            good[lane] &= pivots[k, k, lane] > 0.0
-        for i in range(k + 1, n):
-            for j in range(k + 1, i + 1):
-                for lane in range(LANES):
-                    pivots[i, j, lane] -= pivots[i, k, lane] * pivots[j, k, lane] / pivots[k, k, lane]
+    _eliminate(pivots, good)
     for lane in range(LANES):
         if not good[lane]:
             proved[lane] = False
+
+
+@_compiled
+def _fill(matrix: Any, entries: Any) -> None:
+    """The lower triangle of a matrix (n, n, LANES) with the opposite of its entries (n(n + 1)/2, LANES)."""
+    n = len(matrix)
+    m = n
+    for i in range(n):
+        for lane in range(LANES):
+            matrix[i, i, lane] = -entries[i, lane]
+        for j in range(i + 1, n):
+            for lane in range(LANES):
+                matrix[j, i, lane] = -entries[m, lane]
+            m += 1
+
+
+@_compiled
+def _eliminate(matrix: Any, good: Any) -> None:
+    """Pivots on the diagonal of a lower triangle (n, n, LANES); ``good`` (LANES,) is and-ed with whether all are
+    positive."""
+    n = len(matrix)
+    for k in range(n):
+        for lane in range(LANES):
+            good[lane] &= matrix[k, k, lane] > 0.0
+        for i in range(k + 1, n):
+            for j in range(k + 1, i + 1):
+                for lane in range(LANES):
+                    matrix[i, j, lane] -= matrix[i, k, lane] * matrix[j, k, lane] / matrix[k, k, lane]
