@@ -18,9 +18,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.oracles.emt_controller import SampledController, State
+from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation import GainChange, simulate
+from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.units import PlantRun, plant_timeline, simulate_plant
 from vsgdesign.simulation.wander import Wander
 from vsgdesign.study.parameters import Study, study_from_text
@@ -343,6 +345,29 @@ def test_one_unit_is_a_converter() -> None:
     rated = [c.I_rated_pk] * 2 + [math.sqrt(2.0) * c.V_rated_rms] * 2 + [c.I_rated_pk] * 2
     assert np.abs((expected.log - found.log)[:, :6] / rated).max() < 1e-10
     assert np.ptp(expected.column("P")) > 500.0
+
+
+def test_gains_that_follow_what_a_unit_measures() -> None:
+    """At the end of every window, as of one converter: the same gains at the same instants, and two equal units have
+    them both."""
+    controller = '[[controllers]]\nname = "follows"\nkind = "scheduled"\nstructure = "angle_damped"\n'
+    controller += 'operating_point = "reference"\nupdate_period = "2 ms"\n'
+    text = f'{controller}[[events]]\ntime = "5 ms"\nP_ref = "3 kW"\n'
+    study = plant_study(f"[plant]\nunits = 1\nreactance = 0.06\n{text}", start='"steady_state"')
+    timeline = plant_timeline(study)
+    alone, spec = timeline.units[0], study.controllers[-1]
+    expected = simulate(alone, feed_of(alone, spec, timeline.timelines[0], NOTHING))
+    one = simulate_plant(study, [feed_of(alone, spec, timeline.timelines[0], NOTHING)]).units[0]
+    assert len(one.gain_changes) > 5
+    assert [change.t_s for change in one.gain_changes] == pytest.approx([c.t_s for c in expected.gain_changes])
+    for mine, theirs in zip(one.gain_changes, expected.gain_changes, strict=True):
+        assert mine.gains == pytest.approx(theirs.gains, rel=1e-9)
+    two = plant_study(f"[plant]\nunits = 2\nreactance = 0.06\n{text}", start='"steady_state"')
+    seen = plant_timeline(two)
+    feeds = [feed_of(own, spec, own_seen, NOTHING) for own, own_seen in zip(seen.units, seen.timelines, strict=True)]
+    first, second = simulate_plant(two, feeds).units
+    assert len(first.gain_changes) == len(second.gain_changes) > 5
+    assert first.gain_changes[-1].gains == pytest.approx(second.gain_changes[-1].gains, rel=1e-9)
 
 
 @pytest.mark.parametrize("sampling", ["together", "spread"])

@@ -79,7 +79,9 @@ def splits(situation: Situation) -> bool:
     plant, units = situation.study.plant, situation.units
     if plant is None or len(units) < 2 or not plant.equal or situation.inverters:
         return False
-    return all(one.gains == units[0].gains and one.refs == units[0].refs for one in units)
+    # Gains that follow what each unit measures differ by rounding.
+    same = all(np.allclose(one.gains, units[0].gains, rtol=1e-9, atol=0.0) for one in units)
+    return same and all(one.refs == units[0].refs for one in units)
 
 
 def split_matrices(rest: UnitsAtRest) -> tuple[tuple[tuple[str, ...], Array], tuple[tuple[str, ...], Array]]:

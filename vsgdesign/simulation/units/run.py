@@ -41,6 +41,7 @@ from vsgdesign.simulation.units.added import AddedToPlant, adds
 from vsgdesign.simulation.units.body import AXES, OtherKind, PlantKind, body_numbers, log_names, spec_of_plant
 from vsgdesign.simulation.units.program import PlantProgram
 from vsgdesign.simulation.units.timeline import PlantSegment, PlantTimeline, plant_timeline
+from vsgdesign.simulation.units.windows import Schedule, UnitGains
 from vsgdesign.study.parameters.inverter_kinds import Phasors
 from vsgdesign.study.parameters.power_plant import Inverter
 from vsgdesign.study.parameters.study import Study
@@ -107,7 +108,7 @@ class PlantRun:
 
 def simulate_plant(
     study: Study,
-    schedules: Sequence[Sequence[GainChange]],
+    schedules: Sequence[Schedule],
     *,
     timeline: PlantTimeline | None = None,
     log_interval: float | None = None,
@@ -127,7 +128,7 @@ def simulate_plant(
     return _Run(logged, timeline or plant_timeline(study), schedules).run(progress)
 
 
-def check_start(study: Study, schedules: Sequence[Sequence[GainChange]], timeline: PlantTimeline) -> None:
+def check_start(study: Study, schedules: Sequence[Schedule], timeline: PlantTimeline) -> None:
     """Prepares a run up to its first sample. Raises what :func:`simulate_plant` raises until then."""
     _Run(study, timeline, schedules)
 
@@ -135,7 +136,7 @@ def check_start(study: Study, schedules: Sequence[Sequence[GainChange]], timelin
 class _Run:
     """A run that is under way."""
 
-    def __init__(self, study: Study, timeline: PlantTimeline, schedules: Sequence[Sequence[GainChange]]) -> None:
+    def __init__(self, study: Study, timeline: PlantTimeline, schedules: Sequence[Schedule]) -> None:
         self.study, self.timeline, self.schedules = study, timeline, schedules
         self.clock = clock_of_study(study)
         self.wiring = wiring_of(study)
@@ -154,7 +155,8 @@ class _Run:
         self.per_period = len(sampling)
         self.log_periods = max(round(study.simulation.log_interval / self.clock.period), 1)
         self.periods = int(np.floor(study.simulation.duration / self.clock.period + 1e-6))
-        self._gains = [one[0].gains for one in schedules]
+        self.given = tuple(map(UnitGains, schedules))
+        self._gains = [one.first for one in self.given]
         self._start()
 
     def _at(self, name: str) -> Array:
@@ -171,7 +173,7 @@ class _Run:
         if self.study.simulation.start != "cold":
             self._begin_at_rest(phase)
         for k in range(len(self.timeline.units)):
-            self._put_gains(k, self.schedules[k][0])
+            self._put_gains(k, self.given[k].known[0])
         writer = ProgramWriter()
         self.program.write(writer, self.spans[self.kind.matrix[0]].start, self.spans["V_g"].start)
         for k, timeline in enumerate(self.timeline.timelines):
@@ -246,13 +248,15 @@ class _Run:
         every = self.log_periods * self.per_period
         names, end = log_names(self.kind), self.periods * self.per_period
         log = np.empty((1, -(-end // every), len(names), 1))
-        changes = self._changes(end)
-        cuts = {0, end, *(k for k in changes if k < end), *range(0, end, _STRETCH * self.per_period)}
+        changes, asked = self._changes(end), self._asked(end)
+        cuts = {0, end, *changes, *asked, *range(0, end, _STRETCH * self.per_period)}
         marks, seconds, divergence = sorted(cuts), 0.0, None
         cycle = np.array(body_numbers(self.kind), dtype=np.int64) if len(self.loop.spec.bodies) > 1 else None
         for begin, after in itertools.pairwise(marks):
             for unit, change in changes.get(begin, ()):
                 self._change(unit, change)
+            for unit, t_s in asked.get(begin, ()):
+                self._ask(unit, t_s)
             self._phase(begin)
             fed = None if self.added is None else self.added.fed(begin, after)
             clock = time.perf_counter()
@@ -275,12 +279,29 @@ class _Run:
     def _changes(self, end: int) -> dict[int, list[tuple[int, GainChange]]]:
         """The later changes of gains, by the sample of the loop before which they come."""
         found: dict[int, list[tuple[int, GainChange]]] = {}
-        for k, schedule in enumerate(self.schedules):
-            for change in schedule[1:]:
+        for k, given in enumerate(self.given):
+            for change in given.known[1:]:
                 at = self.program.sample_from(change.t_s, k)
                 if at < end:
                     found.setdefault(at, []).append((k, change))
         return found
+
+    def _asked(self, end: int) -> dict[int, list[tuple[int, float]]]:
+        """The ends of windows, by the sample of the loop before which they come."""
+        found: dict[int, list[tuple[int, float]]] = {}
+        for k, given in enumerate(self.given):
+            for t_s in given.ends(self.study.simulation.duration):
+                at = self.program.sample_from(t_s, k)
+                if at < end:
+                    found.setdefault(at, []).append((k, t_s))
+        return found
+
+    def _ask(self, k: int, t_s: float) -> None:
+        """The gains that a unit's schedule gives for what the unit measures."""
+        state, limited = self._state(k), int(self._at(f"u{k}.limited")[0])
+        change = self.given[k].answer(t_s, (state.P_f, state.Q_f, state.V), limited, self._gains[k])
+        if change is not None:
+            self._change(k, change)
 
     def _change(self, k: int, change: GainChange) -> None:
         """Other gains for a unit; its frequency stays (:eq:`gain-transfer`)."""
@@ -319,7 +340,7 @@ class _Run:
             UnitRun(
                 name=unit.name,
                 study=self.timeline.units[k],
-                gain_changes=tuple(self.schedules[k]),
+                gain_changes=tuple(self.given[k].changes),
                 log=log[:, width * k : width * (k + 1)],
                 terminals=terminals[:, k],
                 final_state=self._state(k),

@@ -20,7 +20,7 @@ from vsgdesign.linear.stability.modes_of_units import PlantMode, SplitModes, mod
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.simulation.every_sample import SignalsAtPcc
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.outcome import Outcome, outcome_of
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation
@@ -40,6 +40,7 @@ from vsgdesign.simulation.units.inverters import (
 )
 from vsgdesign.simulation.units.run import PlantRun, UnitRun, check_start, simulate_plant, situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of
+from vsgdesign.simulation.units.windows import Follows, Schedule
 from vsgdesign.study.parameters.power_plant import GRID
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
@@ -122,15 +123,17 @@ def run_plant(
     progress: Callable[[str, float], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> PlantResult:
-    """Every controller of a study in all units of its plant. ``warn`` is called before a run with a sentence on each
-    rest that is unstable. Raises InfeasibleStudyError where the start has no steady state, or a controller cannot be
-    run in a plant."""
+    """Every controller of a study in all units of its plant. ``warn`` is called with a sentence on each rest that is
+    unstable: before the run, or after it where gains follow what a unit measures. Raises InfeasibleStudyError where the
+    start has no steady state, or a controller cannot be run in a plant."""
     found = []
     for spec in study.controllers:
         timeline, schedules, rests = _prepared(study, spec, ready, warn)
         report = None if progress is None else _reporter(progress, spec.name)
         interval = _interval(study, timeline)
         run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
+        if any(isinstance(one, Follows) for one in schedules):  # with the gains that it really had
+            rests = _told_rests(study, spec, timeline, _settled(study, run), warn)
         units = tuple(_unit_result(study, spec, run, k, rests) for k in range(len(timeline.units)))
         every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
         phase = timeline.shared.source_phase(run.t_s, 1e-9)
@@ -159,28 +162,47 @@ def check_plant_run(study: Study, ready: Ready = NOTHING) -> list[str]:
 
 def _prepared(
     study: Study, spec: ControllerSpec, ready: Ready, warn: Callable[[str], None] | None
-) -> tuple[PlantTimeline, list[Sequence[GainChange]], tuple[PlantRest, ...]]:
+) -> tuple[PlantTimeline, list[Schedule], tuple[PlantRest, ...]]:
     """Timeline, gains of each unit and rests of a controller, before its run."""
     timeline = plant_timeline(study, spec)
     schedules = [_gains(timeline, k, spec, ready) for k in range(len(timeline.units))]
+    known = [one for one in schedules if not isinstance(one, Follows)]
+    rests = _told_rests(study, spec, timeline, known, warn) if len(known) == len(schedules) else ()
+    return timeline, schedules, rests
+
+
+def _told_rests(
+    study: Study,
+    spec: ControllerSpec,
+    timeline: PlantTimeline,
+    schedules: Sequence[Sequence[GainChange]],
+    warn: Callable[[str], None] | None,
+) -> tuple[PlantRest, ...]:
+    """The rests of a plant, with a warning of each that is unstable."""
     rests = _rests(study, timeline, schedules)
     for one in rests if warn is not None else ():
         if not one.stable and warn is not None:
             warn(_unstable(spec, one))
-    return timeline, schedules, rests
+    return rests
+
+
+def _settled(study: Study, run: PlantRun) -> list[tuple[GainChange, ...]]:
+    """The gains that each unit had before each event and at the end."""
+    instants = sorted({event.t_s for event in study.events})
+    return [settled_changes(one.gain_changes, instants, study.simulation.duration) for one in run.units]
 
 
 def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[float], None]:
     return lambda t_s: progress(name, t_s)
 
 
-def _gains(timeline: PlantTimeline, k: int, spec: ControllerSpec, ready: Ready) -> Sequence[GainChange]:
+def _gains(timeline: PlantTimeline, k: int, spec: ControllerSpec, ready: Ready) -> Schedule:
     own = timeline.units[k]
     feed = feed_of(own, spec_of(own, spec), timeline.timelines[k], ready)
-    if not isinstance(feed, Sequence):
+    if not isinstance(feed, Sequence | Follows):
         raise InfeasibleStudyError(
-            f"controller {spec.name}: its gains follow an estimate or what it measures, which a plant does not have "
-            'yet. Give kind = "fixed", or a schedule on the true grid.'
+            f"controller {spec.name}: its gains follow an estimate, which a plant does not have yet. "
+            'Give kind = "fixed", or a schedule on the true grid.'
         )
     return feed
 

@@ -1,0 +1,62 @@
+"""Schedules of a plant's units that follow what they measure: each is asked at the end of its own windows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.simulation.feeds import LateSchedule
+from vsgdesign.simulation.following import KnownGridScheduler
+from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.online import WindowPowers
+
+Follows = KnownGridScheduler | LateSchedule
+"""A schedule that takes the powers at the end of a window, and a grid that is known beforehand."""
+
+Schedule = Sequence[GainChange] | Follows
+"""What a unit's gains are: changes over time, or a schedule that follows what it measures."""
+
+
+class UnitGains:
+    """The gains of one unit over a run: those that are known beforehand, then what a schedule answers."""
+
+    def __init__(self, schedule: Schedule) -> None:
+        self.follows = None if isinstance(schedule, Sequence) else schedule
+        self.known: tuple[GainChange, ...]
+        if isinstance(schedule, Sequence):
+            self.known = tuple(schedule)
+        else:
+            first = schedule.first_gains()
+            self.known = (GainChange(0.0, first, schedule.grid),)
+        self.changes = [self.known[0]] if self.follows is not None else list(self.known)
+        self._limited = 0
+
+    @property
+    def first(self) -> PowerLoopGains:
+        """At t = 0."""
+        return self.known[0].gains
+
+    def ends(self, duration: float) -> list[float]:
+        """The ends of its windows after t = 0, s."""
+        if self.follows is None:
+            return []
+        period = self.follows.update_period
+        return [k * period for k in range(1, int(duration / period * (1.0 + 1e-12)) + 1)]
+
+    def answer(
+        self, t_s: float, powers: tuple[float, float, float], limited: int, present: PowerLoopGains
+    ) -> GainChange | None:
+        """What the schedule says at the end of a window. ``powers``: P (W), Q (var) and V (rms) as the power loops see
+        them; ``limited``: samples with a limited current since the start."""
+        if self.follows is None:
+            return None
+        window = WindowPowers(t_s, *powers, limited - self._limited)
+        self._limited = limited
+        found = self.follows.update(window)
+        if found is None or found == present:
+            return None
+        self.changes.append(GainChange(t_s, found, self.follows.grid))
+        return self.changes[-1]
+
+
+__all__ = ["Follows", "Schedule", "UnitGains"]
