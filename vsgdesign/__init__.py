@@ -18,6 +18,7 @@ _HOMES = {
     "controller": "verbs.facade.studies",
     "design_table": "verbs.facade.tables",
     "event": "verbs.facade.studies",
+    "explore": "verbs.facade.reporting",
     "export_c": "verbs.facade.tables",
     "export_dll": "verbs.facade.exports",
     "export_fmu": "verbs.facade.exports",

@@ -9,6 +9,7 @@ from vsgdesign.verbs.facade.assessed import Margins as Margins
 from vsgdesign.verbs.facade.assessed import margins as margins
 from vsgdesign.verbs.facade.exports import export_dll as export_dll
 from vsgdesign.verbs.facade.exports import export_fmu as export_fmu
+from vsgdesign.verbs.facade.reporting import explore as explore
 from vsgdesign.verbs.facade.reporting import write_report as write_report
 from vsgdesign.verbs.facade.simulated import Run as Run
 from vsgdesign.verbs.facade.simulated import simulate as simulate

@@ -20,6 +20,7 @@ from tests.gain_tables import table as gain_table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import base_of
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.verbs.pipeline import study_tables
 
@@ -160,6 +161,20 @@ def test_reports_are_those_of_the_verbs(run: vd.Run, tmp_path: Path) -> None:
     (tmp_path / "run" / "mine.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(ArtifactError):
         vd.write_report(run, tmp_path / "run")
+
+
+def test_a_page_is_that_of_the_verb(study: vd.Study, tmp_path: Path) -> None:
+    page = vd.explore(study, tmp_path / "page.html", controllers=["AVSG"], scr=4.0, lattice=(2, 1), ready=Ready())
+    text = page.read_text(encoding="utf-8")
+    kept, _ = json.JSONDecoder().raw_decode(text, text.index("window.STATIC = ") + len("window.STATIC = "))
+    assert kept["info"]["defaults"]["scr"] == 4.0
+    assert [one["name"] for one in kept["info"]["controllers"]] == ["AVSG"]
+    with pytest.raises(vd.VsgDesignError, match="2 to 120 of SCR"):
+        vd.explore(study, page, lattice=(1, 1), ready=Ready())
+    with pytest.raises(vd.VsgDesignError, match="BVSG"):
+        vd.explore(study, page, controllers=["BVSG"], lattice=(2, 1), ready=Ready())
+    with pytest.raises(TypeError, match="explore takes a study"):
+        vd.explore(3, page)  # type: ignore[arg-type]
 
 
 def test_margins_are_those_of_the_verb(study: vd.Study) -> None:

@@ -183,16 +183,9 @@ def _session(
             raise Interrupted("finished cells of gain tables are kept, and the same command continues there") from None
     show("Loading the models.")
     from vsgdesign.artifacts.ready import Ready
-    from vsgdesign.errors import Fault, StudyError
-    from vsgdesign.report.explore.session import Session, start_of
-    from vsgdesign.report.explore.state import StateError
+    from vsgdesign.verbs.pipeline.exploring import session_from
 
-    try:
-        start = None if link is None else start_of(link, study)
-        return Session(study, Ready(tables=kept.tables), files=kept.files, words=" ".join(kept.words), start=start)
-    except StateError as error:
-        faults = [Fault(str(one["field"]), "", one["text"].rstrip(".")) for one in error.faults]
-        raise StudyError("--state", faults) from None
+    return session_from(study, Ready(tables=kept.tables), link, files=kept.files, words=" ".join(kept.words))
 
 
 def _write(
