@@ -37,7 +37,7 @@ CASES = {"5 kVA": "hoang2025_5kva", "12.5 kVA": "lab_12kva_lcl", "1 MVA": "utili
 LATTICE = (8, 4)
 RUNS, SEED = 300, 29
 KINDS = ("step", "step", "step", "grid", "phase", "sag", "ramp", "voltage_set_point")
-MOVES, OPENINGS, PAUSE_S, PATIENCE_S = 60, 5, 0.25, 55.0
+MOVES, OPENINGS, MAPS, PAUSE_S, PATIENCE_S = 60, 5, 8, 0.25, 55.0
 STRUCTURES = Path(__file__).resolve().parents[1] / "studies" / "structures" / "study.toml"
 
 STUDY = """
@@ -81,7 +81,7 @@ new Response(inflated).arrayBuffer().then((data) => {
       one = (Math.imul(one, 31) + words[j]) | 0;
       other = (other + Math.imul(words[j], 2 * j + 1)) | 0;
     }
-    return { done, bits: [one >>> 0, other >>> 0], row: judge.judged(run, done) };
+    return { done, bits: [one >>> 0, other >>> 0], row: judge.judged(run) };
   };
 }).catch((error) => { window.judged = String(error.stack); });
 """
@@ -219,9 +219,23 @@ def drags(page: Page, path: Path) -> dict[str, list[float]]:
             page.evaluate("drawings.linear.length = drawings.emt.length = silences.length = 0")
         page.mouse("mouseMoved", *box.at(float(rng.uniform(0.15, 0.95)), float(rng.uniform(0.08, 0.8))), 1)
         time.sleep(PAUSE_S)
+    page.mouse("mouseReleased", *box.at())
     page.wait(SETTLED, timeout_s=PATIENCE_S)
     found = {kind: page.evaluate(f"drawings.{kind}.map((one) => one.after)") for kind in ("linear", "emt")}
     return found | {"silent": page.evaluate("silences")} | opened
+
+
+def live_map(page: Page) -> dict[str, list[float]]:
+    """ms from the wish of a live map to its first cells and to all of them, for phase jumps of several sizes."""
+    found: dict[str, list[float]] = {"first cells": [], "whole map": []}
+    for size in np.linspace(5.0, 40.0, MAPS):
+        event = f"event: {{...page.store.state.event, kind: 'phase', size: {size}}}"
+        page.evaluate(f"drawings.map.length = 0; page.store.set({{figure: 'survived', {event}}}); page.store.commit()")
+        page.wait(f"drawings.map.length && !page.answers.map.header.more && {SETTLED}", timeout_s=PATIENCE_S)
+        after = page.evaluate("drawings.map.map((one) => one.ms)")
+        found["first cells"].append(after[0])
+        found["whole map"].append(after[-1])
+    return found
 
 
 HEARING = """
@@ -266,6 +280,8 @@ def dragged(drag: dict[str, list[float]]) -> Iterator[str]:
         "silent": "between two calls of the page's ear",
         "shown": "from the opening of the file to its map",
         "simulated": "from the opening of the file to its first runs",
+        "first cells": "from the wish of a live map to its first cells",
+        "whole map": "from the wish of a live map to all of its cells",
     }
     rows = [[said, *(f"{value:.0f} ms" for value in p[name])] for name, said in names.items() if name in p]
     yield from table(["time", "median", "95 %", "longest"], rows)
@@ -290,7 +306,7 @@ def main(folder: Path, runs: int = RUNS) -> None:
         leave(folder, "page_runs", vars(found), list(tables(found)))
         write_page(Session(load_study(STRUCTURES), Ready()), Path(place) / "drag.html", workers=None)
         page = browser.page()
-        drag = drags(page, Path(place) / "drag.html")
+        drag = drags(page, Path(place) / "drag.html") | live_map(page)
         page.close()
     leave(folder, "page_drags", drag)
     print("\n".join(dragged(drag)))

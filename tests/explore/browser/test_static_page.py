@@ -95,6 +95,10 @@ def test_a_file_simulates_other_events_with_the_bits_of_the_package(browser: Chr
             np.testing.assert_allclose(most, np.abs(log).max(axis=0), rtol=1e-9)
             near = event["kind"] == "ramp"
             assert near or sum_of_bits == str(int(log.view(np.uint64).sum(dtype=np.uint64))), (event, k)
+            if not near:  # as on a live map
+                differ, numbers = page.evaluate(f"differing({k}, ['1{mark}', '2{mark}'], {json.dumps(asked)})")
+                assert differ == 0
+                assert numbers == 2 * log.size
             if not held:
                 saved[event["kind"], k] = run
     for event in EVENTS[1:]:
@@ -139,6 +143,23 @@ window.bits = (k, key, event) => {
     most[j % width] = Math.max(most[j % width], Math.abs(rows[j]));
   }
   return [done, String(BigInt.asUintN(64, sum)), ...most];
+};
+// How many numbers of two runs in one loop differ from those of the same runs alone, and how many there are.
+window.differing = (k, keys, event) => {
+  const controller = engine.controller(k, keys[0]);
+  const beside = engine.together(controller, keys, event);
+  let [differ, count] = [0, 0];
+  keys.forEach((key, lane) => {
+    const { rows, width, done } = engine.run(controller, key, event);
+    const { loop, done: ended } = beside[lane];
+    if (ended !== done) differ += 1;
+    const { floats } = loop.memory;
+    for (let j = 0; j < done * width; j += 1) {
+      if (!Object.is(rows[j], floats[loop.inLog(0, j)])) differ += 1;
+      count += 1;
+    }
+  });
+  return [differ, count];
 };
 """
 

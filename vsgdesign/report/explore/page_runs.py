@@ -49,7 +49,7 @@ from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.bodies import names_of
 from vsgdesign.simulation.circuit_program import RAMP_DRIFT
 from vsgdesign.simulation.following import KnownGridScheduler
-from vsgdesign.simulation.loop import log_names, spec_of
+from vsgdesign.simulation.loop import ALONE, log_names, spec_of
 from vsgdesign.simulation.rescheduled import refollowed, rescheduled
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.converter import Converter
@@ -262,6 +262,7 @@ def _described(at: AtRest, ready: Ready) -> tuple[dict[str, Any], dict[str, Loop
     study, spec, kind = at.study, at.study.controllers[0], at.batch.kind
     ramped = kind._replace(ramped=True)
     loops = {"loop": spec_of(kind, log_names(kind)), "ramp": spec_of(ramped, log_names(ramped))}
+    loops["pair"] = spec_of(kind, log_names(kind), ALONE._replace(lanes=2))
     document: dict[str, Any] = {
         "uniform": at.batch.uniform.tolist(),
         "ramp_uniform": Batch(ramped, study, 1).uniform.tolist(),
@@ -319,4 +320,5 @@ def _places(spec: LoopSpec) -> dict[str, Any]:
         "uniform": spec.uniform,
         "fed": len(spec.fed),
         "rings": len(spec.rings),
+        "lanes": spec.width,
     }

@@ -7,6 +7,7 @@ them and puts its figures into the sentences of :mod:`vsgdesign.report.explore.w
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -60,14 +61,18 @@ def verdict_loops() -> dict[str, LoopSpec]:
     newton = flat_block(droop_step)
     state = ("V_rms", "next_V"), ("delta", "next_delta")
     rest = tuple(name for name in newton.inputs if name not in ("V_rms", "delta"))
-    return {
-        "path": function_spec(sampled_path, {}),
-        "newton": LoopSpec((newton,), state, rest, logged=("error",), strict=True),
-        "rest": function_spec(sampled_rest, {}),
+    over_log = {
         "seen_step": _over_log(_step(), (("power_ago", "power"),)),
         "seen_disturbance": _over_log(
             headed(flat_block(seen_disturbance)), (("P_ago", "P_now"), ("Q_ago", "Q_now")), {"seen": "watched"}
         ),
+    }
+    return {
+        "path": function_spec(sampled_path, {}),
+        "newton": LoopSpec((newton,), state, rest, logged=("error",), strict=True),
+        "rest": function_spec(sampled_rest, {}),
+        **over_log,
+        **{f"{name}_pair": replace(spec, lanes=2) for name, spec in over_log.items()},
         "entered_s": function_spec(entered_s, {}),
         "needs": function_spec(needs_at_first, {}),
         "swung": function_spec(swung, {}),

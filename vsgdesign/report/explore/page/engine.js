@@ -32,17 +32,19 @@ class Memory {
   }
 }
 
-/** A loop with its arrays in the memory. */
+/** A loop with its arrays in the memory. It moves one run, or several beside each other: `lanes`. */
 class Loop {
   constructor(engine, name, uniform, slots) {
     const { info, memory } = engine;
     const places = info.places[name];
-    Object.assign(this, { memory, run: memory.exports[name], logged: places.logged.length, slots });
+    const { lanes } = places;
+    Object.assign(this, { memory, run: memory.exports[name], logged: places.logged.length, slots, lanes, lane: 0 });
     this.at = Object.fromEntries(places.rows.map((row, k) => [row, k]));
     this.output = Object.fromEntries(places.logged.map((row, k) => [row, k]));
-    this.rows = memory.room(places.rows.length);
-    this.log = memory.room(this.logged * slots);
-    Object.assign(this, { rings: places.rings, ringRoom: 0, count: places.rows.length, next: 0 });
+    this.rows = memory.room(places.rows.length * lanes);
+    this.log = memory.room(this.logged * slots * lanes);
+    Object.assign(this, { rings: places.rings, count: places.rows.length, next: 0 });
+    this.room = { length: 0 };
     this.pointers = Object.fromEntries(info.pointers.map((key, k) => [key, info.integers.length + k]));
     this.whole = Object.fromEntries(info.integers.map((key, k) => [key, k]));
     const [own, nothing] = [memory.room(places.uniform.length), memory.room(4)];
@@ -50,13 +52,25 @@ class Loop {
     memory.floats.set(uniform, own);
     const { whole } = memory;
     whole.fill(0n, nothing, nothing + 4);
-    // One group of one lane; rows of a log lie behind each other, one for every sample.
-    const numbers = { groups: 1, period: 1, log_sample: this.logged, every: 1 };
+    // One group; rows of a log lie behind each other, one for every sample.
+    const numbers = { groups: 1, period: 1, log_sample: this.logged * lanes, every: 1 };
     info.integers.forEach((key, k) => (whole[this.given + k] = BigInt(numbers[key] || 0)));
     const arrays = { rows: this.rows, uniform: own, log: this.log };
     info.pointers.forEach((key, k) => {
       whole[this.given + info.integers.length + k] = BigInt(8 * (key in arrays ? arrays[key] : nothing));
     });
+    this.each = [this];
+    for (let lane = 1; lane < lanes; lane += 1) this.each.push(Object.assign(Object.create(this), { lane }));
+  }
+
+  /** Where a number of the rows is, of the run of this lane. */
+  place(name) {
+    return this.rows + this.at[name] * this.lanes + this.lane;
+  }
+
+  /** Where a number of the log is: the column of a sample's row. */
+  inLog(k, column) {
+    return this.log + (k * this.logged + column) * this.lanes + this.lane;
   }
 
   /** Moves through samples begin to end − 1. */
@@ -69,22 +83,20 @@ class Loop {
 
   /** Sets all rows to zero but for those that are given, and the rings, which have so many samples. */
   clear(length, given) {
-    if (this.ringRoom < length) {
-      Object.assign(this, {
-        ringRoom: length,
-        ring: this.memory.room(length * this.rings),
-        ringLength: this.memory.room(1),
-      });
+    const { room, rings, lanes, lane } = this;
+    if (room.length < length) {
+      const [ring, ringLength] = [this.memory.room(length * rings * lanes), this.memory.room(1)];
+      Object.assign(room, { length, ring, ringLength });
     }
     const { floats, whole } = this.memory;
-    floats.fill(0, this.ring, this.ring + length * this.rings);
-    floats.fill(0, this.rows, this.rows + this.count);
-    whole[this.ringLength] = BigInt(length);
+    for (let k = 0; k < length * rings; k += 1) floats[room.ring + k * lanes + lane] = 0;
+    for (let k = 0; k < this.count; k += 1) floats[this.rows + k * lanes + lane] = 0;
+    whole[room.ringLength] = BigInt(length);
     whole[this.given + this.whole.ring_size] = BigInt(length);
-    whole[this.given + this.pointers.rings] = BigInt(8 * this.ring);
-    whole[this.given + this.pointers.ring_length] = BigInt(8 * this.ringLength);
+    whole[this.given + this.pointers.rings] = BigInt(8 * room.ring);
+    whole[this.given + this.pointers.ring_length] = BigInt(8 * room.ringLength);
     this.next = 0;
-    for (const [name, value] of Object.entries(given)) this.set(name, value);
+    for (const name in given) this.set(name, given[name]);
   }
 
   /** The log of another loop is read from this sample on. */
@@ -96,8 +108,9 @@ class Loop {
   read(source, end) {
     if (end <= this.next) return;
     const { whole } = this.memory;
-    whole[this.given + this.whole.fed_sample] = BigInt(source.logged);
-    whole[this.given + this.pointers.fed] = BigInt(8 * (source.log + this.next * source.logged));
+    const row = source.logged * source.lanes;
+    whole[this.given + this.whole.fed_sample] = BigInt(row);
+    whole[this.given + this.pointers.fed] = BigInt(8 * (source.log + this.next * row));
     this.call(this.next, end);
     this.next = end;
   }
@@ -114,11 +127,11 @@ class Loop {
   }
 
   get(name) {
-    return this.memory.floats[this.rows + this.at[name]];
+    return this.memory.floats[this.place(name)];
   }
 
   set(name, value) {
-    if (name in this.at) this.memory.floats[this.rows + this.at[name]] = value;
+    if (name in this.at) this.memory.floats[this.place(name)] = value;
   }
 
   /** Rows from those of another loop by pairs of names, whose places are found once; one that it does not have is zero. */
@@ -126,10 +139,7 @@ class Loop {
     this.plans ||= new Map();
     if (!this.plans.has(from)) {
       const known = pairs.filter(([name]) => name in this.at);
-      const places = known.map(([name, of]) => [
-        this.rows + this.at[name],
-        of in from.at ? from.rows + from.at[of] : -1,
-      ]);
+      const places = known.map(([name, of]) => [this.place(name), of in from.at ? from.place(of) : -1]);
       this.plans.set(from, places);
     }
     const { floats } = this.memory;
@@ -140,7 +150,7 @@ class Loop {
   /** What the last sample gave by these names, which have a prefix in the log. */
   loggedAs(prefix, names) {
     this.places ||= {};
-    this.places[prefix] ||= names.map((name) => this.log + this.output[`${prefix}${name}`]);
+    this.places[prefix] ||= names.map((name) => this.inLog(0, this.output[`${prefix}${name}`]));
     const { floats } = this.memory;
     const found = {};
     names.forEach((name, k) => (found[name] = floats[this.places[prefix][k]]));
@@ -149,7 +159,7 @@ class Loop {
 
   /** What one sample gives for these values. */
   answer(values) {
-    for (const [name, value] of Object.entries(values)) this.set(name, value);
+    for (const name in values) this.set(name, values[name]);
     this.call(0, 1);
     const { floats } = this.memory;
     return (name) => floats[this.log + this.output[name]];
@@ -176,12 +186,11 @@ const LASTING = ["sag", "ramp"];
 class Run {
   constructor(engine, controller, loop, key, event) {
     const { info } = engine;
-    Object.assign(this, { engine, info, controller, loop, event });
+    Object.assign(this, { engine, info, controller, loop, event, done: null });
     this.T_s = info.T_s;
     this.start = engine.startOf(controller, key);
-    const { rows } = info.places[controller.loop];
-    rows.forEach((name, at) => loop.set(name, this.start.rows[at]));
-    this.at = Object.fromEntries(rows.map((name, at) => [name, at]));
+    this.at = engine.placesOf(controller.loop);
+    for (const name in this.at) loop.set(name, this.start.rows[this.at[name]]);
     this.event_k = Math.round(info.event_s / this.T_s);
     const length = LASTING.includes(event.kind) ? event.length_s : 0;
     this.over = Math.round(length / this.T_s);
@@ -225,17 +234,6 @@ class Run {
       for (let at = k; at < k + this.over; at += stretch) found.add(at);
     }
     return [...found].filter((at) => at >= 0 && at <= samples).sort((a, b) => a - b);
-  }
-
-  finish() {
-    const marks = this.marks();
-    for (let j = 0; j + 1 < marks.length; j += 1) {
-      const [first, following] = [marks[j], marks[j + 1]];
-      this.before(first);
-      this.loop.call(first, following);
-      if (!Number.isFinite(this.loop.get("state.V"))) return following;
-    }
-    return this.samples;
   }
 
   before(k) {
@@ -440,6 +438,13 @@ export class Engine {
     return this.loops[name];
   }
 
+  /** Where the numbers of a start are that become the rows of a loop. */
+  placesOf(name) {
+    this.known ||= {};
+    this.known[name] ||= Object.fromEntries(this.info.places[name].rows.map((row, at) => [row, at]));
+    return this.known[name];
+  }
+
   /** A controller by its place; one whose gains are held is another one. A key is the number of a cell, and "…,h" where
    * gains are held. */
   controller(k, key) {
@@ -505,19 +510,40 @@ export class Engine {
 
   /** Every sample of an event: (samples, logged) numbers, row by row, and how many rows are good. */
   run(controller, key, event) {
-    const { info } = this;
-    const length = LASTING.includes(event.kind) ? event.length_s : 0;
-    const longest = Math.max(info.after_step_s, info.after_s) + info.event_s + length + 2 * info.log_interval;
-    const [name, uniform] =
-      event.kind === "ramp" ? [controller.ramp, controller.ramp_uniform] : [controller.loop, controller.uniform];
-    const loop = this.loop(name, uniform, Math.ceil(longest / info.T_s) + 1);
-    const run = new Run(this, controller, loop, key, event);
-    const done = run.finish();
+    const ramp = event.kind === "ramp";
+    const [run] = this.begun(ramp ? controller.ramp : controller.loop, controller, [key], event);
+    const { loop, done } = run;
     return {
       rows: loop.memory.floats.subarray(loop.log, loop.log + done * loop.logged),
       width: loop.logged,
       done,
       run,
     };
+  }
+
+  /** An event on several grids beside each other, as many as the controller's paired loop has lanes. */
+  together(controller, keys, event) {
+    return this.begun(controller.pair, controller, keys, event);
+  }
+
+  /** Runs of a controller in the lanes of a loop, over. */
+  begun(name, controller, keys, event) {
+    const { info } = this;
+    const length = LASTING.includes(event.kind) ? event.length_s : 0;
+    const longest = Math.max(info.after_step_s, info.after_s) + info.event_s + length + 2 * info.log_interval;
+    const uniform = event.kind === "ramp" ? controller.ramp_uniform : controller.uniform;
+    const loop = this.loop(name, uniform, Math.ceil(longest / info.T_s) + 1);
+    const runs = keys.map((key, lane) => new Run(this, controller, loop.each[lane], key, event));
+    const marks = runs.map((run) => run.marks())[0];
+    for (let j = 0; j + 1 < marks.length; j += 1) {
+      const [first, following] = [marks[j], marks[j + 1]];
+      const going = runs.filter((run) => run.done === null);
+      if (!going.length) break;
+      for (const run of going) run.before(first);
+      loop.call(first, following);
+      for (const run of going) if (!Number.isFinite(run.loop.get("state.V"))) run.done = following;
+    }
+    for (const run of runs) run.done ??= run.samples;
+    return runs;
   }
 }

@@ -12,6 +12,23 @@ function firstAt(t_s, T_s, behind = (one) => one >= t_s) {
   return k;
 }
 
+/** What judges say who read the runs in the lanes of one loop: they ask for the same samples in turn. */
+function read(judges) {
+  let asked = judges.map((judge) => judge.next());
+  while (asked.some(({ done }) => !done)) {
+    const open = asked.filter(({ done }) => !done).map(({ value }) => value);
+    const [{ loop, run, end }] = open;
+    if (open.some((one) => one.loop.next !== loop.next || one.end !== end)) throw new Apart();
+    loop.read(run.loop, end);
+    for (const one of open) one.loop.begin(Math.max(end, one.loop.next));
+    asked = asked.map((one, k) => (one.done ? one : judges[k].next()));
+  }
+  return asked.map(({ value }) => value);
+}
+
+/** Runs in the lanes of one loop that have to be judged one by one: one of them ends earlier. */
+export class Apart extends Error {}
+
 export class Judge {
   constructor(engine) {
     Object.assign(this, { engine, about: engine.info.judge });
@@ -19,40 +36,46 @@ export class Judge {
     this.newton = engine.loop("newton", [], this.about.newton);
   }
 
-  /** The figures of a run, its status and its verdict. `done`: its samples. */
-  judged(run, done) {
-    this.good = this.goodRows(run.loop, done);
+  /** The figures of a run, its status and its verdict. */
+  judged(run) {
+    run.good = this.goodRows(run);
     const own = run.controller.judge;
     const found = Object.fromEntries(this.engine.info.figures.map((name) => [name, null]));
-    Object.assign(found, run.event.kind === "step" ? this.step(run) : this.disturbance(run));
-    if (found.limited_s === null) Object.assign(found, this.loads(run, [run.event_k]));
+    const [said] = read([run.event.kind === "step" ? this.step(run) : this.disturbance(run)]);
+    Object.assign(found, said);
+    if (found.limited_s === null) Object.assign(found, read([this.loads(run, [run.event_k])])[0]);
     const verdict = verdictOf(found, this.about.words, own.rules, run.event);
     const { at_end: _, unstable: __, before: ___, within_s: ____, ...row } = found;
     return { why: "", ...row, verdict };
   }
 
-  /** 1 or 0, or NaN where nothing can be survived: as the map of the package has it. */
-  survived(run, done) {
+  /** 1 or 0, or NaN where nothing can be survived, of runs in the lanes of a loop: as the map of the package has it. */
+  survived(runs) {
+    for (const run of runs) Object.assign(run, { good: this.goodRows(run), brief: true });
+    return read(runs.map((run) => this.survives(run)));
+  }
+
+  *survives(run) {
     const { words, statuses } = this.about;
-    this.good = this.goodRows(run.loop, done);
     if (run.event.kind === "step") {
       if (!this.restWithin(run)) return NaN;
       // What is settled at the end counts on the map, whether or not the run was long enough to say so.
-      const { settling_s, within_s } = this.step(run);
+      const { settling_s, within_s } = yield* this.step(run);
       return Number(Number.isFinite(settling_s ?? within_s));
     }
-    const { status } = this.disturbance(run);
+    const { status } = yield* this.disturbance(run);
     if (["not known", statuses[7], statuses[8]].includes(status)) return NaN;
     return Number(status === words.survived);
   }
 
   /** How many rows come before the first that is no number or beyond every sensible bound. */
-  goodRows(loop, done) {
+  goodRows({ loop, done }) {
     const { floats } = loop.memory;
+    const { lanes } = loop;
     const { bounds } = this.about;
     const bad = (k) => {
-      const at = loop.log + k * loop.logged;
-      for (let j = 0; j < bounds.length; j += 1) if (!(Math.abs(floats[at + j]) <= bounds[j])) return true;
+      const at = loop.inLog(k, 0);
+      for (let j = 0; j < bounds.length; j += 1) if (!(Math.abs(floats[at + j * lanes]) <= bounds[j])) return true;
       return false;
     };
     // What has left the bounds goes on to grow: every sixteenth row is enough to see it.
@@ -65,18 +88,19 @@ export class Judge {
 
   /** A number of a row of the log. */
   logged(run, k, name) {
-    return run.loop.memory.floats[run.loop.log + k * run.loop.logged + run.loop.output[name]];
+    return run.loop.memory.floats[run.loop.inLog(k, run.loop.output[name])];
   }
 
   diverged(run) {
-    return this.good < run.samples;
+    return run.good < run.samples;
   }
 
-  /** A loop over the log of the run: its rows are zero but for those that are given. */
+  /** A loop over the log of the run, in its lane: its rows are zero but for those that are given. */
   over(name, run, length, given) {
-    const loop = this.engine.loop(name, [], 0);
+    const { lane, lanes } = run.loop;
+    const loop = this.engine.loop(lanes > 1 ? `${name}_pair` : name, [], 0).each[lane];
     loop.clear(length, given);
-    return { loop, to: (end) => loop.read(run.loop, end) };
+    return loop;
   }
 
   // ---- rests -----------------------------------------------------------------------------------------------------
@@ -185,15 +209,15 @@ export class Judge {
   // ---- disturbances ----------------------------------------------------------------------------------------------
 
   /** Largest current within 5 ms of an event and later, and how long the limiter acts. */
-  loads(run, events) {
-    const { loop, to } = this.over("seen_disturbance", run, 1, { "load_of.after": 1 });
-    this.eachPart(run, events, loop, to);
+  *loads(run, events) {
+    const loop = this.over("seen_disturbance", run, 1, { "load_of.after": 1 });
+    yield* this.eachPart(run, events, loop);
     return this.loadsOf(run, loop, "seen", events[0]);
   }
 
   loadsOf(run, loop, watch, first) {
     const { I_rated_pk, T_s } = this.engine.info;
-    const counted = this.logged(run, this.good - 1, "limited_samples") - this.logged(run, first, "limited_samples");
+    const counted = this.logged(run, run.good - 1, "limited_samples") - this.logged(run, first, "limited_samples");
     return {
       first_peak_pu: Math.sqrt(loop.get(`${watch}.load.first_sq`)) / I_rated_pk,
       peak_pu: Math.sqrt(loop.get(`${watch}.load.later_sq`)) / I_rated_pk,
@@ -202,36 +226,37 @@ export class Judge {
   }
 
   /** Reads the log from each event to the next; `begun` and `ended` are called with the number of the event. */
-  eachPart(run, events, loop, to, { marks = {}, begun, ended } = {}) {
-    const { good } = this;
+  *eachPart(run, events, loop, { marks = {}, begun, ended } = {}) {
+    const { good } = run;
     const { T_s } = this.engine.info;
-    const until = (end) => {
+    const until = function* until(end) {
       const stop = Math.min(end, good);
       for (const [k, act] of Object.entries(marks)) {
         if (Number(k) < loop.next || Number(k) >= stop) continue;
-        to(Number(k));
+        yield { loop, run, end: Number(k) };
         act();
       }
-      to(stop);
+      yield { loop, run, end: stop };
     };
     loop.begin(events[0]);
-    events.forEach((event, n) => {
+    for (let n = 0; n < events.length; n += 1) {
+      const event = events[n];
       const next = n + 1 < events.length ? events[n + 1] : good;
       const early = Math.ceil((event * T_s + this.about.first_s - 0.5 * T_s) / T_s);
-      until(event);
+      yield* until(event);
       loop.set("load_of.first", 1);
       if (begun) {
-        until(event + 1);
+        yield* until(event + 1);
         begun(n);
       }
-      until(Math.min(early, next));
+      yield* until(Math.min(early, next));
       loop.set("load_of.first", 0);
-      until(next);
+      yield* until(next);
       if (ended) ended(n);
-    });
+    }
   }
 
-  disturbance(run) {
+  *disturbance(run) {
     const { info } = this.engine;
     const { T_s } = info;
     const own = run.controller.judge;
@@ -246,6 +271,7 @@ export class Judge {
       return { status: statuses[rest ? 8 : 7], before: rest === before, why: "" };
     }
     const diverged = this.diverged(run);
+    if (diverged && run.brief) return { status: this.about.words.diverged };
     const events = run.event.kind === "sag" ? [run.event_k, run.event_k + run.over] : [run.event_k];
     const cleared_s = ["sag", "ramp"].includes(run.event.kind) ? run.end_s : info.event_s;
     const cycle = Math.max(Math.round((2 * Math.PI) / run.source.omega / T_s), 1);
@@ -257,8 +283,8 @@ export class Judge {
       per_cycle: 1 / cycle,
     };
     const given = Object.fromEntries(Object.entries(of).map(([name, value]) => [`of.${name}`, value]));
-    const { loop, to } = this.over("seen_disturbance", run, cycle, given);
-    to(events[0]);
+    const loop = this.over("seen_disturbance", run, cycle, given);
+    yield { loop, run, end: events[0] };
     const anew = () => {
       loop.set("seen.entry.last_out", -1);
       loop.set("seen.entry.was_out", 0);
@@ -271,7 +297,7 @@ export class Judge {
       loop.set("seen.most", -Infinity);
     };
     begin();
-    this.eachPart(run, events, loop, to, {
+    yield* this.eachPart(run, events, loop, {
       marks: { [firstAt(cleared_s, T_s)]: anew },
       begun: (n) => (parts[n].first = loop.get("seen.delta")),
       ended: (n) => {
@@ -292,16 +318,16 @@ export class Judge {
       entry[`entry.${name}`] = loop.get(`seen.entry.${name}`);
     const time = this.entered_s.answer({ ...entry, band: this.about.band, T_s, since_s: cleared_s })("entered_s");
     const recovery_s = diverged ? Infinity : time;
-    const end_s = (this.good - 1) * T_s;
+    const end_s = (run.good - 1) * T_s;
     const late = firstAt(end_s - this.about.end_s, T_s, (one) => one > end_s - this.about.end_s);
-    const acts = this.logged(run, this.good - 1, "limited_samples") - this.logged(run, late - 1, "limited_samples");
+    const acts = this.logged(run, run.good - 1, "limited_samples") - this.logged(run, late - 1, "limited_samples");
     const place = this.place.answer({
       diverged: diverged ? 1 : 0,
       slipped: slipped ? 1 : 0,
       too_short: end_s + 0.5 * T_s < cleared_s + own.needed_s - T_s ? 1 : 0,
       recovery_s,
       deadline_s: own.deadline_s,
-      limited_at_end: acts / (this.good - late),
+      limited_at_end: acts / (run.good - late),
     })("place_of_verdict");
     const status = statuses[place];
     if (own.protected && status === this.about.words.survived)
@@ -314,15 +340,28 @@ export class Judge {
     };
   }
 
+  /** Does something with a run whose loop has it alone and keeps its log: rows are used up, but not those of others. */
+  alone(run, act) {
+    const { loop, controller } = run;
+    if (loop.lanes === 1) return loop.unlogged(act);
+    run.loop = this.engine.loop(controller.loop, controller.uniform, 1);
+    for (const name in loop.at) run.loop.set(name, loop.get(name));
+    try {
+      return run.loop.unlogged(act);
+    } finally {
+      run.loop = loop;
+    }
+  }
+
   // ---- steps -----------------------------------------------------------------------------------------------------
 
   /** The last second of a run in four parts: their first samples, and the end. */
-  parts() {
+  parts({ good }) {
     const { ending } = this.about;
     const { T_s } = this.engine.info;
-    const end_s = (this.good - 1) * T_s;
+    const end_s = (good - 1) * T_s;
     const begin = firstAt(end_s - ending.length_s, T_s);
-    const [size, more] = [Math.floor((this.good - begin) / ending.parts), (this.good - begin) % ending.parts];
+    const [size, more] = [Math.floor((good - begin) / ending.parts), (good - begin) % ending.parts];
     return Array.from({ length: ending.parts + 1 }, (_, n) => begin + n * size + Math.min(n, more));
   }
 
@@ -356,14 +395,14 @@ export class Judge {
     return found && limit !== null && found.i_s_pu > limit ? null : found;
   }
 
-  step(run) {
+  *step(run) {
     const { info } = this.engine;
     const { T_s, S_rated } = info;
     const { words, band } = this.about;
     const own = run.controller.judge;
     if (this.diverged(run)) return { status: words.diverged };
     const rest = this.restWithin(run);
-    const slowest = rest && run.loop.unlogged(() => slowestMode(run, rest));
+    const slowest = rest && this.alone(run, () => slowestMode(run, rest));
     if (rest && !slowest) return { status: "not known", why: words.no_mode };
     const decay = slowest && slowest.decay;
     if (rest && !(decay > 1e-6)) {
@@ -380,8 +419,8 @@ export class Judge {
     [given["circuit.R_g"], given["circuit.L_g"]] = run.place.grid;
     for (const [name, value] of Object.entries(of)) given[`of.${name}`] = value;
     for (const [name, value] of Object.entries(own.limits)) given[`limits.${name}`] = value;
-    const { loop, to } = this.over("seen_step", run, cycle, given);
-    to(run.event_k);
+    const loop = this.over("seen_step", run, cycle, given);
+    yield { loop, run, end: run.event_k };
     const before = loop.get("watch.mean");
     const final = rest ? rest[`${signal}_pcc`] : before + S_rated;
     const isStep = Math.abs(final - before) > 1e-3 * S_rated;
@@ -390,7 +429,7 @@ export class Judge {
     Object.assign(fresh, { "watch.most": -Infinity, "watch.entry.last_out": -1, "watch.entry.was_out": 0 });
     Object.assign(fresh, { "need.worst": 0, "need.needed_s": 0 });
     for (const [name, value] of Object.entries(fresh)) loop.set(name, value);
-    const [parts, sums, marks] = [this.parts(), [], {}];
+    const [parts, sums, marks] = [this.parts(run), [], {}];
     const names = ["P", "Q", "current", "bridge", "voltage"];
     const take = () => sums.push(Object.fromEntries(names.map((name) => [name, loop.get(`end.${name}`)])));
     parts.slice(0, -1).forEach((k, n) => {
@@ -401,7 +440,7 @@ export class Judge {
       };
     });
     let first = 0;
-    this.eachPart(run, [run.event_k], loop, to, { marks, begun: () => (first = loop.get("need.worst")) });
+    yield* this.eachPart(run, [run.event_k], loop, { marks, begun: () => (first = loop.get("need.worst")) });
     take();
     const row = this.loadsOf(run, loop, "watch", run.event_k);
     const limited = this.atLimit(sums, parts, rest);

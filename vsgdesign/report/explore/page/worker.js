@@ -1,7 +1,7 @@
 // The worker of a page without a server: it runs events, and gives curves that can be drawn and the figures of the current.
 import { Engine } from "./engine.js";
 import { LinearModel } from "./linear.js";
-import { Judge } from "./verdict.js";
+import { Apart, Judge } from "./verdict.js";
 
 const BUCKETS = 320;
 const SIGNALS = ["P", "Q", "i_s_pu", "omega_hz", "v_pu"];
@@ -13,7 +13,7 @@ function simulated(engine, k, key, event) {
   if (missing.length) return { why: engine.whyNot(controller, missing[0]) };
   const found = engine.run(controller, key, event);
   const curves = curvesOf(info, { ...found, loop: controller.loop, event_s: info.event_s });
-  return { curves, row: judge.judged(found.run, found.done) };
+  return { curves, row: judge.judged(found.run) };
 }
 
 /** What can be drawn of the samples of a run: of each bucket the first one, and every least and largest value. */
@@ -82,12 +82,34 @@ function signalsOf(info, logged, rows, width) {
 }
 
 /** 1 where a controller survives an event, or settles after a step, and 0 where it does not; NaN where there is no rest within
- * its limit before and after it. */
-function survived(k, key, event) {
-  const controller = engine.controller(k, key);
-  if ([key, event.key].some((one) => one !== undefined && !engine.has(controller, one))) return NaN;
-  const { done, run } = engine.run(controller, key, event);
-  return judge.survived(run, done);
+ * its limit before and after it. Two grids are run beside each other. */
+function survived(k, keys, event) {
+  const found = keys.map(() => NaN);
+  const there = keys.flatMap((key, n) => {
+    const controller = engine.controller(k, key);
+    return [key, event.key].every((one) => one === undefined || engine.has(controller, one)) ? [n] : [];
+  });
+  const paired = event.kind !== "ramp";
+  for (let at = 0; at < there.length;) {
+    const some = there.slice(at, at + (paired ? 2 : 1));
+    const controller = engine.controller(k, keys[some[0]]);
+    const said = some.length === 2 ? together(controller, [keys[some[0]], keys[some[1]]], event) : null;
+    some.forEach((n, lane) => {
+      found[n] = said ? said[lane] : judge.survived([engine.run(controller, keys[n], event).run])[0];
+    });
+    at += some.length;
+  }
+  return found;
+}
+
+/** The same of two grids; null where they have to be judged one by one. */
+function together(controller, keys, event) {
+  try {
+    return judge.survived(engine.together(controller, keys, event));
+  } catch (error) {
+    if (error instanceof Apart) return null;
+    throw error;
+  }
 }
 
 /** The model of a controller on a grid; null where it has none. */
@@ -122,7 +144,7 @@ const answers = {
   },
   case: ({ number }) => curvesOf(engine.info, engine.replay(number)),
   runs: ({ places, key, event }) => places.map((k) => simulated(engine, k, key, event)),
-  survived: ({ k, keys, event }) => keys.map((key) => survived(k, key, event)),
+  survived: ({ k, keys, event }) => survived(k, keys, event),
   linear: ({ places, key, asked }) => places.map((k) => drawn(engine, k, key, asked)),
   save: ({ cell, held, to }) => engine.saveOf(cell, held, to),
   modes: ({ key, modes }) => modes.map((own, k) => described(engine, k, key, own)),
