@@ -2,7 +2,7 @@
 
 Three converters, switched, with sensors in the loop, in the background that was measured but without its wander: the
 standard deviation of the mean over two cycles, at the PCC, with every sample. Pair 1 are the lines that the probe has.
-The others are lines that further converters on one grid could have; a process of its own is given their constants.
+The others are those of further converters on one grid.
 ``VSGDESIGN_FIELD_SHARE=0.5`` measures half of the draws.
 """
 
@@ -17,12 +17,11 @@ from evidence._field_converters import Converter, converter_named
 from evidence._kept_runs import EVIDENCE_SEED, share
 from evidence._tables import leave, table
 from evidence.field_scenario import ToldTheTruth
-from vsgdesign.equations.field import windows
-from vsgdesign.execution.executors import worker_processes
+from vsgdesign.identification.field import PAIRS as LINES
 from vsgdesign.metrics import cycle_mean
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.every_sample import signals_at_pcc
-from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.field_feed import FieldScheduler, with_pair
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.background import draw_background
 from vsgdesign.study.parameters.grid import Place
@@ -34,8 +33,7 @@ CONVERTERS = {"5 kVA": 1.0, "12.5 kVA": 2.0, "1 MVA": 2.0}
 """X/R of the grid."""
 POWERS_PU = {2.0: (0.4, 0.2), 8.0: (0.5, 0.2), 20.0: (0.6, 0.2)}
 """P and Q by SCR."""
-PAIRS = {1: (0.5, 1.5), 2: (-2.5, -3.5), 3: (2.5, 3.5), 4: (-3.5, -4.5)}
-"""Speeds of both lines in the flywheel's frame; in the stationary frame they are one higher."""
+PAIRS = len(LINES)
 DRAWS, REST_FROM_S, DURATION_S = 4, 6.0, 26.0
 
 _STILL = (
@@ -90,15 +88,14 @@ def noise_of(
 
 def of_pair(pair: int, draws: int) -> list[dict[str, Any]]:
     """Every converter, SCR and draw with a pair of lines; pair 0 sends none, and pairs beyond the first are run on the
-    strongest grid alone. For a process of its own: the constants must be there before anything is compiled."""
-    if pair:
-        windows.NU_1, windows.NU_2 = PAIRS[pair]
+    strongest grid alone."""
     found = []
     for name in CONVERTERS:
         converter = converter_of(name)
         for scr in POWERS_PU if pair < 2 else (max(POWERS_PU),):
             for seed in range(EVIDENCE_SEED, EVIDENCE_SEED + draws):
-                figures = noise_of(converter, at_rest(converter, scr, seed), probe=pair > 0)
+                study = with_pair(at_rest(converter, scr, seed), max(pair, 1))
+                figures = noise_of(converter, study, probe=pair > 0)
                 found.append({"pair": pair, "converter": name, "scr": scr, "seed": seed} | figures)
     return found
 
@@ -106,15 +103,14 @@ def of_pair(pair: int, draws: int) -> list[dict[str, Any]]:
 def main(folder: Path) -> None:
     draws = max(round(share() * DRAWS), 1)
     rows: list[dict[str, Any]] = []
-    for pair in (0, *PAIRS):
-        with worker_processes(1) as pool:
-            rows += pool.submit(of_pair, pair, draws).result()
-    head = ["converter", "SCR", "no probe: P, Q", *(f"pair {pair}: P, Q; sigma of Z" for pair in PAIRS)]
+    for pair in range(PAIRS + 1):
+        rows += of_pair(pair, draws)
+    head = ["converter", "SCR", "no probe: P, Q", *(f"pair {pair}: P, Q; sigma of Z" for pair in range(1, PAIRS + 1))]
     cells = []
     for name in CONVERTERS:
         for scr in POWERS_PU:
             shown = []
-            for pair in (0, *PAIRS):
+            for pair in range(PAIRS + 1):
                 mine = [r for r in rows if (r["pair"], r["converter"], r["scr"]) == (pair, name, scr)]
                 if not mine:
                     shown.append("–")

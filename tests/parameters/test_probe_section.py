@@ -22,14 +22,16 @@ def test_it_is_read() -> None:
     spec = study('{ sigma = "2 %", amplitude = "0.1 %", code = 7 }').estimator
     assert spec is not None
     assert spec.probe is not None
-    assert (spec.probe.send, spec.probe.code) == (True, 7)
+    assert (spec.probe.send, spec.probe.code, spec.probe.pair) == (True, 7, 1)
     assert spec.probe.limits == ProbeLimits(sigma=0.02, amplitude=0.001)
 
 
 def test_every_fault_is_named() -> None:
     with pytest.raises(StudyError) as caught:
-        study('{ amplitude = 0.003, amplitude_burst = 0.001, ripple = "2 kW", sigm = 1, code = -1, send = 2 }')
-    for text in ("amplitude_burst = ", "ripple = ", "sigm: unknown field", "code = -1", "send = 2"):
+        study(
+            '{ amplitude = 0.003, amplitude_burst = 0.001, ripple = "2 kW", sigm = 1, code = -1, pair = 5, send = 2 }'
+        )
+    for text in ("amplitude_burst = ", "ripple = ", "sigm: unknown field", "code = -1", "pair = 5", "send = 2"):
         assert f"estimator.probe.{text}" in str(caught.value)
 
 

@@ -27,6 +27,9 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.interface import Estimate, Installation, Needs, Probe, Samples
 
+PAIRS = (0.5, -2.5, 2.5, -4.5)
+"""Speeds of the first lines of the pairs 1, 2, 3 and 4 in the flywheel's frame. No two pairs have a line in common."""
+
 LOW_PASS = 2e-3
 """Time constant of the low-pass on v, i and the probe, s."""
 
@@ -60,12 +63,14 @@ def field_settings(
     guess: tuple[float, float] = (0.0, 0.0),
     limits: ProbeLimits | None = None,
     seed: int = 1,
+    pair: int = 1,
 ) -> FieldSettings:
     """The settings of a converter from its datasheet, in SI units and peak values.
 
     V_base is the rated phase voltage (V peak) and Z_base the base impedance (Ω). R_2 (Ω) and L_2 (H) lie between the
     measured voltage and the PCC. ``guess`` (Ω, H) is the grid with which learning begins; zeros mean a short-circuit
-    ratio of about 3. ``seed`` is any whole number: units on one grid take different ones, and so different codes.
+    ratio of about 3. ``seed`` is any whole number: the sign code of the probe. ``pair`` (1 to 4) says on
+    which lines it is sent: units on one grid take different ones.
     """
     limits = limits or ProbeLimits()
     R_1, L_1 = guess if max(guess) > 0.0 else (0.1 * Z_base, 0.3 * Z_base / omega_n)
@@ -92,8 +97,12 @@ def field_settings(
         gain_class=math.hypot(0.0045, 0.13 * omega_n * T_s),
         sigma_valid=0.15,
         seed=float(seed % 511 + 1),
+        line=PAIRS[pair - 1],
     )
 
+
+FOREIGN = "another converter sends its probe on the same lines: give it another pair ([estimator.probe] pair)"
+"""What an answer says that hears another probe."""
 
 FINDS_WITHIN = 1.0
 """Time after any event within which the estimator has an answer again, s."""
@@ -165,6 +174,8 @@ def estimate_of(answer: FieldAnswer) -> Estimate:
     """The answer of a cycle as an estimate with its status."""
     covariance = np.array([[answer.var_R, answer.cov_RL], [answer.cov_RL, answer.var_L]], dtype=float)
     status, reason = "uncertain", ""
+    if answer.foreign > 0.5:
+        reason = FOREIGN
     if answer.spoilt > 0.5:
         status = "not finite"
     elif answer.valid > 0.5:

@@ -8,7 +8,7 @@ the next sample on.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.gains import GainChange, RunFeed
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.converter import Converter
-from vsgdesign.study.parameters.estimator import ProbeSpec
+from vsgdesign.study.parameters.estimator import EstimatorSpec, ProbeSpec
 from vsgdesign.study.parameters.grid import Grid, Place
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -44,6 +44,9 @@ SCR_LIMITS = (1.2, 25.0)
 ANGLE_LIMITS_DEG = (14.0, 86.0)
 """The same for the angle of Z."""
 
+
+_CODES_APART = 101
+"""By how much the codes of two units differ, so that their probes do not change their signs alike."""
 
 LEAST_RESISTANCE = -0.1
 """Least R of an estimate over its |Z|. An error may make a small resistance negative."""
@@ -101,6 +104,7 @@ def settings_of_study(study: Study) -> FieldSettings:
         L_2=part.L_2,
         limits=probe.limits,
         seed=probe.code,
+        pair=probe.pair,
     )
 
 
@@ -108,6 +112,14 @@ def probe_of(study: Study) -> ProbeSpec:
     """What the study says of the probe."""
     asked = None if study.estimator is None else study.estimator.probe
     return ProbeSpec() if asked is None else asked
+
+
+def with_pair(study: Study, pair: int, number: int = 0) -> Study:
+    """The study with the probe on a pair of lines. ``number``: of the unit in its plant, which has a sign code of its
+    own."""
+    probe = probe_of(study)
+    probe = replace(probe, pair=pair, code=probe.code + _CODES_APART * number)
+    return replace(study, estimator=replace(study.estimator or EstimatorSpec(), probe=probe))
 
 
 def network_of(study: Study, spec: ControllerSpec) -> FieldNetwork | None:

@@ -82,6 +82,7 @@ def _answer(held: complex, *, doubt: bool, event: bool) -> FieldAnswer:
         limited=0.0,
         spoilt=0.0,
         amplitude=1e-3,
+        foreign=0.0,
     )
 
 

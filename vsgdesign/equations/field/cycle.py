@@ -8,6 +8,7 @@ import numpy as np
 
 from vsgdesign.equations.field.data import DOUBT, TRACK, FieldAnswer, FieldSettings, LineSums, LockIn
 from vsgdesign.equations.field.deciding import Decision, decided
+from vsgdesign.equations.field.foreign import foreign_with
 from vsgdesign.equations.field.happening import happening_of
 from vsgdesign.equations.field.lock_in import turn_less_one
 from vsgdesign.equations.field.measuring import measured
@@ -54,7 +55,7 @@ def next_cycle(lock: LockIn, omega: Any, a_1: Any, a_2: Any, settings: FieldSett
     # The last sample was one step before the angle that the phasor has now.
     last_re, last_im = rotate_back(lock.half_re, lock.half_im, 1.0 + lock.step_less_one, lock.step_im)
     whole_re, whole_im = rotate(last_re, last_im, last_re, last_im)
-    first_re, first_im, second_re, second_im = lines_at(last_re, last_im, whole_re, whole_im)
+    first_re, first_im, second_re, second_im = lines_at(last_re, last_im, whole_re, whole_im, settings.line)
     # The recursion of the phasor loses digits; its angle is known.
     sign = 1.0 if lock.half_re > 0.0 else -1.0
     end_re, end_im = current_at_the_end(lock)
@@ -147,6 +148,10 @@ def conclude(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> tuple[
     if happened.use > 0.5 and (by_fast < 0.5 or fast.count > 1.5):
         response_1 = response_with(response_1, slow.line_1, fast.line_1, by_fast, settings)
         response_2 = response_with(response_2, slow.line_2, fast.line_2, by_fast, settings)
+    foreign = track.foreign
+    if happened.filled > 3.5:
+        noises = found.noise.line_1.cycle, found.noise.line_2.cycle
+        foreign = foreign_with(foreign, F_1, F_2, track.answer.R, track.answer.X, noises[0], noises[1])
     a_1, a_2 = size_of_probe(lock, decision, found.noise, found.suspect, response_1, response_2, settings)
     following = FieldTrack(
         history_1=shifted(now_1, track.history_1),
@@ -168,6 +173,7 @@ def conclude(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> tuple[
         loud=happened.loud,
         apart=decision.apart,
         suspect=found.suspect,
+        foreign=foreign,
     )
     if not sane(following):
         following = first_track(settings)
@@ -185,7 +191,8 @@ def answer_of(
     """The answer in SI units at the PCC."""
     fit = wider_by(track.answer, CALIBRATION)
     sigma = grid_sigma(fit, settings)
-    valid = 1.0 if fit.known > 0.5 and track.mode != DOUBT and sigma < settings.sigma_valid else 0.0
+    alone = track.foreign.heard < 0.5
+    valid = 1.0 if fit.known > 0.5 and track.mode != DOUBT and sigma < settings.sigma_valid and alone else 0.0
     spoilt = 1.0 if lock.spoilt > 0.5 else 0.0
     doubt = 1.0 if track.mode == DOUBT else 0.0
     ohm = settings.Z_base
@@ -205,4 +212,5 @@ def answer_of(
         limited=lock.limited / np.maximum(lock.samples, 1.0),
         spoilt=spoilt,
         amplitude=amplitude,
+        foreign=track.foreign.heard,
     )

@@ -63,6 +63,9 @@ class FieldSettings(NamedTuple):
     """Relative standard deviation up to which an answer is valid."""
     seed: Any
     """First value of the shift register of the sign code, a whole number from 1 to 511."""
+    line: Any
+    """Speed of the first line in the flywheel's frame, relative to the flywheel's own: 1/2, −5/2, 5/2 or −9/2. The
+    second line is the next one farther from 0."""
 
 
 class LineSums(NamedTuple):
@@ -108,9 +111,9 @@ class LockIn(NamedTuple):
     mean: LineSums
     """Sums of the running cycle for the fundamental."""
     line_1: LineSums
-    """The same for the line at half the flywheel's speed."""
+    """The same for the first line of the probe."""
     line_2: LineSums
-    """The same for the line at three halves of it."""
+    """The same for the second one."""
     weight: Any
     """Number of samples in the sums, a fraction included."""
     left: Any
@@ -147,7 +150,8 @@ class FieldAnswer(NamedTuple):
     sigma: Any
     """Standard deviation of Z at omega_n relative to |Z|."""
     valid: Any
-    """1 if a schedule may follow the answer, else 0: while learning, in doubt, and where sigma is too large."""
+    """1 if a schedule may follow the answer, else 0: while learning, in doubt, where sigma is too large, and
+    beside another probe on the same lines."""
     changed: Any
     """1 in the cycle in which the estimator decided that the impedance has changed, else 0."""
     event: Any
@@ -162,3 +166,5 @@ class FieldAnswer(NamedTuple):
     """1 if a sample of the cycle was not finite or beyond any sensor: the answer before is repeated."""
     amplitude: Any
     """Largest amplitude of a line in the next cycle, pu of voltage."""
+    foreign: Any
+    """1 while another converter's probe is heard on the same lines, else 0."""

@@ -170,7 +170,7 @@ def fused_answer(
     R = answer.R_g / ohm + settings.R_2
     X = answer.L_g / henry + settings.X_2
     fused = fused_impedance(R, X, posterior, radius_squared)
-    quiet = answer.spoilt < 0.5 and answer.limited <= MOSTLY_LIMITED
+    quiet = answer.spoilt < 0.5 and answer.limited <= MOSTLY_LIMITED and answer.foreign < 0.5
     open_ = quiet and answer.valid < 0.5 and may_speak(gate, refuted, limits) > 0.5
     R_g, X_g = fused.R - settings.R_2, fused.X - settings.X_2
     sigma = np.sqrt((fused.var_R + fused.var_X) / np.maximum(R_g * R_g + X_g * X_g, 1e-12))
@@ -193,6 +193,7 @@ def fused_answer(
         limited=answer.limited,
         spoilt=answer.spoilt,
         amplitude=answer.amplitude,
+        foreign=answer.foreign,
     )
     doubts = quiet and answer.valid > 0.5 and sigma > answer.sigma
     widened = FieldAnswer(
@@ -210,6 +211,7 @@ def fused_answer(
         limited=answer.limited,
         spoilt=answer.spoilt,
         amplitude=answer.amplitude,
+        foreign=answer.foreign,
     )
     kept = widened if doubts else answer
     return moved, spoken if speaks else kept

@@ -1,7 +1,7 @@
 """The part of the field estimator that runs with every sample: the probe and the sums of a cycle.
 
-Two lines at ν = 1/2 and 3/2 of the flywheel's speed lie half-way between the harmonics at any frequency. Everything
-is turned by phasors that are themselves recursions, so that a sample needs no sine and no cosine.
+Two lines at odd halves of the flywheel's speed lie half-way between the harmonics at any frequency. Everything is
+turned by phasors that are themselves recursions, so that a sample needs no sine and no cosine.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def first_lock_in(settings: FieldSettings, omega: Any) -> LockIn:
     )
 
 
-def probe_value(lock: LockIn, allowed: Any, settings: FieldSettings) -> tuple[Any, Any]:  # noqa: ARG001
+def probe_value(lock: LockIn, allowed: Any, settings: FieldSettings) -> tuple[Any, Any]:
     """The probe of the coming sample (:eq:`field-probe`), relative to the rated voltage, in the converter's dq frame.
 
     ``allowed`` is 0 to send none, else 1. Nothing is sent after a sample in which the limiter acted. The caller adds it
@@ -72,7 +72,7 @@ def probe_value(lock: LockIn, allowed: Any, settings: FieldSettings) -> tuple[An
     share = allowed * (1.0 - lock.muted)
     whole_re = lock.half_re * lock.half_re - lock.half_im * lock.half_im
     whole_im = 2.0 * lock.half_re * lock.half_im
-    first_re, first_im, second_re, second_im = lines_at(lock.half_re, lock.half_im, whole_re, whole_im)
+    first_re, first_im, second_re, second_im = lines_at(lock.half_re, lock.half_im, whole_re, whole_im, settings.line)
     u_d = share * (lock.a_1 * first_re + lock.a_2 * second_re)
     u_q = share * (lock.a_1 * first_im + lock.a_2 * second_im)
     return u_d, u_q
@@ -162,7 +162,7 @@ def listen(
     closed = 1.0 if lock.phi + 0.5 * turned >= TURN else 0.0
     left = closed * (lock.phi + 0.5 * turned - TURN) / turned
     w = 1.0 - left
-    first_re, first_im, second_re, second_im = lines_at(half_re, half_im, whole_re, whole_im)
+    first_re, first_im, second_re, second_im = lines_at(half_re, half_im, whole_re, whole_im, settings.line)
     # The phasor is the sum of its small changes, so that single precision loses no digits of its length and angle.
     next_re = advanced(lock.half_re, lock.step_less_one * half_re - lock.step_im * half_im)
     next_im = advanced(lock.half_im, lock.step_less_one * half_im + lock.step_im * half_re)

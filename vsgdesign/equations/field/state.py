@@ -8,6 +8,7 @@ import numpy as np
 
 from vsgdesign.equations.field.data import LEARN, FieldSettings
 from vsgdesign.equations.field.doubt import Doubt, no_doubt
+from vsgdesign.equations.field.foreign import Foreign, no_foreign
 from vsgdesign.equations.field.grid_phasor import GridPhasor, first_grid_phasor
 from vsgdesign.equations.field.noise import Noise, first_noise
 from vsgdesign.equations.field.residuals import Residuals, no_residuals
@@ -60,6 +61,7 @@ class FieldTrack(NamedTuple):
     """Cycles in a row in which the fast and the slow track contradicted each other."""
     suspect: Any
     """Cycles in a row in which they nearly did."""
+    foreign: Foreign
 
 
 def first_track(settings: FieldSettings) -> FieldTrack:
@@ -84,6 +86,7 @@ def first_track(settings: FieldSettings) -> FieldTrack:
         loud=0.0,
         apart=0.0,
         suspect=0.0,
+        foreign=no_foreign(),
     )
 
 

@@ -8,10 +8,6 @@ from typing import Any, NamedTuple
 from vsgdesign.equations.field.data import FieldSettings, LineSums, LockIn
 from vsgdesign.equations.frames import rotate, rotate_back
 
-NU_1 = 0.5
-NU_2 = 1.5
-"""Speeds of the lines in the flywheel's frame, relative to the flywheel's own: ±1/2, ±3/2, ±5/2 or ±7/2, and the next
-one farther from 0."""
 SIGN_1 = 1.0
 SIGN_2 = -1.0
 """Signs of the lines. With opposite ones the probe is zero where a cycle begins: a change of its sign is no step."""
@@ -22,18 +18,27 @@ SIZE_2 = 1.7
 moves the mean of the power."""
 
 
-def lines_at(half_re: Any, half_im: Any, whole_re: Any, whole_im: Any) -> tuple[Any, Any, Any, Any]:
-    """The phasors of both lines, from e^{jφ/2} and e^{jφ}. Returns (first_re, first_im, second_re, second_im)."""
-    first_re, first_im = half_re, half_im
-    if NU_1 > 1.0 or NU_1 < -1.0:
-        first_re, first_im = rotate(whole_re, whole_im, first_re, first_im)
-    if NU_1 > 2.0 or NU_1 < -2.0:
-        first_re, first_im = rotate(whole_re, whole_im, first_re, first_im)
-    if NU_1 > 3.0 or NU_1 < -3.0:
-        first_re, first_im = rotate(whole_re, whole_im, first_re, first_im)
+def second_line(line: Any) -> Any:
+    """Speed of the second line, in the flywheel's frame and relative to it: the next one farther from 0."""
+    return line + 1.0 if line > 0.0 else line - 1.0
+
+
+def lines_at(half_re: Any, half_im: Any, whole_re: Any, whole_im: Any, line: Any) -> tuple[Any, Any, Any, Any]:
+    """The phasors of both lines (:eq:`field-pairs`), from e^{jφ/2} and e^{jφ}; ``line`` is the speed of the first, 1/2,
+    ±5/2 or ±9/2. Returns (first_re, first_im, second_re, second_im)."""
+    twice_re, twice_im = rotate(whole_re, whole_im, whole_re, whole_im)
+    four_re, four_im = rotate(twice_re, twice_im, twice_re, twice_im)
+    far = line > 3.0 or line < -3.0
+    by_re = four_re if far else twice_re
+    by_im = four_im if far else twice_im
+    moved_re, moved_im = rotate(half_re, half_im, by_re, by_im)
+    away = line > 1.0 or line < -1.0
+    first_re = moved_re if away else half_re
+    first_im = moved_im if away else half_im
     second_re, second_im = rotate(whole_re, whole_im, first_re, first_im)
-    if NU_1 < 0.0:
-        first_im, second_im = -first_im, -second_im
+    back = line < 0.0
+    first_im = -first_im if back else first_im
+    second_im = -second_im if back else second_im
     return first_re, first_im, second_re, second_im
 
 
@@ -110,8 +115,8 @@ def windows_of_cycle(lock: LockIn, settings: FieldSettings) -> tuple[Window, Win
     sign = 1.0 if lock.half_re > 0.0 else -1.0
     both_re = sign * (end_re + lock.i_start_re)
     both_im = sign * (end_im + lock.i_start_im)
-    line_1 = window_of(lock.line_1, lock.weight, (1.0 + NU_1) * turns, both_re, both_im, settings)
-    line_2 = window_of(lock.line_2, lock.weight, (1.0 + NU_2) * turns, both_re, both_im, settings)
+    line_1 = window_of(lock.line_1, lock.weight, (1.0 + settings.line) * turns, both_re, both_im, settings)
+    line_2 = window_of(lock.line_2, lock.weight, (1.0 + second_line(settings.line)) * turns, both_re, both_im, settings)
     return mean, line_1, line_2
 
 

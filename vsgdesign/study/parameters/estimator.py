@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, field
 
-from vsgdesign.identification.field import ProbeLimits
+from vsgdesign.identification.field import PAIRS, ProbeLimits
 from vsgdesign.study.parameters.fields import (
     SEEDS,
     fields_of,
@@ -59,6 +59,9 @@ class ProbeSpec:
     limits: ProbeLimits = field(default_factory=ProbeLimits)
     code: int = whole(0, SEEDS, default=1)
     """Which sequence of signs the probe follows. It does not keep the probes of two converters on one grid apart."""
+    pair: int = whole(1, len(PAIRS), default=1)
+    """On which pair of lines it is sent: 1.5 and 2.5, −1.5 and −2.5, 3.5 and 4.5, or −3.5 and −4.5 times the grid's
+    frequency. Converters on one grid take different ones; the units of a plant get theirs by themselves."""
 
 
 LIMITS = with_defaults(fields_of(_Shares), asdict(ProbeLimits()))
