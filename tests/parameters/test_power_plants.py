@@ -122,7 +122,6 @@ def test_everything_wrong_is_told_at_once_with_its_name() -> None:
         ({"plant": {"units": 2}, "network": {"units": [UNIT]}}, "plant: network.units describe a plant, too"),
         ({"network": {"units": [UNIT]}}, 'network.pcc = "pcc": is no node'),
         ({"network": {"nodes": [{"name": "pcc"}]}}, "network.units = 0: a plant has 1 to 32 units"),
-        ({"plant": {"units": 2}, "sensors": {"level": "typical"}}, "sensors: a run of a plant does not have it"),
     ],
 )
 def test_faults_of_a_plant(document: dict[str, Any], words: str) -> None:
@@ -244,3 +243,41 @@ def test_a_source_of_a_plant_may_be_dirty() -> None:
     pwm = study_document() | plant
     pwm["simulation"] = study_document()["simulation"] | {"bridge": "pwm"}
     assert 'simulation.bridge = "pwm": the bridges of a plant are averaged. Give bridge = "averaged"' in faults(pwm)
+
+
+def estimating(units: list[dict[str, Any]] | int, **sections: Any) -> dict[str, Any]:
+    """A document whose units have field estimators."""
+    document = study_document() if isinstance(units, int) else network(units=units)
+    document |= {"plant": {"units": units}} if isinstance(units, int) else {}
+    return document | {"controllers": [{"name": "field", "kind": "scheduled", "estimate": "field"}]} | sections
+
+
+def unit(name: str, **fields: Any) -> dict[str, Any]:
+    return {"name": name, "node": "pcc", "reactance": 0.05} | fields
+
+
+def test_every_unit_has_a_pair_of_lines() -> None:
+    """The chosen ones, and the others in turn."""
+    assert [one.pair for one in plant_of(estimating(4)).units] == [1, 2, 3, 4]
+    chosen = [unit("a"), unit("b", pair=1), unit("c"), unit("d", pair=2)]
+    assert [one.pair for one in plant_of(estimating(chosen)).units] == [3, 1, 4, 2]
+
+
+@pytest.mark.parametrize(
+    ("document", "words"),
+    [
+        (
+            estimating([unit("a", pair=2), unit("b"), unit("c", pair=2)]),
+            "a and c send their probes on the same pair of lines",
+        ),
+        (estimating([unit("a", pair=5)]), 'network.units["a"].pair = 5: must be a whole number from 1 to 4'),
+        (estimating(6), "4 pairs of lines for the probes of 6 units: unit5, unit6 would have none"),
+        (estimating(2, estimator={"probe": {"pair": 2}}), "estimator.probe.pair = 2: each unit of a plant has a pair"),
+    ],
+)
+def test_faults_of_pairs(document: dict[str, Any], words: str) -> None:
+    assert words in faults(document)
+
+
+def test_more_than_four_units_need_no_pairs_without_estimators() -> None:
+    assert [one.pair for one in plant_of(study_document() | {"plant": {"units": 6}}).units] == [1, 2, 3, 4, 0, 0]

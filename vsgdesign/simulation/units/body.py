@@ -7,16 +7,20 @@ phasors of the sources.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from vsgdesign.codegen.blocks import Part, Writer, joined, renamed, with_outputs
+from vsgdesign.codegen.expressions import Expression, Number
 from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.loop_spec import LoopSpec, Product
 from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.field import LockIn
 from vsgdesign.simulation import circuit_sample
 from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.bodies import Kind, control, names_of
+from vsgdesign.simulation.sample import Measurement, Noise
 from vsgdesign.study.parameters.inverter_kinds import InverterKind
 
 AXES = ("alpha", "beta")
@@ -25,6 +29,9 @@ SAID = ("P", "Q", "omega", "at_bridge")
 
 SAID_BY_OTHERS = ("P", "Q", "omega", "V", "theta", "limited", "at_bridge")
 """What another converter said at its last sample."""
+
+ENDS = "ends"
+"""Whether a cycle of a field estimator has ended at an instant: the loop ends there."""
 
 PHASORS = ("along", "across")
 """Of a source on an axis: its phasor there, and less its phasor a quarter turn before. On α (cos, sin), on β (sin,
@@ -71,10 +78,10 @@ class PlantKind(NamedTuple):
 
     @property
     def fed(self) -> tuple[str, ...]:
-        """What is fed: increments of the states, α and β in turn, and a voltage of the source."""
-        if not self.added:
-            return ()
-        return tuple(f"more.{axis}.{name}" for name in (*self.states, "v_g") for axis in AXES)
+        """What is fed: increments of the states, α and β in turn, and a voltage of the source; the noise of sensors."""
+        more = (*self.states, "v_g") if self.added else ()
+        noise = (names_of(Noise, f"u{k}.noise") for k, unit in enumerate(self.units) if unit.sensors)
+        return (*(f"more.{axis}.{name}" for name in more for axis in AXES), *itertools.chain.from_iterable(noise))
 
     @property
     def moved(self) -> tuple[str, ...]:
@@ -86,6 +93,11 @@ class PlantKind(NamedTuple):
         """What it is made of."""
         held = (f"held.{k}" for k in range(self.converters))
         return (*self.moved, *held)
+
+    @property
+    def listens(self) -> bool:
+        """Whether a unit has a field estimator."""
+        return any(unit.field for unit in self.units)
 
     @property
     def matrix(self) -> tuple[str, ...]:
@@ -113,13 +125,15 @@ def spec_of_plant(kind: PlantKind) -> LoopSpec:
     """The loop of a plant, strict: every operation rounds by itself."""
     moved = _moved(kind)
     logged = log_names(kind)
+    stop = ENDS if kind.listens else ""
     outputs = (*(output for _, output in moved), *(name for name in logged if name not in dict(moved)))
+    outputs += (stop,) if stop else ()
     distinct = tuple(dict.fromkeys(kind.sampling))
     bodies = tuple(with_outputs(_body(kind, sampling, moved), outputs) for sampling in distinct)
-    placed = {name for name, _ in moved} | {name for axis in AXES for name in _results(kind, axis)}
+    placed = {name for name, _ in moved} | {name for axis in AXES for name in _results(kind, axis)} | set(kind.fed)
     inputs = dict.fromkeys(name for one in bodies for name in one.inputs)
-    rest = [name for name in inputs if name not in placed and name not in kind.fed]
-    shared = (".settings.", ".inner_gains.", ".R_c")
+    rest = [name for name in inputs if name not in placed]
+    shared = (".settings.", ".inner_gains.", ".R_c", ".field.", ".V_rated_rms", ".allowed")
     return LoopSpec(
         bodies=bodies,
         state=tuple(moved),
@@ -129,8 +143,9 @@ def spec_of_plant(kind: PlantKind) -> LoopSpec:
             Product(_results(kind, axis), kind.matrix, tuple(f"{axis}.{name}" for name in kind.factors), kind.turns)
             for axis in AXES
         ),
-        logged=logged,
         fed=kind.fed,
+        logged=logged,
+        stop=stop,
         strict=True,
     )
 
@@ -151,6 +166,8 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
     for k, unit in enumerate(kind.units):
         own = [*unit.names(ControllerState, "state"), "limited", *(f"last.{name}" for name in SAID)]
         own += [f"pending.{axis}" for axis in AXES] if unit.bridge.delayed else []
+        own += names_of(Measurement, "before") if unit.sensors else []
+        own += names_of(LockIn, "lock") if unit.field else []
         found += [f"u{k}.{name}" for name in own]
     for k, other in enumerate(kind.others, len(kind.units)):
         own = [*names_of(other.kind.state, "state"), *(f"last.{name}" for name in SAID_BY_OTHERS)]
@@ -179,6 +196,11 @@ def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]
         line.output(f"v_g.{axis}", line.does("+", v_g, line.input(f"more.{axis}.v_g")) if kind.added else v_g)
     for name, output in moved:
         line.output(output, line.input(after.get(name, name)))
+    if kind.listens:
+        ended: Expression = line.does("*", Number(0.0), line.input("V_g"))
+        for k in sampling:
+            ended = line.does("max", ended, line.input(f"u{k}.closed")) if kind.units[k].field else ended
+        line.output(ENDS, ended)
     return joined(*parts, Part(line.block()))
 
 
@@ -215,12 +237,7 @@ def _following(kind: PlantKind, k: int) -> dict[str, str]:
     """Where the numbers of a converter that samples come from."""
     found = {}
     if k < len(kind.units):
-        for name in kind.units[k].names(ControllerState, "state"):
-            own = "kept_angle" if name == "state.theta" else name.replace("state.", "following.", 1)
-            found[f"u{k}.{name}"] = f"u{k}.{own}"
-        found[f"u{k}.limited"] = f"u{k}.limited_samples"
-        found |= {f"u{k}.last.{name}": f"u{k}.said.{name}" for name in SAID[:3]}
-        found[f"u{k}.last.at_bridge"] = f"u{k}.at_bridge"
+        found |= _following_of_unit(kind.units[k], k)
     else:
         state = kind.others[k - len(kind.units)].kind.state
         found |= {
@@ -233,4 +250,22 @@ def _following(kind: PlantKind, k: int) -> dict[str, str]:
             found |= {f"{axis}.held.{k}": f"u{k}.pending.{axis}", f"u{k}.pending.{axis}": asked}
         else:
             found[f"{axis}.held.{k}"] = asked
+    return found
+
+
+def _following_of_unit(unit: Kind, k: int) -> dict[str, str]:
+    """Where the numbers of its controller, its sensors and its estimator come from."""
+    found = {}
+    special = {"state.theta": "next_theta", "state.V": "next_V"} if unit.field else {"state.theta": "kept_angle"}
+    for name in unit.names(ControllerState, "state"):
+        found[f"u{k}.{name}"] = f"u{k}.{special.get(name, name.replace('state.', 'following.', 1))}"
+    for present, record, before, now in (
+        (unit.sensors, Measurement, "before", "true"),
+        (unit.field, LockIn, "lock", "heard"),
+    ):
+        own = names_of(record, before) if present else []
+        found |= {f"u{k}.{name}": f"u{k}.{name.replace(before, now, 1)}" for name in own}
+    found[f"u{k}.limited"] = f"u{k}.limited_samples"
+    found |= {f"u{k}.last.{name}": f"u{k}.said.{name}" for name in SAID[:3]}
+    found[f"u{k}.last.at_bridge"] = f"u{k}.at_bridge"
     return found

@@ -15,6 +15,7 @@ from vsgdesign.codegen.llvm import compiled_loop, empty_rows
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller import ControllerSettings, ControllerState
 from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.equations.field import FieldSettings
 from vsgdesign.equations.frames import peak_to_rms, rated_current_rms, rms_to_peak
 from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.equations.inner_loops import InnerLoopGains
@@ -31,14 +32,17 @@ from vsgdesign.linear.operating_point.rest_of_units import (
     rest_of_units,
 )
 from vsgdesign.linear.operating_point.sampled import cold_start
+from vsgdesign.simulation.added_source import SensorsOfRun, sensors_of
 from vsgdesign.simulation.bodies import Kind, names_of
 from vsgdesign.simulation.circuit_program import ProgramWriter
+from vsgdesign.simulation.field_observer import FieldMemory
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import LOG_COLUMNS, kind_of, spans_of
 from vsgdesign.simulation.outcome import BOUND_PU, Divergence, outside
 from vsgdesign.simulation.run_state import with_gains
 from vsgdesign.simulation.units.added import AddedToPlant, adds
 from vsgdesign.simulation.units.body import AXES, OtherKind, PlantKind, body_numbers, log_names, spec_of_plant
+from vsgdesign.simulation.units.noise import put_sensors, with_noise
 from vsgdesign.simulation.units.program import PlantProgram
 from vsgdesign.simulation.units.timeline import PlantSegment, PlantTimeline, plant_timeline
 from vsgdesign.simulation.units.windows import Schedule, UnitGains
@@ -114,8 +118,9 @@ def simulate_plant(
     log_interval: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> PlantRun:
-    """Simulates the plant of a study; each unit has its gains over time. ``timeline``: that of the study, with the
-    current limits of the controllers; None: without limits of their own. ``log_interval``: in place of the study's, s.
+    """Simulates the plant of a study; each unit has its gains over time, or a field estimator that drives them.
+    ``timeline``: that of the study, with the current limits of the controllers; None: without limits of their own.
+    ``log_interval``: in place of the study's, s.
 
     Raises InfeasibleStudyError where the start has no steady state, and SimulationDivergedError where the run leaves
     every sensible bound before two rows are logged.
@@ -140,7 +145,9 @@ class _Run:
         self.study, self.timeline, self.schedules = study, timeline, schedules
         self.clock = clock_of_study(study)
         self.wiring = wiring_of(study)
-        kinds = tuple(_kind(one) for one in timeline.units)
+        self.given = tuple(map(UnitGains, schedules))
+        memories = [one.memory for one in self.given]
+        kinds = tuple(_kind(one, memory is not None) for one, memory in zip(timeline.units, memories, strict=True))
         sampling = tuple(one.units for one in self.clock.instants)
         turns = 1 if self.clock.equal_gaps else len(sampling)
         others = tuple(OtherKind(one.kind, one.delay_samples > 0) for one in timeline.plant.inverters)
@@ -149,14 +156,14 @@ class _Run:
         )
         spec = spec_of_plant(self.kind)
         self.loop, self.rows, self.spans = compiled_loop(spec), empty_rows(spec, 1), spans_of(spec.rows)
-        self.uniform = _uniform(timeline, kinds, spec.uniform)
+        self.uniform = _uniform(timeline, kinds, memories, spec.uniform)
         self.program = PlantProgram(self.kind, self.wiring, timeline.segments, self.clock)
         self.added = AddedToPlant(study, timeline, self.wiring, self.clock) if self.kind.added else None
         self.per_period = len(sampling)
         self.log_periods = max(round(study.simulation.log_interval / self.clock.period), 1)
         self.periods = int(np.floor(study.simulation.duration / self.clock.period + 1e-6))
-        self.given = tuple(map(UnitGains, schedules))
         self._gains = [one.first for one in self.given]
+        self.sensors: list[SensorsOfRun | None] = [None] * len(kinds)
         self._start()
 
     def _at(self, name: str) -> Array:
@@ -172,8 +179,15 @@ class _Run:
             self._put_inverter(j, _waiting(one, self.timeline.segments[0].source.omega, phase), 0j, 0j)
         if self.study.simulation.start != "cold":
             self._begin_at_rest(phase)
-        for k in range(len(self.timeline.units)):
-            self._put_gains(k, self.given[k].known[0])
+        for k, given in enumerate(self.given):
+            self._put_gains(k, given.known[0])
+            if given.memory is not None:
+                given.memory.moves_in(self._at(f"u{k}.lock"))
+            axes = [self._at(f"{axis}.{name}") for name in self.kind.states[3 * k : 3 * k + 3] for axis in AXES]
+            self.sensors[k] = sensors_of(
+                self.timeline.units[k], np.concatenate(axes), self.timeline.segments[0].source.omega
+            )
+            put_sensors(self._at, k, self.sensors[k])
         writer = ProgramWriter()
         self.program.write(writer, self.spans[self.kind.matrix[0]].start, self.spans["V_g"].start)
         for k, timeline in enumerate(self.timeline.timelines):
@@ -238,8 +252,9 @@ class _Run:
         """The exact phasors of the sources before a sample of the loop, which are those of the instant before it."""
         t_s = self.program.time(max(k - 1, 0))
         angle = self.timeline.segment_at(t_s + 1e-6 * self.clock.period).source.at(t_s).phase
-        for s, lead in enumerate((0.0, *(one.phase for one in self.timeline.plant.sources))):
-            c, q = np.cos(angle + lead), np.sin(angle + lead)
+        angles = [angle, *(angle + one.phase for one in self.timeline.plant.sources)]
+        for s, own in enumerate(angles):
+            c, q = np.cos(own), np.sin(own)
             self._at(f"alpha.source{s}")[:] = c, q
             self._at(f"beta.source{s}")[:] = q, -c
 
@@ -258,11 +273,14 @@ class _Run:
             for unit, t_s in asked.get(begin, ()):
                 self._ask(unit, t_s)
             self._phase(begin)
-            fed = None if self.added is None else self.added.fed(begin, after)
-            clock = time.perf_counter()
-            self.loop(
-                begin, after, self.rows, self.uniform, log=log, every=every, program=self.records, cycle=cycle, fed=fed
-            )  # fmt: skip
+            clock, done, fed = time.perf_counter(), begin, self._fed(begin, after)
+            while done < after:
+                rest = None if fed is None else fed[:, done - begin :]
+                done += self.loop(
+                    done, after, self.rows, self.uniform,
+                    log=log, every=every, program=self.records, cycle=cycle, fed=rest,
+                )  # fmt: skip
+                self._conclude(done)
             seconds += time.perf_counter() - clock
             why = self._outside()
             if why is not None:
@@ -311,6 +329,21 @@ class _Run:
         self._gains[k] = change.gains
         self._at(f"u{k}.state")[:] = flat_state(moved)
         self._put_gains(k, change)
+
+    def _conclude(self, done: int) -> None:
+        """Ends the cycles of field estimators that end before a sample of the loop."""
+        t_s = self.program.time(done)
+        for k, given in enumerate(self.given):
+            if given.field is not None and given.field.closed:
+                sample = round(t_s / self.timeline.units[k].converter.T_s)
+                change = given.concluded(t_s, sample, self._gains[k], self._state(k))
+                if change is not None:
+                    self._change(k, change)
+
+    def _fed(self, begin: int, end: int) -> Array | None:
+        """What is fed over a stretch, (1, samples of the loop, n, 1); None: nothing."""
+        more = None if self.added is None else self.added.fed(begin, end)
+        return with_noise(more, self.sensors, self.clock, begin, end)
 
     def _state(self, k: int) -> ControllerState:
         like = cold_start(self.timeline.units[k]).controller
@@ -389,10 +422,6 @@ class _Run:
         return found
 
 
-def _kind(study: Study) -> Kind:
-    return kind_of(study, switched=False)
-
-
 def _waiting(one: Inverter, omega: float, phase: float) -> Any:
     """The state of an inverter that waits at nominal voltage in phase with the grid's source, without current."""
     v = complex(rms_to_peak(one.V_rated_rms) * np.exp(1j * phase))
@@ -406,14 +435,25 @@ def _in_rms(log: Array) -> Array:
     return found
 
 
-def _uniform(timeline: PlantTimeline, kinds: Sequence[Kind], names: Sequence[str]) -> Array:
-    """What never changes: gains of the inner loops and constants of the controllers."""
+def _kind(study: Study, listens: bool) -> Kind:
+    sensors = study.sensors is not None and study.sensors.act
+    return kind_of(study, switched=False)._replace(sensors=sensors, field=listens)
+
+
+def _uniform(
+    timeline: PlantTimeline, kinds: Sequence[Kind], memories: Sequence[FieldMemory | None], names: Sequence[str]
+) -> Array:
+    """What never changes: gains of the inner loops and constants of the controllers and estimators."""
     known: dict[str, float] = {}
     for k, one in enumerate(timeline.plant.inverters, len(kinds)):
         known[f"u{k}.R_c"] = one.filter.R_c
         known |= dict(zip(names_of(one.kind.settings, f"u{k}.settings"), one.settings, strict=True))
-    for k, (study, kind) in enumerate(zip(timeline.units, kinds, strict=True)):
-        known[f"u{k}.R_c"] = study.filter.R_c
+    for k, (study, kind, memory) in enumerate(zip(timeline.units, kinds, memories, strict=True)):
+        known |= {f"u{k}.R_c": study.filter.R_c, f"u{k}.V_rated_rms": study.converter.V_rated_rms}
+        if memory is not None:
+            settings = numbers_of(memory.settings)
+            known |= dict(zip(names_of(FieldSettings, f"u{k}.field"), settings, strict=True))
+            known[f"u{k}.allowed"] = memory.allowed
         for head, record, value in (
             ("inner_gains", InnerLoopGains, study.inner_gains),
             ("settings", ControllerSettings, study.controller_settings()),

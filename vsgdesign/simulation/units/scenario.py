@@ -20,6 +20,7 @@ from vsgdesign.linear.stability.modes_of_units import PlantMode, SplitModes, mod
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.simulation.every_sample import SignalsAtPcc
 from vsgdesign.simulation.feeds import feed_of
+from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.outcome import Outcome, outcome_of
 from vsgdesign.simulation.rest import Rest
@@ -132,9 +133,10 @@ def run_plant(
         report = None if progress is None else _reporter(progress, spec.name)
         interval = _interval(study, timeline)
         run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
-        if any(isinstance(one, Follows) for one in schedules):  # with the gains that it really had
+        feeds = [one if isinstance(one, FieldScheduler) else None for one in schedules]
+        if any(not isinstance(one, Sequence) for one in schedules):  # with the gains that it really had
             rests = _told_rests(study, spec, timeline, _settled(study, run), warn)
-        units = tuple(_unit_result(study, spec, run, k, rests) for k in range(len(timeline.units)))
+        units = tuple(_unit_result(study, spec, run, k, rests, feed) for k, feed in enumerate(feeds))
         every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
         phase = timeline.shared.source_phase(run.t_s, 1e-9)
         inverters = tuple((one.name, inverter_series(one, run.t_s, phase, every)) for one in run.inverters)
@@ -166,7 +168,7 @@ def _prepared(
     """Timeline, gains of each unit and rests of a controller, before its run."""
     timeline = plant_timeline(study, spec)
     schedules = [_gains(timeline, k, spec, ready) for k in range(len(timeline.units))]
-    known = [one for one in schedules if not isinstance(one, Follows)]
+    known = [one for one in schedules if not isinstance(one, Follows | FieldScheduler)]
     rests = _told_rests(study, spec, timeline, known, warn) if len(known) == len(schedules) else ()
     return timeline, schedules, rests
 
@@ -199,10 +201,10 @@ def _reporter(progress: Callable[[str, float], None], name: str) -> Callable[[fl
 def _gains(timeline: PlantTimeline, k: int, spec: ControllerSpec, ready: Ready) -> Schedule:
     own = timeline.units[k]
     feed = feed_of(own, spec_of(own, spec), timeline.timelines[k], ready)
-    if not isinstance(feed, Sequence | Follows):
+    if not isinstance(feed, Sequence | Follows | FieldScheduler):
         raise InfeasibleStudyError(
-            f"controller {spec.name}: its gains follow an estimate, which a plant does not have yet. "
-            'Give kind = "fixed", or a schedule on the true grid.'
+            f"controller {spec.name}: its gains follow an estimate out of windows, which a plant does not have yet. "
+            'Give kind = "fixed", a schedule on the true grid, or estimate = "field".'
         )
     return feed
 
@@ -325,7 +327,12 @@ def _at_rest(study: Study, base: Rest, rest: UnitsAtRest, k: int, modes: Sequenc
 
 
 def _unit_result(
-    study: Study, spec: ControllerSpec, run: PlantRun, k: int, rests: Sequence[PlantRest]
+    study: Study,
+    spec: ControllerSpec,
+    run: PlantRun,
+    k: int,
+    rests: Sequence[PlantRest],
+    feed: FieldScheduler | None,
 ) -> ControllerResult:
     """Figures and series of a unit, as of one converter."""
     unit, own_spec = run.units[k], spec_of(run.units[k].study, spec)
@@ -361,6 +368,7 @@ def _unit_result(
         events=events,
         outcome=outcome_of(run.divergence, found, events, at_limit, c.S_rated),
         rests=found,
+        estimates=None if feed is None else feed.log(run.timeline.timelines[k]),
         distorted=study.has_components,
     )
 

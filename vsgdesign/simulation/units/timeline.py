@@ -10,12 +10,13 @@ from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.circuit_of_units import Topology, grid_of_unit, names_of_states
 from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
+from vsgdesign.simulation.field_feed import with_pair
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 from vsgdesign.simulation.wander import Wander
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.network import PLAIN
 from vsgdesign.study.parameters.network_fields import CLOSED
-from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, Unit, behind_its_path
+from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, behind_its_path
 from vsgdesign.study.parameters.source import SourceComponent
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -92,7 +93,7 @@ def plant_timeline(study: Study, spec: ControllerSpec | None = None) -> PlantTim
             tuple(sorted(there.items())),
         )
         segments.append(PlantSegment(t_s, topology, shared.source_at(t_s), shared.components_at(t_s)))
-    units = tuple(_alone(study, unit, segments) for unit in plant.units)
+    units = tuple(_alone(study, plant, k, segments) for k in range(len(plant.units)))
     if spec is not None:
         units = tuple(one.with_limit_of(spec_of(one, spec)) for one in units)
     asked = tuple(_asked(one, of_elements) for one in plant.inverters)
@@ -124,9 +125,10 @@ def _switch(event: Event, opened: set[str], faults: dict[str, float]) -> None:
             faults[name] = said.fault.R
 
 
-def _alone(study: Study, unit: Unit, segments: Sequence[PlantSegment]) -> Study:
-    """A unit as one converter. What it is told of the network does not follow faults, nor an open breaker of the
-    grid."""
+def _alone(study: Study, plant: PowerPlant, k: int, segments: Sequence[PlantSegment]) -> Study:
+    """A unit as one converter, with a probe on its own lines (:eq:`plant-seen`) and with sensors of its own. What it is
+    told of the network does not follow faults, nor an open breaker of the grid."""
+    unit, sensors = plant.units[k], study.sensors
     told: list[Event] = []
     grid = None
     names = {event.t_s: event.name for event in study.events}
@@ -148,11 +150,12 @@ def _alone(study: Study, unit: Unit, segments: Sequence[PlantSegment]) -> Study:
         for one in study.events
     ]
     first = told[0].grid
-    base = behind_its_path(study, unit)
+    base = replace(behind_its_path(study, unit), estimator=study.estimator)
     return replace(
-        base,
+        with_pair(base, unit.pair, k) if unit.pair > 0 else base,
         name=f"{study.name}.{unit.name}",
         plant=None,
+        sensors=sensors if sensors is None or k == 0 else sensors.redrawn(sensors.seed + k),
         network=PLAIN,
         grid=base.grid if first is None else first,
         grid_source=study.grid_source,

@@ -1,11 +1,15 @@
-"""Schedules of a plant's units that follow what they measure: each is asked at the end of its own windows."""
+"""Schedules of a plant's units that follow what they measure: each is asked at the end of its own windows, or of each
+cycle of its field estimator."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.simulation.feeds import LateSchedule
+from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.field_observer import FieldMemory
 from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.online import WindowPowers
@@ -13,7 +17,7 @@ from vsgdesign.simulation.online import WindowPowers
 Follows = KnownGridScheduler | LateSchedule
 """A schedule that takes the powers at the end of a window, and a grid that is known beforehand."""
 
-Schedule = Sequence[GainChange] | Follows
+Schedule = Sequence[GainChange] | Follows | FieldScheduler
 """What a unit's gains are: changes over time, or a schedule that follows what it measures."""
 
 
@@ -21,20 +25,37 @@ class UnitGains:
     """The gains of one unit over a run: those that are known beforehand, then what a schedule answers."""
 
     def __init__(self, schedule: Schedule) -> None:
-        self.follows = None if isinstance(schedule, Sequence) else schedule
+        self.field = schedule.fresh() if isinstance(schedule, FieldScheduler) else None
+        self.follows = schedule if isinstance(schedule, Follows) else None
         self.known: tuple[GainChange, ...]
-        if isinstance(schedule, Sequence):
+        if self.field is not None:
+            self.known = (GainChange(0.0, self.field.first(), self.field.grid(0)),)
+        elif self.follows is not None:
+            self.known = (GainChange(0.0, self.follows.first_gains(), self.follows.grid),)
+        elif isinstance(schedule, Sequence):
             self.known = tuple(schedule)
-        else:
-            first = schedule.first_gains()
-            self.known = (GainChange(0.0, first, schedule.grid),)
-        self.changes = [self.known[0]] if self.follows is not None else list(self.known)
+        self.changes = list(self.known)
         self._limited = 0
 
     @property
     def first(self) -> PowerLoopGains:
         """At t = 0."""
         return self.known[0].gains
+
+    @property
+    def memory(self) -> FieldMemory | None:
+        """The numbers of its field estimator; None without one."""
+        return None if self.field is None else self.field.memory
+
+    def concluded(self, t_s: float, sample: int, present: PowerLoopGains, state: ControllerState) -> GainChange | None:
+        """What the schedule says where a cycle of its field estimator has ended before a sample of the unit."""
+        if self.field is None or not self.field.closed:
+            return None
+        found = self.field.conclude(sample, present, state)
+        change = GainChange(t_s, found, self.field.grid(sample))
+        if found != present:
+            self.changes.append(change)
+        return change
 
     def ends(self, duration: float) -> list[float]:
         """The ends of its windows after t = 0, s."""

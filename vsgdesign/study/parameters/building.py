@@ -50,11 +50,11 @@ from vsgdesign.study.parameters.fields import (
 )
 from vsgdesign.study.parameters.grid import Grid, Impedance, basis_field, read_grid
 from vsgdesign.study.parameters.inner_loops import INNER_LOOPS, InnerLoopSource, read_inner_loops, request_of
+from vsgdesign.study.parameters.power_plant_checks import check_estimators, check_plant
 from vsgdesign.study.parameters.power_plant_fields import (
     NETWORK,
     Around,
     PlantFields,
-    check_plant,
     on_all_units,
     read_plant,
     units_asked,
@@ -220,9 +220,7 @@ def build_study(
         network_table.finish()
     elements = None if plant is None else plant.names
     events = read_events(root.children("events"), scope, grid, basis, of_grid, source_, network, elements)
-    if plant is not None:
-        check_plant(root, network, simulation, events)
-    else:
+    if plant is None:
         check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
     controllers = read_controllers(
         root, scope, target, grid, basis, converter, filter_, (current_limiter, limiter_given)
@@ -244,6 +242,10 @@ def build_study(
     maps = _axes_given(root, stability)
     verification = read_verification(root.child("verification"), scope, converter, source_, specification, maps, basis)
     background, sensors = read_background(root.child("background")), read_sensors(root.child("sensors"))
+    if plant is not None:
+        check_plant(root, network, simulation, events)
+        if by_sample:
+            check_estimators(root, plant, None if estimator is None else estimator.probe)
     replay = read_replay(root.child("replay"), converter, simulation.duration)
     if root.has("replay"):
         _check_replay(root, faults)

@@ -7,11 +7,13 @@ neutral. A cable is three of them, and a load up to four. :class:`PowerPlant` ha
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.identification.field import PAIRS
 from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.inverter_kinds import InverterKind
 from vsgdesign.study.parameters.network import Load
@@ -67,6 +69,8 @@ class Unit:
     """At t = 0."""
     offset: float = 0.0
     """When it samples for the first time, s; less than its sampling period."""
+    pair: int = 1
+    """On which pair of lines its field estimator sends its probe; 0: all pairs are taken by units before it."""
     case: Study | None = None
     """Its converter, filter, inner loops and power loops; None: those of the study."""
 
@@ -196,6 +200,12 @@ def one_converter(study: Study, what: str) -> None:
             "[plant] and the lists of [network] out of the study. vsgdesign simulate runs it with its modes, and of "
             "equal units vsgdesign table build, margins and certify do the gains."
         )
+
+
+def pairs_of_units(chosen: Sequence[int | None]) -> list[int]:
+    """The pair of each unit of a plant: the chosen ones, then those that are left in turn; 0 where none is left."""
+    left = [pair for pair in range(1, len(PAIRS) + 1) if pair not in chosen]
+    return [one if one is not None else left.pop(0) if left else 0 for one in chosen]
 
 
 def finite(*values: float) -> bool:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vsgdesign.errors import did_you_mean
+from vsgdesign.identification.field import PAIRS
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.fields import (
     C_BASE,
@@ -24,6 +25,7 @@ from vsgdesign.study.parameters.fields import (
     subtable,
     text,
     values,
+    whole,
     whole_range,
     word,
 )
@@ -35,7 +37,7 @@ from vsgdesign.study.parameters.inverter_fields import (
     read_rectifier,
     rectifier_fields,
 )
-from vsgdesign.study.parameters.network import THREE_PHASE, Fault, Load, Network
+from vsgdesign.study.parameters.network import Load
 from vsgdesign.study.parameters.network_fields import (
     CLOSED,
     OPEN,
@@ -57,13 +59,12 @@ from vsgdesign.study.parameters.power_plant import (
     Unit,
     cable_elements,
     load_elements,
+    pairs_of_units,
     unconnected,
 )
 from vsgdesign.study.parameters.reader import TableReader
 
 if TYPE_CHECKING:
-    from vsgdesign.study.parameters.event import Event
-    from vsgdesign.study.parameters.scenario import SimulationSpec
     from vsgdesign.study.parameters.study import Study
 
 MOST_UNITS = 32
@@ -163,6 +164,8 @@ class _OfUnit:
     """Set point at t = 0."""
     offset: float = number("1", 0.0, 0.999, default=0.0)
     """When it samples for the first time, as a share of its sampling period."""
+    pair: int | None = whole(1, len(PAIRS), default=None, shown="the next one that is free")
+    """On which [pair of lines](#estimatorprobe) its field estimator sends its probe."""
 
 
 def _several(*of: type) -> tuple[Any, ...]:
@@ -254,6 +257,7 @@ def _short(table: TableReader, around: Around) -> PowerPlant:
     least, count = found["units"]
     each = found["resistance"] * c.Z_base, found["reactance"] * c.Z_base / c.omega_n
     spread = c.T_s / count if found["sampling"] == SPREAD else 0.0
+    pairs = pairs_of_units([None] * count)
     units = tuple(
         Unit(
             name=f"unit{k + 1}",
@@ -263,6 +267,7 @@ def _short(table: TableReader, around: Around) -> PowerPlant:
             P_ref=around.P_ref,
             Q_ref=around.Q_ref,
             offset=k * spread,
+            pair=pairs[k],
         )
         for k in range(count)
     )
@@ -279,6 +284,7 @@ class _Reader:
         self._elements: list[Element] = []
         self._rectifiers: list[Inverter] = []
         self._nodes: tuple[str, ...] = ()
+        self._pairs: list[int | None] = []
 
     def plant(self) -> PowerPlant:
         """The plant; meaningless where there are faults."""
@@ -298,7 +304,7 @@ class _Reader:
         for one in table.children("loads"):
             self._load(one)
         sources = tuple(self._source(one) for one in table.children("sources"))
-        units = tuple(self._unit(one) for one in table.children("units"))
+        units = self._with_pairs(tuple(self._unit(one) for one in table.children("units")))
         inverters = (*map(self._inverter, table.children("inverters")), *self._rectifiers)
         if not 1 <= len(units) <= MOST_UNITS:
             advice = "Add [[network.units]] with name and node, or take the other lists out."
@@ -425,6 +431,7 @@ class _Reader:
             problem = f"unit {name} is made for {c.V_rated_rms:g} V, and the study for another voltage"
             table.fault("case", None, problem, "Refer its data to the voltage of the study.")
         table.finish()
+        self._pairs.append(found["pair"])
         return Unit(
             name=name,
             node=node,
@@ -435,6 +442,16 @@ class _Reader:
             offset=found["offset"] * c.T_s,
             case=case,
         )
+
+    def _with_pairs(self, units: tuple[Unit, ...]) -> tuple[Unit, ...]:
+        """Two units with one pair would hear each other in place of themselves."""
+        for pair, count in Counter(one for one in self._pairs if one is not None).items():
+            if count > 1:
+                names = [unit.name for unit, own in zip(units, self._pairs, strict=True) if own == pair]
+                problem = f"{' and '.join(names)} send their probes on the same pair of lines"
+                self._table.fault("units", None, f"{problem}, {pair}", "Give each another pair, or leave pair out.")
+        pairs = pairs_of_units(self._pairs)
+        return tuple(replace(unit, pair=pair) for unit, pair in zip(units, pairs, strict=True))
 
     def _check_sources(self, sources: tuple[Source, ...]) -> None:
         """Nothing says how ideal sources at one node share the current, and a capacitor cannot follow one."""
@@ -462,25 +479,3 @@ def _reference_limit(scope: Scope, own: Converter, of_study: Converter) -> dict[
 def on_all_units(converter: Converter, count: int) -> Converter:
     """The converter on whose rating the grid's short-circuit ratio is taken: all units together."""
     return converter if count == 1 else replace(converter, S_rated=count * converter.S_rated)
-
-
-def check_plant(root: TableReader, network: Network, simulation: SimulationSpec, events: Sequence[Event]) -> None:
-    """What a run of a plant does not have."""
-    advice = "Take it out, or take the plant out."
-    for section in ("sensors", "replay"):
-        if root.has(section):
-            root.fault(section, None, "a run of a plant does not have it", advice)
-    if simulation.bridge == "pwm":
-        root.fault("simulation.bridge", "pwm", "the bridges of a plant are averaged", 'Give bridge = "averaged".')
-    if simulation.survival:
-        root.fault("simulation.survival", "true", "a run of a plant is not judged as a disturbance", advice)
-    faults = [network.fault, *(event.network.fault for event in events if event.network is not None)]
-    faults += [one.switched.fault for one in events if isinstance(one.switched.fault, Fault)]
-    for fault in (one for one in faults if one is not None):
-        if fault.at > 0.0 or fault.kind != THREE_PHASE:
-            problem = "a fault of a plant is three-phase and at a node"
-            root.fault("network.fault", fault.kind, problem, "Leave at and phases out.")
-    for k, event in enumerate(events):
-        if event.over > 0.0 or event.synchro_check or event.synchronised_until is not None:
-            problem = "a plant knows neither ramps nor breakers that wait"
-            root.fault(f"events[{k}]", None, problem, "Give steps, and a breaker without synchro_check.")

@@ -49,6 +49,8 @@ def run_plant_study(
                 name = f"{controller.spec.name}.{unit.name}"
                 write_npz(folder / f"{name}.npz", one.series)
                 write_csv(folder / f"{name}.csv", one.series, study.simulation.csv_interval)
+                if one.estimates is not None:
+                    write_csv(folder / f"{name}.estimates.csv", one.estimates.series(), 0.0)
             for inverter, series in controller.inverters:
                 name = f"{controller.spec.name}.{inverter}"
                 write_npz(folder / f"{name}.npz", series)

@@ -1,0 +1,97 @@
+"""Field estimators of the units of a plant, against the run of one converter and against what a unit sees alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.equations.field import FieldAnswer
+from vsgdesign.metrics import answers as metrics
+from vsgdesign.simulation import simulate
+from vsgdesign.simulation.estimated import EstimateLog
+from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.units.scenario import PlantResult, run_plant
+from vsgdesign.study.parameters import Study, study_from_text
+
+STUDY = """
+base = "case:lab_12kva_lcl"
+grid = {{ scr = 6, x_over_r = 4 }}
+simulation = {{ duration = "{duration}", P_ref = "5 kW", Q_ref = "0 var" }}
+sensors = {{ level = "typical", seed = 3 }}
+background = {{ level = "clean", harmonic_5 = "2 %", harmonic_7 = "1.5 %", negative_sequence = "1 %" }}
+controllers = [{{ name = "field", kind = "scheduled", estimate = "field" }}]
+{more}
+"""
+
+
+def study_with(more: str = "", duration: str = "1 s") -> Study:
+    return study_from_text(STUDY.format(duration=duration, more=more))
+
+
+def answers_of(log: EstimateLog | None) -> FieldAnswer:
+    assert log is not None
+    assert log.cycles is not None
+    return log.cycles
+
+
+@cache
+def plant(units: int, pairs: tuple[int, ...] = (), more: str = "", duration: str = "1.6 s") -> PlantResult:
+    """A plant, whose units may be given pairs that no study may have."""
+    study = study_with(f"plant = {{ units = {units}, reactance = 0.06, resistance = 0.01 }}\n{more}", duration)
+    assert study.plant is not None
+    own = pairs or tuple(one.pair for one in study.plant.units)
+    some = tuple(replace(one, pair=pair) for one, pair in zip(study.plant.units, own, strict=True))
+    return run_plant(replace(study, plant=replace(study.plant, units=some)), NOTHING)
+
+
+def test_one_unit_of_a_plant_is_one_converter() -> None:
+    """The same answers as in the loop of one converter, with the same sensors and the same harmonics."""
+    alone, shared = study_with(), study_with("plant = { units = 1 }")
+    scheduler = FieldScheduler(alone, alone.controllers[0])
+    simulate(alone, scheduler)
+    found = answers_of(run_plant(shared, NOTHING).controllers[0].units[0].estimates)
+    expected = np.array([row.answer for row in scheduler.rows])
+    assert len(found.R_g) == len(expected)
+    for name, values in zip(FieldAnswer._fields, expected.T, strict=True):
+        known = np.isfinite(getattr(found, name))  # what is not known yet
+        np.testing.assert_allclose(getattr(found, name)[known], values[known], rtol=1e-7, atol=1e-9, err_msg=name)
+
+
+def test_a_unit_whose_neighbours_are_away_sees_the_grid_alone() -> None:
+    """Behind its own transformer, which it knows: the 95 % ellipse contains the grid in most cycles."""
+    result = plant(2, more='events = [{ time = "1 ms", element = "unit2", breaker = "open" }]')
+    study, log = result.study, result.controllers[0].units[0].estimates
+    found, c = answers_of(log), study.converter
+    assert log is not None
+    R, L = study.grid.R_g, study.grid.L_g
+    seen = metrics.answers_of(
+        log.t_s,
+        (np.full(len(log.t_s), R), np.full(len(log.t_s), L)),
+        (found.R_g, found.L_g),
+        (found.var_R, found.cov_RL, found.var_L),
+        found.valid,
+        found.changed,
+        omega_n=c.omega_n,
+        end_s=study.simulation.duration,
+    )
+    assert found.valid[-20:].all()
+    assert metrics.inside_ellipse(seen)[-20:].mean() > 0.8
+
+
+def test_units_on_their_own_lines_do_not_hear_each_other() -> None:
+    for one in plant(2).controllers[0].units:
+        found = answers_of(one.estimates)
+        assert found.valid[-20:].all()
+        assert not found.foreign.any()
+        assert not found.changed.any()
+
+
+def test_units_on_one_pair_hear_each_other_and_say_so() -> None:
+    """With other sign codes; the answers are then not valid."""
+    units = plant(3, (1, 1, 1), duration="2 s").controllers[0].units
+    said = [answers_of(one.estimates) for one in units]
+    assert sum(bool(found.foreign.any()) for found in said) >= 2
+    assert not any(found.valid[found.foreign > 0.5].any() for found in said)

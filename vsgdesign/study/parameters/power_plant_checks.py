@@ -1,0 +1,56 @@
+"""What a plant and the rest of its study do not have together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from vsgdesign.identification.field import PAIRS
+from vsgdesign.study.parameters.network import THREE_PHASE, Fault, Network
+from vsgdesign.study.parameters.power_plant import PowerPlant
+from vsgdesign.study.parameters.reader import TableReader
+
+if TYPE_CHECKING:
+    from vsgdesign.study.parameters.estimator import ProbeSpec
+    from vsgdesign.study.parameters.event import Event
+    from vsgdesign.study.parameters.scenario import SimulationSpec
+
+
+def check_estimators(root: TableReader, plant: PowerPlant, probe: ProbeSpec | None) -> None:
+    """Of a plant whose units have field estimators: each needs lines of its own for its probe."""
+    without = [one.name for one in plant.units if one.pair == 0]
+    if without:
+        problem = (
+            f"there are {len(PAIRS)} pairs of lines for the probes of {len(plant.units)} units: {', '.join(without)} "
+            "would have none"
+        )
+        root.fault("plant.units", len(plant.units), problem, 'Give four units at most, or estimate = "truth".')
+    if probe is not None and probe.pair != 1:
+        advice = "Leave it out, or give pair in [[network.units]]."
+        root.fault("estimator.probe.pair", probe.pair, "each unit of a plant has a pair of its own", advice)
+
+
+def check_plant(
+    root: TableReader,
+    network: Network,
+    simulation: SimulationSpec,
+    events: Sequence[Event],
+) -> None:
+    """What a run of a plant does not have."""
+    advice = "Take it out, or take the plant out."
+    if root.has("replay"):
+        root.fault("replay", None, "a run of a plant does not have it", advice)
+    if simulation.bridge == "pwm":
+        root.fault("simulation.bridge", "pwm", "the bridges of a plant are averaged", 'Give bridge = "averaged".')
+    if simulation.survival:
+        root.fault("simulation.survival", "true", "a run of a plant is not judged as a disturbance", advice)
+    faults = [network.fault, *(event.network.fault for event in events if event.network is not None)]
+    faults += [one.switched.fault for one in events if isinstance(one.switched.fault, Fault)]
+    for fault in (one for one in faults if one is not None):
+        if fault.at > 0.0 or fault.kind != THREE_PHASE:
+            problem = "a fault of a plant is three-phase and at a node"
+            root.fault("network.fault", fault.kind, problem, "Leave at and phases out.")
+    for k, event in enumerate(events):
+        if event.over > 0.0 or event.synchro_check or event.synchronised_until is not None:
+            problem = "a plant knows neither ramps nor breakers that wait"
+            root.fault(f"events[{k}]", None, problem, "Give steps, and a breaker without synchro_check.")
