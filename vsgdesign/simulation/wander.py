@@ -32,7 +32,7 @@ BLOCK = 8192
 _STREAMS = WanderDrive("frequency", "phase walk", "voltage walk", "voltage", "phase_noise", "voltage_noise")
 """The names of their random numbers."""
 
-_KEPT = 3
+_KEPT = 2
 """Blocks in memory."""
 
 FORGOTTEN_S = 60.0
@@ -100,7 +100,7 @@ class Wander:
         if spec.modulation > 0.0:
             turns = spec.modulation_frequency * (index * BLOCK + np.arange(BLOCK, dtype=np.float64)) * self.T_s
             gain *= 1.0 + spec.modulation * np.cos(2.0 * math.pi * (turns % 1.0) + spec.modulation_phase)
-        self._blocks[index] = gain, log[0, :, 1, 0]
+        self._blocks[index] = gain, log[0, :, 1, 0].copy()
         while len(self._blocks) > _KEPT:
             del self._blocks[next(iter(self._blocks))]
 

@@ -75,7 +75,7 @@ class Part(Batch):
             begin = 0 if self.guarded else int(first_judged(cases, study.converter.T_s).min())
             slots = self.end - begin
             if kind.waits:  # each lane logs samples of its own, one after the other
-                rows = np.zeros((groups, width, len(logged), slots)).transpose(0, 3, 2, 1)
+                rows = aligned_zeros((groups, width, len(logged), slots)).transpose(0, 3, 2, 1)
             else:
                 rows = aligned_zeros((groups, slots, len(logged), width))
             self.log(Log(rows, logged, begin=begin))
