@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -116,21 +117,22 @@ def solved(
     jumps: Sequence[tuple[float, float]] = (),
     P_steps: Sequence[tuple[float, int, float]] = (),
     source: Callable[[float, float, float], complex] | None = None,
+    phase: float = -math.pi / 2.0,
 ) -> np.ndarray:
     """The states at every sampling period of the study, complex. ``slopes``: (from s, dx/dt, what becomes of x then).
     ``jumps`` (s, rad) of the source's phase; ``P_steps`` (s, unit, W). ``source``: its voltage over the rated one at an
-    instant, in the interval that begins at another one, with a phase (rad)."""
+    instant, in the interval that begins at another one, with a phase (rad). ``phase``: of the source at t = 0."""
     plant = plant_of(study)
     count = len(plant.units)
     controllers = [SampledController(study) for _ in plant.units]
     V = study.converter.V_rated_rms
-    states = [State(-math.pi / 2.0, OMEGA, V, 0j, 0j, 0j) for _ in plant.units]
+    states = [State(phase, OMEGA, V, 0j, 0j, 0j) for _ in plant.units]
     held, waiting = np.zeros(count, dtype=complex), np.zeros(count, dtype=complex)
     periods = round(study.simulation.duration / T_S)
     due = [(k * T_S + unit.offset, u) for u, unit in enumerate(plant.units) for k in range(periods)]
     marks = sorted({0.0, periods * T_S, *(t for t, _ in due), *(t for t, _, _ in slopes), *(t for t, _ in jumps)})
     marks = [t for k, t in enumerate(marks) if k == 0 or t - marks[k - 1] > 1e-12]
-    x, found, phase, present = np.zeros(size, dtype=complex), [], -math.pi / 2.0, slopes[0][1]
+    x, found, present = np.zeros(size, dtype=complex), [], slopes[0][1]
     refs = [study.simulation.P_ref] * count
     for begin, end in itertools.pairwise(marks):
         changed = [one for one in slopes[1:] if abs(one[0] - begin) < 1e-12]
@@ -329,6 +331,28 @@ def test_a_source_with_components_and_a_wander() -> None:
     seen = result.units[0].log[:, 6] + 1j * result.units[0].log[:, 7]  # the source's voltage
     first = math.sqrt(2.0) * study.converter.V_rated_rms * source(0.0, 0.0, -math.pi / 2.0)
     assert seen[0] == pytest.approx(first, rel=1e-9)
+
+
+def test_a_recorded_source(tmp_path: Path) -> None:
+    """Two units with offsets on a record of a dirty grid, which is a straight line over each period of the clock."""
+    at = np.arange(3000) / 5000.0
+    three = [np.cos(2.0 * np.pi * (50.2 * at - k / 3.0)) + 0.03 * np.cos(2.0 * np.pi * 250.7 * at) for k in range(3)]
+    np.savez(tmp_path / "grid.npz", v=np.array(three).T, sampling_rate=5000.0)
+    record = f'[replay]\nfile = "{tmp_path / "grid.npz"}"\nscale = "150 V"\n'
+    text = '[plant]\nunits = 2\nreactance = 0.06\nresistance = 0.01\nsampling = "spread"\n'
+    study = plant_study(text + record, duration='"4 ms"')
+    timeline = plant_timeline(study)
+    replay = timeline.shared.replay
+    assert replay is not None
+    v = replay.vectors(0, 100) / (math.sqrt(2.0) * study.converter.V_rated_rms)
+
+    def source(t: float, begin: float, _: float) -> complex:
+        k = int(begin / T_S + 1e-6)
+        return complex(v[k] + (v[k + 1] - v[k]) * (t - k * T_S) / T_S)
+
+    slopes = [(0.0, star(study), lambda x: x)]
+    expected = solved(study, 6, slopes, source=source, phase=timeline.segments[0].source.phase)
+    assert errors_pu(study, run(study), expected) < TOLERANCE
 
 
 def test_one_unit_is_a_converter() -> None:

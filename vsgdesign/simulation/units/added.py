@@ -1,10 +1,11 @@
-"""What the grid's source adds to the circuit of a plant besides its fundamental: components and wander, gap by gap.
+"""What the grid's source adds to the circuit of a plant besides its fundamental, or a record in its place, gap by gap.
 
 The circuit is linear, so each component adds its own exact response, whatever the converters do (:eq:`plant-added`).
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 from typing import Any
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.linear.operating_point.circuit_of_units import Topology, UnitsCircuit, Wiring, circuit_of_units
 from vsgdesign.linear.operating_point.clock_of_units import Clock
+from vsgdesign.linear.operating_point.plants import less_one
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuit_program import SAME_INSTANT
 from vsgdesign.simulation.units.timeline import PlantTimeline
@@ -28,6 +30,7 @@ class _OfPlant(Background):
     def __init__(self, wiring: Wiring, names: tuple[str, ...], V_base_pk: float, timeline: Any) -> None:
         super().__init__(lambda _: None, V_base_pk, timeline)  # type: ignore[arg-type, return-value]
         self._wiring, self._names = wiring, names
+        self._lines = functools.lru_cache(maxsize=64)(self._straight)
 
     def circuit(self, topology: Topology) -> UnitsCircuit:
         """The circuit in a topology."""
@@ -42,6 +45,19 @@ class _OfPlant(Background):
         source = self.circuit(connection).moved(h, omega)[2][:, 0]
         found = np.zeros((3, 2 * len(source)), dtype=complex)
         found[0, 0::2], found[0, 1::2] = source, -1j * source
+        return found
+
+    def _straight(self, connection: Any, h: float) -> Array:
+        """What a source v + s·t at the grid adds, as
+        :func:`vsgdesign.linear.operating_point.plant.straight_line_responses` has it."""
+        circuit = self.circuit(connection)
+        n = len(circuit.A)
+        M = np.zeros((n + 2, n + 2))
+        M[:n, :n], M[:n, n], M[n, n + 1] = circuit.A, circuit.E[:, 0], 1.0
+        grown = circuit.X @ less_one(M * h)[:n, n:]
+        found = np.zeros((4, 2 * len(grown)))
+        for k, at_end in enumerate((1.0, h)):
+            found[2 * k, 0::2] = found[2 * k + 1, 1::2] = grown[:, k] + at_end * circuit.X_g[:, 0]
         return found
 
 
@@ -120,4 +136,4 @@ def adds(timeline: PlantTimeline) -> bool:
     """Whether the grid's source has more than its fundamental at any time."""
     shared = timeline.shared
     moving = shared.wander is not None and shared.wander.spec.distorts
-    return moving or any(one.components for one in timeline.segments)
+    return moving or shared.replay is not None or any(one.components for one in timeline.segments)

@@ -32,7 +32,7 @@ from vsgdesign.simulation.scenario.controllers import (
     rest_at_limit,
     samples_per_mean,
 )
-from vsgdesign.simulation.twin import restless
+from vsgdesign.simulation.twin import never_rests
 from vsgdesign.simulation.units.inverters import (
     InverterRest,
     inverter_series,
@@ -350,7 +350,7 @@ def _unit_result(
         found,
         ripples=study.has_components,
         divergence=run.divergence,
-        restless=restless(None, study.background, None),
+        restless=never_rests(study, own_spec),
     )
     every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
     logged = simulation.every(every)

@@ -12,7 +12,7 @@ from vsgdesign.linear.operating_point.circuit_of_units import Topology, grid_of_
 from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
 from vsgdesign.simulation.field_feed import with_pair
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
-from vsgdesign.simulation.wander import Wander
+from vsgdesign.simulation.wander import Replay, Wander
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.network import PLAIN
 from vsgdesign.study.parameters.network_fields import CLOSED
@@ -54,7 +54,7 @@ class PlantTimeline:
 
     plant: PowerPlant
     shared: Timeline
-    """Of the grid and its source, whose background changes once in a period of the plant's clock."""
+    """Of the grid and its source, whose background or record takes a step in each period of the plant's clock."""
 
     def asked_at(self, inverter: int, t_s: float) -> SetPoints:
         """What an inverter is asked for from an instant on."""
@@ -73,9 +73,12 @@ def plant_timeline(study: Study, spec: ControllerSpec | None = None) -> PlantTim
     if plant is None:
         raise ValueError("the study has no plant")
     shared = build_timeline(replace(study, events=tuple(one for one in study.events if one.element is None)))
+    period = clock_of_study(study).period
     if shared.wander is not None:
-        period = clock_of_study(study).period
         shared = replace(shared, wander=Wander(shared.wander.spec, period, study.converter.omega_n))
+    if shared.replay is not None:
+        shared.replay.spec.check_usable(study.simulation.duration + 4.0 * period, study.converter)
+        shared = replace(shared, replay=Replay(shared.replay.spec, period))
     of_elements = sorted((one for one in study.events if one.element is not None), key=lambda one: one.t_s)
     changes = {0.0, *shared.plant_changes(), *(one.t_s for one in of_elements if not one.set_points)}
     segments: list[PlantSegment] = []

@@ -38,8 +38,6 @@ def check_plant(
 ) -> None:
     """What a run of a plant does not have."""
     advice = "Take it out, or take the plant out."
-    if root.has("replay"):
-        root.fault("replay", None, "a run of a plant does not have it", advice)
     if simulation.bridge == "pwm":
         root.fault("simulation.bridge", "pwm", "the bridges of a plant are averaged", 'Give bridge = "averaged".')
     if simulation.survival:
