@@ -7,8 +7,12 @@ from vsgdesign.study.parameters.loading import case_names as case_names
 from vsgdesign.study.parameters.study import Study as Study
 from vsgdesign.verbs.facade.assessed import Margins as Margins
 from vsgdesign.verbs.facade.assessed import margins as margins
+from vsgdesign.verbs.facade.exports import export_all as export_all
 from vsgdesign.verbs.facade.exports import export_dll as export_dll
 from vsgdesign.verbs.facade.exports import export_fmu as export_fmu
+from vsgdesign.verbs.facade.exports import export_modelica as export_modelica
+from vsgdesign.verbs.facade.exports import export_plecs as export_plecs
+from vsgdesign.verbs.facade.exports import export_simulink as export_simulink
 from vsgdesign.verbs.facade.reporting import explore as explore
 from vsgdesign.verbs.facade.reporting import write_report as write_report
 from vsgdesign.verbs.facade.simulated import Run as Run

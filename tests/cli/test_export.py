@@ -56,3 +56,16 @@ def test_what_does_not_fit_is_said(study: Path, tmp_path: Path) -> None:
     assert code == 2
     assert "mine.txt" in text
     assert [file.name for file in out.iterdir()] == ["mine.txt"]
+
+
+def test_a_wrapper_without_a_compiler(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "modelica"
+    for _ in range(2):  # the second one replaces the first
+        code, text = told("modelica", study, "--out", out, "--variant", "reference")
+        assert code == 0, text
+        assert "of controller closed of study" in text
+    assert next(out.glob("VsgController_*_closed_reference.mo")).is_file()
+    next(out.glob("*.txt")).write_text("mine", encoding="utf-8")
+    code, text = told("modelica", study, "--out", out)
+    assert code == 2
+    assert "was changed since" in text

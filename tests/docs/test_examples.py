@@ -175,7 +175,7 @@ def test_the_figures_of_the_walk_through_can_be_drawn(
 
 def test_every_block_says_what_it_is() -> None:
     """A block without a kind would be skipped by accident."""
-    known = {*RUN_KINDS, "text", "bibtex", "bash", "zsh", "fish", "c"}
+    known = {*RUN_KINDS, "text", "bibtex", "bash", "zsh", "fish", "c", "matlab"}
     unknown = [f"{page.name}:{b.line}: ```{b.kind}" for page in PAGES for b in blocks(page) if b.kind not in known]
     assert not unknown, unknown
 

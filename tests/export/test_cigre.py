@@ -155,6 +155,7 @@ def test_the_power_loops_keep_the_rest_of_a_long_step(exported: Any) -> None:
     long, short = Hosted(made, start=0.0), Hosted(made, start=0.0)
     given = np.array([port.start for port in Library.ports_of(unit, "reference").inputs])
     given[0] *= 1.1
+    out = same = np.zeros(0)
     for k in range(60):
         out = long.sample(given, k * 1.03e-3)
     last = math.floor(59 * 1.03e-3 / unit.T_s + 1e-3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import re
 import textwrap
@@ -53,6 +54,7 @@ def block_comment(text: str, indent: str = "") -> list[str]:
     return [f"{indent}/* {lines[0]}", *rest]
 
 
+@functools.lru_cache(256)
 def field_groups(record: Any) -> list[tuple[list[str], str]]:
     """The fields of a NamedTuple in order, in groups of those that one text is about.
 

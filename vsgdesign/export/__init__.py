@@ -4,8 +4,12 @@ from vsgdesign.export.c_code import ExportedC, export_c, export_c_files, export_
 from vsgdesign.export.c_content import initialiser
 from vsgdesign.export.cigre import export_dll
 from vsgdesign.export.compiled import CompiledC, compile_c
+from vsgdesign.export.every_kind import export_all
 from vsgdesign.export.fmu import export_fmu
+from vsgdesign.export.modelica import export_modelica
 from vsgdesign.export.numbers import converter_numbers
+from vsgdesign.export.plecs import export_plecs
+from vsgdesign.export.simulink import export_simulink
 from vsgdesign.export.unit import Unit, unit_of
 from vsgdesign.export.wrapping import Exported
 
@@ -16,10 +20,14 @@ __all__ = [
     "Unit",
     "compile_c",
     "converter_numbers",
+    "export_all",
     "export_c",
     "export_c_files",
     "export_dll",
     "export_fmu",
+    "export_modelica",
+    "export_plecs",
+    "export_simulink",
     "export_unit_c",
     "initialiser",
     "unit_of",

@@ -22,6 +22,7 @@ from vsgdesign.export.wrapping import (
     check_target,
     meaning_of,
     plain_unit,
+    sources_of,
     wrapped,
     write_wrapper,
 )
@@ -54,7 +55,7 @@ def export_dll(
 
 def _written(one: Wrapped, out: str | Path, inputs: tuple[str | Path, ...], builder: Builder) -> Exported:
     own = {"cigre.c": filled("cigre.c", content_of_dll(one))}
-    texts = {name: text for name, text in builder.texts(one.unit).items() if name.endswith((".c", ".h"))}
+    texts = sources_of(one.unit, builder)
     files: dict[str, str | bytes] = {f"sources/{name}": text for name, text in (texts | own).items()}
     said = []
     for compiler, place in PLACES.items():

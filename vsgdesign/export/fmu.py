@@ -32,6 +32,7 @@ from vsgdesign.export.wrapping import (
     check_target,
     meaning_of,
     plain_unit,
+    sources_of,
     wrapped,
     write_wrapper,
 )
@@ -89,10 +90,9 @@ def export_fmu(
 
 def _written(one: Wrapped, version: str, out: str | Path, inputs: tuple[str | Path, ...], builder: Builder) -> Exported:
     content = content_of_fmu(one, version)
-    texts = builder.texts(one.unit)
     own = {"fmu_core.h": filled("fmu_core.h", content), f"fmi{version}.c": filled(f"fmi{version}.c", content)}
     headers = {name: header(name) for name in HEADERS[version]}
-    core = {name: text for name, text in texts.items() if name.endswith((".c", ".h")) and "selftest" not in name}
+    core = sources_of(one.unit, builder)
     core["vsg.h"] = core["vsg.h"].replace("#ifdef VSG_DOUBLE", f"{_DOUBLE}#ifdef VSG_DOUBLE", 1)
     files: dict[str, str | bytes] = {f"sources/{name}": text for name, text in (core | own | headers).items()}
     said = []

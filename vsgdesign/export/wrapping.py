@@ -98,6 +98,36 @@ def meaning_of(port: Any) -> str:
     return ascii_text(f"{port.meaning} ({extra})" if extra else port.meaning)
 
 
+def sources_of(unit: Unit, builder: Builder | None) -> dict[str, str]:
+    """The exported C of a controller, without the self-test; rendered once for each ``builder``."""
+    texts = render_unit(unit) if builder is None else builder.texts(unit)
+    return {name: text for name, text in texts.items() if name.endswith((".c", ".h")) and "selftest" not in name}
+
+
+_OF_FILE = re.compile(r"^static (?:inline )?(?:const )?\w+ \*?(vsg_\w+)", re.MULTILINE)
+
+
+def in_one_file(sources: Mapping[str, str], folder: str = "") -> str:
+    """Lines that include every C file of an export into one: what two of them call alike is told apart."""
+    names = [name for name in sorted(sources) if name.endswith(".c")]
+    own = {name: set(_OF_FILE.findall(sources[name])) for name in names}
+    headers = {name for text in sources.values() for name in _OF_FILE.findall(text)}
+    shared = {word for word in headers if sum(word in words for words in own.values()) > 1}
+    shared |= {
+        word
+        for words in own.values()
+        for word in words
+        if any(word in _OF_FILE.findall(text) for name, text in sources.items() if name.endswith(".h"))
+    }
+    lines = []
+    for k, name in enumerate(names):
+        told = sorted(own[name] & shared)
+        lines += [f"#define {word} {word}_{k}" for word in told]
+        lines += [f'#include "{folder}{name}"']
+        lines += [f"#undef {word}" for word in told]
+    return "\n".join(lines)
+
+
 def made_for(one: Wrapped) -> dict[str, Any]:
     """What the record of a wrapper says of its origin."""
     unit, origin = one.unit, one.unit.origin

@@ -249,3 +249,77 @@ def dll(file: str, out: str, controller: str | None, study_file: str | None, var
     from vsgdesign.export import export_dll
 
     _wrap(file, study_file, controller, out, as_json, partial(export_dll, variant=variant))
+
+
+@export.command()
+@FILE
+@OUT
+@CONTROLLER
+@STUDY_OF_TABLE
+@VARIANT
+@JSON
+@verb
+def simulink(file: str, out: str, controller: str | None, study_file: str | None, variant: str, as_json: bool) -> None:
+    """Write a controller for MATLAB, Simulink and Octave.
+
+    The folder has the table as a MAT file and as a script, a MEX function, an S-function and the buses of its ports.
+    """
+    from functools import partial
+
+    from vsgdesign.export import export_simulink
+
+    _wrap(file, study_file, controller, out, as_json, partial(export_simulink, variant=variant))
+
+
+@export.command()
+@FILE
+@OUT
+@CONTROLLER
+@STUDY_OF_TABLE
+@VARIANT
+@JSON
+@verb
+def plecs(file: str, out: str, controller: str | None, study_file: str | None, variant: str, as_json: bool) -> None:
+    """Write a controller for PLECS.
+
+    The folder has the text of a C-Script block, the sources, and libraries for the DLL block.
+    """
+    from functools import partial
+
+    from vsgdesign.export import export_plecs
+
+    _wrap(file, study_file, controller, out, as_json, partial(export_plecs, variant=variant))
+
+
+@export.command()
+@FILE
+@OUT
+@CONTROLLER
+@STUDY_OF_TABLE
+@VARIANT
+@JSON
+@verb
+def modelica(file: str, out: str, controller: str | None, study_file: str | None, variant: str, as_json: bool) -> None:
+    """Write a controller for Modelica.
+
+    The folder has the table in Modelica alone, the controller as a block of external C, and the C.
+    """
+    from functools import partial
+
+    from vsgdesign.export import export_modelica
+
+    _wrap(file, study_file, controller, out, as_json, partial(export_modelica, variant=variant))
+
+
+@export.command(name="all")
+@FILE
+@OUT
+@CONTROLLER
+@STUDY_OF_TABLE
+@JSON
+@verb
+def all_kinds(file: str, out: str, controller: str | None, study_file: str | None, as_json: bool) -> None:
+    """Write a controller in every form, each in a folder of its own."""
+    from vsgdesign.export import export_all
+
+    _wrap(file, study_file, controller, out, as_json, export_all)

@@ -57,3 +57,70 @@ def export_dll(
     from vsgdesign.export import export_dll as write
 
     return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
+
+
+def export_simulink(
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+    variant: Variant = "controller",
+) -> Exported:
+    """Writes a controller of a study for MATLAB, Simulink and Octave into the folder ``out``.
+
+    The arguments and the errors are those of :func:`export_fmu`.
+    """
+    from vsgdesign.export import export_simulink as write
+
+    return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
+
+
+def export_plecs(
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+    variant: Variant = "controller",
+) -> Exported:
+    """Writes a controller of a study for PLECS into the folder ``out``.
+
+    The arguments and the errors are those of :func:`export_fmu`.
+    """
+    from vsgdesign.export import export_plecs as write
+
+    return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
+
+
+def export_modelica(
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+    variant: Variant = "controller",
+) -> Exported:
+    """Writes a controller of a study for Modelica into the folder ``out``.
+
+    The arguments and the errors are those of :func:`export_fmu`.
+    """
+    from vsgdesign.export import export_modelica as write
+
+    return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
+
+
+def export_all(
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+) -> Exported:
+    """Writes a controller of a study in every form, each in a folder of its own below ``out``.
+
+    The arguments and the errors are those of :func:`export_fmu`.
+    """
+    from vsgdesign.export import export_all as write
+
+    return write(_unit(study, controller, table), out, inputs=study.input_files)

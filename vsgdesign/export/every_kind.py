@@ -1,0 +1,52 @@
+"""A controller of a study in every form at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.folders import staged_folder, write_record
+from vsgdesign.export.c_code import MANIFEST, export_unit_c
+from vsgdesign.export.cigre import export_dll
+from vsgdesign.export.fmu import export_fmu
+from vsgdesign.export.modelica import export_modelica
+from vsgdesign.export.plecs import export_plecs
+from vsgdesign.export.simulink import export_simulink
+from vsgdesign.export.unit import Unit
+from vsgdesign.export.wrapping import Builder, Exported, made_for, wrapped
+
+KINDS: dict[str, Callable[..., Exported]] = {
+    "fmu": partial(export_fmu, variant="controller"),
+    "fmu-reference": partial(export_fmu, variant="reference"),
+    "fmu2": partial(export_fmu, variant="controller", version="2"),
+    "fmu2-reference": partial(export_fmu, variant="reference", version="2"),
+    "dll": partial(export_dll, variant="controller"),
+    "dll-reference": partial(export_dll, variant="reference"),
+    "simulink": partial(export_simulink, variant="controller"),
+    "plecs": partial(export_plecs, variant="controller"),
+    "modelica": partial(export_modelica, variant="controller"),
+}
+"""The folders of an export of every kind, beside that of the C."""
+
+
+def export_all(
+    unit: Unit, out: str | Path, *, inputs: Iterable[str | Path] = (), builder: Builder | None = None
+) -> Exported:
+    """Writes a controller in every form, each in a folder of its own below ``out``, and ``c`` for the C alone.
+
+    Every controller is compiled once for each system. Raises ArtifactError as each kind does.
+    """
+    out, inputs, said = Path(out), tuple(inputs), []
+    whole: dict[str, Any] = made_for(wrapped(unit, "controller"))
+    if builder is None:
+        with Builder() as own:
+            return export_all(unit, out, inputs=inputs, builder=own)
+    with staged_folder(out, "vsgdesign export all", inputs=inputs, record=MANIFEST) as folder:
+        export_unit_c(unit, folder / "c")
+        for name, write in KINDS.items():
+            said += write(unit, folder / name, builder=builder).said
+        manifest = write_record(folder, plain(whole | {"kinds": ["c", *KINDS]}), "vsgdesign export all", MANIFEST)
+    return Exported(out, manifest, tuple(dict.fromkeys(said)))
