@@ -22,6 +22,7 @@ _HOMES = {
     "export_all": "verbs.facade.exports",
     "export_c": "verbs.facade.tables",
     "export_dll": "verbs.facade.exports",
+    "export_firmware": "verbs.facade.exports",
     "export_fmu": "verbs.facade.exports",
     "export_modelica": "verbs.facade.exports",
     "export_plecs": "verbs.facade.exports",

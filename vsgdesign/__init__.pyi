@@ -9,6 +9,7 @@ from vsgdesign.verbs.facade.assessed import Margins as Margins
 from vsgdesign.verbs.facade.assessed import margins as margins
 from vsgdesign.verbs.facade.exports import export_all as export_all
 from vsgdesign.verbs.facade.exports import export_dll as export_dll
+from vsgdesign.verbs.facade.exports import export_firmware as export_firmware
 from vsgdesign.verbs.facade.exports import export_fmu as export_fmu
 from vsgdesign.verbs.facade.exports import export_modelica as export_modelica
 from vsgdesign.verbs.facade.exports import export_plecs as export_plecs

@@ -28,6 +28,7 @@ GUIDES = {
     "export all": "[all kinds](how-to/export-other-tools.md)",
     "export c": "[integrate C](how-to/integrate-c.md)",
     "export dll": "[DLL](how-to/export-dll.md)",
+    "export firmware": "[firmware](how-to/export-firmware.md)",
     "export fmu": "[FMU](how-to/export-fmu.md)",
     "export modelica": "[Modelica](how-to/export-other-tools.md)",
     "export onnx": "[integrate C](how-to/integrate-c.md)",

@@ -5,6 +5,7 @@ from vsgdesign.export.c_content import initialiser
 from vsgdesign.export.cigre import export_dll
 from vsgdesign.export.compiled import CompiledC, compile_c
 from vsgdesign.export.every_kind import export_all
+from vsgdesign.export.firmware import export_firmware
 from vsgdesign.export.fmu import export_fmu
 from vsgdesign.export.modelica import export_modelica
 from vsgdesign.export.numbers import converter_numbers
@@ -24,6 +25,7 @@ __all__ = [
     "export_c",
     "export_c_files",
     "export_dll",
+    "export_firmware",
     "export_fmu",
     "export_modelica",
     "export_plecs",

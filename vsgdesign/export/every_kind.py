@@ -11,6 +11,7 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.folders import staged_folder, write_record
 from vsgdesign.export.c_code import MANIFEST, export_unit_c
 from vsgdesign.export.cigre import export_dll
+from vsgdesign.export.firmware import export_firmware
 from vsgdesign.export.fmu import export_fmu
 from vsgdesign.export.modelica import export_modelica
 from vsgdesign.export.plecs import export_plecs
@@ -28,6 +29,7 @@ KINDS: dict[str, Callable[..., Exported]] = {
     "simulink": partial(export_simulink, variant="controller"),
     "plecs": partial(export_plecs, variant="controller"),
     "modelica": partial(export_modelica, variant="controller"),
+    "firmware": export_firmware,
 }
 """The folders of an export of every kind, beside that of the C."""
 

@@ -21,6 +21,7 @@ from vsgdesign.report.page.blocks import (
     Block,
     Box,
     Heading,
+    Line,
     Note,
     Page,
     Side,
@@ -112,9 +113,26 @@ def scenario_page(
         *terminal_blocks(result),
         Heading("Limits of validity"),
         words(*limits_of_validity(result), style=BULLETS),
+        Heading("In other tools"),
+        words(*_other_tools(result)),
     ]
     origin = ("Study ", Span(study.name, code=True), ", SHA-256 of its resolved document ", Span(study.hash, code=True))
     return Page(study.title, [block for block in blocks if block is not None], (*origin, "."))
+
+
+def _other_tools(result: ScenarioResult) -> list[Line]:
+    """How a controller of the run comes into another tool, with links to the C that lies beside the page."""
+    command = Span(
+        f"vsgdesign export fmu STUDY.toml --controller {result.controllers[-1].spec.name} --out FOLDER", code=True
+    )
+    kinds = "dll (IEEE/CIGRE TB 958), simulink, plecs, modelica and c take the place of fmu, and all writes every form."
+    said: list[Line] = [("This writes a controller of the study as an FMU: ", command, f". The words {kinds}")]
+    if made := list(result.ready.tables):
+        links: list[str] = []
+        for name in made:
+            links += [", " if links else "", Span(f"{name}.c", link=f"{name}.c/INTEGRATION.md")]
+        said.append(("The C of each gain table is beside this page: ", *links, "."))
+    return said
 
 
 def terminal_blocks(result: ScenarioResult) -> list[Block]:

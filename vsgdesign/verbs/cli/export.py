@@ -311,6 +311,23 @@ def modelica(file: str, out: str, controller: str | None, study_file: str | None
     _wrap(file, study_file, controller, out, as_json, partial(export_modelica, variant=variant))
 
 
+@export.command()
+@FILE
+@OUT
+@CONTROLLER
+@STUDY_OF_TABLE
+@JSON
+@verb
+def firmware(file: str, out: str, controller: str | None, study_file: str | None, as_json: bool) -> None:
+    """Write a controller as a project for Cortex-M4F and M7.
+
+    The folder has start-up, linker scripts, empty drivers with their contract, and a self-test for QEMU.
+    """
+    from vsgdesign.export import export_firmware
+
+    _wrap(file, study_file, controller, out, as_json, export_firmware)
+
+
 @export.command(name="all")
 @FILE
 @OUT

@@ -110,6 +110,22 @@ def export_modelica(
     return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
 
 
+def export_firmware(
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+) -> Exported:
+    """Writes a controller of a study as a bare-metal project for Cortex-M4F and M7 into the folder ``out``.
+
+    The arguments and the errors are those of :func:`export_fmu`.
+    """
+    from vsgdesign.export import export_firmware as write
+
+    return write(_unit(study, controller, table), out, inputs=study.input_files)
+
+
 def export_all(
     study: Study,
     out: str | Path,
