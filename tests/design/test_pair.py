@@ -9,15 +9,19 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.design.robust_studies import robust_study, scenarios, specification, textbook
+from vsgdesign.certificate import Certificate, Region, certify
+from vsgdesign.certificate.region import AtDesignPoint
 from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import design_cell
 from vsgdesign.design.evaluation import between_units, law_of, model_in, shortfalls
 from vsgdesign.design.verification import full_order_figures
-from vsgdesign.equations.power_flow import power_flow
+from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.study.parameters.grid import Place
 
 Array = NDArray[np.float64]
 
@@ -100,3 +104,30 @@ def test_a_node_keeps_the_decay_on_both_impedances() -> None:
     missed = shortfalls(replace(spec, differential_decay=50.0), found.figures, found.inertia)
     assert missed["differential_decay"] == found.figures.differential_decay
     assert "differential_decay" not in shortfalls(spec, found.figures, found.inertia)
+
+
+def test_the_units_against_each_other_are_proved_apart() -> None:
+    """The function that is proved on boxes decays at random places of the region, by the coupled model of one unit
+    between the units, which the proof does not use."""
+    study = replace(paired(3.0), specification=None)
+    spec = next(one for one in study.controllers if one.name == "angle_damped")
+    region = Region((2.9, 3.1), (4.5, 5.5), (-5e3, 5e3), (-2e3, 2e3), 0.0)
+    proved = certify(study, spec, region, apart=True, nodes_per_axis=3, fresh=200, budget=40_000)
+    assert isinstance(proved, Certificate)
+    assert proved.proof == "gap-free"
+    schedule, c, f = schedule_of(study, spec), study.converter, study.filter
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        scr, ratio = rng.uniform(2.9, 3.1), rng.uniform(4.5, 5.5)
+        P, Q = np.array([rng.uniform(-5e3, 5e3)]), np.array([rng.uniform(-2e3, 2e3)])
+        grid = Place(scr, ratio, study.scr_basis).grid(c)
+        R, X = f.R_2 + grid.R_g, c.omega_n * (f.L_2 + grid.L_g)
+        V, _ = operating_point(P, Q, c.V_rated_rms, R, X)
+        gains = AtDesignPoint(schedule).gains_measured(grid.R_g, grid.L_g, P, Q, V)
+        s = replace(
+            scenarios(robust_study(), 3.0, 1.0).take(np.array([0])), P=P, Q=Q, V_rms=V, omega_g=np.array([OMEGA])
+        )
+        lags = study.power_lags._replace(tau_P=0.0, tau_Q=0.0)
+        one = PowerLoopGains(*(np.full(1, value) for value in gains))
+        A = model_in(one, between_units(s, f.R_2, f.L_2), lags).A[0]
+        assert np.linalg.eigvals(A).real.max() < -proved.decay

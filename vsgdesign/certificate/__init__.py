@@ -8,7 +8,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vsgdesign.certificate.certifying import beyond_table, certify, largest_rate, on_basis_of_table, region_of
+    from vsgdesign.certificate.certifying import (
+        apart_or_why,
+        beyond_table,
+        certify,
+        largest_rate,
+        on_basis_of_table,
+        region_of,
+    )
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
         Certificate,
@@ -28,6 +35,7 @@ _HOMES = {
     "NoFunctionError": "results",
     "Region": "region",
     "Trajectory": "results",
+    "apart_or_why": "certifying",
     "beyond_table": "certifying",
     "certified_steps": "step_certificates",
     "certify": "certifying",
@@ -54,6 +62,7 @@ __all__ = [
     "NoFunctionError",
     "Region",
     "Trajectory",
+    "apart_or_why",
     "beyond_table",
     "certified_steps",
     "certify",

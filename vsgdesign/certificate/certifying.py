@@ -73,6 +73,7 @@ def certify(
     ready: Ready = NOTHING,
     schedule: MeasuredSchedule | None = None,
     decay: float | None = None,
+    apart: bool = False,
     nodes_per_axis: int = 15,
     fresh: int = 20_000,
     seed: int = 0,
@@ -83,13 +84,15 @@ def certify(
     ``decay`` (1/s) that is asked for, in less time.
 
     ``ready`` has the controller's gain table, where it takes its gains from one; ``schedule``: other gains to prove
-    than the controller's. An infinite ``region.rate`` asks for one function for all (:eq:`certificate`), a finite one
-    for P(ρ) (:eq:`affine-lyapunov`). Points outside the static limits (:eq:`static-limits`) are not part of the
+    than the controller's. ``apart``: what is proved are the loops of equal units against each other in this region
+    (:eq:`plant-certificate`). An infinite ``region.rate`` asks for one function for all (:eq:`certificate`), a finite
+    one for P(ρ) (:eq:`affine-lyapunov`). Points outside the static limits (:eq:`static-limits`) are not part of the
     region. A counterexample is returned where a cell is unstable by itself. Raises StudyError where the region or the
     decay is wrong, InfeasibleStudyError where the region is empty, where the controller is not scheduled or its table
     is not there, or where every cell that was looked at is stable but no function of the kind exists.
     """
     system, motion = prepared(study, spec, region, ready, schedule, decay)
+    system = replace(system, apart=apart)
     rng = np.random.default_rng(seed)
     points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
     if (why := system.emptiness(points)) is not None:
@@ -163,6 +166,17 @@ def certify(
         vertices=len(found.active),
         largest=largest,
     )
+
+
+def apart_or_why(
+    study: Study, spec: ControllerSpec, region: Region, **options: Any
+) -> Certificate | Counterexample | str:
+    """What is proved of equal units against each other, or why there is no function for it. ``options`` are those of
+    :func:`certify`."""
+    try:
+        return certify(study, spec, region, apart=True, **options)
+    except NoFunctionError as error:
+        return str(error)
 
 
 def _verified(A: Array, family: Family, found: Fit, name: str) -> tuple[float, float]:

@@ -232,7 +232,10 @@ def _state_matrices(
     if lags.yields:
         inverse = here.size.reciprocal()
         more = inverse * (lags.R_t / Z_base), inverse * (lags.X_t / Z_base)
-    if region.largest_error > 0.0:
+    if system.apart:  # nothing but the grid-side inductor, which is known
+        r, x = here.fixed[0] + more[0], here.fixed[1] * here.share + more[1]
+        corners = [admittance(1.0, r, x, r * r + x * x)]
+    elif region.largest_error > 0.0:
         corners = _polygon(system, region, tracer, here, more)
     elif here.share == 1.0 and piece == PIECES[0] and not lags.yields:
         return [loops.matrix(None)]

@@ -142,7 +142,8 @@ class Cells(NamedTuple):
     """(M, 6)."""
     R: Array
     X: Array
-    """Path from the control point to the grid source at the grid's frequency, Ω."""
+    """Path from the control point to the grid source at the grid's frequency, Ω; of units against each other to their
+    node."""
     V_rms: Array
     gains: PowerLoopGains
 
@@ -196,6 +197,9 @@ class System:
     """Static limits within which operating points count; None: those of the study."""
     transient: bool = True
     """Whether the transient impedance is a part of the loops. Certified steps leave it out."""
+    apart: bool = False
+    """Whether the loops are those of equal units against each other: with the gains, the powers and the voltage that
+    they have on the grid, on their own path alone (:eq:`differential-mode`)."""
 
     @cached_property
     def static(self) -> StaticLimits:
@@ -253,6 +257,9 @@ class System:
                 f"L_g = {1e3 * L_g[k] * (1.0 + e_L[k]):.4g} mH, which the region holds: the design point does not "
                 'exist on this grid. Shrink the region, lower P_design, Q_design, or set operating_point = "reference".'
             )
+        if self.apart:
+            f = self.study.filter
+            R, X = np.full_like(R, f.R_2), np.full_like(X, self.study.grid_source.omega_g * f.L_2)
         return Cells(points, R, X, V_rms, gains)
 
     def within_limits(self, points: Array) -> NDArray[np.bool_]:

@@ -194,13 +194,15 @@ def certify(
 
     The proof is one Lyapunov function for a range of grids, powers and estimate errors. It also says after which steps
     no limit of the controller acts and, for an angle-damped controller with the limiter "projection", on which grids
-    the angle returns while the current is limited.
+    the angle returns while the current is limited. Of a plant of equal units there is a second proof, of the units
+    against each other.
     """
     from dataclasses import replace
 
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import (
         Certificate,
+        apart_or_why,
         beyond_table,
         certify,
         on_basis_of_table,
@@ -209,9 +211,11 @@ def certify(
         with_steps,
     )
     from vsgdesign.certificate.swing import large_signal
-    from vsgdesign.verbs.pipeline.study_tables import study_tables
+    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
-    study = _on_the_grid_alone(load(study_file, left_tables=True, plants="as one unit"))
+    whole = load(study_file, plants="whole")
+    study = with_left_tables(_on_the_grid_alone(as_unit(whole, "vsgdesign certify")), say=echo_aside)
     named = Ready(tables=read_tables(study))
     study = on_basis_of_table(study, controller, named)
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
@@ -220,10 +224,16 @@ def certify(
         found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
         found = with_steps(study, spec, found, ready=ready, budget=step_budget(boxes), progress=tell)
         swing = large_signal(study, spec, region, ready=ready, budget=boxes, progress=tell)
+        apart = None
+        if whole.plant is not None and len(whole.plant.units) > 1:
+            apart = apart_or_why(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
     if as_json:
         more = {} if swing is None else {"large_signal": swing.as_document()}
         beyond = list(beyond_table(region, ready.tables.get(spec.name)))
         more |= {"beyond_table": beyond} if beyond else {}
+        if apart is not None:
+            why = {"certified": False, "reason": apart}
+            more |= {"differential": why if isinstance(apart, str) else apart.as_document()}
         print_json(found.as_document() | more)
     else:
         from vsgdesign.report.gain_table.words import certificate_text, swing_text
@@ -233,7 +243,10 @@ def certify(
         click.echo(certificate_text(found))
         if swing is not None:
             click.echo(swing_text(swing))
-    if not isinstance(found, Certificate):
+        if apart is not None:
+            click.echo("Units against each other, with the gains of these grids:")
+            click.echo(apart if isinstance(apart, str) else certificate_text(apart))
+    if not isinstance(found, Certificate) or not isinstance(apart, Certificate | None):
         sys.exit(EXIT_IMPOSSIBLE)
 
 
