@@ -80,7 +80,9 @@ def foreign_line(sums: ForeignLine, window: Window, R: Any, X: Any, noise: Any) 
     rest_re = e_re - known * (ue.re * window.u_re - ue.im * window.u_im)
     rest_im = e_im - known * (ue.re * window.u_im + ue.im * window.u_re)
     z_re, z_im = rotate_back(rest_re, rest_im, sums.four.re, sums.four.im)
-    size = np.sqrt(np.maximum(z_re * z_re + z_im * z_im, 1e-60))
+    now = np.maximum(rest_re * rest_re + rest_im * rest_im, 1e-30)
+    before = np.maximum(sums.four.re * sums.four.re + sums.four.im * sums.four.im, 1e-30)
+    size = np.sqrt(now) * np.sqrt(before)
     z_re, z_im = z_re / size, z_im / size
     return ForeignLine(
         ue=ue,
