@@ -21,7 +21,7 @@ from vsgdesign.report.page.blocks import (
     Where,
     words,
 )
-from vsgdesign.report.page.live import StaticPage, try_it, way_to_it
+from vsgdesign.report.page.live import StaticPage, linked_to_case, try_it, way_to_it
 
 _SHOWN = 8
 """Lost cases of each controller that a terminal names."""
@@ -54,7 +54,7 @@ def survival_page(document: Mapping[str, Any], live: StaticPage | None = None) -
         Heading("Groups of disturbances"),
         _groups(variants),
         Heading("What was lost"),
-        *[block for name, one in variants.items() for block in _lost_table(name, one)],
+        *[block for name, one in variants.items() for block in _lost_table(name, one, live)],
         *([] if lost else [words("Nothing was lost.")]),
         *([Heading("More current than hardware carries"), words(*beyond)] if beyond else []),
         Heading("Limits of validity"),
@@ -102,11 +102,24 @@ def _groups(variants: Mapping[str, Any]) -> Table:
     return Table("Survived of those that were judged", ("Group", *variants), tuple(rows))
 
 
-def _lost_table(name: str, one: Mapping[str, Any]) -> list[Block]:
+def lost_label(controller: str, group: str, case: str) -> str:
+    """What a lost case is called on the page that simulates."""
+    return f"{controller}: {group}, {case}"
+
+
+def _lost_table(name: str, one: Mapping[str, Any], live: StaticPage | None) -> list[Block]:
     lost = one["lost"]
     if not lost:
         return []
-    rows = tuple((case["group"], case["case"], case["status"], case["reason"]) for case in lost[:_ON_PAGE])
+    rows = tuple(
+        (
+            case["group"],
+            linked_to_case(case["case"], live, lost_label(name, case["group"], case["case"])),
+            case["status"],
+            case["reason"],
+        )
+        for case in lost[:_ON_PAGE]
+    )
     more = len(lost) - len(rows)
     notes = (f"{counted(more, 'more case')} of {name}: see cases.csv.",) if more else ()
     return [Table(f"Lost by {name}", ("Group", "Disturbance", "How", "Why"), rows, texts=4, notes=notes)]

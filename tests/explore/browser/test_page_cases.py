@@ -15,6 +15,9 @@ from vsgdesign.report.explore.page_cases import PageCase, can_be_replayed, recor
 from vsgdesign.report.explore.page_file import joined_modules, page_of_session
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
+from vsgdesign.report.page.blocks import Page, Table, words
+from vsgdesign.report.page.html import print_html
+from vsgdesign.report.page.live import StaticPage, linked_to_case, try_it
 from vsgdesign.simulation.every_sample import with_every_sample
 from vsgdesign.simulation.feeds import LateSchedule
 from vsgdesign.simulation.run import simulate
@@ -103,6 +106,29 @@ def test_a_case_is_replayed_to_the_bit_until_something_is_moved(
     assert page.evaluate("[page.store.state.case, document.getElementById('case').value]") == [None, ""]
     page.click("#undo")
     page.wait("page.answers.emt.header.controllers[0].status === 'slipped'")
+    assert list(page.faults) == []
+    page.close()
+
+
+def test_a_row_of_a_report_leads_to_its_case(browser: Chromium, cases: list[PageCase], tmp_path: Path) -> None:
+    """Also if the part is opened by this, and again after the reader has moved."""
+    text = page_of_session(Session(study_from_text(BASE), NOTHING), (2, 1), cases=cases)
+    live = StaticPage(text, cases=tuple(one.label for one in cases))
+    rows = tuple((linked_to_case("slips", live, label),) for label in (cases[1].label, "another"))
+    blocks = [Table("Lost", ("Case",), rows), *(words("A line.") for _ in range(200)), *try_it(live, "cases")]
+    page = browser.page()
+    page.goto(print_html(Page("Lost", blocks), tmp_path / "report.html").as_uri())
+    page.wait("document.readyState === 'complete'")
+    assert page.evaluate("[...document.querySelectorAll('td a')].map((one) => one.hash)") == ["#try-it-2"]
+    page.click("td a")
+    inside = "document.querySelector('.live iframe')?.contentWindow"
+    chosen = f"{inside}?.page?.store.state.case === 1 && {inside}.page.answers.emt"
+    page.wait(chosen)
+    assert page.evaluate("document.querySelector('.live').getBoundingClientRect().top") < 800
+    page.evaluate(f"{inside}.page.store.set({{scr: {inside}.STATIC.info.lattice.scr[0]}})")
+    page.wait(f"{inside}.page.store.state.case === null")
+    page.evaluate("document.querySelector('td a').click()")
+    page.wait(chosen)
     assert list(page.faults) == []
     page.close()
 

@@ -114,7 +114,11 @@ def live_page(
     except VsgDesignError as error:
         return StaticPage(None, str(error))
     size = len(text.encode("utf-8"))
-    return StaticPage(text, cases=len(cases)) if size <= LIMIT_BYTES else StaticPage(None, _too_large(size))
+    return (
+        StaticPage(text, cases=tuple(one.label for one in cases))
+        if size <= LIMIT_BYTES
+        else StaticPage(None, _too_large(size))
+    )
 
 
 def page_of_session(

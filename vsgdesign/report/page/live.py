@@ -35,14 +35,21 @@ class StaticPage(NamedTuple):
 
     text: str | None
     why: str = ""
-    cases: int = 0
-    """Cases of the report that it shows, of which it opens with the first."""
+    cases: tuple[str, ...] = ()
+    """What the cases of the report are called that it shows. It opens with the first."""
 
 
 CASES = (
     "It opens with the first case of this report, as it was: with its own grid, instant, estimate and delay, and with "
-    "the figures of the report. Choose another case, or move anything to leave it. "
+    "the figures of the report. Choose another case, here or in the table of cases, or move anything to leave it. "
 )
+
+
+def linked_to_case(text: str, page: StaticPage | None, case: str) -> str:
+    """A text that leads to a case on the page; the text as it is where the page does not show this case."""
+    if page is None or page.text is None or case not in page.cases:
+        return text
+    return Span(text, link=f"#{ANCHOR}-{page.cases.index(case) + 1}")
 
 
 def way_to_it(page: StaticPage | None) -> list[Block]:
@@ -60,22 +67,24 @@ def try_it(page: StaticPage | None, title: str) -> list[Block]:
         return [words(f"Nothing can be tried on this page. {page.why}")]
     return [
         Heading("Try it", anchor=ANCHOR),
-        _packed(page.text, f"Try it: {title}", (CASES if page.cases else "") + HOW, LIMITS),
+        _packed(page.text, f"Try it: {title}", (CASES if page.cases else "") + HOW, LIMITS, len(page.cases)),
     ]
 
 
-def _packed(text: str, title: str, how: str, limits: str) -> Live:
+def _packed(text: str, title: str, how: str, limits: str, cases: int) -> Live:
     """A whole page as a part of another one. What it shows beside figures is in no other printer.
 
     The frame keeps ids, styles and scripts apart, and needs no second file. ``title`` is read by screen readers,
-    ``how`` and ``limits`` stand above and below the frame, and none of these is on paper.
+    ``how`` and ``limits`` stand above and below the frame, and none of these is on paper. Each of the ``cases`` has an
+    anchor, ``try-it-1`` and so on.
     """
     packed = base64.b64encode(zlib.compress(text.encode("utf-8"), 9)).decode("ascii")
     html = Markup(
-        '<div class="live" data-title="{}" data-without="{}" data-opening="{}">\n<p>{}</p>\n'
+        '<div class="live" data-title="{}" data-without="{}" data-opening="{}">\n{}<p>{}</p>\n'
         '<noscript><p class="note">{}</p></noscript>\n'
         '<p class="note" role="status" hidden></p>\n<div></div>\n<p class="note">{}</p>\n<template>{}</template>\n'
         "<script>{}</script>\n</div>"
     )
     script = Markup(text_file("live.js"))
-    return Live(html.format(title, WITHOUT, OPENING, how, NO_SCRIPTS, limits, packed, script))
+    anchors = Markup("").join(Markup('<span id="{}-{}"></span>').format(ANCHOR, k + 1) for k in range(cases))
+    return Live(html.format(title, WITHOUT, OPENING, anchors, how, NO_SCRIPTS, limits, packed, script))

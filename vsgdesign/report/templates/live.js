@@ -21,6 +21,22 @@
     const height = narrow ? `${Math.ceil(body.getBoundingClientRect().height) + 2}px` : "";
     if (frame.style.height !== height) frame.style.height = height;
   };
+  // A link of the report chooses a case: its number is in the address. The page in the frame needs a moment to be there.
+  const choose = (frame) => {
+    const [, number] = /^#try-it-(\d+)$/.exec(window.location.hash) || [];
+    if (!number || !frame) return;
+    if (!frame.contentWindow.page) {
+      setTimeout(choose, 50, frame);
+      return;
+    }
+    const chosen = frame.contentDocument.getElementById("case");
+    chosen.value = String(number - 1);
+    chosen.dispatchEvent(new Event("change"));
+  };
+  window.addEventListener("click", ({ target }) => {
+    // The address is that of the link once the click is done; a link that was followed before leads there again.
+    if (target.closest('a[href^="#try-it-"]')) setTimeout(() => choose(part.querySelector("iframe")));
+  });
   const open = async () => {
     say(part.dataset.opening);
     try {
@@ -31,6 +47,7 @@
       frame.srcdoc = await new Response(stream).text();
       frame.addEventListener("load", () => {
         say("");
+        choose(frame);
         new ResizeObserver(() => fit(frame)).observe(frame.contentDocument.body);
         window.addEventListener("resize", () => fit(frame));
       });

@@ -45,7 +45,7 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.html import print_html
-from vsgdesign.report.page.live import StaticPage, try_it, way_to_it
+from vsgdesign.report.page.live import StaticPage, linked_to_case, try_it, way_to_it
 from vsgdesign.report.verification.maps import map_figures
 from vsgdesign.report.verification.promises import promises_figure
 
@@ -99,11 +99,11 @@ def verification_page(
         Heading("Over the grids", numbered=True),
         *drawings(figures, 2, otherwise="No case was judged, so there is no map."),
         Heading("The worst cases", numbered=True),
-        *([_cases("The worst drawn cases", worst, document)] if worst else [words("No case was judged.")]),
+        *([_cases("The worst drawn cases", worst, document, live)] if worst else [words("No case was judged.")]),
         words(again_text(worst)),
         *_example(document),
         Heading("Found by searching: these do not count in the share", numbered=True),
-        *_found(document),
+        *_found(document, live),
         Heading("What was left out, and why", numbered=True),
         replace(left_out_table(document), on=left_out),
         words(
@@ -135,8 +135,10 @@ def verification_page(
     return Page(f"{document['title']}: verification", blocks, origin)
 
 
-def _cases(title: str, cases: Sequence[Mapping[str, Any]], document: Mapping[str, Any]) -> Table:
-    return replace(cases_table(title, cases, document), on=Where.BOTH, most=SHOWN, left_out=frozenset({"Why"}))
+def _cases(
+    title: str, cases: Sequence[Mapping[str, Any]], document: Mapping[str, Any], live: StaticPage | None
+) -> Table:
+    return replace(cases_table(title, cases, document, live), on=Where.BOTH, most=SHOWN, left_out=frozenset({"Why"}))
 
 
 def _example(document: Mapping[str, Any]) -> list[Block]:
@@ -148,7 +150,7 @@ def _example(document: Mapping[str, Any]) -> list[Block]:
     return [words((said, repeat, " reproduces the first one."))]
 
 
-def _found(document: Mapping[str, Any]) -> list[Block]:
+def _found(document: Mapping[str, Any], live: StaticPage | None) -> list[Block]:
     """What a search for bad cases found."""
     found, evaluations = document["search"]["found"], document["search"]["evaluations"]
     if not found:
@@ -158,7 +160,7 @@ def _found(document: Mapping[str, Any]) -> list[Block]:
         f"A search looked for bad cases on purpose, in {evaluations} further simulations. It says how bad a case can "
         f"be, and nothing about how often it occurs. {again_text(found)}"
     )
-    return [_cases("Found by searching: these do not count in the share", found, document), words(said.strip())]
+    return [_cases("Found by searching: these do not count in the share", found, document, live), words(said.strip())]
 
 
 def _cost(document: Mapping[str, Any]) -> str:
@@ -230,8 +232,11 @@ def _joint_note(confidence: float, count: int) -> str:
     return f"{each}; all {count} together hold with at least {confidence_text(round(joint, 10))}."
 
 
-def cases_table(title: str, cases: Sequence[Mapping[str, Any]], document: Mapping[str, Any]) -> Table:
-    """Cases, the worst first: what they break or come nearest to, what happens and why, and where they begin."""
+def cases_table(
+    title: str, cases: Sequence[Mapping[str, Any]], document: Mapping[str, Any], live: StaticPage | None = None
+) -> Table:
+    """Cases, the worst first: what they break or come nearest to, what happens and why, and where they begin. What
+    happens leads to the case on the ``live`` page, where it is there."""
     rows, flagged = [], set()
     starts = _start_columns([case["start"] for case in cases])
     with_reason = any(case.get("why") for case in cases)
@@ -245,7 +250,7 @@ def cases_table(title: str, cases: Sequence[Mapping[str, Any]], document: Mappin
                 str(case["rank"]),
                 family_title(case["family"], family),
                 f"{promise_title(name, promise)} {case_value(case, name, promise)}",
-                str(case["what"]),
+                linked_to_case(str(case["what"]), live, case_label(case, document)),
                 *((str(case.get("why") or DASH),) if with_reason else ()),
                 *(shown(case["start"]) for _, shown in starts),
             )

@@ -112,6 +112,7 @@ _SHOWN = 12
 def lost_cases(subjects: Mapping[str, Subject], results: Mapping[str, Sequence[CaseResult]]) -> list[PageCase]:
     """The first lost cases that the page can replay, as it shows them."""
     from vsgdesign.report.explore.page_cases import PageCase, can_be_replayed
+    from vsgdesign.report.survival import lost_label
     from vsgdesign.simulation.survival.running import study_of_case
 
     found = []
@@ -127,7 +128,7 @@ def lost_cases(subjects: Mapping[str, Subject], results: Mapping[str, Sequence[C
         figures["swing_deg"] = None if verdict.swing_rad is None else math.degrees(verdict.swing_rad)
         found.append(
             PageCase(
-                label=f"{name}: {case.group}, {case.name}",
+                label=lost_label(name, case.group, case.name),
                 study=study,
                 status=verdict.status,
                 words=f"{verdict.status}: {verdict.reason}",
