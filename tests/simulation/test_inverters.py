@@ -293,10 +293,22 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "beside-photovo
 
 def slowest_beside(scr: float, share: float, pll: float, *, alone: bool) -> tuple[float, float]:
     """The slowest mode (1/s, Hz) of the plant of the page without its drive."""
-    text = re.findall(r"<!-- file: beside.toml -->\n```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[0]
+    text = of_page()
     text = text[: text.index("[[network.loads]]")].replace("scr = 2.5", f"scr = {scr}")
     text = text.replace('"12.5 kVA"', f'"{12.5 * share} kVA"').replace('"8.75 kW"', f'"{8.75 * share} kW"')
-    study = study_from_text(text.replace("50 Hz", f"{pll} Hz"), folder=str(PAGE.parents[2]))
+    return slowest(text.replace("50 Hz", f"{pll} Hz"), alone=alone)
+
+
+def of_page() -> str:
+    """The study of the page."""
+    found = re.search(r"<!-- file: beside.toml -->\n```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert found is not None
+    return found.group(1)
+
+
+def slowest(text: str, *, alone: bool = False) -> tuple[float, float]:
+    """The slowest mode of a plant with one unit."""
+    study = study_from_text(text, folder=str(PAGE.parents[2]))
     timeline = plant_timeline(study, study.controllers[0])
     feed: Any = feed_of(timeline.units[0], timeline.units[0].controllers[0], timeline.timelines[0], NOTHING)
     units = () if alone else (0,)
@@ -322,3 +334,12 @@ def test_the_table_of_the_page(scr: float, share: float, pll: float, alone: bool
     real, hertz = slowest_beside(scr, share, pll, alone=alone)
     assert real == pytest.approx(expected[0], rel=5e-3)
     assert hertz == pytest.approx(expected[1], rel=5e-3, abs=0.06)
+
+
+@pytest.mark.parametrize(("scr", "P", "expected"), [(2.5, 12.5, -4.44), (5, 6.25, -4.36), (12, 3.75, -4.37)])
+def test_a_load_of_constant_power_leaves_the_slowest_mode(scr: float, P: float, expected: float) -> None:
+    text = of_page()
+    begin, end = text.index("[[network.inverters]]"), text.index("[[network.loads]]")
+    text = (text[:begin] + text[end : text.index("[[events]]")]).replace("scr = 2.5", f"scr = {scr}")
+    text = text.replace('P = "2 kW"', f'P = "{P} kW"\npll_bandwidth = "40 Hz"\nvoltage_filter = "1.6 ms"')
+    assert slowest(text)[0] == pytest.approx(expected, abs=0.01)
