@@ -125,8 +125,10 @@ def _other_tools(result: ScenarioResult) -> list[Line]:
     command = Span(
         f"vsgdesign export fmu STUDY.toml --controller {result.controllers[-1].spec.name} --out FOLDER", code=True
     )
-    kinds = "dll (IEEE/CIGRE TB 958), simulink, plecs, modelica and c take the place of fmu, and all writes every form."
-    said: list[Line] = [("This writes a controller of the study as an FMU: ", command, f". The words {kinds}")]
+    others = "The words dll (IEEE/CIGRE TB 958), simulink, plecs, modelica, firmware and c take the place of fmu"
+    said: list[Line] = [
+        ("This writes a controller of the study as an FMU: ", command, f". {others}, and all writes every form.")
+    ]
     if made := list(result.ready.tables):
         links: list[str] = []
         for name in made:
