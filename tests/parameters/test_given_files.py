@@ -29,7 +29,8 @@ from vsgdesign.study.given_files import (
     read_given,
 )
 from vsgdesign.study.parameters import load_study
-from vsgdesign.study.parameters.record import RecordError, read_record
+from vsgdesign.study.parameters.record import read_record
+from vsgdesign.study.parameters.record_columns import RecordError
 from vsgdesign.study.parameters.toml_file import read_toml
 
 READERS = {

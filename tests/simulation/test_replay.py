@@ -15,7 +15,8 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import StudyError
 from vsgdesign.simulation import GainChange, build_timeline, simulate
 from vsgdesign.study.parameters import Study, study_from_text
-from vsgdesign.study.parameters.record import RecordError, read_record
+from vsgdesign.study.parameters.record import read_record
+from vsgdesign.study.parameters.record_columns import RecordError
 from vsgdesign.verbs.pipeline.survival import subjects_of
 
 V = 110.0 * np.sqrt(2.0)

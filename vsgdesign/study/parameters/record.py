@@ -1,4 +1,4 @@
-"""Reads recorded waveforms of a voltage: CSV, WAV or npz files with one or three phases at a constant sampling rate."""
+"""Reads recorded waveforms of a voltage: one or three phases at a constant sampling rate, from files of any format."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import re
 import struct
 import zipfile
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsgdesign.study.given_files import RECORD_BYTES, check_unpacked, open_given
-
-Array = NDArray[np.float64]
+from vsgdesign.study.parameters.comtrade import comtrade_files, read_comtrade
+from vsgdesign.study.parameters.pscad import pscad_files, read_pscad
+from vsgdesign.study.parameters.record_columns import Array, Columns, RecordError
 
 TIMES = ("time", "t", "t_s", "seconds")
 """Names that a column of times may have."""
@@ -28,14 +29,6 @@ RATES = ("sampling_rate", "rate", "fs")
 
 _JITTER = 0.05
 """How far a time may be off its place, in sampling intervals."""
-
-
-class RecordError(Exception):
-    """What is wrong with a file, in one or several sentences: (field of [replay], problem, advice) each."""
-
-    def __init__(self, *faults: tuple[str, str, str]) -> None:
-        super().__init__("; ".join(problem for _, problem, _ in faults))
-        self.faults = faults
 
 
 class Record(NamedTuple):
@@ -51,30 +44,34 @@ def read_record(path: str, columns: tuple[str, ...] | None, rate: float | None) 
     """A record from a file. ``columns``: names, or numbers from 1 on, of the phases; None: all that are there. ``rate``
     (1/s): where the file does not say it. Raises RecordError with everything that is wrong."""
     try:
-        with open_given(path, RECORD_BYTES) as file:
-            stat = os.fstat(file.fileno())
-        return _read(path, (stat.st_mtime_ns, stat.st_size), columns, rate)
+        stamps = tuple(_stamp(one) for one in record_files(path))
+        return _read(path, stamps, columns, rate)
     except OSError as error:
         raise RecordError(("file", f"cannot be read: {error.strerror}", "Give a file, and check its name.")) from None
 
 
-@functools.lru_cache(maxsize=4)
-def _read(path: str, _: tuple[int, int], columns: tuple[str, ...] | None, rate: float | None) -> Record:
-    kind = Path(path).suffix.lower()
-    readers = {".csv": _read_csv, ".txt": _read_csv, ".wav": _read_wav, ".npz": _read_npz}
-    if kind not in readers:
-        raise RecordError(("file", f'"{kind}" is no format of a record', "Known: .csv, .txt, .wav, .npz."))
+def record_files(path: str) -> tuple[str, ...]:
+    """All files of a record, of which one is given. Raises RecordError where one that it needs is not there."""
+    of_kind = _SEVERAL.get(Path(path).suffix.lower())
+    return (path,) if of_kind is None or not Path(path).exists() else of_kind[0](path)
+
+
+def _stamp(path: str) -> tuple[int, int]:
     with open_given(path, RECORD_BYTES) as file:
-        table, own_rate = readers[kind](file)
+        stat = os.fstat(file.fileno())
+    return stat.st_mtime_ns, stat.st_size
+
+
+@functools.lru_cache(maxsize=4)
+def _read(path: str, _: tuple[tuple[int, int], ...], columns: tuple[str, ...] | None, rate: float | None) -> Record:
+    there = _columns(path)
     faults: list[tuple[str, str, str]] = []
-    times = next((table.pop(name) for name in list(table) if name.lower() in TIMES), None)
-    chosen = _chosen(table, columns, faults)
+    chosen = _chosen(there, columns, faults)
     lengths = {len(values) for values in chosen}
     if len(lengths) > 1:
         faults.append(("columns", f"they have {' and '.join(map(str, sorted(lengths)))} samples", "Choose others."))
     values = np.stack(chosen, axis=1) if chosen and len(lengths) == 1 else np.zeros((0, 1))
-    if times is not None:
-        own_rate = _rate_of(times, faults)
+    own_rate = there.rate if there.times is None else _rate_of(there.times, faults)
     found = _one_rate(own_rate, rate, faults)
     bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(bad):
@@ -86,27 +83,50 @@ def _read(path: str, _: tuple[int, int], columns: tuple[str, ...] | None, rate: 
     return Record(found, values)
 
 
-def _chosen(
-    table: dict[str, Array], columns: tuple[str, ...] | None, faults: list[tuple[str, str, str]]
-) -> list[Array]:
-    names = list(table)
-    there = f"The file has {', '.join(names)}." if names else "The file has no other columns."
+def _columns(path: str) -> Columns:
+    kind = Path(path).suffix.lower()
+    if kind in _SEVERAL:
+        return _SEVERAL[kind][1](path)
+    readers = {".csv": _read_csv, ".txt": _read_csv, ".wav": _read_wav, ".npz": _read_npz}
+    if kind not in readers:
+        known = ", ".join((*readers, *_SEVERAL))
+        raise RecordError(("file", f'"{kind}" is no format of a record', f"Known: {known}."))
+    with open_given(path, RECORD_BYTES) as file:
+        table, own_rate = readers[kind](file)
+    times = next((table.pop(name) for name in list(table) if name.lower() in TIMES), None)
+    return Columns(table, own_rate, times)
+
+
+_SEVERAL: dict[str, tuple[Callable[[str], tuple[str, ...]], Callable[[str], Columns]]] = {
+    ".cfg": (comtrade_files, read_comtrade),
+    ".dat": (comtrade_files, read_comtrade),
+    ".cff": (comtrade_files, read_comtrade),
+    ".inf": (pscad_files, read_pscad),
+    ".out": (pscad_files, read_pscad),
+}
+"""Formats that may take several files, of which one is given: which they are, and what is read of them."""
+
+
+def _chosen(there: Columns, columns: tuple[str, ...] | None, faults: list[tuple[str, str, str]]) -> list[Array]:
+    names = list(there.values)
+    has = f"The file has {', '.join(names)}." if names else "The file has no other columns."
     if columns is None:
-        columns = tuple(names)
-        if len(names) not in (1, 3):
-            faults.append(
-                ("columns", f"the file has {len(names)} columns, not one or three phases", f"Choose. {there}")
-            )
+        columns = there.voltages or tuple(names)
+        if len(columns) not in (1, 3):
+            what = f"voltages ({', '.join(columns)})" if there.voltages else "columns"
+            problem = f"the file has {len(columns)} {what}, not one or three phases"
+            faults.append(("columns", problem, f"Choose. {has}"))
             return []
     chosen = []
     for column in columns:
-        place = int(column) - 1 if column.isdecimal() and column not in table else None
-        if place is not None and 0 <= place < len(names):
-            chosen.append(table[names[place]])
-        elif column in table:
-            chosen.append(table[column])
-        else:
-            faults.append(("columns", f'there is no column "{column}"', there))
+        place = int(column) - 1 if column.isdecimal() and column not in there.values else None
+        name = names[place] if place is not None and 0 <= place < len(names) else column
+        if name not in there.values:
+            faults.append(("columns", f'there is no column "{column}"', has))
+            continue
+        if name in there.unfit:
+            faults.append(("columns", *there.unfit[name]))
+        chosen.append(there.values[name])
     return chosen
 
 

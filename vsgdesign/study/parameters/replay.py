@@ -15,7 +15,8 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.fields import names, number, picked, text, values
 from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.record import Record, RecordError, read_record
+from vsgdesign.study.parameters.record import Record, read_record, record_files
+from vsgdesign.study.parameters.record_columns import RecordError
 from vsgdesign.study.parameters.replay_checks import NOTHING_SEEN, PER_CYCLE, Seen, look_at
 
 NEIGHBOURS = 16
@@ -38,6 +39,8 @@ class ReplaySpec:
     """A record and how it is used, with the fundamental of its first cycles."""
 
     file: str
+    files: tuple[str, ...] = ()
+    """All files of the record."""
     columns: tuple[str, ...] | None
     rate: float | None
     """Sampling rate where the file does not say it, 1/s."""
@@ -85,14 +88,15 @@ class ReplaySpec:
         }
 
 
-_ALL, _EXAMPLE = "all of the file", '["v_a", "v_b", "v_c"]'
+_ALL, _EXAMPLE = "all of the file, or all its voltages", '["v_a", "v_b", "v_c"]'
 
 
 class ReplayFields:
     """The fields of [replay]."""
 
-    file: str = text(limits=".csv, .txt, .wav or .npz")
-    """The record, relative to the study file."""
+    file: str = text(limits=".csv, .txt, .wav, .npz, .cfg, .dat, .cff, .inf or .out")
+    """The record, relative to the study file. Of COMTRADE (.cfg with .dat, .cff) and PSCAD (.inf with .out) one of its
+    files."""
     columns: tuple[str, ...] | None = names(
         (1, 3), '["v_a", "v_b", "v_c"]', default=None, limits="one or three", shown=_ALL
     )
@@ -102,7 +106,7 @@ class ReplayFields:
     """Where the file does not say it: a CSV without a column of times, an npz without a number `sampling_rate`."""
     scale: float = number("V", 1e-9, 1e9, hint=_SCALE, limits=f"1e-9 to 1e9, or `{RATED}`")
     """V for one unit of the file, phase to neutral; `rated`: such that the fundamental at the beginning is the rated
-    voltage."""
+    voltage. A file of COMTRADE or PSCAD that says its units is in V, and `1 V` takes it as it is."""
     begin: float = number("s", 0.0, 1e7, default=0.0)
     """Where in the record the simulation begins, counted from the first instant that can be used."""
 
@@ -170,6 +174,7 @@ def read_replay(table: TableReader | None, converter: Converter, duration: float
         return None
     try:
         record = read_record(spec.file, spec.columns, spec.rate)
+        spec = replace(spec, files=record_files(spec.file))
     except RecordError as error:
         for field, problem, advice in error.faults:
             table.fault(field, table.table.get(field), problem, advice)

@@ -225,7 +225,7 @@ class Study:
         if self.estimator is not None:
             named += [self.estimator.weights_file, self.estimator.recipe]
         if self.replay is not None:
-            named.append(self.replay.file)
+            named += self.replay.files
         return (*self.files, *(path for path in named if path is not None))
 
     def circuit(self, grid: Grid | None = None) -> FilterGrid:
