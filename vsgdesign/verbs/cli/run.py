@@ -72,17 +72,29 @@ def run(
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-simulation]")
 @BRIDGE
 @click.option("--strict", is_flag=True, help="Give the bits of a page of the explorer, as `strict` in [simulation].")
+@click.option(
+    "--comtrade",
+    type=click.Choice(["ascii", "binary", "float32", "cff"]),
+    default=None,
+    help="Also write the time series as COMTRADE, with samples of this form.",
+)
 @WORKERS
 @JSON
 @verb
 def simulate(
-    study_file: str, out: str | None, bridge: str | None, strict: bool, workers: int | None, as_json: bool
+    study_file: str,
+    out: str | None,
+    bridge: str | None,
+    strict: bool,
+    comtrade: str | None,
+    workers: int | None,
+    as_json: bool,
 ) -> None:
     """Simulate every controller, and write the time series.
 
     The folder contains time series and results.json.
     """
-    _run(study_file, out, bridge, as_json, "-simulation", workers=workers, strict=strict)
+    _run(study_file, out, bridge, as_json, "-simulation", workers=workers, strict=strict, comtrade=comtrade)
 
 
 def _warn(text: str) -> None:
@@ -104,15 +116,17 @@ def _run(
     sheet: str | None = None,
     explorer: bool = False,
     strict: bool = False,
+    comtrade: str | None = None,
 ) -> None:
     from vsgdesign.artifacts.files import check_new
     from vsgdesign.verbs.pipeline import run_study
-    from vsgdesign.verbs.pipeline.run import what_is_there
+    from vsgdesign.verbs.pipeline.run import Told, what_is_there
 
     report, left_out = what != "-simulation", list[str]()
     study = load(study_file, left_tables=bool(what), plants="refused" if report else "whole")
     if study.plant is not None:
-        _run_plant(study, Path("out") / f"{study.name}{what}" if out is None else Path(out), bridge, as_json)
+        folder = Path("out") / f"{study.name}{what}" if out is None else Path(out)
+        _run_plant(study, folder, bridge, as_json, comtrade)
         return
     study = study.made_strict() if strict else study
     if sheet is not None:
@@ -146,7 +160,7 @@ def _run(
                 warn=_warn,
                 say=_say,
                 done=done,
-                left_out=left_out,
+                told=Told(left_out, comtrade),
             )
         if as_json:
             print_json(results)
@@ -160,7 +174,7 @@ def _run(
     _refuse_divergence(results)
 
 
-def _run_plant(study: Study, folder: Path, bridge: str | None, as_json: bool) -> None:
+def _run_plant(study: Study, folder: Path, bridge: str | None, as_json: bool, comtrade: str | None) -> None:
     """A plant of several converters."""
     from vsgdesign.report.page.terminal import print_terminal
     from vsgdesign.report.plant import plant_blocks
@@ -170,7 +184,7 @@ def _run_plant(study: Study, folder: Path, bridge: str | None, as_json: bool) ->
         raise click.UsageError("the bridges of a plant are averaged: leave --bridge pwm out")
     with keeping(folder):
         with progress(quiet=as_json) as tell:
-            result, document = run_plant_study(study, folder, progress=tell, warn=_warn)
+            result, document = run_plant_study(study, folder, progress=tell, warn=_warn, comtrade=comtrade)
         if as_json:
             print_json(document)
         else:

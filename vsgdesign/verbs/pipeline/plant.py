@@ -19,7 +19,7 @@ from vsgdesign.simulation.units.scenario import PlantController, PlantRest, Plan
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
 from vsgdesign.study.parameters.power_plant import behind_its_path, one_converter
-from vsgdesign.verbs.pipeline.run import results_document
+from vsgdesign.verbs.pipeline.run import results_document, write_asked_comtrade
 from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
 _OF_UNIT = ("operating_points", "gains", "promises", "controllers")
@@ -33,10 +33,12 @@ def run_plant_study(
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
     say: Callable[[str], None] | None = None,
+    comtrade: str | None = None,
 ) -> tuple[PlantResult, dict[str, Any]]:
     """Simulates every controller of a study in all units of its plant, and writes ``CONTROLLER.NAME.npz`` of each unit
-    and inverter, the same as CSV, and results.json to ``out``, which appears when everything is done. Returns the
-    result and the content of results.json. Raises InfeasibleStudyError and ArtifactError."""
+    and inverter, the same as CSV and, in the form ``comtrade`` if one is given, as COMTRADE, and results.json to
+    ``out``, which appears when everything is done. Returns the result and the content of results.json. Raises
+    InfeasibleStudyError and ArtifactError."""
     tell, verb = progress or silent, "vsgdesign simulate"
     with room_for(out, verb, inputs=study.input_files), staged_folder(out, verb, inputs=study.input_files) as folder:
         begin = time.perf_counter()
@@ -49,12 +51,14 @@ def run_plant_study(
                 name = f"{controller.spec.name}.{unit.name}"
                 write_npz(folder / f"{name}.npz", one.series)
                 write_csv(folder / f"{name}.csv", one.series, study.simulation.csv_interval)
+                write_asked_comtrade(study, folder / name, one.series, comtrade)
                 if one.estimates is not None:
                     write_csv(folder / f"{name}.estimates.csv", one.estimates.series(), 0.0)
             for inverter, series in controller.inverters:
                 name = f"{controller.spec.name}.{inverter}"
                 write_npz(folder / f"{name}.npz", series)
                 write_csv(folder / f"{name}.csv", series, study.simulation.csv_interval)
+                write_asked_comtrade(study, folder / name, series, comtrade)
         document = plant_document(result, timing)
         return result, write_record(folder, document, verb)
 

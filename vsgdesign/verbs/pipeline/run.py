@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, fields, replace
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.artifacts import (
     provenance,
@@ -56,6 +57,17 @@ class Shown(NamedTuple):
     explorer: bool
     """Whether the report has a live part."""
     workers: int | None
+    comtrade: str | None = None
+    """Of :data:`vsgdesign.artifacts.comtrade.FORMS`, if the time series are written in it, too."""
+
+
+class Told(NamedTuple):
+    """What a run is told beside its study."""
+
+    left_out: Sequence[str] = ()
+    """A sentence on each controller that the study has without these (:func:`what_is_there`)."""
+    comtrade: str | None = None
+    """As in :class:`Shown`."""
 
 
 def run_study(
@@ -69,7 +81,7 @@ def run_study(
     warn: Callable[[str], None] | None = None,
     say: Callable[[str], None] | None = None,
     done: Callable[[ScenarioResult, dict[str, Any]], None] | None = None,
-    left_out: Sequence[str] = (),
+    told: Told | None = None,
 ) -> dict[str, Any]:
     """Simulates every controller and writes time series, results, figures and a report to ``out``.
 
@@ -80,12 +92,11 @@ def run_study(
     ``warn`` is called before a controller is simulated that is unstable by the full-order model, since its run
     shows no meaningful response. A design that ``out`` has already, made from the same inputs by the same program,
     is taken from there, and ``say`` is told; the files are the same. ``done`` is given the result and the content of
-    results.json when the folder is in its place. ``left_out`` has a sentence on each controller that the study has
-    without these (:func:`what_is_there`). Returns the content of results.json. The folder appears when everything is
-    done; after an error or an interruption the old folder is unchanged. Raises the errors of
+    results.json when the folder is in its place. Returns the content of results.json. The folder appears when
+    everything is done; after an error or an interruption the old folder is unchanged. Raises the errors of
     :func:`vsgdesign.simulation.scenario.run_scenario` and ArtifactError.
     """
-    tell = progress or silent
+    tell, told = progress or silent, told or Told()
     verb = "vsgdesign run" if report else "vsgdesign simulate"
     with (
         room_for(out, verb, inputs=study.input_files),
@@ -104,8 +115,8 @@ def run_study(
             late=have.late,
         )
         have.timing_s["simulate"] = time.perf_counter() - begin
-        result = replace(result, left_out=tuple(left_out))
-        shown = Shown(bool(report), report is True, workers)
+        result = replace(result, left_out=tuple(told.left_out))
+        shown = Shown(bool(report), report is True, workers, told.comtrade)
         result, document = _write(result, folder, verb, have, shown, tell=tell, warn=warn)
     if done is not None:
         done(result, document)
@@ -147,6 +158,19 @@ def _write_made(ready: Ready, folder: Path) -> None:
         write_network_weights(ready.network, folder / "estimator.weights.json")
 
 
+def write_asked_comtrade(
+    study: Study, place: Path, series: Mapping[str, NDArray[np.float64]], form: str | None
+) -> None:
+    """The series of one controller as COMTRADE if a form is asked for: the record is about the first event."""
+    if form is None:
+        return
+    from vsgdesign.artifacts.comtrade import write_comtrade
+
+    first = min((event.t_s for event in study.events), default=0.0)
+    f_n = study.converter.omega_n / (2.0 * math.pi)
+    write_comtrade(place, series, form, f_n=f_n, station=study.name, trigger_s=first)
+
+
 def _write(
     result: ScenarioResult,
     folder: Path,
@@ -167,6 +191,7 @@ def _write(
         tell("write time series", done / len(result.controllers))
         write_npz(folder / f"{controller.spec.name}.npz", controller.series)
         write_csv(folder / f"{controller.spec.name}.csv", controller.series, study.simulation.csv_interval)
+        write_asked_comtrade(study, folder / controller.spec.name, controller.series, shown.comtrade)
         if controller.estimates is not None:
             write_csv(folder / f"{controller.spec.name}.estimates.csv", controller.estimates.series(), 0.0)
     tell("write time series", 1.0)
