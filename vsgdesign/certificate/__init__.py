@@ -8,14 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vsgdesign.certificate.certifying import (
-        apart_or_why,
-        beyond_table,
-        certify,
-        largest_rate,
-        on_basis_of_table,
-        region_of,
-    )
+    from vsgdesign.certificate.asked import beyond_table, on_basis_of_table, region_of
+    from vsgdesign.certificate.certifying import apart_or_why, certify, largest_rate
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
         Certificate,
@@ -36,13 +30,13 @@ _HOMES = {
     "Region": "region",
     "Trajectory": "results",
     "apart_or_why": "certifying",
-    "beyond_table": "certifying",
+    "beyond_table": "asked",
     "certified_steps": "step_certificates",
     "certify": "certifying",
     "largest_rate": "certifying",
-    "on_basis_of_table": "certifying",
+    "on_basis_of_table": "asked",
     "refusal_record": "results",
-    "region_of": "certifying",
+    "region_of": "asked",
     "step_budget": "step_certificates",
     "with_steps": "step_certificates",
 }
