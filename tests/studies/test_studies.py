@@ -15,10 +15,13 @@ from vsgdesign.design.table import build_table
 from vsgdesign.estimator.recipes import CONTINUOUS
 from vsgdesign.estimator.specification import WINDOW_NETWORK, train
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.simulation.units.scenario import run_plant
 from vsgdesign.study.parameters import Study, load_study
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 FILES = sorted(STUDIES.glob("*/study.toml"))
+PLANTS = "plant", "ten_buses"
+"""Studies of several converters, which :func:`vsgdesign.simulation.units.scenario.run_plant` runs."""
 
 
 def name(path: Path) -> str:
@@ -84,7 +87,7 @@ def network() -> NetworkWeights:
     return train(WINDOW_NETWORK, study, recipe, size={"starts": 1}).weights
 
 
-@pytest.mark.parametrize("path", FILES, ids=name)
+@pytest.mark.parametrize("path", [path for path in FILES if name(path) not in PLANTS], ids=name)
 def test_every_controller_goes_through_every_event(path: Path, cells: Path, network: NetworkWeights) -> None:
     """Two seconds of it: nothing diverges, the current stays within what the converter could carry."""
     study = shortened(load_study(path), 2.0)
@@ -97,6 +100,17 @@ def test_every_controller_goes_through_every_event(path: Path, cells: Path, netw
         for event in controller.events:
             assert event.peak_current_pu is not None
             assert event.peak_current_pu < 5.0
+
+
+def test_every_unit_of_a_plant_goes_through_every_event() -> None:
+    """With the closed form: a table of a plant takes minutes to design."""
+    study = shortened(load_study(STUDIES / "plant" / "usual.toml"), 2.0)
+    result = run_plant(study, Ready())
+    for controller in result.controllers:
+        assert len(controller.units) == 4
+        for unit in controller.units:
+            assert all(np.isfinite(values).all() for values in unit.series.values())
+            assert {event.name for event in unit.events} == {event.name for event in study.events}
 
 
 def test_the_averaged_study_is_the_published_one_but_for_bridge_and_estimate() -> None:
