@@ -176,7 +176,7 @@ def refusals(path: Path) -> Iterator[tuple[str, ...]]:
     functions = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef)]
     for function in sorted(functions, key=lambda node: node.lineno):
         said = (node for child in ast.iter_child_nodes(function) for node in _below(child))
-        calls = [call for call in said if isinstance(call, ast.Call) and _name(call) in errors() | {"Fault", "fault"}]
+        calls = [call for call in said if isinstance(call, ast.Call) and _refuses(call, path)]
         local: Local = {}
         for block, name, value in _assigned(function.body, WHOLE) if calls else ():
             local.setdefault(name, []).append((block, value))
@@ -184,6 +184,17 @@ def refusals(path: Path) -> Iterator[tuple[str, ...]]:
             known = {name: known_at(call.lineno, said) for name, said in local.items()}
             rows = [one for one in rounds(function, call, path) if not known.keys() & one.keys()] or [{}]
             yield from _folded(found for row in rows for found in _said(call, path, {**known, **row}))
+
+
+def _refuses(call: ast.Call, path: Path) -> bool:
+    return _name(call) in errors() | {"Fault", "fault"} or bool(_of_record(call, path))
+
+
+def _of_record(call: ast.Call, path: Path) -> list[ast.Tuple]:
+    """The tuples of a field, a problem and an advice with which a reader of records refuses one."""
+    if "RecordError" not in text_of(path) or _name(call) not in ("RecordError", "append"):
+        return []
+    return [one for one in call.args if isinstance(one, ast.Tuple) and len(one.elts) == 3]
 
 
 def _folded(found: Iterable[tuple[str, ...]]) -> Iterator[tuple[str, ...]]:
@@ -257,7 +268,11 @@ def known_at(line: int, said: list[tuple[Block, ast.expr]]) -> list[tuple[Block,
 
 def _said(call: ast.Call, path: Path, local: Local) -> Iterator[tuple[str, ...]]:
     """What one call refuses."""
-    if _name(call) in ("Fault", "fault"):
+    if refused := _of_record(call, path):
+        for one in refused:
+            parts = [texts(part, path, local) for part in one.elts]
+            yield from ((field, problem, advice) for (_, field), (_, problem), (_, advice) in together(parts))
+    elif _name(call) in ("Fault", "fault"):
         names = FIELDS if _name(call) == "Fault" else signature(path)
         given = dict(zip(names, call.args, strict=False)) | {one.arg: one.value for one in call.keywords if one.arg}
         parts = [texts(given.get(part), path, local) for part in ("field", "problem", "advice")]

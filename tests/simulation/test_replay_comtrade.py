@@ -91,6 +91,20 @@ def test_a_study_plays_it(tmp_path: Path) -> None:
     assert study.input_files[-2:] == (str(path), str(tmp_path / "event.dat"))
 
 
+@pytest.mark.parametrize("phases", ["ABC", "RST", ("L1", "L2", "L3")])
+def test_the_phases_are_found_by_their_letters(tmp_path: Path, phases: tuple[str, ...]) -> None:
+    """In the order a, b, c, beside a voltage of the other side of the breaker."""
+    order = [2, 0, 1]
+    described = [channel(1, "sync", ph="")]
+    described += [channel(k + 2, f"u{phase}", ph=phases[phase], uu="V", a=0.05) for k, phase in enumerate(order)]
+    columns = np.column_stack([counts()[:, 3], counts()[:, order]])
+    path = write(tmp_path, config(described, COUNT, "BINARY"), samples(columns, "BINARY"))
+    np.testing.assert_allclose(read_record(str(path), None, None).values, 0.05 * counts()[:, :3], rtol=1e-13)
+    twice = [*described, channel(5, "other", ph=phases[0])]
+    path = write(tmp_path, config(twice, COUNT, "BINARY"), samples(np.tile(columns, 2)[:, :5], "BINARY"))
+    assert "the file has 5 voltages (sync, u2, u0, u1, other), not one or three phases" in faults(path)
+
+
 def test_times_take_the_place_of_a_rate(tmp_path: Path) -> None:
     path = write(tmp_path, config(lines(), COUNT, "BINARY", rates=[f"0,{COUNT}"]), samples(counts(), "BINARY"))
     assert read_record(str(path), PHASES, None).rate == pytest.approx(RATE, rel=1e-12)
@@ -139,7 +153,7 @@ def test_records_that_are_cut_or_none(tmp_path: Path) -> None:
     assert "samples are missing: number 1004 follows number 1000" in faults(write(tmp_path, cfg, gap))
     for old, new, says in (
         ("4,4A", "4,xA", 'line 2 of its .cfg: "x" is not a number of analog channels'),
-        ("4,4A", "9,9A", "line 7 of its .cfg: an analog channel has 10 fields or more, and 1 are there"),
+        ("4,4A", "9,9A", "line 7 of its .cfg: a line with an analog channel has 10 fields or more, and this one has 1"),
         ("5e-05", "zero", 'line 3 of its .cfg: "zero" is not a number (a)'),
         ("5e-05", "0", "line 3 of its .cfg: a = 0, b = 0 scale no channel"),
         ("BINARY", "PCM", 'line 12 of its .cfg: "PCM" is no form of samples: ASCII, BINARY'),
@@ -151,7 +165,7 @@ def test_records_that_are_cut_or_none(tmp_path: Path) -> None:
     text = faults(write(tmp_path, config(lines(), COUNT, "ASCII"), wrong))
     assert "row 1 of its .dat is not 6 numbers" in text
     (tmp_path / "event.dat").unlink()
-    assert '"event.dat" is not beside it, which has its samples. Put both files' in said(
+    assert 'there is no "event.dat" beside it, which has its samples. Put both files' in said(
         file=str(tmp_path / "event.cfg")
     )
     assert "cannot be read: No such file" in said(file=str(tmp_path / "none.cfg"))

@@ -85,13 +85,13 @@ def test_what_is_wrong_with_a_run(tmp_path: Path) -> None:
     text_of = faults(path)
     assert 'the channel "Vpcc:2" of its .inf is missing in its .out files. Put "case_02.out" beside it' in text_of
     (tmp_path / "case_01.out").unlink()
-    assert '"case_01.out" is not beside it, which has its samples' in faults(path)
+    assert 'there is no "case_01.out" beside it, which has its samples' in faults(path)
     run(tmp_path)
     path.write_text("station, 1999\n")
     assert '"case.inf" has no line that begins with PGB(1). Give the .inf of PSCAD. Of a COMTRADE' in faults(path)
     (tmp_path / "case_01.out").write_text("title\n")
     (tmp_path / "case.inf").unlink()
-    assert '"case_01.out" has no two rows of a time and a channel' in faults(tmp_path / "case_01.out")
+    assert '"case_01.out" has fewer than two rows of a time and a channel' in faults(tmp_path / "case_01.out")
 
 
 def test_equal_names_of_two_groups_are_told_apart(tmp_path: Path) -> None:

@@ -24,6 +24,9 @@ _SKEW = 0.05
 _BETWEEN = {"AB", "BC", "CA", "RS", "ST", "TR", "UV", "VW", "WU", "L1L2", "L2L3", "L3L1", "L12", "L23", "L31"}
 """Names of the phase of a voltage between two phases."""
 
+_PHASES = (("A", "B", "C"), ("L1", "L2", "L3"), ("R", "S", "T"), ("U", "V", "W"), ("1", "2", "3"))
+"""Names of the three phases."""
+
 _MISSING_ASCII = 99999.0
 _BINARY = {"BINARY": "<i2", "BINARY32": "<i4", "FLOAT32": "<f4"}
 
@@ -70,8 +73,8 @@ def comtrade_files(path: str) -> tuple[str, ...]:
         (one for one in map(place.with_suffix, (wanted, wanted.lower(), wanted.upper())) if one.exists()), None
     )
     if other is None:
-        says = "which describes its samples" if wanted.lower() == ".cfg" else "which has its samples"
-        problem = f'"{place.with_suffix(wanted).name}" is not beside it, {says}'
+        says = "describes its samples" if wanted.lower() == ".cfg" else "has its samples"
+        problem = f'there is no "{place.with_suffix(wanted).name}" beside it, which {says}'
         raise RecordError(("file", problem, "Put both files of the record into one folder, with equal names."))
     return (path, str(other)) if kind.lower() == ".cfg" else (str(other), path)
 
@@ -88,14 +91,14 @@ def read_comtrade(path: str) -> Columns:
     rate = _one_rate(header)
     rows = _ascii_rows(header, data) if header.form == "ASCII" else _binary_rows(header, data[:size])
     _check_numbers(rows, header)
-    values, unfit, voltages = {}, {}, []
+    values, unfit, voltages = {}, {}, dict[str, str]()
     skews = [channel.skew_s for channel in header.channels if says_volts(channel.unit)] or [0.0]
     skew = max(skews) - min(skews)
     for k, channel in enumerate(header.channels):
         name = channel.name if channel.name and channel.name not in values else f"{channel.name}{k + 1}"
         fault, factor = _judged(channel, name)
         if says_volts(channel.unit) and not _is_between(channel):
-            voltages.append(name)
+            voltages[name] = channel.phase.upper()
             if fault is None and rate is not None and skew * rate > _SKEW:
                 problem = f"its voltages are sampled up to {1e6 * skew:.4g} us apart (skew of the .cfg)"
                 fault = problem, "Sample the record again, so that all voltages have the same instants."
@@ -103,7 +106,7 @@ def read_comtrade(path: str) -> Columns:
             unfit[name] = fault
         values[name] = factor * (channel.a * rows.values[k] + channel.b)
     times = None if rate is not None else header.tick_s * rows.times
-    return Columns(values, rate, times, tuple(voltages), unfit)
+    return Columns(values, rate, times, _of_phases(voltages), unfit)
 
 
 def _judged(channel: Channel, name: str) -> tuple[tuple[str, str] | None, float]:
@@ -119,6 +122,15 @@ def _judged(channel: Channel, name: str) -> tuple[tuple[str, str] | None, float]
         problem = f'"{name}" is of the secondary side, and its .cfg does not say the ratio of its transformer'
         return (problem, "Correct the fields primary and secondary of the channel in the .cfg."), volts
     return None, volts * channel.ratio
+
+
+def _of_phases(voltages: dict[str, str]) -> tuple[str, ...]:
+    """The three voltages of the phases a, b, c if each is there once, by its phase; else all of them."""
+    for phases in _PHASES:
+        found = [name for phase in phases for name in voltages if voltages[name] == phase]
+        if [voltages[name] for name in found] == list(phases):
+            return tuple(found)
+    return tuple(voltages)
 
 
 def _is_between(channel: Channel) -> bool:
@@ -204,7 +216,7 @@ class _Lines:
             self._wrong(f"the .cfg ends, and {what} should follow")
         cells = [cell.strip() for cell in self._lines[self._at - 1].split(",")]
         if len(cells) < least:
-            self._wrong(f"{what} has {least} fields or more, and {len(cells)} are there")
+            self._wrong(f"a line with {what} has {least} fields or more, and this one has {len(cells)}")
         return cells
 
     def _value(self, text: str, kind: Callable[[str], T], what: str) -> T:

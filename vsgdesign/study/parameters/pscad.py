@@ -35,7 +35,7 @@ def pscad_files(path: str) -> tuple[str, ...]:
         outs = sorted(one for one in place.parent.glob(f"{_escaped(place.stem)}_*") if _number(one, place.stem))
         if not outs:
             advice = "Put them into the folder of the .inf. Of a COMTRADE record give the .cfg."
-            raise RecordError(("file", f'"{place.stem}_01.out" is not beside it, which has its samples', advice))
+            raise RecordError(("file", f'there is no "{place.stem}_01.out" beside it, which has its samples', advice))
         return (path, *map(str, outs))
     numbered = _NUMBERED.fullmatch(place.stem)
     likely = [place.with_name(f"{numbered.group(1)}{kind}") for kind in (".inf", ".INF")] if numbered else []
@@ -113,7 +113,7 @@ def _rows(path: str) -> Array:
         problem = f'"{Path(path).name}" cannot be read as numbers in columns: line {text.index(bad) + 1}'
         raise RecordError(("file", problem, "Give the text output of PSCAD; of .psout export it as text.")) from None
     if rows.shape[0] < 2 or rows.shape[1] < 2:
-        problem = f'"{Path(path).name}" has no two rows of a time and a channel'
+        problem = f'"{Path(path).name}" has fewer than two rows of a time and a channel'
         raise RecordError(("file", problem, "Give the text output of PSCAD."))
     return rows
 
