@@ -99,6 +99,8 @@ def test_a_file_that_is_missing_is_said_before_anything_is_served(tmp_path: Path
     [
         (("table.json",), "--study names the study"),
         (("small.toml", "--controller", "x"), "--controller says whose gain table"),
+        (("small.toml", "--bridge", "pwm"), "--page names its file"),
+        (("small.toml", "--bridge", "square", "--page", "page.html"), "'averaged', 'pwm'"),
         (("small.toml", "--port", "0"), "--port"),
         (("small.toml", "--port", "70000"), "--port"),
     ],

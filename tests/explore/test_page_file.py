@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,15 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.report.explore import page_file
 from vsgdesign.report.explore.lattice import lattice_counts
-from vsgdesign.report.explore.page_file import is_page, joined_modules, live_page, page_of_session, write_page
+from vsgdesign.report.explore.page_file import (
+    OF_BRIDGE,
+    bridge_shown,
+    is_page,
+    joined_modules,
+    live_page,
+    page_of_session,
+    write_page,
+)
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
 from vsgdesign.report.page.html import POLICY
@@ -83,6 +92,25 @@ def test_a_fine_page_is_small_enough_to_be_sent(page: Path) -> None:
     fixed = len(page.read_bytes())  # with six cells of one controller
     of_cells = len(kept["figures"]) + len(kept["runs"]["data"]) - 4 / 3 * kept["runs"]["info"]["module"] / 2
     assert fixed + of_cells / 48 * 4 / 3 * 48 * 32 < 4e6
+
+
+def test_a_page_says_which_bridge_it_runs(session: Session, page: Path) -> None:
+    """Of a study that switches, a page with an averaged bridge says so."""
+    study = session.study
+    own = replace(study, simulation=replace(study.simulation, bridge="pwm"))
+    asked = {"averaged": study, "of a switched one": own, "pwm": own}
+    for shown, one in asked.items():
+        bridge = "pwm" if shown == "pwm" else "averaged"
+        found = Session(one, NOTHING, bridge=bridge)
+        assert (bridge_shown(found), found.study.simulation.bridge) == (shown, bridge)
+    kept = kept_of(page.read_text(encoding="utf-8"))
+    assert kept["info"]["made"].endswith(OF_BRIDGE["averaged"])
+    assert kept["runs"]["info"]["carrier"] == {"places": [], "bodies": []}
+
+
+def test_another_bridge_is_refused() -> None:
+    with pytest.raises(StudyError, match=r"bridge = square.*averaged"):
+        Session(load_study("studies/structures/study.toml"), NOTHING, bridge="square")
 
 
 @pytest.mark.parametrize("text", ["", "48", "48x", "x32", "1x4", "121x4", "8x0", "8x81", "8.5x4", "-8x4", "8x4x2"])

@@ -11,7 +11,7 @@ from evidence._random_studies import bare, table_of
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.report.explore.lattice import Lattice, Texts
 from vsgdesign.report.explore.page_runs import PageRuns, page_runs
-from vsgdesign.report.explore.page_starts import starts_of
+from vsgdesign.report.explore.page_starts import TOO_STIFF, starts_of
 from vsgdesign.report.explore.session import Session
 from vsgdesign.report.explore.state import PlaceOfState
 from vsgdesign.study.parameters import study_from_text
@@ -39,13 +39,23 @@ schedule = "table"
 table = "table.json"
 """
 """One controller for each way in which gains come about."""
+STIFF = """
+base = "case:utility_1mva_60hz"
+grid = { scr = 5, x_over_r = 3 }
+filter = { R_c = 2.0 }
+simulation = { duration = 1.0, P_ref = 0, Q_ref = 0 }
+[[controllers]]
+name = "fixed"
+kind = "fixed"
+"""
+"""On a strong grid its fastest mode dies out within a sample."""
 
 
 @functools.cache
-def session_in(folder: Path) -> Session:
+def session_in(folder: Path, bridge: str = "averaged") -> Session:
     table_of(bare("lab_12kva_lcl"), "a", folder / "table.json")
     study = study_from_text(STUDY, folder=folder)
-    return Session(study, Ready(tables=read_tables(study)))
+    return Session(study, Ready(tables=read_tables(study)), bridge=bridge)
 
 
 @pytest.fixture(scope="module")
@@ -80,9 +90,11 @@ def test_every_way_of_gains_has_its_starts(runs: PageRuns) -> None:
     assert len(set(loops)) == 1  # they are of one kind
 
 
-@pytest.mark.parametrize("held", [False, True])
-def test_starts_on_many_grids_are_those_of_single_runs(session: Session, held: bool) -> None:
+@pytest.mark.parametrize(("bridge", "held"), [("averaged", False), ("averaged", True), ("pwm", False)])
+def test_starts_on_many_grids_are_those_of_single_runs(session: Session, bridge: str, held: bool) -> None:
     """To the bit, in all ways in which gains come about, and with the words of those that have no start."""
+    if bridge != session.bridge:
+        session = Session(session.study, session.ready, bridge=bridge)
     study, lattice = session.study_of(session.start), Lattice((0.4, 2.0, 7.0), (0.7, 4.0), PlaceOfState(3.0, 3.0))
     states = lattice.states(session.start, held=held)
     together = starts_of(study, session.ready, states)
@@ -94,6 +106,15 @@ def test_starts_on_many_grids_are_those_of_single_runs(session: Session, held: b
             if one.why[0] is None:
                 assert many.numbers[at].tobytes() == one.numbers[0].tobytes()
     assert {one.there.sum() for one in together.starts} == {4}  # the weakest grids carry no 4 kW
+
+
+def test_a_grid_that_is_too_stiff_to_switch_has_no_start() -> None:
+    """Its edges need a loop of another form, and the page has one loop for all grids. The others keep theirs."""
+    session = Session(study_from_text(STIFF), Ready(), bridge="pwm")
+    states = Lattice((1.0, 20.0), (1.0,), PlaceOfState(1.0, 1.0)).states(session.start, held=False)
+    for bridge, why in (("pwm", [None, TOO_STIFF]), ("averaged", [None, None])):
+        own = Session(session.study, session.ready, bridge=bridge)
+        assert starts_of(own.study, own.ready, states).starts[0].why == why
 
 
 def test_controllers_share_the_numbers_of_a_grid(runs: PageRuns) -> None:

@@ -58,8 +58,8 @@ def study_of(scene: Scene, ready: Ready, state: State, k: int) -> Study:
     """The study whose run :func:`vsgdesign.simulation.scenario.run_scenario` gives the page's EMT of the ``k``-th shown
     controller: this controller alone, from the state's grid and powers through its event.
 
-    The references are those that put this controller at the state's powers in spite of its droops. The bridge is
-    averaged; the source is sinusoidal, and the sensors are ideal. Only a controller with gains can be asked for.
+    The references are those that put this controller at the state's powers in spite of its droops. The bridge is that
+    of the session; the source is sinusoidal, and the sensors are ideal. Only a controller with gains can be asked for.
     """
     gains = PowerLoopGains(*(float(values[k]) for values in scene.cells.gains))
     own, spec = scene.shown[k].study, run_spec(scene, ready, state, k)
@@ -70,7 +70,6 @@ def study_of(scene: Scene, ready: Ready, state: State, k: int) -> Study:
     simulation = replace(
         own.simulation,
         duration=_whole(lead_s + over_s + after_s(scene, ready, state), own.simulation.log_interval),
-        bridge="averaged",
         start="steady_state",
         P_ref=P_ref,
         Q_ref=Q_ref,

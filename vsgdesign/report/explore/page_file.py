@@ -9,6 +9,7 @@ import re
 import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,7 +41,7 @@ from vsgdesign.report.explore.page_runs import page_runs
 from vsgdesign.report.explore.page_starts import CellStarts, joined, starts_of
 from vsgdesign.report.explore.scene import scene_of
 from vsgdesign.report.explore.server import PAGE
-from vsgdesign.report.explore.session import Session
+from vsgdesign.report.explore.session import SWITCHED, Session
 from vsgdesign.report.explore.state import LABELS, PlaceOfState, State
 from vsgdesign.report.page.html import POLICY
 from vsgdesign.report.page.live import StaticPage
@@ -48,8 +49,22 @@ from vsgdesign.study.parameters.study import Study
 
 LIMIT_BYTES = 5_000_000
 """Largest file: small enough to be attached to a mail."""
-MADE = "Made by vsgdesign {} from the study {} ({}), for {} grids. Events are simulated and judged here."
-"""What a page says of itself: the version, the study, the beginning of its hash, and its grids."""
+MADE = "Made by vsgdesign {} from the study {} ({}), for {} grids. {}"
+"""What a page says of itself: the version, the study, the beginning of its hash, its grids, and its bridge."""
+OF_BRIDGE = {
+    "averaged": "Events are simulated and judged here.",
+    "of a switched one": (
+        "Events are simulated and judged here with an averaged bridge, although the study's own switches: a page that "
+        "is made with --bridge pwm shows that."
+    ),
+    "pwm": (
+        "Events are simulated here with a switched bridge, for which every grid has its responses to switching edges "
+        "in the file. The curves are samples of the controller, and the ripple between them is not seen. There are no "
+        "verdicts here: vsgdesign simulate judges a saved study. Maps, modes, margins and linear steps are those of "
+        "the averaged bridge."
+    ),
+}
+"""What it says of its bridge."""
 MARK = "written by vsgdesign explore --static"
 _TOGETHER = 128
 """Grids that are computed in one call."""
@@ -85,6 +100,12 @@ _SMALLER = "Give a coarser --lattice, or show fewer controllers: --state takes t
 
 def _too_large(size: int) -> str:
     return f"the page would have {size / 1e6:.1f} MB, and the limit is {LIMIT_BYTES / 1e6:g} MB."
+
+
+def bridge_shown(session: Session) -> str:
+    """A key of :data:`OF_BRIDGE`."""
+    other = session.bridge != SWITCHED == session.bridge_of_study
+    return "of a switched one" if other else session.bridge
 
 
 def is_page(path: str | Path) -> bool:
@@ -205,12 +226,17 @@ def _kept(
         for one in scene.shown
     ]
     limits = [band for band in bands(scene, session.ready, start) if band["signal"] == "i_s_pu"]
-    made = MADE.format(__version__, study.name, study.hash[:12], f"{counts[0]} × {counts[1]}")
+    switched = session.bridge == SWITCHED
+    grids = f"{counts[0]} × {counts[1]}"
+    made = MADE.format(__version__, study.name, study.hash[:12], grids, OF_BRIDGE[bridge_shown(session)])
+    figures = [one for one in info["figures"] if not (switched and one["name"] == "survived")]
+    start = start if any(one["name"] == start.figure for one in figures) else replace(start, figure=figures[0]["name"])
     return {
         "info": info
         | {
             "static": True,
             "made": made,
+            "figures": figures,
             "controllers": [one for one in info["controllers"] if one["name"] in start.controllers],
             "defaults": start.document() | {"hold": None} | ({"case": 0} if cases else {}),
             "lattice": {

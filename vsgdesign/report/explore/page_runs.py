@@ -49,7 +49,7 @@ from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.bodies import names_of
 from vsgdesign.simulation.circuit_program import RAMP_DRIFT
 from vsgdesign.simulation.following import KnownGridScheduler
-from vsgdesign.simulation.loop import ALONE, log_names, spec_of
+from vsgdesign.simulation.loop import ALONE, carrier_values, log_names, slopes_of, spec_of
 from vsgdesign.simulation.rescheduled import refollowed, rescheduled
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.converter import Converter
@@ -71,6 +71,7 @@ WORDS = {
     ),
     "no_save_case": "Events of the map are saved here. `vsgdesign verify` writes its cases as study files.",
     "no_start": "This file has no start for it on this grid.",
+    "no_figure": "This file has no such map; `vsgdesign explore` has.",
 }
 """What the page says of its own runs."""
 EVENTS = ("step", "grid", "phase", "sag", "ramp")
@@ -228,6 +229,7 @@ def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
         "phase": build_timeline(study).source_at(0.0).phase,
         "circuit": {f"circuit.{name}": value for name, value in study.circuit()._asdict().items()},
         "drift": RAMP_DRIFT,
+        "carrier": _carrier(study),
         "judge": common_of_verdicts(study),
         "events": [*EVENTS, *set_points],
         "set_points": set_points,
@@ -238,6 +240,14 @@ def _common(scene: Scene, ready: Ready, state: State) -> dict[str, Any]:
         "figures": list(NOTHING),
         "words": WORDS | {"names": NAMES, "file": f"{study.name}-explored.toml"},
     }
+
+
+def _carrier(study: Study) -> dict[str, Any]:
+    """Where the samples of a carrier's period lie on it, sample by sample, and which of a loop's bodies each has; of an
+    averaged bridge nothing."""
+    n = study.converter.samples_per_carrier if study.simulation.bridge == "pwm" else 0
+    places, bodies = carrier_values(slopes_of(n))
+    return {"places": places.ravel().tolist(), "bodies": bodies.tolist()}
 
 
 def _set_points(c: Converter) -> dict[str, Any]:
@@ -262,7 +272,8 @@ def _described(at: AtRest, ready: Ready) -> tuple[dict[str, Any], dict[str, Loop
     study, spec, kind = at.study, at.study.controllers[0], at.batch.kind
     ramped = kind._replace(ramped=True)
     loops = {"loop": spec_of(kind, log_names(kind)), "ramp": spec_of(ramped, log_names(ramped))}
-    loops["pair"] = spec_of(kind, log_names(kind), ALONE._replace(lanes=2))
+    if not kind.bridge.slopes:  # for the map of verdicts
+        loops["pair"] = spec_of(kind, log_names(kind), ALONE._replace(lanes=2))
     document: dict[str, Any] = {
         "uniform": at.batch.uniform.tolist(),
         "ramp_uniform": Batch(ramped, study, 1).uniform.tolist(),
@@ -321,4 +332,5 @@ def _places(spec: LoopSpec) -> dict[str, Any]:
         "fed": len(spec.fed),
         "rings": len(spec.rings),
         "lanes": spec.width,
+        "switched": bool(spec.cyclic),
     }

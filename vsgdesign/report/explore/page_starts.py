@@ -27,6 +27,7 @@ from vsgdesign.report.explore.scene import Scene, joined_cells, references_of, s
 from vsgdesign.report.explore.state import State
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.batch import Batch
+from vsgdesign.simulation.bodies import LARGEST_DEGREE
 from vsgdesign.simulation.circuit_program import CircuitProgram, ProgramWriter
 from vsgdesign.simulation.every_sample import with_every_sample
 from vsgdesign.simulation.feeds import feed_of
@@ -89,7 +90,7 @@ def _joined(parts: Sequence[Starts]) -> Starts:
 
 
 def _starts(scenes: Sequence[Scene], ready: Ready, states: Sequence[State], k: int) -> Starts:
-    why = [scene.cells.faults[k] for scene in scenes]
+    why = _too_stiff(scenes, [scene.cells.faults[k] for scene in scenes])
     good = np.flatnonzero([one is None for one in why])
     rows = dict(_side_by_side(scenes, ready, states, k, good)) if len(good) > 1 else {}
     for j in good.tolist():
@@ -102,6 +103,29 @@ def _starts(scenes: Sequence[Scene], ready: Ready, states: Sequence[State], k: i
     for j, values in rows.items():
         numbers[j] = values
     return Starts(numbers, why)
+
+
+TOO_STIFF = (
+    "with this grid the filter is too stiff for a switched bridge on a page: its fastest mode dies out within a "
+    "sampling period. `vsgdesign simulate --bridge pwm` runs it."
+)
+
+
+def _too_stiff(scenes: Sequence[Scene], why: list[str | None]) -> list[str | None]:
+    """Why there is no start, with the grids whose responses to edges need a loop of another form."""
+    study = scenes[0].study
+    if study.simulation.bridge != "pwm":
+        return why
+
+    def stiff(R_g: Any, L_g: Any) -> bool:
+        edge = plant_steps(study, R_g, L_g, study.converter.T_s, study.converter.omega_n, edges=True).edge
+        return edge.shape[1] > LARGEST_DEGREE + 1 or not np.isfinite(edge).all()
+
+    grids = [(scene.grid.R_g, scene.grid.L_g) for scene in scenes]
+    R_g, L_g = np.array(grids).T
+    if not stiff(R_g, L_g):
+        return why
+    return [TOO_STIFF if one is None and stiff(*grid) else one for one, grid in zip(why, grids, strict=True)]
 
 
 def _side_by_side(
@@ -206,7 +230,7 @@ def at_rest(study: Study, ready: Ready) -> AtRest:
     calm, spec = _calm(study), study.controllers[0]
     feed = feed_of(calm, spec, build_timeline(calm), ready)
     run = RunState(RunOf(calm, feed))
-    batch = begin_together([run], False)
+    batch = begin_together([run], calm.simulation.bridge == "pwm")
     writer, _ = program_of([run])
     batch.follow(writer)
     run.before(0)

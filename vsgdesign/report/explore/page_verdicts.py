@@ -128,6 +128,7 @@ def judged_with(study: Study, spec: ControllerSpec, ready: Ready) -> dict[str, A
         },
         "rules": words.rules(words.asked_of(study)),
         "protected": study.protection is not None,
+        "switched": study.simulation.bridge == "pwm",
     }
 
 

@@ -8,11 +8,12 @@ import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.errors import StudyError
+from vsgdesign.errors import Fault, StudyError
 from vsgdesign.report.explore.answer import Answer
 from vsgdesign.report.explore.state import State, StateError, defaults, faults_of, state_of
 from vsgdesign.study.parameters.network import only_a_grid
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 KEPT = 16
 """Changed studies that are kept: one drags the grid much more often than one changes the study."""
+AVERAGED, SWITCHED = "averaged", "pwm"
+"""Bridges."""
 COMPILING = "Compiling once: the simulation follows in a moment."
 PATIENCE_S = 2.0
 """How long a request for EMT waits for the compiler before it says so."""
@@ -52,13 +55,20 @@ class Session:
         files: Mapping[str, Path] | None = None,
         words: str = "",
         start: Mapping[str, Any] | None = None,
+        bridge: str = AVERAGED,
     ) -> None:
-        """``files`` says from which file a controller's table was read, ``words`` where the tables come from, and
-        ``start`` with which state the page begins, if not with the study's own. Raises StateError for a wrong start,
-        InfeasibleStudyError for a study with a load, a fault or an open breaker at the start.
+        """``files`` says from which file a controller's table was read, ``words`` where the tables come from,
+        ``start`` with which state the page begins, if not with the study's own, and ``bridge`` ("averaged" or "pwm")
+        which bridge it runs with in place of the study's. A switched one is run by a page without a server alone.
+        Raises StateError for a wrong start, StudyError for another bridge, InfeasibleStudyError for a study with a
+        load, a fault or an open breaker at the start.
         """
         only_a_grid(study.network, "the explorer")
-        self.study, self.ready = study, ready
+        if bridge not in (AVERAGED, SWITCHED):
+            fault = Fault("bridge", str(bridge), f'is neither "{AVERAGED}" nor "{SWITCHED}"', "Give one of them.")
+            raise StudyError("the explorer", [fault])
+        self.bridge, self.bridge_of_study = bridge, study.simulation.bridge
+        self.study, self.ready = replace(study, simulation=replace(study.simulation, bridge=bridge)), ready
         self.files = dict(files or {})
         self.words = words
         self._changed: OrderedDict[str, Study] = OrderedDict()

@@ -45,6 +45,7 @@ TEMPLATES: dict[str, Any] = {
         "rest over limit": "The steady state after the event needs more current than the limiter leaves.",
     },
     "no_mode": "the mode after the step is not found",
+    "switched": "a switched bridge is judged by `vsgdesign simulate`, which takes the saved study",
     "protected": "only `vsgdesign explore` knows the study's protection limits",
     "too_short_status": TOO_SHORT,
     "unstable_status": UNSTABLE,

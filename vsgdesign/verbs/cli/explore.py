@@ -62,6 +62,12 @@ _LAST_WORDS_S = 1.0
     metavar="WxH",
     help="Numbers of SCR and of X/R in FILE.html.  [default: 48x32]",
 )
+@click.option(
+    "--bridge",
+    type=click.Choice(["averaged", "pwm"]),
+    default=None,
+    help="Bridge of the runs in FILE.html: averaged, or switched and without verdicts.  [default: averaged]",
+)
 @verb
 def explore(
     file: str,
@@ -72,6 +78,7 @@ def explore(
     link: str | None,
     page: str | None,
     lattice: str | None,
+    bridge: str | None,
 ) -> None:
     """Drag the grid in the browser, and watch modes, margins and EMT.
 
@@ -81,11 +88,16 @@ def explore(
     _check_options(file, study_file, controller)
     if lattice is not None and page is None:
         raise click.UsageError("--lattice says how fine a page without a server is; --page names its file")
+    if bridge is not None and page is None:
+        raise click.UsageError(
+            "--bridge says which bridge a page without a server runs; --page names its file, and with a server the "
+            "bridge is averaged"
+        )
     # The matrices are small. On several threads, BLAS takes twice the time, and no library reads this later.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("MKL_NUM_THREADS", "1")
     if page is not None:
-        _write(file, study_file, controller, link, page, lattice)
+        _write(file, study_file, controller, link, page, lattice, bridge or "averaged")
         return
     # A request for EMT comes while the linear answer is computed: its thread gets its turn soon.
     sys.setswitchinterval(_SWITCH_S)
@@ -149,7 +161,12 @@ def _open_browser(address: str) -> None:
 
 
 def _session(
-    file: str, study_file: str | None, controller: str | None, link: str | None, opening: Opening | None
+    file: str,
+    study_file: str | None,
+    controller: str | None,
+    link: str | None,
+    opening: Opening | None,
+    bridge: str = "averaged",
 ) -> Session:
     doing = ["Reading the study."]
 
@@ -185,21 +202,31 @@ def _session(
     from vsgdesign.artifacts.ready import Ready
     from vsgdesign.verbs.pipeline.exploring import session_from
 
-    return session_from(study, Ready(tables=kept.tables), link, files=kept.files, words=" ".join(kept.words))
+    ready, words = Ready(tables=kept.tables), " ".join(kept.words)
+    return session_from(study, ready, link, files=kept.files, words=words, bridge=bridge)
 
 
 def _write(
-    file: str, study_file: str | None, controller: str | None, link: str | None, page: str, lattice: str | None
+    file: str,
+    study_file: str | None,
+    controller: str | None,
+    link: str | None,
+    page: str,
+    lattice: str | None,
+    bridge: str,
 ) -> None:
     from vsgdesign.report.explore.lattice import LATTICE, lattice_counts
-    from vsgdesign.report.explore.page_file import write_page
+    from vsgdesign.report.explore.page_file import OF_BRIDGE, bridge_shown, write_page
 
     counts = LATTICE if lattice is None else lattice_counts(lattice)
-    session = _session(file, study_file, controller, link, None)
+    session = _session(file, study_file, controller, link, None, bridge)
     with results_at(page):
         with progress(quiet=False) as tell:
             size = write_page(session, page, lattice=counts, progress=tell, workers=None)
         click.echo(f"page: {page} ({size / 1e6:.1f} MB)")
+        shown = bridge_shown(session)
+        if shown != "averaged":
+            click.echo(f"It holds {counts[0]} × {counts[1]} grids. {OF_BRIDGE[shown]}", err=True)
 
 
 def _explored(opening: Opening, session: Session) -> None:

@@ -55,6 +55,7 @@ def explore(
     scr: float | None = None,
     x_over_r: float | None = None,
     lattice: tuple[int, int] = (48, 32),
+    bridge: str = "averaged",
     ready: Ready | None = None,
     workers: int | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -63,7 +64,8 @@ def explore(
 
     The page is one file without a server. It shows these ``controllers`` of the study (None: those with which the
     explorer begins), and opens on the grid of ``scr`` and ``x_over_r`` (None: that of the study). ``lattice`` has the
-    numbers of SCR and X/R, 2 to 120 and 1 to 80. ``ready`` holds gain tables from an earlier call of
+    numbers of SCR and X/R, 2 to 120 and 1 to 80. Runs have the ``bridge`` "averaged" or "pwm" in place of the study's;
+    those of a switched one have no verdict on the page. ``ready`` holds gain tables from an earlier call of
     :func:`vsgdesign.verbs.pipeline.making.make_ready`. Without it, those that the study asks for are read, taken from
     below ``out`` where an earlier command has left them, or designed first and kept there. A page is replaced, any
     other file is left unchanged. Raises StudyError, InfeasibleStudyError and ArtifactError.
@@ -79,5 +81,6 @@ def explore(
     begins = {"controllers": None if controllers is None else list(controllers), "scr": scr, "x_over_r": x_over_r}
     start = {name: value for name, value in begins.items() if value is not None}
     there = ready or Ready(tables=kept_tables(study, workers=workers, progress=progress).tables)
-    write_page(session_from(study, there, start), page, lattice=counts, progress=progress, workers=workers)
+    session = session_from(study, there, start, bridge=bridge)
+    write_page(session, page, lattice=counts, progress=progress, workers=workers)
     return Path(page)

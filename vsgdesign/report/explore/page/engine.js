@@ -37,6 +37,7 @@ class Loop {
   constructor(engine, name, uniform, slots) {
     const { info, memory } = engine;
     const places = info.places[name];
+    const { places: onCarrier, bodies } = info.carrier;
     const { lanes } = places;
     Object.assign(this, { memory, run: memory.exports[name], logged: places.logged.length, slots, lanes, lane: 0 });
     this.at = Object.fromEntries(places.rows.map((row, k) => [row, k]));
@@ -50,12 +51,16 @@ class Loop {
     const [own, nothing] = [memory.room(places.uniform.length), memory.room(4)];
     this.given = memory.room(info.integers.length + info.pointers.length);
     memory.floats.set(uniform, own);
+    const [cyclic, cycle] = places.switched ? [memory.room(onCarrier.length), memory.room(bodies.length)] : [nothing, nothing];
+    if (places.switched) memory.floats.set(onCarrier, cyclic);
     const { whole } = memory;
     whole.fill(0n, nothing, nothing + 4);
+    if (places.switched) whole.set(bodies.map(BigInt), cycle);
     // One group; rows of a log lie behind each other, one for every sample.
-    const numbers = { groups: 1, period: 1, log_sample: this.logged * lanes, every: 1 };
+    const period = places.switched ? bodies.length : 1;
+    const numbers = { groups: 1, period, log_sample: this.logged * lanes, every: 1 };
     info.integers.forEach((key, k) => (whole[this.given + k] = BigInt(numbers[key] || 0)));
-    const arrays = { rows: this.rows, uniform: own, log: this.log };
+    const arrays = { rows: this.rows, uniform: own, log: this.log, cyclic, cycle };
     info.pointers.forEach((key, k) => {
       whole[this.given + info.integers.length + k] = BigInt(8 * (key in arrays ? arrays[key] : nothing));
     });
@@ -292,7 +297,7 @@ class Run {
     } else if (event.kind === "grid") {
       this.place = this.engine.startOf(controller, event.key);
       for (const [name, at] of Object.entries(this.at)) {
-        if (name.startsWith("row.")) this.loop.set(name, this.place.rows[at]);
+        if (/^(row|edge)\./.test(name)) this.loop.set(name, this.place.rows[at]);
       }
     }
   }

@@ -52,6 +52,8 @@ function fileAsk(kept, cells) {
     const fault = runs && live.fault(state.event);
     if (fault) return { status: 422, faults: [fault] };
     if (kind === "save" && (state.case ?? null) !== null) return refused(kept.runs.info.words.no_save_case);
+    if (kind === "map" && !kept.info.figures.some(({ name }) => name === state.figure))
+      return refused(kept.runs.info.words.no_figure);
     const { cell } = cells.nearest(state);
     try {
       if (kind === "save") return await save(cell, state);

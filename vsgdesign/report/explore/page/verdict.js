@@ -41,12 +41,18 @@ export class Judge {
     run.good = this.goodRows(run);
     const own = run.controller.judge;
     const found = Object.fromEntries(this.engine.info.figures.map((name) => [name, null]));
-    const [said] = read([run.event.kind === "step" ? this.step(run) : this.disturbance(run)]);
+    const [said] = own.switched ? [this.unjudged(run)] : read([run.event.kind === "step" ? this.step(run) : this.disturbance(run)]);
     Object.assign(found, said);
     if (found.limited_s === null) Object.assign(found, read([this.loads(run, [run.event_k])])[0]);
     const verdict = verdictOf(found, this.about.words, own.rules, run.event);
     const { at_end: _, unstable: __, before: ___, within_s: ____, ...row } = found;
     return { why: "", ...row, verdict };
+  }
+
+  /** A run with a switched bridge, whose rest only the package finds: it has no verdict unless it diverges. */
+  unjudged(run) {
+    const { words } = this.about;
+    return this.diverged(run) ? { status: words.diverged } : { status: "not known", why: words.switched };
   }
 
   /** 1 or 0, or NaN where nothing can be survived, of runs in the lanes of a loop: as the map of the package has it. */
