@@ -4,6 +4,7 @@ event."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,23 @@ import pytest
 from tests.codegen.wasm_host import wasm_loop
 from tests.equations.test_sampled_path import CASES, drawn, of_source
 from vsgdesign.codegen.llvm import empty_rows
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.sampled_path import sampled_rest, source_response
 from vsgdesign.linear.operating_point.many import many_steady_states, powers_at_pcc
+from vsgdesign.metrics.protection import first_trip
 from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, NOT_KNOWN, SLIPPED, STATUSES, SURVIVED
-from vsgdesign.report.explore.page_verdicts import verdict_loops
+from vsgdesign.report.explore.page_verdicts import guards_of, verdict_loops
+from vsgdesign.simulation.circuit_sample import PlantState
+from vsgdesign.simulation.seen_sample import (
+    FrequencyGuard,
+    GuardedFrequency,
+    GuardedVoltage,
+    VoltageGuard,
+    seen_frequency,
+    seen_voltage,
+)
+from vsgdesign.study.parameters.stability import ProtectionLimits
 
 
 def answered(name: str, **given: float) -> list[float]:
@@ -58,6 +71,43 @@ def test_the_last_entry_is_interpolated() -> None:
     (time,) = answered("entered_s", **entry, band=0.02, T_s=1e-3, since_s=0.05)
     assert time == pytest.approx(0.0505, abs=1e-15)
     assert answered("entered_s", **(entry | {"entry.was_out": 1.0}), band=0.02, T_s=1e-3, since_s=0.05) == [math.inf]
+
+
+def test_a_protection_trips_as_in_the_judge_of_whole_records() -> None:
+    """Sample by sample on drawn voltages and frequencies, with limits that are not, just, and long exceeded."""
+    study, _ = drawn(CASES[0])
+    T_s, circuit, c = study.converter.T_s, study.circuit(), study.converter
+    rng, begin, said = np.random.default_rng(29), 450, []
+    for _ in range(60):
+        t_s = np.array([k * T_s for k in range(900)])
+        v_pu = 1.0 + np.cumsum(rng.normal(0.0, 0.01, len(t_s)))
+        f_hz = 50.0 + np.cumsum(rng.normal(0.0, 0.004, len(t_s)))
+        limits = ProtectionLimits(
+            **{name: None if rng.random() < 0.3 else float(rng.uniform(*ends)) for name, ends in DRAWN_LIMITS.items()},
+            rocof_window=0.02, V_high_time=float(rng.uniform(0.0, 0.03)), V_low_time=float(rng.uniform(0.0, 0.03)),
+        )  # fmt: skip
+        expected = first_trip(t_s, f_hz, v_pu, limits, begin * T_s, 2.0 * math.pi / c.omega_n)
+        own = replace(study, survival=replace(study.survival, protection=limits))
+        voltage, frequency = GuardedVoltage(0.0, 0.0, 0.0, 0.0), GuardedFrequency(0.0)
+        for guard in guards_of(own):
+            at, ago = max(begin, guard["ago"]) if guard["whole"] else begin, guard["ago"]
+            of = {name.removeprefix("guard_of."): value for name, value in guard["of"].items()}
+            for k in range(len(t_s)):
+                of["on"] = float(k >= at)
+                if guard["loop"] == "seen_voltage":
+                    V = v_pu * rms_to_peak(c.V_rated_rms)
+                    x = PlantState(0.0, 0.0, V[k], 0.0, 0.0, 0.0)
+                    voltage, _ = seen_voltage(voltage, VoltageGuard(**of), x, circuit, V[k - ago] if k >= ago else 0.0)
+                else:
+                    omega = 2.0 * math.pi * f_hz
+                    before = omega[k - ago] if k >= ago else 0.0
+                    frequency, _ = seen_frequency(frequency, FrequencyGuard(**of), omega[k], before)
+        assert bool(voltage.tripped or frequency.tripped) == (expected is not None)
+        said.append("" if expected is None else expected.reason.split(" ", 3)[1])
+    assert min(said.count(one) for one in ("", "frequency", "voltage")) >= 5
+
+
+DRAWN_LIMITS = {"rocof": (1.0, 12.0), "V_high_pu": (1.05, 1.6), "V_low_pu": (0.4, 0.95)}
 
 
 @pytest.mark.parametrize("case", CASES[:2])

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.simulation.circuit_sample import PlantState
 from vsgdesign.simulation.outcome import NEAR, SAME
@@ -67,6 +68,67 @@ class Limits(NamedTuple):
     current_sq: Any
     V_low: Any
     V_high: Any
+
+
+class GuardedVoltage(NamedTuple):
+    """Of a protection against voltages: the sum of the lengths of the voltage's vector over a cycle, V peak, in how
+    many samples without interruption its mean has been above and below the limits, and whether it has tripped."""
+
+    sum_V: Any
+    above: Any
+    below: Any
+    tripped: Any
+
+
+class GuardedFrequency(NamedTuple):
+    """Whether a protection against changes of the frequency has tripped."""
+
+    tripped: Any
+
+
+class VoltageGuard(NamedTuple):
+    """Limits of the mean voltage, pu, and for how long it may be beyond them, s; ``per_V``: what the mean is per V of
+    the sum; ``on``: 1 from the event on, before it 0."""
+
+    V_high: Any
+    high_s: Any
+    V_low: Any
+    low_s: Any
+    per_V: Any
+    T_s: Any
+    on: Any
+
+
+class FrequencyGuard(NamedTuple):
+    """The limit of the rate, Hz/s, and the window, s; ``on``: 1 from the event and the end of the first window on."""
+
+    rocof: Any
+    window_s: Any
+    on: Any
+
+
+def seen_voltage(guard: GuardedVoltage, guard_of: VoltageGuard, x: PlantState, circuit: FilterGrid, V_ago: Any) -> Any:
+    """What a protection knows of the voltage after a sample of its log, as
+    :func:`vsgdesign.metrics.protection.first_trip` has it. ``V_ago``: the length a cycle ago. Returns (guarded, V_now).
+    """
+    v_alpha = capacitor_node_voltage(x.i_s_alpha, x.v_c_alpha, x.i_g_alpha, circuit)
+    v_beta = capacitor_node_voltage(x.i_s_beta, x.v_c_beta, x.i_g_beta, circuit)
+    V = np.sqrt(v_alpha * v_alpha + v_beta * v_beta)
+    sum_V = guard.sum_V + V - V_ago
+    mean = sum_V * guard_of.per_V
+    above = np.where(mean > guard_of.V_high, guard.above + guard_of.on, 0.0)
+    below = np.where(mean < guard_of.V_low, guard.below + guard_of.on, 0.0)
+    slack = 1e-3 * guard_of.T_s
+    high = np.where(above * guard_of.T_s > guard_of.high_s + slack, 1.0, 0.0)
+    low = np.where(below * guard_of.T_s > guard_of.low_s + slack, 1.0, 0.0)
+    return GuardedVoltage(sum_V, above, below, np.maximum(guard.tripped, np.maximum(high, low))), V
+
+
+def seen_frequency(guard: GuardedFrequency, guard_of: FrequencyGuard, omega: Any, omega_ago: Any) -> Any:
+    """The same of the frequency; ``omega_ago``: that of a window ago, rad/s. Returns (guarded, omega_now)."""
+    rate = np.abs(omega - omega_ago) / TURN / guard_of.window_s
+    tripped = np.where(rate > guard_of.rocof, guard_of.on, 0.0)
+    return GuardedFrequency(np.maximum(guard.tripped, tripped)), omega
 
 
 def seen_disturbance(

@@ -66,7 +66,8 @@ def study_of(scene: Scene, ready: Ready, state: State, k: int) -> Study:
     P_ref, Q_ref = references_at(own, scene.grid, gains, scene.P, scene.Q)
     lead_s, over_s = event_s(own), length_s(state.event)
     source = replace(own.grid_source, components=())
-    study = replace(own.undisturbed, grid=scene.grid, grid_source=source, controllers=(spec,))
+    calm = replace(own.undisturbed, survival=own.survival)  # with its protection
+    study = replace(calm, grid=scene.grid, grid_source=source, controllers=(spec,))
     simulation = replace(
         own.simulation,
         duration=_whole(lead_s + over_s + after_s(scene, ready, state), own.simulation.log_interval),

@@ -7,6 +7,7 @@ them and puts its figures into the sentences of :mod:`vsgdesign.report.explore.w
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.codegen.blocks import Part, Writer, joined, with_outputs
 from vsgdesign.codegen.flat import Block
 from vsgdesign.codegen.llvm import LoopSpec, flat_block
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.sampled_path import droop_step, sampled_path, sampled_rest
 from vsgdesign.linear.stability.loci import LEAST_SHARE, MODE_WORDS, MOST_NAMED
 from vsgdesign.metrics.step_response import SETTLING_BAND
@@ -24,7 +26,16 @@ from vsgdesign.report.explore import words
 from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.outcome import ACTS, BOUND_PU, IN_WORDS, LIMITS, MOVES, PARTS, RESTING_S
 from vsgdesign.simulation.scenario.controllers import samples_per_mean
-from vsgdesign.simulation.seen_sample import needs_at_first, seen_disturbance, seen_end, seen_need
+from vsgdesign.simulation.seen_sample import (
+    FrequencyGuard,
+    VoltageGuard,
+    needs_at_first,
+    seen_disturbance,
+    seen_end,
+    seen_frequency,
+    seen_need,
+    seen_voltage,
+)
 from vsgdesign.simulation.strictly import direction
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.watched_sample import entered_s, power_at_pcc, watched_step
@@ -67,11 +78,18 @@ def verdict_loops() -> dict[str, LoopSpec]:
             headed(flat_block(seen_disturbance)), (("P_ago", "P_now"), ("Q_ago", "Q_now")), {"seen": "watched"}
         ),
     }
+    guards = {
+        "seen_voltage": _over_log(headed(flat_block(seen_voltage)), (("V_ago", "V_now"),), {"guard": "guarded"}),
+        "seen_frequency": _over_log(
+            headed(flat_block(seen_frequency)), (("omega_ago", "omega_now"),), {"guard": "guarded"}
+        ),
+    }
     return {
         "path": function_spec(sampled_path, {}),
         "newton": LoopSpec((newton,), state, rest, logged=("error",), strict=True),
         "rest": function_spec(sampled_rest, {}),
         **over_log,
+        **guards,
         **{f"{name}_pair": replace(spec, lanes=2) for name, spec in over_log.items()},
         "entered_s": function_spec(entered_s, {}),
         "needs": function_spec(needs_at_first, {}),
@@ -109,7 +127,8 @@ def _over_log(block: Block, rings: tuple[tuple[str, str], ...], moved: dict[str,
     whole = with_outputs(joined(Part(block), Part(line.block())), tuple(wanted))
     placed = {*FED, "k", *(name for name, _ in (*pairs, *rings))}
     constant = tuple(name for name in whole.inputs if name not in placed)
-    return LoopSpec((whole,), tuple(pairs), constant, fed=FED, rings=rings, index="k", strict=True)
+    index = "k" if "k" in whole.inputs else ""
+    return LoopSpec((whole,), tuple(pairs), constant, fed=FED, rings=rings, index=index, strict=True)
 
 
 def judged_with(study: Study, spec: ControllerSpec, ready: Ready) -> dict[str, Any]:
@@ -127,9 +146,40 @@ def judged_with(study: Study, spec: ControllerSpec, ready: Ready) -> dict[str, A
             **{name: getattr(settings.limiter, name, -1.0) for name in ("V_low", "V_high")},
         },
         "rules": words.rules(words.asked_of(study)),
-        "protected": study.protection is not None,
+        "guards": guards_of(study),
         "switched": study.simulation.bridge == "pwm",
     }
+
+
+def guards_of(study: Study) -> list[dict[str, Any]]:
+    """What the protection of a study is judged with: for each loop how many samples ago it looks back, whether it must
+    have so many before, and its limits. A limit that is not given is never reached."""
+    limits, c = study.protection, study.converter
+    if limits is None:
+        return []
+    cycle = max(round(2.0 * math.pi / c.omega_n / c.T_s), 1)
+    window = max(round(limits.rocof_window / c.T_s), 1)
+    V = VoltageGuard(
+        V_high=_given(limits.V_high_pu, _NEVER),
+        high_s=limits.V_high_time,
+        V_low=_given(limits.V_low_pu, -1.0),
+        low_s=limits.V_low_time,
+        per_V=1.0 / (cycle * rms_to_peak(c.V_rated_rms)),
+        T_s=c.T_s,
+        on=0.0,
+    )
+    f = FrequencyGuard(rocof=_given(limits.rocof, _NEVER), window_s=window * c.T_s, on=0.0)
+    return [
+        {"loop": loop, "ago": ago, "whole": whole, "of": {f"guard_of.{name}": v for name, v in of._asdict().items()}}
+        for loop, ago, whole, of in (("seen_voltage", cycle, False, V), ("seen_frequency", window, True, f))
+    ]
+
+
+_NEVER = 1e300
+
+
+def _given(limit: float | None, without: float) -> float:
+    return without if limit is None else limit
 
 
 def common_of_verdicts(study: Study) -> dict[str, Any]:

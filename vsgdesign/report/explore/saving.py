@@ -107,6 +107,8 @@ def _document(
         "V_g_pu": state.V_g_pu,
         "f_g": state.f_hz,
     }
+    if "protection" in origin.document.get("survival", {}):
+        document["survival"] = {"protection": dict(origin.document["survival"]["protection"])}
     simulation = run.simulation
     document["simulation"] = {
         "bridge": simulation.bridge,

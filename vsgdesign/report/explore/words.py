@@ -46,11 +46,11 @@ TEMPLATES: dict[str, Any] = {
     },
     "no_mode": "the mode after the step is not found",
     "switched": "a switched bridge is judged by `vsgdesign simulate`, which takes the saved study",
-    "protected": "only `vsgdesign explore` knows the study's protection limits",
     "too_short_status": TOO_SHORT,
     "unstable_status": UNSTABLE,
     "settled": SETTLED,
     "survived": SURVIVED,
+    "tripped": TRIPPED,
     "diverged": DIVERGED,
 }
 """Braces stand for values, with formats of Python: ``{:.2f}``, ``{:.3g}``."""

@@ -335,15 +335,27 @@ export class Judge {
       deadline_s: own.deadline_s,
       limited_at_end: acts / (run.good - late),
     })("place_of_verdict");
-    const status = statuses[place];
-    if (own.protected && status === this.about.words.survived)
-      return { status: "not known", why: this.about.words.protected };
+    const found = statuses[place];
+    // A map leaves the protection out, as the package's does.
+    const guarded = found === this.about.words.survived && !run.brief;
     return {
-      status,
+      status: guarded && (yield* this.trips(run)) ? this.about.words.tripped : found,
       recovery_s: Number.isFinite(recovery_s) ? recovery_s : null,
       swing_deg: swing * (180 / Math.PI),
       ...this.loadsOf(run, loop, "seen", events[0]),
     };
+  }
+
+  /** Whether the protection of the study trips after the event. */
+  *trips(run) {
+    for (const { loop: name, ago, whole, of } of run.controller.judge.guards) {
+      const loop = this.over(name, run, ago, { ...this.engine.info.circuit, ...of });
+      yield { loop, run, end: Math.min(whole ? Math.max(run.event_k, ago) : run.event_k, run.good) };
+      loop.set("guard_of.on", 1);
+      yield { loop, run, end: run.good };
+      if (loop.get("guard.tripped") > 0.5) return true;
+    }
+    return false;
   }
 
   /** Does something with a run whose loop has it alone and keeps its log: rows are used up, but not those of others. */
