@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import comtrade
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -28,7 +29,7 @@ def study_file(folder: Path, sections: str) -> Path:
 def test_a_plant_leaves_its_units(tmp_path: Path) -> None:
     """One unit is lost: its power ends, and the other one sees half of the grid's impedance."""
     file = study_file(tmp_path, PLANT + LOSS)
-    done = CliRunner().invoke(main, ["simulate", str(file), "--out", str(tmp_path / "out")])
+    done = CliRunner().invoke(main, ["simulate", str(file), "--out", str(tmp_path / "out"), "--comtrade", "cff"])
     assert done.exit_code == 0, done.output
     assert "modes of the whole plant at rest" in done.output
     found = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
@@ -42,6 +43,10 @@ def test_a_plant_leaves_its_units(tmp_path: Path) -> None:
     with np.load(tmp_path / "out" / "fixed.unit2.npz") as series:
         assert series["P_pcc"][0] == pytest.approx(2000.0, rel=0.02)
         assert abs(series["P_pcc"][-1]) < 1e-6
+        record = comtrade.load(str(tmp_path / "out" / "fixed.unit2.cff"), use_numpy_arrays=True)
+        power = record.analog[record.analog_channel_ids.index("P_pcc")]
+        np.testing.assert_array_equal(power.astype(np.float32), series["P_pcc"])
+        assert record.trigger_time == pytest.approx(0.02, abs=1e-9)
     with np.load(tmp_path / "out" / "fixed.unit1.npz") as kept:
         assert kept["L_g"][-1] < kept["L_g"][0]
 
