@@ -28,6 +28,7 @@ _HOMES = {
     "export_plecs": "verbs.facade.exports",
     "export_simulink": "verbs.facade.exports",
     "grid": "verbs.facade.studies",
+    "linear_model": "verbs.facade.linear",
     "load": "verbs.facade.studies",
     "load_scheduler": "runtime.scheduler",
     "margins": "verbs.facade.assessed",

@@ -49,6 +49,8 @@ _PLANT = 6
 """States of the filter, which come first."""
 _NOTCH = ("ripple_P", "ripple_Q", "mean_P", "mean_Q")
 _INTEGRATORS = ("xi_vd", "xi_vq", "xi_id", "xi_iq")
+POWER_LOOP_STATES = ("delta", "omega_i", "V", "P_f", "Q_f", *_NOTCH)
+"""Those of the states that belong to the power loops and their filters."""
 
 
 class LimiterInModel(NamedTuple):
