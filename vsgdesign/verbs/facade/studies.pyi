@@ -236,6 +236,7 @@ class NetworkUnitsTable(TypedDict, total=False):
     P_ref: Quantity
     Q_ref: Quantity
     offset: Quantity
+    pair: int
     breaker: Literal["open", "closed"]
 
 class NetworkInvertersTable(TypedDict, total=False):
@@ -528,6 +529,7 @@ class EstimatorProbeTable(TypedDict, total=False):
     current: Quantity
     ripple: Quantity
     code: int
+    pair: int
 
 class SurvivalTable(TypedDict, total=False):
     """The fields of [survival]."""
