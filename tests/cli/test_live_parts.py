@@ -28,7 +28,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
 
     def page(study: Study, ready: Ready, _lattice: tuple[int, int], **named: Any) -> StaticPage:
         found.append((study, ready, named))
-        return StaticPage("the page", cases=len(named["cases"]))
+        return StaticPage("the page", cases=tuple(case.label for case in named["cases"]))
 
     monkeypatch.setattr(live_part, "live_page", page)
     monkeypatch.setattr(live_part, "worker_count", lambda _: 1)
