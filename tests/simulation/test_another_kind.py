@@ -301,7 +301,7 @@ def test_the_full_order_model_has_its_eigenvalues() -> None:
     assert furthest(found, with_line).max() < 2e-4
     far = furthest(found, STORED)
     assert np.abs(far - furthest(with_line, STORED)).max() < 2e-4
-    assert np.where(STORED.imag > 0.0, 2, 1)[far < 1e-3].sum() == 7
+    assert np.where(np.imag(STORED) > 0.0, 2, 1)[far < 1e-3].sum() == 7
     assert far.max() < 6.5e-3
 
 

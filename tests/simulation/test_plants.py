@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -381,14 +382,17 @@ def test_gains_that_follow_what_a_unit_measures() -> None:
     timeline = plant_timeline(study)
     alone, spec = timeline.units[0], study.controllers[-1]
     expected = simulate(alone, feed_of(alone, spec, timeline.timelines[0], NOTHING))
-    one = simulate_plant(study, [feed_of(alone, spec, timeline.timelines[0], NOTHING)]).units[0]
+    own_feed: Any = feed_of(alone, spec, timeline.timelines[0], NOTHING)
+    one = simulate_plant(study, [own_feed]).units[0]
     assert len(one.gain_changes) > 5
     assert [change.t_s for change in one.gain_changes] == pytest.approx([c.t_s for c in expected.gain_changes])
     for mine, theirs in zip(one.gain_changes, expected.gain_changes, strict=True):
         assert mine.gains == pytest.approx(theirs.gains, rel=1e-9)
     two = plant_study(f"[plant]\nunits = 2\nreactance = 0.06\n{text}", start='"steady_state"')
     seen = plant_timeline(two)
-    feeds = [feed_of(own, spec, own_seen, NOTHING) for own, own_seen in zip(seen.units, seen.timelines, strict=True)]
+    feeds: list[Any] = [
+        feed_of(own, spec, own_seen, NOTHING) for own, own_seen in zip(seen.units, seen.timelines, strict=True)
+    ]
     first, second = simulate_plant(two, feeds).units
     assert len(first.gain_changes) == len(second.gain_changes) > 5
     assert first.gain_changes[-1].gains == pytest.approx(second.gain_changes[-1].gains, rel=1e-9)
