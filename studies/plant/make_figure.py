@@ -4,28 +4,34 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
+from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
+
 RUNS = (
-    ("plant_usual-simulation", "closed_form", "gains for the grid alone"),
-    ("plant-simulation", "table", "table of the plant"),
+    ("plant_usual-simulation", "closed_form", "Gains for the grid alone"),
+    ("plant-simulation", "table", "Table of the plant"),
 )
 
 
 def main(results: Path = Path("out"), file: Path = Path("docs/figures/plant_units.png")) -> None:
-    """Two panels: every unit with either gains."""
-    figure, panels = plt.subplots(2, 1, figsize=(7.0, 4.6), sharex=True, sharey=True, layout="constrained")
-    for panel, (folder, controller, title) in zip(panels, RUNS, strict=True):
-        for k in range(1, 5):
-            with np.load(results / folder / f"{controller}.unit{k}.npz") as series:
-                panel.plot(series["t_s"], series["P_pcc"] / 1e3, lw=1.0, label=f"unit {k}")
-        panel.set_title(title, fontsize=9, loc="left")
-        panel.set_ylabel("P [kW]")
-        panel.grid(alpha=0.3)
-    panels[0].legend(ncols=4, fontsize=8, loc="upper left")
-    panels[1].set_xlabel("t [s]")
-    figure.savefig(file, dpi=110)
+    """Two panels: every unit with either gains. Unit 4 is drawn first, so that the units that stay lie on top."""
+    with look():
+        figure = new_figure(PAGE_IN, 4.0)
+        above = None
+        for (folder, controller, title), bottom in zip(RUNS, (2.15, 0.40), strict=True):
+            above = panel = add_axes(figure, 0.50, bottom, 6.50, 1.45, sharex=above, sharey=above)
+            for k in (4, 3, 2, 1):
+                with np.load(results / folder / f"{controller}.unit{k}.npz") as series:
+                    panel.plot(series["t_s"], series["P_pcc"] / 1e3, label=f"unit {k}", **line_style(k - 1))
+            panel.set_title(title, loc="left")
+            panel.set_ylabel("P (kW)")
+            if bottom > 1.0:
+                panel.tick_params(labelbottom=False)
+                lines, names = panel.get_legend_handles_labels()
+                figure.legend(lines[::-1], names[::-1], ncols=4, loc="upper right", bbox_to_anchor=(0.98, 0.99))
+        panel.set_xlabel("t (s)")
+        figure.savefig(file, dpi=150)
 
 
 if __name__ == "__main__":
