@@ -18,19 +18,20 @@ def main(results: Path = Path("out"), file: Path = Path("docs/figures/plant_unit
     """Two panels: every unit with either gains. Unit 4 is drawn first, so that the units that stay lie on top."""
     with look():
         figure = new_figure(PAGE_IN, 4.0)
-        above = None
+        panel = None
         for (folder, controller, title), bottom in zip(RUNS, (2.15, 0.40), strict=True):
-            above = panel = add_axes(figure, 0.50, bottom, 6.50, 1.45, sharex=above, sharey=above)
+            panel = add_axes(figure, 0.50, bottom, 6.50, 1.45, sharex=panel, sharey=panel)
             for k in (4, 3, 2, 1):
                 with np.load(results / folder / f"{controller}.unit{k}.npz") as series:
                     panel.plot(series["t_s"], series["P_pcc"] / 1e3, label=f"unit {k}", **line_style(k - 1))
             panel.set_title(title, loc="left")
             panel.set_ylabel("P (kW)")
-            if bottom > 1.0:
+            if bottom < 1.0:
+                panel.set_xlabel("t (s)")
+            else:
                 panel.tick_params(labelbottom=False)
                 lines, names = panel.get_legend_handles_labels()
                 figure.legend(lines[::-1], names[::-1], ncols=4, loc="upper right", bbox_to_anchor=(0.98, 0.99))
-        panel.set_xlabel("t (s)")
         figure.savefig(file, dpi=150)
 
 
