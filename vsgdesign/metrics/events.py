@@ -50,7 +50,7 @@ _LEAST_MEANS = 10
 _SMALLEST_STEP = 1e-3
 """A change of less than this share of the rating is not a step."""
 
-_SHARE_OF_BAND = 0.1
+SHARE_OF_BAND = 0.1
 """Accuracy, as a share of the band, of a final value that is itself a mean of the signal."""
 
 _LATE = 2.0
@@ -226,7 +226,7 @@ def measure_event(
     elif not end.decay > 0.0:
         status, reason = UNSTABLE, end.obstacle
     else:
-        share = 1.0 if end.final is not None else _SHARE_OF_BAND
+        share = 1.0 if end.final is not None else SHARE_OF_BAND
         error = np.abs(mean - final) / reference
         if not judgeable:  # the noise alone leaves the band
             error = error[:1]

@@ -57,8 +57,17 @@ def _rocof(t_s: Array, f_hz: Array, limits: ProtectionLimits, since_s: float, st
     if not beyond.size:
         return None
     at = float(t_s[rows + beyond[0]])
-    said = f"its frequency changes by {float(rate[beyond[0]]):.3g} Hz/s over {limits.rocof_window:.3g} s"
-    return Trip(at, f"{said}, limit {limits.rocof:.3g} Hz/s")
+    return Trip(at, rate_in_words(f"{float(rate[beyond[0]]):.3g}", limits.rocof, limits.rocof_window))
+
+
+def rate_in_words(rate: str, limit: float, window_s: float) -> str:
+    """Why a protection trips that has seen this rate, in Hz/s, over a window."""
+    return f"its frequency changes by {rate} Hz/s over {window_s:.3g} s, limit {limit:.3g} Hz/s"
+
+
+def held_in_words(limit_pu: float, time_s: float, *, above: bool) -> str:
+    """Why a protection trips that has seen a voltage beyond a limit for longer than a time."""
+    return f"its voltage is {'above' if above else 'below'} {limit_pu:.3g} pu for longer than {time_s:.3g} s"
 
 
 def _held(
@@ -75,5 +84,4 @@ def _held(
     if not tripped.size:
         return None
     k = int(tripped[0])
-    word = "above" if above else "below"
-    return Trip(float(t_s[k]), f"its voltage is {word} {limit:.3g} pu for longer than {time_s:.3g} s")
+    return Trip(float(t_s[k]), held_in_words(limit, time_s, above=above))

@@ -72,18 +72,22 @@ class Limits(NamedTuple):
 
 class GuardedVoltage(NamedTuple):
     """Of a protection against voltages: the sum of the lengths of the voltage's vector over a cycle, V peak, in how
-    many samples without interruption its mean has been above and below the limits, and whether it has tripped."""
+    many samples without interruption its mean has been above and below the limits, and the number of samples up to the
+    first one in which it tripped because of each; 0 where it has not."""
 
     sum_V: Any
     above: Any
     below: Any
-    tripped: Any
+    at_high: Any
+    at_low: Any
 
 
 class GuardedFrequency(NamedTuple):
-    """Whether a protection against changes of the frequency has tripped."""
+    """Of a protection against changes of the frequency: the number of samples up to the first one in which it tripped,
+    0 where it has not, and the rate there, Hz/s."""
 
-    tripped: Any
+    at_rate: Any
+    rate: Any
 
 
 class VoltageGuard(NamedTuple):
@@ -107,7 +111,28 @@ class FrequencyGuard(NamedTuple):
     on: Any
 
 
-def seen_voltage(guard: GuardedVoltage, guard_of: VoltageGuard, x: PlantState, circuit: FilterGrid, V_ago: Any) -> Any:
+class SeenEnd(NamedTuple):
+    """Of the powers: sums over a cycle, and sums of their means over a cycle since they were last set to zero, W and
+    var."""
+
+    sum_P: Any
+    sum_Q: Any
+    late_P: Any
+    late_Q: Any
+
+
+def seen_rest(rest: SeenEnd, per_cycle: Any, P: Any, Q: Any, P_ago: Any, Q_ago: Any) -> Any:
+    """What is known of the rest to which a switched bridge comes after a sample of its log, as
+    :func:`vsgdesign.simulation.survival.running.own_rest_of` has it. ``P_ago`` and ``Q_ago``: the powers a cycle ago.
+    Returns (rested, P_now, Q_now)."""
+    sum_P = rest.sum_P + (P - P_ago)
+    sum_Q = rest.sum_Q + (Q - Q_ago)
+    return SeenEnd(sum_P, sum_Q, rest.late_P + sum_P * per_cycle, rest.late_Q + sum_Q * per_cycle), P, Q
+
+
+def seen_voltage(
+    guard: GuardedVoltage, guard_of: VoltageGuard, x: PlantState, circuit: FilterGrid, V_ago: Any, k: Any
+) -> Any:
     """What a protection knows of the voltage after a sample of its log, as
     :func:`vsgdesign.metrics.protection.first_trip` has it. ``V_ago``: the length a cycle ago. Returns (guarded, V_now).
     """
@@ -121,14 +146,17 @@ def seen_voltage(guard: GuardedVoltage, guard_of: VoltageGuard, x: PlantState, c
     slack = 1e-3 * guard_of.T_s
     high = np.where(above * guard_of.T_s > guard_of.high_s + slack, 1.0, 0.0)
     low = np.where(below * guard_of.T_s > guard_of.low_s + slack, 1.0, 0.0)
-    return GuardedVoltage(sum_V, above, below, np.maximum(guard.tripped, np.maximum(high, low))), V
+    at_high = np.where(guard.at_high > 0.0, guard.at_high, high * (k + 1.0))
+    at_low = np.where(guard.at_low > 0.0, guard.at_low, low * (k + 1.0))
+    return GuardedVoltage(sum_V, above, below, at_high, at_low), V
 
 
-def seen_frequency(guard: GuardedFrequency, guard_of: FrequencyGuard, omega: Any, omega_ago: Any) -> Any:
+def seen_frequency(guard: GuardedFrequency, guard_of: FrequencyGuard, omega: Any, omega_ago: Any, k: Any) -> Any:
     """The same of the frequency; ``omega_ago``: that of a window ago, rad/s. Returns (guarded, omega_now)."""
     rate = np.abs(omega - omega_ago) / TURN / guard_of.window_s
     tripped = np.where(rate > guard_of.rocof, guard_of.on, 0.0)
-    return GuardedFrequency(np.maximum(guard.tripped, tripped)), omega
+    at_rate = np.where(guard.at_rate > 0.0, guard.at_rate, tripped * (k + 1.0))
+    return GuardedFrequency(at_rate, np.where(guard.at_rate > 0.0, guard.rate, rate)), omega
 
 
 def seen_disturbance(
@@ -161,18 +189,19 @@ def seen_disturbance(
     return after, P, Q
 
 
-def seen_need(need: Need, of: StepDemand, mean: Any, decay: Any, T_s: Any, event_s: Any, k: Any) -> Need:
-    """What a window needs after a sample with this mean of the stepped power."""
+def seen_need(need: Need, of: StepDemand, mean: Any, decay: Any, share: Any, T_s: Any, event_s: Any, k: Any) -> Need:
+    """What a window needs after a sample with this mean of the stepped power. ``share``: of the band, within which a
+    final value must be that is itself a mean of the power."""
     since_s = k * T_s - event_s
     error = np.abs(reached(mean, of) - 1.0)
     worst = np.maximum(need.worst, error)
-    needed_s = since_s + np.log(np.maximum(error, SETTLING_BAND) / SETTLING_BAND) / decay
+    needed_s = since_s + np.log(np.maximum(error, SETTLING_BAND) / (share * SETTLING_BAND)) / decay
     return Need(worst, np.where(error > SETTLING_BAND, np.maximum(need.needed_s, needed_s), need.needed_s))
 
 
-def needs_at_first(error: Any, decay: Any) -> Any:
+def needs_at_first(error: Any, decay: Any, share: Any) -> Any:
     """How long a window must be at least, s, with this error at its beginning (:eq:`window-needed`)."""
-    return np.log(np.maximum(error, 1.0) / SETTLING_BAND) / decay
+    return np.log(np.maximum(error, 1.0) / (share * SETTLING_BAND)) / decay
 
 
 def seen_end(

@@ -118,6 +118,12 @@ def after_s(scene: Scene, ready: Ready, state: State) -> float:
     return max(SHOWN_S, (SETTLING_TIMES + WATCHED) * T + GRACE_S + 2.0 / state.f_hz)
 
 
+def samples_of_step(study: Study) -> int:
+    """The samples from a step of a reference to the end of its run."""
+    lead_s, T_s = event_s(study), study.converter.T_s
+    return round(_whole(lead_s + SHOWN_S, study.simulation.log_interval) / T_s) - round(lead_s / T_s)
+
+
 def _whole(t_s: float, interval: float) -> float:
     return max(math.ceil(t_s / interval - 1e-6), 1) * interval
 

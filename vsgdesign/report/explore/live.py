@@ -226,11 +226,11 @@ def figures_of(
     if found["limited_s"] is None:
         loads = loads_of(record_of(own, run), (event_s(study),), None)
         found |= {"peak_pu": loads.peak_pu, "first_peak_pu": loads.first_peak_pu, "limited_s": loads.limited_s}
-    return found | {"verdict": verdict(found, asked_of(study), state.event.kind, state.event.signal)}
+    return found | {"verdict": verdict(found, asked_of(study), state.event.kind, state.event.signal, event_s(study))}
 
 
 def _of_disturbance(study: Study, ready: Ready, run: Simulation) -> dict[str, Any]:
-    survival = judge_scenario(study, study.controllers[0], ready, run)
+    survival = judge_scenario(study, study.controllers[0], ready, run, study.simulation.bridge)
     found = {name: getattr(survival, name) for name in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s")}
     if survival.swing_rad is not None:
         found["swing_deg"] = math.degrees(survival.swing_rad)
@@ -241,7 +241,8 @@ def _of_step(study: Study, state: State, run: Simulation, rests: Sequence[Rest])
     """Settling time and overshoot of the signal whose reference is stepped."""
     seen = signals_at_pcc(study, run)
     signal = f"{state.event.signal}_pcc"
-    events = measure_events(study, seen, rests, ripples=False, divergence=run.divergence, signals=(signal,))
+    switched = study.simulation.bridge == "pwm"
+    events = measure_events(study, seen, rests, ripples=switched, divergence=run.divergence, signals=(signal,))
     outcome = outcome_of(run.divergence, rests, events, rest_at_limit(study, run, seen), study.converter.S_rated)
     if outcome.limits or outcome.status == "diverged":
         return {"status": outcome.status, "why": outcome.reason or ""}

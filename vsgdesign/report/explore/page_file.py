@@ -58,10 +58,10 @@ OF_BRIDGE = {
         "is made with --bridge pwm shows that."
     ),
     "pwm": (
-        "Events are simulated here with a switched bridge, for which every grid has its responses to switching edges "
-        "in the file. The curves are samples of the controller, and the ripple between them is not seen. There are no "
-        "verdicts here: vsgdesign simulate judges a saved study. Maps, modes, margins and linear steps are those of "
-        "the averaged bridge."
+        "Events are simulated and judged here with a switched bridge, for which every grid has its responses to "
+        "switching edges in the file. A run is judged by the rest to which the bridge itself comes. The curves are "
+        "samples of the controller, and the ripple between them is not seen. Maps, modes, margins and linear steps "
+        "are those of the averaged bridge."
     ),
 }
 """What it says of its bridge."""

@@ -272,10 +272,13 @@ def _described(at: AtRest, ready: Ready) -> tuple[dict[str, Any], dict[str, Loop
     study, spec, kind = at.study, at.study.controllers[0], at.batch.kind
     ramped = kind._replace(ramped=True)
     loops = {"loop": spec_of(kind, log_names(kind)), "ramp": spec_of(ramped, log_names(ramped))}
+    averaged = kind._replace(bridge=kind.bridge._replace(slopes=()))
+    loops["averaged"] = spec_of(averaged, log_names(averaged))  # for the modes of a rest
     if not kind.bridge.slopes:  # for the map of verdicts
         loops["pair"] = spec_of(kind, log_names(kind), ALONE._replace(lanes=2))
     document: dict[str, Any] = {
         "uniform": at.batch.uniform.tolist(),
+        "averaged_uniform": Batch(averaged, study, 1).uniform.tolist(),
         "ramp_uniform": Batch(ramped, study, 1).uniform.tolist(),
         "gains": "fixed" if spec.kind == "fixed" else "listed",
         "period_s": spec.update_period or study.converter.T_s,

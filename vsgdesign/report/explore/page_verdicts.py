@@ -20,9 +20,12 @@ from vsgdesign.codegen.llvm import LoopSpec, flat_block
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.sampled_path import droop_step, sampled_path, sampled_rest
 from vsgdesign.linear.stability.loci import LEAST_SHARE, MODE_WORDS, MOST_NAMED
+from vsgdesign.metrics.events import SHARE_OF_BAND, late_rows
+from vsgdesign.metrics.protection import held_in_words, rate_in_words
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, REST_SHARE, STATUSES, place_of_verdict, swung
 from vsgdesign.report.explore import words
+from vsgdesign.report.explore.events import samples_of_step
 from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.outcome import ACTS, BOUND_PU, IN_WORDS, LIMITS, MOVES, PARTS, RESTING_S
 from vsgdesign.simulation.scenario.controllers import samples_per_mean
@@ -34,10 +37,12 @@ from vsgdesign.simulation.seen_sample import (
     seen_end,
     seen_frequency,
     seen_need,
+    seen_rest,
     seen_voltage,
 )
 from vsgdesign.simulation.strictly import direction
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
+from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, own_powers
 from vsgdesign.simulation.watched_sample import entered_s, power_at_pcc, watched_step
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -78,6 +83,7 @@ def verdict_loops() -> dict[str, LoopSpec]:
             headed(flat_block(seen_disturbance)), (("P_ago", "P_now"), ("Q_ago", "Q_now")), {"seen": "watched"}
         ),
     }
+    rested = _over_log(headed(flat_block(seen_rest)), (("P_ago", "P_now"), ("Q_ago", "Q_now")), {"rest": "rested"})
     guards = {
         "seen_voltage": _over_log(headed(flat_block(seen_voltage)), (("V_ago", "V_now"),), {"guard": "guarded"}),
         "seen_frequency": _over_log(
@@ -90,6 +96,8 @@ def verdict_loops() -> dict[str, LoopSpec]:
         "rest": function_spec(sampled_rest, {}),
         **over_log,
         **guards,
+        "seen_rest": rested,
+        "own_powers": function_spec(own_powers, {}),
         **{f"{name}_pair": replace(spec, lanes=2) for name, spec in over_log.items()},
         "entered_s": function_spec(entered_s, {}),
         "needs": function_spec(needs_at_first, {}),
@@ -147,16 +155,28 @@ def judged_with(study: Study, spec: ControllerSpec, ready: Ready) -> dict[str, A
         },
         "rules": words.rules(words.asked_of(study)),
         "guards": guards_of(study),
-        "switched": study.simulation.bridge == "pwm",
+        "own_rest": _own_rest(study) if study.simulation.bridge == "pwm" else None,
+        "share": SHARE_OF_BAND if study.simulation.bridge == "pwm" else 1.0,
     }
+
+
+def _own_rest(study: Study) -> dict[str, int]:
+    """How the rest of a switched bridge is read off its own run: of a step the last samples, of anything else the last
+    cycles."""
+    cycle = max(round(2.0 * math.pi / study.grid_source.omega_g / study.converter.T_s), 1)
+    return {"samples": int(late_rows(samples_of_step(study), cycle)), "cycles": OWN_REST_CYCLES}
 
 
 def guards_of(study: Study) -> list[dict[str, Any]]:
     """What the protection of a study is judged with: for each loop how many samples ago it looks back, whether it must
-    have so many before, and its limits. A limit that is not given is never reached."""
+    have so many before, its limits, and what is said where one is reached. A limit that is not given is never
+    reached."""
     limits, c = study.protection, study.converter
     if limits is None:
         return []
+    high = held_in_words(_given(limits.V_high_pu, _NEVER), limits.V_high_time, above=True)
+    low = held_in_words(_given(limits.V_low_pu, -1.0), limits.V_low_time, above=False)
+    rate = rate_in_words("{:.3g}", _given(limits.rocof, _NEVER), limits.rocof_window)
     cycle = max(round(2.0 * math.pi / c.omega_n / c.T_s), 1)
     window = max(round(limits.rocof_window / c.T_s), 1)
     V = VoltageGuard(
@@ -170,8 +190,17 @@ def guards_of(study: Study) -> list[dict[str, Any]]:
     )
     f = FrequencyGuard(rocof=_given(limits.rocof, _NEVER), window_s=window * c.T_s, on=0.0)
     return [
-        {"loop": loop, "ago": ago, "whole": whole, "of": {f"guard_of.{name}": v for name, v in of._asdict().items()}}
-        for loop, ago, whole, of in (("seen_voltage", cycle, False, V), ("seen_frequency", window, True, f))
+        {
+            "loop": loop,
+            "ago": ago,
+            "whole": whole,
+            "of": {f"guard_of.{name}": v for name, v in of._asdict().items()},
+            "said": said,
+        }
+        for loop, ago, whole, of, said in (
+            ("seen_voltage", cycle, False, V, {"at_high": high, "at_low": low}),
+            ("seen_frequency", window, True, f, {"at_rate": rate}),
+        )
     ]
 
 

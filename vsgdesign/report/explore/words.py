@@ -13,6 +13,7 @@ from vsgdesign.metrics.met import OVERSHOOT_ROOM, most_overshoot, most_settling_
 from vsgdesign.metrics.survival import HARDWARE_PU, LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, TRIPPED
 from vsgdesign.report.explore.events import SHOWN_S
 from vsgdesign.simulation.outcome import MOVES_AT, RESTS_AT
+from vsgdesign.simulation.survival.running import TRIPS_AT
 from vsgdesign.study.parameters.study import Study
 
 SETTLED = "settled"
@@ -29,6 +30,8 @@ TEMPLATES: dict[str, Any] = {
     "hardware": f", {MORE_THAN_HARDWARE}",
     "peak": " The current reaches {:.2f} pu",
     "limited": ", and its limiter acts for {:.3g} s.",
+    "trips": "It is lost: {}. The event comes at {:.3g} s.",
+    "trips_at": TRIPS_AT,
     "before": ["after the event", "before the event"],
     "rests_at": RESTS_AT,
     "moves_at": MOVES_AT,
@@ -39,13 +42,11 @@ TEMPLATES: dict[str, Any] = {
         DIVERGED: "It is lost: the run diverges.",
         SLIPPED: "It is lost: the angle slips by a turn.",
         LATCHED: "It is lost: it stays in its current limit.",
-        TRIPPED: "It is lost: its protection trips.",
         NOT_AT_REST: "It is not at rest in time.",
         "no rest": "There is no steady state after the event.",
         "rest over limit": "The steady state after the event needs more current than the limiter leaves.",
     },
     "no_mode": "the mode after the step is not found",
-    "switched": "a switched bridge is judged by `vsgdesign simulate`, which takes the saved study",
     "too_short_status": TOO_SHORT,
     "unstable_status": UNSTABLE,
     "settled": SETTLED,
@@ -79,9 +80,11 @@ def rules(asked: tuple[float, float] | None) -> dict[str, Any]:
     }
 
 
-def verdict(found: dict[str, Any], asked: tuple[float, float] | None, kind: str, signal: str) -> str:
+def verdict(
+    found: dict[str, Any], asked: tuple[float, float] | None, kind: str, signal: str, event_s: float = math.nan
+) -> str:
     """One or two sentences on a run: ``found`` has its figures, ``asked`` is that of :func:`asked_of`, ``kind`` and
-    ``signal`` are those of its event."""
+    ``signal`` are those of its event, and ``event_s`` is its time in the run, from which a trip is told."""
     status, said = found["status"], TEMPLATES
     if status == SETTLED and found["settling_s"] is not None:
         text = said["settles"].format(signal, *_settled(found, asked))
@@ -93,6 +96,8 @@ def verdict(found: dict[str, Any], asked: tuple[float, float] | None, kind: str,
         text = f"{found['why'][0].upper()}{found['why'][1:].split('. ')[0].removesuffix('.')}."
     elif status == UNSTABLE:
         text = said["unstable"].format(found["why"] or status)
+    elif status == TRIPPED:
+        text = said["trips"].format(found["why"], event_s)
     elif status in said["verdicts"]:
         text = said["verdicts"][status]
         if found["why"].startswith("before"):

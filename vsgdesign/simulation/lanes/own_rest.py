@@ -20,7 +20,7 @@ from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.part import PROTECTION_COLUMNS, Part, first_judged
 from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.results import IN_NOISE, LaneResults, LastEntry
-from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, OWN_REST_PU
+from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, own_powers
 
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
@@ -107,8 +107,7 @@ def recovered(part: Part, rests: Rests, demand: SurvivalDemand) -> Array:
         rest = averaged[:, lanes].copy()
         for k in range(width):
             own = log[ends[k] - (OWN_REST_CYCLES - 1) * cycle : ends[k], :, k].mean(axis=0) / cycle
-            if np.abs(own - rest[:, k]).max() < OWN_REST_PU * S:
-                rest[:, k] = own
+            rest[:, k] = own_powers(*own, *rest[:, k], S)
 
         def error(sums: Array, rest: Array = rest) -> Array:
             return np.abs(sums / cycle - rest).max(axis=-2) / S

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -286,7 +287,11 @@ def with_protection(verdict: Survival, study: Study, simulation: Simulation, sin
     trip = trip_of(study, simulation.t_s, simulation.column("omega"), v, since_s)
     if trip is None:
         return verdict
-    return replace(verdict, status=TRIPPED, reason=f"the protection trips at {trip.t_s:.4g} s: {trip.reason}")
+    return replace(verdict, status=TRIPPED, reason=TRIPS_AT.format(trip.t_s, trip.reason))
+
+
+TRIPS_AT = "the protection trips at {:.4g} s: {}"
+"""What is said of a trip: its time in the run, and why."""
 
 
 def trip_of(study: Study, t_s: Array, omega: Array, v_pk: Array, since_s: float) -> Trip | None:
@@ -319,5 +324,13 @@ def own_rest_of(rest: ExpectedRest, record: SurvivalRecord, demand: SurvivalDema
     if record.diverged or len(record.t_s) < 2 * count:
         return rest
     P, Q = (float(np.mean(cycle_mean(values, cycle)[-count + cycle :])) for values in (record.P, record.Q))
-    near = max(abs(P - rest.P), abs(Q - rest.Q)) < OWN_REST_PU * demand.S_rated
-    return replace(rest, P=P, Q=Q) if near else rest
+    P_own, Q_own = own_powers(P, Q, rest.P, rest.Q, demand.S_rated)
+    return replace(rest, P=float(P_own), Q=float(Q_own))
+
+
+def own_powers(P: Any, Q: Any, P_rest: Any, Q_rest: Any, S_rated: Any) -> Any:
+    """The powers at which a switched bridge rests whose means at the end are P and Q, W and var: these, or those of the
+    averaged model where they are not near. Returns (P_own, Q_own)."""
+    far = np.maximum(np.abs(P - P_rest), np.abs(Q - Q_rest))
+    near = np.where(far < OWN_REST_PU * S_rated, 1.0, 0.0)
+    return np.where(near > 0.5, P, P_rest), np.where(near > 0.5, Q, Q_rest)

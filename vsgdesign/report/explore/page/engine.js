@@ -51,7 +51,9 @@ class Loop {
     const [own, nothing] = [memory.room(places.uniform.length), memory.room(4)];
     this.given = memory.room(info.integers.length + info.pointers.length);
     memory.floats.set(uniform, own);
-    const [cyclic, cycle] = places.switched ? [memory.room(onCarrier.length), memory.room(bodies.length)] : [nothing, nothing];
+    const [cyclic, cycle] = places.switched
+      ? [memory.room(onCarrier.length), memory.room(bodies.length)]
+      : [nothing, nothing];
     if (places.switched) memory.floats.set(onCarrier, cyclic);
     const { whole } = memory;
     whole.fill(0n, nothing, nothing + 4);

@@ -12,7 +12,7 @@ const WEAK = 1e-9;
 class Sampled {
   constructor(run) {
     const { loop, info } = run;
-    const { rows, state } = info.places[run.controller.loop];
+    const { rows, state } = info.places[run.controller.averaged];
     const counted = (name) => !name.startsWith("source.") && name !== "limited";
     Object.assign(this, { loop, names: rows.slice(0, state).filter(counted) });
     this.at = this.names.map((name) => loop.rows + loop.at[name]);

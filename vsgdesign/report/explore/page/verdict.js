@@ -32,7 +32,8 @@ export class Apart extends Error {}
 export class Judge {
   constructor(engine) {
     Object.assign(this, { engine, about: engine.info.judge });
-    for (const name of ["path", "rest", "entered_s", "needs", "swung", "place"]) this[name] = engine.loop(name, [], 1);
+    for (const name of ["path", "rest", "own_powers", "entered_s", "needs", "swung", "place"])
+      this[name] = engine.loop(name, [], 1);
     this.newton = engine.loop("newton", [], this.about.newton);
   }
 
@@ -41,18 +42,12 @@ export class Judge {
     run.good = this.goodRows(run);
     const own = run.controller.judge;
     const found = Object.fromEntries(this.engine.info.figures.map((name) => [name, null]));
-    const [said] = own.switched ? [this.unjudged(run)] : read([run.event.kind === "step" ? this.step(run) : this.disturbance(run)]);
+    const [said] = read([run.event.kind === "step" ? this.step(run) : this.disturbance(run)]);
     Object.assign(found, said);
     if (found.limited_s === null) Object.assign(found, read([this.loads(run, [run.event_k])])[0]);
-    const verdict = verdictOf(found, this.about.words, own.rules, run.event);
+    const verdict = verdictOf(found, this.about.words, own.rules, run.event, this.engine.info.event_s);
     const { at_end: _, unstable: __, before: ___, within_s: ____, ...row } = found;
     return { why: "", ...row, verdict };
-  }
-
-  /** A run with a switched bridge, whose rest only the package finds: it has no verdict unless it diverges. */
-  unjudged(run) {
-    const { words } = this.about;
-    return this.diverged(run) ? { status: words.diverged } : { status: "not known", why: words.switched };
   }
 
   /** 1 or 0, or NaN where nothing can be survived, of runs in the lanes of a loop: as the map of the package has it. */
@@ -281,9 +276,10 @@ export class Judge {
     const events = run.event.kind === "sag" ? [run.event_k, run.event_k + run.over] : [run.event_k];
     const cleared_s = ["sag", "ramp"].includes(run.event.kind) ? run.end_s : info.event_s;
     const cycle = Math.max(Math.round((2 * Math.PI) / run.source.omega / T_s), 1);
+    const [P_rest, Q_rest] = own.own_rest ? yield* this.ownRest(run, after, cycle) : [after.P, after.Q];
     const of = {
-      P_rest: after.P,
-      Q_rest: after.Q,
+      P_rest,
+      Q_rest,
       per_S: 1 / info.S_rated,
       band: this.about.band,
       per_cycle: 1 / cycle,
@@ -338,32 +334,54 @@ export class Judge {
     const found = statuses[place];
     // A map leaves the protection out, as the package's does.
     const guarded = found === this.about.words.survived && !run.brief;
+    const trip = guarded ? yield* this.trip(run) : null;
     return {
-      status: guarded && (yield* this.trips(run)) ? this.about.words.tripped : found,
+      status: trip === null ? found : this.about.words.tripped,
+      why: trip || "",
       recovery_s: Number.isFinite(recovery_s) ? recovery_s : null,
       swing_deg: swing * (180 / Math.PI),
       ...this.loadsOf(run, loop, "seen", events[0]),
     };
   }
 
-  /** Whether the protection of the study trips after the event. */
-  *trips(run) {
-    for (const { loop: name, ago, whole, of } of run.controller.judge.guards) {
+  /** Why the protection of the study trips first after the event; null where it does not. */
+  *trip(run) {
+    const trips = [];
+    for (const { loop: name, ago, whole, of, said } of run.controller.judge.guards) {
       const loop = this.over(name, run, ago, { ...this.engine.info.circuit, ...of });
       yield { loop, run, end: Math.min(whole ? Math.max(run.event_k, ago) : run.event_k, run.good) };
       loop.set("guard_of.on", 1);
       yield { loop, run, end: run.good };
-      if (loop.get("guard.tripped") > 0.5) return true;
+      for (const [at, why] of Object.entries(said)) {
+        const k = loop.get(`guard.${at}`) - 1;
+        if (k >= 0) trips.push([k, worded(why, loop.get("guard.rate"))]);
+      }
     }
-    return false;
+    const [first] = trips.sort((one, other) => one[0] - other[0] || (one[1] < other[1] ? -1 : 1));
+    return first ? worded(this.about.words.trips_at, first[0] * this.engine.info.T_s, first[1]) : null;
   }
 
-  /** Does something with a run whose loop has it alone and keeps its log: rows are used up, but not those of others. */
+  /** The powers at which a switched bridge itself rests after an event, as its last cycles say. */
+  *ownRest(run, rest, cycle) {
+    const { cycles } = run.controller.judge.own_rest;
+    if (this.diverged(run) || run.good < 2 * cycles * cycle) return [rest.P, rest.Q];
+    const loop = this.over("seen_rest", run, cycle, { per_cycle: 1 / cycle });
+    const count = (cycles - 1) * cycle;
+    yield { loop, run, end: run.good - count };
+    for (const name of ["rest.late_P", "rest.late_Q"]) loop.set(name, 0);
+    yield { loop, run, end: run.good };
+    const [P, Q] = ["P", "Q"].map((name) => loop.get(`rest.late_${name}`) / count);
+    const said = this.own_powers.answer({ P, Q, P_rest: rest.P, Q_rest: rest.Q, S_rated: this.engine.info.S_rated });
+    return [said("P_own"), said("Q_own")];
+  }
+
+  /** Does something with a run whose loop has it alone, with an averaged bridge, and keeps its log: rows are used up, but
+   * not those of others. */
   alone(run, act) {
     const { loop, controller } = run;
-    if (loop.lanes === 1) return loop.unlogged(act);
-    run.loop = this.engine.loop(controller.loop, controller.uniform, 1);
-    for (const name in loop.at) run.loop.set(name, loop.get(name));
+    if (loop.lanes === 1 && controller.averaged === controller.loop) return loop.unlogged(act);
+    run.loop = this.engine.loop(controller.averaged, controller.averaged_uniform, 1);
+    for (const name in run.loop.at) run.loop.set(name, loop.get(name));
     try {
       return run.loop.unlogged(act);
     } finally {
@@ -433,14 +451,24 @@ export class Judge {
     }
     const [signal, cycle] = [run.event.signal === "Q" ? "Q" : "P", this.about.per_mean];
     const of = { band, per_cycle: 1 / cycle, of_P: signal === "P" ? 1 : 0, of_Q: signal === "Q" ? 1 : 0, final: 1 };
-    const given = { ...info.circuit, T_s, event_s: info.event_s, decay: decay || 1 };
+    const given = { ...info.circuit, T_s, event_s: info.event_s, decay: decay || 1, share: own.share };
     [given["circuit.R_g"], given["circuit.L_g"]] = run.place.grid;
     for (const [name, value] of Object.entries(of)) given[`of.${name}`] = value;
     for (const [name, value] of Object.entries(own.limits)) given[`limits.${name}`] = value;
+    let own_final = null;
+    if (rest && own.own_rest) {
+      // A switched bridge rests beside the averaged one, where its last cycles say.
+      const { samples } = own.own_rest;
+      const late = this.over("seen_step", run, cycle, given);
+      yield { loop: late, run, end: run.good - samples };
+      late.set("watch.late", 0);
+      yield { loop: late, run, end: run.good };
+      own_final = late.get("watch.late") / samples;
+    }
     const loop = this.over("seen_step", run, cycle, given);
     yield { loop, run, end: run.event_k };
     const before = loop.get("watch.mean");
-    const final = rest ? rest[`${signal}_pcc`] : before + S_rated;
+    const final = own_final ?? (rest ? rest[`${signal}_pcc`] : before + S_rated);
     const isStep = Math.abs(final - before) > 1e-3 * S_rated;
     // Where nothing is stepped, the distance from the rest is a share of the rating.
     const fresh = { "of.initial": isStep ? before : final - S_rated, "of.final": final, "load_of.after": 1 };
@@ -464,7 +492,7 @@ export class Judge {
     const limited = this.atLimit(sums, parts, rest);
     if (limited) return { ...row, ...limited };
     if (!rest) return { ...row, status: "no steady state" };
-    const needs = (error) => this.needs.answer({ error, decay })("needs_at_first");
+    const needs = (error) => this.needs.answer({ error, decay, share: own.share })("needs_at_first");
     const needed = Math.max(needs(first), loop.get("need.needed_s"));
     const observed = Math.round((run.samples * T_s) / info.log_interval) * info.log_interval - info.event_s;
     const overshoot = isStep ? Math.max(loop.get("watch.most") - 1, 0) : null;

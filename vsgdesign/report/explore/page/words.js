@@ -75,8 +75,8 @@ function settled(found, said, rules) {
   return [time, worded(said.overshoot, over)];
 }
 
-/** One or two sentences on a run: its figures, the templates of the package, what is asked for, and the event. */
-export function verdictOf(found, said, rules, event) {
+/** One or two sentences on a run: its figures, the templates of the package, what is asked for, the event and its time. */
+export function verdictOf(found, said, rules, event, event_s) {
   const { status } = found;
   let text = "";
   if (found.at_end) {
@@ -89,6 +89,8 @@ export function verdictOf(found, said, rules, event) {
     text = worded(said.too_short, event.signal, rules.shown_s, Math.ceil(100 * found.needs_s) / 100);
   } else if (found.unstable) {
     text = worded(said.unstable, found.unstable);
+  } else if (status === said.tripped) {
+    text = worded(said.trips, found.why, event_s);
   } else if (status in said.verdicts) {
     text = said.verdicts[status];
     if (found.before) text = text.replace(...said.before);
