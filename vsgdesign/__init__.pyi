@@ -7,6 +7,32 @@ from vsgdesign.study.parameters.loading import case_names as case_names
 from vsgdesign.study.parameters.study import Study as Study
 from vsgdesign.verbs.facade.assessed import Margins as Margins
 from vsgdesign.verbs.facade.assessed import margins as margins
+from vsgdesign.verbs.facade.campaigns import Compliance as Compliance
+from vsgdesign.verbs.facade.campaigns import Survival as Survival
+from vsgdesign.verbs.facade.campaigns import Verification as Verification
+from vsgdesign.verbs.facade.campaigns import comply as comply
+from vsgdesign.verbs.facade.campaigns import survive as survive
+from vsgdesign.verbs.facade.campaigns import verify as verify
+from vsgdesign.verbs.facade.compared import CheckedTable as CheckedTable
+from vsgdesign.verbs.facade.compared import ComparedGains as ComparedGains
+from vsgdesign.verbs.facade.compared import ComparedTables as ComparedTables
+from vsgdesign.verbs.facade.compared import Difference as Difference
+from vsgdesign.verbs.facade.compared import check_table as check_table
+from vsgdesign.verbs.facade.compared import compare as compare
+from vsgdesign.verbs.facade.compared import compare_tables as compare_tables
+from vsgdesign.verbs.facade.compared import diff as diff
+from vsgdesign.verbs.facade.designed import Design as Design
+from vsgdesign.verbs.facade.designed import InnerLoops as InnerLoops
+from vsgdesign.verbs.facade.designed import NewStudy as NewStudy
+from vsgdesign.verbs.facade.designed import design_study as design_study
+from vsgdesign.verbs.facade.designed import inner as inner
+from vsgdesign.verbs.facade.designed import new as new
+from vsgdesign.verbs.facade.designed import validate as validate
+from vsgdesign.verbs.facade.estimators import EstimatorComparison as EstimatorComparison
+from vsgdesign.verbs.facade.estimators import Training as Training
+from vsgdesign.verbs.facade.estimators import compare_estimators as compare_estimators
+from vsgdesign.verbs.facade.estimators import stress_estimators as stress_estimators
+from vsgdesign.verbs.facade.estimators import train as train
 from vsgdesign.verbs.facade.exports import export_all as export_all
 from vsgdesign.verbs.facade.exports import export_dll as export_dll
 from vsgdesign.verbs.facade.exports import export_firmware as export_firmware
@@ -29,6 +55,7 @@ from vsgdesign.verbs.facade.tables import certify as certify
 from vsgdesign.verbs.facade.tables import design_table as design_table
 from vsgdesign.verbs.facade.tables import export_c as export_c
 from vsgdesign.verbs.facade.tables import open_table as open_table
+from vsgdesign.verbs.pipeline.citing import cite as cite
 
 __all__: list[str]
 __version__: str

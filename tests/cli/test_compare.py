@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+import vsgdesign as vd
 from tests.cli.small_studies import call, failure, study_file
 from tests.report.test_answer import rows_on
 from vsgdesign.design import single
@@ -60,8 +61,12 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_page_a_figure_rows_and_results(tmp_path: Path) -> None:
-    out = tmp_path / "out"
+def test_a_page_a_figure_rows_and_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out, found = tmp_path / "out", []
+    compare = pipeline.compare_study
+    monkeypatch.setattr(
+        pipeline, "compare_study", lambda *args, **more: found.append(compare(*args, **more)) or found[0]
+    )
     result = call("compare", study_file(tmp_path, TEXT), "--out", out)
     assert result.exit_code == 0, result.output
     document = json.loads((out / "results.json").read_text(encoding="utf-8"))
@@ -91,6 +96,11 @@ def test_a_page_a_figure_rows_and_results(tmp_path: Path) -> None:
     assert page.index('id="answer"') < page.index('id="figure-promises"') < page.index('id="part-1"')
     assert (out / "figures" / "promises.svg").is_file()
     assert "9 grids, worst over powers" in result.stdout
+    ours = vd.ComparedGains(found[0])  # what vd.compare returns
+    assert document == {name: document[name] for name in ("kind", "files", "sha256")} | ours.to_dict()
+    said = " ".join(result.stdout.split())
+    assert [sentence for sentence in ours.sentences() if sentence not in said] == []
+    assert ours.pictures == ("promises",)
 
 
 def test_without_a_specification_there_is_nothing_to_compare(tmp_path: Path) -> None:

@@ -10,15 +10,17 @@ from typing import Any
 
 import pytest
 
+import vsgdesign as vd
 from tests.cli.small_studies import call, failure
 from vsgdesign.artifacts.inner_loops_file import read_inner_loops_file
 from vsgdesign.campaigns import phase_jumps
 from vsgdesign.design.inner import designing, search
 from vsgdesign.design.inner.search import Effort
 from vsgdesign.errors import ArtifactError
-from vsgdesign.report.inner.page import headline
+from vsgdesign.report.inner.page import headline, inner_page
+from vsgdesign.report.page.blocks import Box, Words, plain_text
 from vsgdesign.study.parameters import Study, load_study
-from vsgdesign.verbs.pipeline import open_study, opening
+from vsgdesign.verbs.pipeline import inner, open_study, opening
 from vsgdesign.verbs.pipeline.opening import check_study, inner_loops_file
 
 TEXT = """
@@ -187,8 +189,12 @@ def test_the_verb_says_what_the_file_says(study: Path, tmp_path: Path) -> None:
     assert result.stdout.startswith("mine: ")
 
 
-def test_given_gains_are_judged_alike(study: Path) -> None:
+def test_given_gains_are_judged_alike(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The published current loop of the laboratory case, on the same grids."""
+    found, assess = [], inner.assess_inner_loops
+    monkeypatch.setattr(
+        inner, "assess_inner_loops", lambda *args, **more: found.append(assess(*args, **more)) or found[0]
+    )
     own = "[inner_loops]\ndesign = true\nscr = [2, 10]\nx_over_r = [0.5, 5]\n"
     study.write_text(TEXT.replace(own, ""), encoding="utf-8")
     document = json.loads(call("inner", study, "--no-what-if", "--json").stdout)
@@ -197,6 +203,15 @@ def test_given_gains_are_judged_alike(study: Path) -> None:
     assert document["gains"]["K_pc"] == load_study(study).inner_gains.K_pc
     assert document["alternatives"] is None
     assert not inner_loops_file(study).exists()
+    ours = vd.InnerLoops(found[0])  # what vd.inner returns
+    assert json.loads(json.dumps(ours.to_dict())) == document
+    page = inner_page(document)
+    assert isinstance(page.blocks[0], Box)
+    said = " ".join(
+        plain_text(line) for block in page.blocks[0].blocks if isinstance(block, Words) for line in block.lines
+    )
+    assert [sentence for sentence in ours.sentences() if sentence not in said] == []
+    assert ours.pictures[0] == "inner_score"
 
 
 def test_faults_are_told_before_anything_is_designed(study: Path) -> None:

@@ -22,6 +22,7 @@ from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import ArtifactError, StudyError
+from vsgdesign.verbs.facade import exports
 from vsgdesign.verbs.pipeline import study_tables
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -240,6 +241,28 @@ def test_tables_are_found_where_the_verbs_find_them(take: Any, tmp_path: Path, m
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study_tables, "_designed", lambda *_: pytest.fail("it was designed again"))
     assert take(asked).to_dict()
+
+
+def test_a_table_of_a_plant_is_designed_once_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each linear model and each export of a plant's study designed the same table again, for minutes."""
+    designed = []
+
+    def design(study: vd.Study, spec: Any, *_: Any) -> Any:
+        designed.append(spec.name)
+        own = gain_table(name=spec.name, base=base_of(study, "impedance"))
+        return replace(own, study=study.name, design_inputs=design_inputs(study, spec.target), safe_place=(3.0, 3.0))
+
+    monkeypatch.setattr(study_tables, "_designed", design)
+    monkeypatch.chdir(tmp_path)
+    changes = {"specification": SPECIFICATION, "plant": {"units": 2, "reactance": 0.03, "resistance": 0.006}}
+    plant = vd.load(
+        "case:hoang2025_5kva", P_ref="2 kW", controllers=[vd.controller("AVSG", schedule="table")], **changes
+    )
+    models = [vd.linear_model(plant) for _ in range(2)]
+    assert np.array_equal(models[0].A, models[1].A)
+    exports._unit(plant, None, None)
+    assert designed == ["AVSG"]
+    assert (tmp_path / "out" / "hoang2025_5kva-explore" / "AVSG.table.json").is_file()
 
 
 def test_a_table_that_is_opened_shows_itself(tmp_path: Path) -> None:

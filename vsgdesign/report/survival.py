@@ -8,6 +8,8 @@ from typing import Any
 from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.errors import counted, share_percent
 from vsgdesign.metrics.survival import HARDWARE_PU
+from vsgdesign.report.drawing.counts import counts_figure
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.quantities import DASH, plain
 from vsgdesign.report.page.blocks import (
     BULLETS,
@@ -41,6 +43,22 @@ def survival_blocks(document: Mapping[str, Any]) -> list[Block]:
     return [_overview(document), words(*lines, same, on=Where.TERMINAL)]
 
 
+def survival_figure(document: Mapping[str, Any]) -> NamedFigure:
+    """The groups of disturbances by controller, as a picture: survived of judged."""
+    variants = document["variants"]
+    names = list(dict.fromkeys(group for one in variants.values() for group in one["groups"]))
+    nothing = {"survived": 0, "judged": 0}
+    rows = {
+        name: [
+            (figures["survived"], figures["judged"])
+            for figures in (one["groups"].get(name, nothing) for one in variants.values())
+        ]
+        for name in names
+    }
+    caption = "Disturbances that are survived, of those that were judged. Framed: something was lost."
+    return counts_figure("survival", "Survived of those that were judged", caption, rows, list(variants))
+
+
 def survival_page(document: Mapping[str, Any], live: StaticPage | None = None) -> Page:
     """The page: the answer, every controller, the live part, the groups, and every lost case with its reason."""
     variants = document["variants"]
@@ -63,6 +81,12 @@ def survival_page(document: Mapping[str, Any], live: StaticPage | None = None) -
     ]
     origin = ("Study ", Span(document["study"], code=True), f", seed {document['seed']}.")
     return Page(f"{document['title']}: survival", blocks, origin)
+
+
+def survival_sentences(document: Mapping[str, Any]) -> list[str]:
+    """What the page says first: how much each controller survives, and with which currents."""
+    variants = document["variants"]
+    return [*map(_headline, variants, variants.values()), *(line for one in variants.items() for line in _beyond(*one))]
 
 
 _BRIDGES = {"averaged": "averaged over a sampling period", "pwm": "switched"}

@@ -20,19 +20,23 @@ _MOST_FIGURES = 40
 def diff_blocks(document: dict[str, Any]) -> list[Block]:
     """What changed between two results: inputs, verdicts, then figures with both values."""
     inputs, verdicts, figures = (document[name] for name in ("inputs", "verdicts", "figures"))
-    counts = [(len(inputs), "input"), (len(verdicts), "verdict"), (len(figures), "figure")]
-    changed = ", ".join(counted(count, word) for count, word in counts if count)
-    worse = f"{counted(document['worse'], 'verdict')} got worse" if document["worse"] else "No verdict got worse"
-    said = f"Changed: {changed}. {worse}." if changed else "Nothing changed."
     marks = {True: "worse", False: "better"}
     by_size = sorted(figures, key=_relative_size, reverse=True)
     head = ("A", "B")
     return [
-        words(said, on=Where.TERMINAL),
+        words(diff_sentence(document), on=Where.TERMINAL),
         *_changed("inputs", inputs, head, lambda _: ()),
         *_changed("verdicts", verdicts, (*head, ""), lambda one: (marks[one["worse"]],)),
         *_changed("figures, the largest changes first", by_size, (*head, "change"), lambda one: (_change(one),)),
     ]
+
+
+def diff_sentence(document: dict[str, Any]) -> str:
+    """How much changed, and whether a verdict got worse."""
+    counts = [(len(document[f"{word}s"]), word) for word in ("input", "verdict", "figure")]
+    changed = ", ".join(counted(count, word) for count, word in counts if count)
+    worse = f"{counted(document['worse'], 'verdict')} got worse" if document["worse"] else "No verdict got worse"
+    return f"Changed: {changed}. {worse}." if changed else "Nothing changed."
 
 
 def _changed(

@@ -12,6 +12,8 @@ from markupsafe import Markup
 
 from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
 from vsgdesign.report.compliance.arranged import LOOKS, WHOSE, Arranged, Counts, Tested, asked_words, deadline_words
+from vsgdesign.report.drawing.counts import counts_figure
+from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.sketch import Area, Sketch, svg
 from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row, Table
 
@@ -92,6 +94,13 @@ def counts_answer(arranged: Arranged) -> Answer:
         subject="Suite",
         notes=(*notes, f"Survival is judged for {said}."),
     )
+
+
+def counts_of_suites(arranged: Arranged) -> NamedFigure:
+    """The verdicts of the suites by controller, as a picture: passed of judged."""
+    rows = {suite.title: [(one.of[PASS], one.judged) for one in suite.counts] for suite in arranged.suites}
+    caption = "Tests that are passed, of those that were judged. Framed: something fails."
+    return counts_figure("verdicts", "Passed of those that were judged", caption, rows, arranged.controllers)
 
 
 def _cell(title: str, counts: Counts) -> Cell:

@@ -76,6 +76,21 @@ def comparison_blocks(compared: Sequence[Compared], files: Sequence[str]) -> lis
     return found
 
 
+def comparison_lines(compared: Sequence[Compared], files: Sequence[str]) -> list[str]:
+    """The same in sentences: the worst margins of each table, then where the others differ most from the first."""
+    worst, *others = (block for block in comparison_blocks(compared, files) if isinstance(block, Table))
+    lines = [
+        f"{row[0]} ({', '.join(row[1:3])}), {worst.title}: "
+        + ", ".join(f"{name} {value}" for name, value in zip(worst.head[3:], row[3:], strict=True))
+        + "."
+        for row in worst.rows
+    ]
+    for table in others:
+        said = "; ".join(f"{figure} by {difference} at {where}" for figure, where, difference in table.rows)
+        lines.append(f"{table.title}: {said or 'none'}.")
+    return lines
+
+
 def comparison_document(compared: Sequence[Compared], files: Sequence[str]) -> dict[str, Any]:
     """The comparison in the form of the JSON output."""
     first = compared[0]

@@ -48,8 +48,8 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, how
     The same command continues after an interruption.
     """
     from vsgdesign.estimator.recipes import describe_sampling, sampling_document, with_sampling
-    from vsgdesign.estimator.scenarios import describe_draws
     from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
+    from vsgdesign.report.estimator.words import SYNCHRONISED, window_sentences
     from vsgdesign.study.parameters.estimator import EstimatorSpec
 
     study = load(study_file)
@@ -78,9 +78,10 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, how
             count, made_in = counted(len(data), "window"), counted(scenarios, "scenario")
             shape = f"{count} of {data.windows.shape[1]} values from {made_in}"
             click.echo(f"{out}: {shape}, sha256 {data.hash[:12]}")
-            _echo_windows(describe_sampling(sampled, study.converter), describe_draws(data.draws))
+            for sentence in window_sentences(describe_sampling(sampled, study.converter), data.draws):
+                click.echo(sentence)
             if data.synchronised:
-                click.echo("synchronised with the grid's phase, as published; no converter in the field can measure it")
+                click.echo(SYNCHRONISED)
 
 
 @estimator.command()
@@ -130,7 +131,7 @@ def train(
     """
     from dataclasses import replace
 
-    from vsgdesign.estimator.specification import FIELD_NETWORK, specification_of
+    from vsgdesign.estimator.specification import specification_of
     from vsgdesign.study.parameters.estimator import EstimatorSpec
     from vsgdesign.verbs.pipeline.training import train_weights_file
 
@@ -138,18 +139,19 @@ def train(
     given = {"recipe": recipe, "seed": seed, "hidden": hidden, "components": components}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     spec = replace(study.estimator or EstimatorSpec(), **changes)
-    network = specification_of(spec.recipe)
-    if report is not None and network is not FIELD_NETWORK:
-        raise click.UsageError("--report: only the recipe field has one. Leave it out.")
-    with results_at(out, _kept(windows, network.what)):
+    what = specification_of(spec.recipe).what
+    with results_at(out, _kept(windows, what)):
         with progress(quiet=as_json) as tell:
             document = train_weights_file(study, spec, out, data=windows, report=report, progress=tell, **how)
         if as_json:
             print_json(document)
-        elif network is FIELD_NETWORK:
-            _echo_field(document, report)
-        else:
-            _echo_trained(document, out)
+            return
+        from vsgdesign.report.estimator.words import trained_sentences
+
+        for sentence in trained_sentences(document):
+            click.echo(sentence)
+        if report is not None:
+            click.echo(f"report: {Path(report) / 'report.html'}")
 
 
 def _kept(file: str | None, what: str, whole: bool = True) -> Callable[[], str]:
@@ -163,35 +165,6 @@ def _kept(file: str | None, what: str, whole: bool = True) -> Callable[[], str]:
         return f"finished {what} are kept, the same command continues from them"
 
     return kept
-
-
-def _echo_trained(document: dict[str, Any], out: str) -> None:
-    from vsgdesign.estimator.scenarios import describe_draws
-
-    test = document["parts"]["test"]["correlation"]
-    click.echo(
-        f"{out}: recipe {document['recipe']}, {counted(document['epochs'], 'epoch')}, {document['stop']}; on the "
-        f"windows for test R = {test['R_g']:.6f} (R_g), {test['L_g']:.6f} (L_g)"
-    )
-    click.echo(f"error of Z on grids that it was not trained on: {_errors(document['parts']['test']['errors'])}")
-    _echo_windows(document["window"]["text"], describe_draws(document["draws"]))
-    if document["synchronised"]:
-        click.echo("synchronised with the grid's phase, as published; no converter in the field can measure it")
-
-
-def _echo_field(document: dict[str, Any], report: str | None) -> None:
-    runs, seconds = document["runs"], document["timing_s"]
-    click.echo(
-        f"{document['file']}: recipe {document['recipe']}, {counted(sum(runs.values()), 'run')} in "
-        f"{seconds['runs']:.0f} s, trained in {seconds['training']:.0f} s; on the {counted(runs['test'], 'run')} "
-        "for test, with the network behind its gate instead of the recursions alone:"
-    )
-    for sentence in document["verdict"]:
-        click.echo(f"- {sentence}")
-    if document["broken_off"]:
-        click.echo(f"{counted(document['broken_off'], 'run')} diverged and ended early")
-    if report is not None:
-        click.echo(f"report: {Path(report) / 'report.html'}")
 
 
 BACKGROUNDS = ("clean", "measured", "dirty")
@@ -300,19 +273,3 @@ def _report(
             for sentence in document["left_out"]:
                 click.echo(sentence)
             click.echo(f"report: {Path(out) / 'report.html'}")
-
-
-def _errors(found: dict[str, dict[str, tuple[float, float]]]) -> str:
-    """Median and 95th percentile of the error, at rest and after a change, as far as there are windows."""
-    parts = [
-        f"{words} {100.0 * found[kind]['Z'][0]:.2g} % (95th percentile {100.0 * found[kind]['Z'][1]:.2g} %)"
-        for kind, words in (("rest", "at rest"), ("after_change", "after a change"))
-        if found[kind]["Z"][0] >= 0.0
-    ]
-    return ", ".join(parts)
-
-
-def _echo_windows(sampling: str, drawn_again: str) -> None:
-    click.echo(f"windows of {sampling}")
-    if drawn_again:
-        click.echo(drawn_again)

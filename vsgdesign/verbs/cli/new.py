@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +11,7 @@ import click
 from vsgdesign.verbs.cli.common import EXIT_WRONG_INPUT, JSON, Interrupted, print_json, results_at, verb
 
 if TYPE_CHECKING:
-    from vsgdesign.study.datasheet import Datasheet, Sheet
+    from vsgdesign.study.datasheet import Sheet
 
 _BACK = ("back", "<")
 
@@ -45,7 +43,8 @@ def new(sheet_file: str | None, out: str, as_json: bool) -> None:
     written into the study.
     """
     from vsgdesign.artifacts.files import check_new, write_new_text
-    from vsgdesign.study.datasheet import read_sheet, resolve, study_text
+    from vsgdesign.study.datasheet import read_sheet
+    from vsgdesign.verbs.pipeline.new import checked_text, new_document, new_lines
 
     path = check_new(out)
     if sheet_file is not None:
@@ -59,32 +58,14 @@ def new(sheet_file: str | None, out: str, as_json: bool) -> None:
         except click.Abort:  # Ctrl-C or Ctrl-D at a prompt
             click.echo(err=True)
             raise Interrupted("nothing was written") from None
-    converter = resolve(sheet)
-    text = study_text(converter, origin)
-    _check(text, sheet.source)
+    converter, text = checked_text(sheet, origin)
     with results_at(path):
         write_new_text(path, text)
         if as_json:
-            print_json(
-                {
-                    "study": str(path),
-                    "title": converter.title,
-                    "assumed": [vars(item) for item in converter.assumptions],
-                    "read": converter.remarks,
-                    "notes": list(converter.notes),
-                    "not_used": list(converter.unused),
-                }
-            )
+            print_json(new_document(converter, path))
         else:
-            _tell(path, converter)
-
-
-def _check(text: str, source: str) -> None:
-    """The faults that the study's own reader reports, before anything is written."""
-    from vsgdesign.equations.inner_loops import InnerLoopGains
-    from vsgdesign.study.parameters import study_from_text
-
-    study_from_text(text, source, inner_loops=lambda _: (InnerLoopGains(*[math.nan] * 4), math.nan))
+            for line in new_lines(converter, path):
+                click.echo(line)
 
 
 def _asked() -> Sheet:
@@ -125,20 +106,3 @@ def _asked() -> Sheet:
 def entry_of_field(key: str) -> str:
     """The question to which an answer belongs."""
     return "scr" if key in ("short_circuit_power", "grid_impedance") else key
-
-
-def _tell(path: Path, converter: Datasheet) -> None:
-    click.echo(f"{path}: {converter.title}")
-    if converter.remarks:
-        click.echo("read:")
-        for field, text in converter.remarks.items():
-            click.echo(f"  {field}: {text}")
-    if converter.assumptions:
-        click.echo("assumed, because the datasheet does not give it:")
-        for assumption in converter.assumptions:
-            click.echo(f"  {assumption.field}: {assumption.text}")
-    for note in converter.notes:
-        click.echo(f"note: {note}")
-    if converter.unused:
-        click.echo("not used: " + ", ".join(converter.unused))
-    click.echo(f"next: vsgdesign run {shlex.quote(str(path))}")

@@ -26,6 +26,7 @@ from vsgdesign.verbs.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from vsgdesign.design.comparison import Comparison
     from vsgdesign.report.page.blocks import Block
     from vsgdesign.simulation.scenario import ScenarioResult
     from vsgdesign.study.parameters import Study
@@ -223,17 +224,18 @@ def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int
 
     study = load(study_file, left_tables=True)
     folder = Path("out") / f"{study.name}-comparison" if out is None else Path(out)
-    blocks: list[Block] = []
-    show = None if as_json else blocks.extend
+    found: list[Comparison] = []
+    done = found.append
     with keeping(folder):
         with progress(quiet=as_json) as tell:
-            document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell, show=show)
+            document = report_comparison(study, folder, emt=emt, seed=seed, workers=workers, progress=tell, done=done)
         if as_json:
             print_json(document)
             return
+        from vsgdesign.report.comparison.page import comparison_page
         from vsgdesign.report.page.terminal import print_terminal
 
-        print_terminal(blocks)
+        print_terminal(comparison_page(found[0]).blocks)
         click.echo(f"report: {folder / 'report.html'}")
 
 
@@ -300,7 +302,9 @@ def validate(study_file: str, deep: bool, out: str | None, as_json: bool) -> Non
     if out is not None and not deep:
         raise click.UsageError("--out is the folder of the run that --deep looks at: give --deep, too")
     try:
-        study, inner_loops, said = _checked(study_file, deep, out)
+        from vsgdesign.verbs.pipeline.checking import check_file
+
+        study, inner_loops, said = check_file(study_file, deep, out)
     except VsgDesignError as error:
         if not as_json:
             raise
@@ -320,17 +324,3 @@ def validate(study_file: str, deep: bool, out: str | None, as_json: bool) -> Non
         click.echo(f"{study_file}: valid ({shown}){', and a run would begin' if deep else ''}")
         if inner_loops:
             click.echo(inner_loops)
-
-
-def _checked(study_file: str, deep: bool, out: str | None) -> tuple[Study, str, list[str]]:
-    """The study, a sentence on its inner loops, and what a run would warn of."""
-    from vsgdesign.verbs.pipeline.opening import check_named_files, check_possible, check_study
-
-    study, inner_loops = check_study(study_file)
-    check_named_files(study, study_file)
-    check_possible(study)
-    if not deep:
-        return study, inner_loops, []
-    from vsgdesign.verbs.pipeline.checking import check_deep
-
-    return study, inner_loops, check_deep(study_file, out)[1]

@@ -19,8 +19,10 @@ Variant = Literal["controller", "reference"]
 def _unit(study: Study, controller: str | None, table: DesignedTable | GainTable | None) -> Unit:
     from vsgdesign.verbs.facade.tables import DesignedTable
     from vsgdesign.verbs.pipeline.export import unit_of_study
+    from vsgdesign.verbs.pipeline.plant import as_unit
 
-    return unit_of_study(study, controller, table=table.table if isinstance(table, DesignedTable) else table)
+    given = table.table if isinstance(table, DesignedTable) else table
+    return unit_of_study(as_unit(study, "export"), controller, table=given)
 
 
 def export_fmu(

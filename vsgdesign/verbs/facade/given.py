@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from vsgdesign.study.parameters.study import Study
@@ -19,3 +20,9 @@ def given_study(study: Study | str | Path, what: str) -> Study:
             f"{type(study).__name__}."
         )
     return study
+
+
+def known_word(name: str, given: str, known: Sequence[str]) -> None:
+    """Raises ValueError for an argument that is none of the words that a function knows."""
+    if given not in known:
+        raise ValueError(f'{name} = "{given}": must be one of {", ".join(known)}.')

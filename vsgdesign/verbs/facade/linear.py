@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.given import given_study
+from vsgdesign.verbs.facade.given import given_study, known_word
 
 if TYPE_CHECKING:
     import control
@@ -39,8 +39,8 @@ def linear_model(
 
     ``grid`` is ``vd.grid(...)`` or a Grid; None is that of the study. A controller with fixed gains keeps those of the
     study, a scheduled one has those for the grid. ``P`` and ``Q`` are the powers at rest in W and var, or texts with a
-    unit; None stands for P_ref and Q_ref of the study. Gain tables are found as
-    :func:`vsgdesign.verbs.facade.assessed.margins` finds them. Raises StudyError for a name or a grid that cannot be,
+    unit; None stands for P_ref and Q_ref of the study. A gain table that no file and no earlier command has is designed
+    once and kept below ``out``. Raises StudyError for a name or a grid that cannot be,
     and InfeasibleStudyError where there is no rest, there are no gains, or the study is of a plant that is more than
     equal units.
     """
@@ -49,15 +49,14 @@ def linear_model(
     from vsgdesign.linear.stability.systems import PARTS, system_of
     from vsgdesign.runtime.of_study import gain_law
     from vsgdesign.verbs.pipeline.plant import as_unit
-    from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
+    from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
-    for name, given, known in (("model", model, _MODELS), ("part", part, PARTS)):
-        if given not in known:
-            raise ValueError(f'{name} = "{given}": must be one of {", ".join(known)}.')
+    known_word("model", model, _MODELS)
+    known_word("part", part, PARTS)
     study = given_study(study, "linear_model")
-    own = with_left_tables(as_unit(study, "linear_model"))
+    own = as_unit(study, "linear_model")
     spec = controller_named(own, controller)
-    ready = study_tables(replace(own, controllers=(spec,)), progress=progress).ready
+    ready = kept_tables(replace(own, controllers=(spec,)), progress=progress).ready
     law = gain_law(own, spec, ready)
     changes: dict[str, Any] = {} if grid is None or isinstance(grid, Grid) else {"grid": grid}
     if powers := {name: value for name, value in (("P_ref", P), ("Q_ref", Q)) if value is not None}:

@@ -15,10 +15,22 @@ from vsgdesign.simulation.units.scenario import check_plant_run
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.pipeline.opening import KeptInnerLoops, check_named_files
+from vsgdesign.verbs.pipeline.opening import KeptInnerLoops, check_named_files, check_possible, check_study
 from vsgdesign.verbs.pipeline.plant import as_one_converter
 from vsgdesign.verbs.pipeline.run import export_tables
 from vsgdesign.verbs.pipeline.training import recipe_of, trains
+
+
+def check_file(
+    study_file: str | Path, deep: bool = False, out: str | Path | None = None
+) -> tuple[Study, str, list[str]]:
+    """The study of a file, a sentence on its inner loops and, with ``deep``, what a run would warn of. Nothing is
+    designed that is kept. Raises the errors of :func:`vsgdesign.verbs.pipeline.opening.check_study` and
+    :func:`check_deep`."""
+    study, inner_loops = check_study(study_file)
+    check_named_files(study, str(study_file))
+    check_possible(study)
+    return study, inner_loops, check_deep(study_file, out)[1] if deep else []
 
 
 def check_deep(study_file: str | Path, out: str | Path | None = None) -> tuple[Study, list[str]]:

@@ -23,7 +23,6 @@ from vsgdesign.verbs.pipeline.study_tables import study_tables
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who compares
     from vsgdesign.design.comparison import Compared, Comparison, Contender, EmtStep, GridFigures
-    from vsgdesign.report.page.blocks import Block
 
 VERB = "vsgdesign compare"
 
@@ -48,13 +47,12 @@ def report_comparison(
     seed: int = 0,
     workers: int | None = None,
     progress: Progress | None = None,
-    show: Callable[[Sequence[Block]], None] | None = None,
+    done: Callable[[Comparison], None] | None = None,
 ) -> dict[str, Any]:
     """Compares and writes results.json, comparison.csv, figures and report.html to ``out``; returns results.json.
 
-    Gain tables that the study asks for without naming a file are built first. ``show`` is given the blocks of the page,
-    some of which a terminal prints. The folder appears when everything is
-    done. Raises the errors of :func:`compare_study` and ArtifactError.
+    Gain tables that the study asks for without naming a file are built first. ``done`` is given the comparison. The
+    folder appears when everything is done. Raises the errors of :func:`compare_study` and ArtifactError.
     """
     from vsgdesign.report import write_comparison_figures, write_comparison_report
 
@@ -67,10 +65,8 @@ def report_comparison(
         figures = write_comparison_figures(comparison, folder / "figures")
         tell("draw figures", 1.0)
         write_comparison_report(comparison, figures, folder / "report.html")
-        if show is not None:
-            from vsgdesign.report.comparison.page import comparison_page
-
-            show(comparison_page(comparison).blocks)
+        if done is not None:
+            done(comparison)
         write_table(folder / "comparison.csv", CSV_HEADER, csv_rows(comparison))
         return write_record(folder, comparison_document(comparison), VERB)
 

@@ -34,6 +34,8 @@ class Asked(TypedDict, total=False):
     workers: int | None
     """Processes that make the windows: one where it is not said; None: one per core."""
     settings: ComparisonSettings | None
+    done: Callable[[Any], None]
+    """Is given what was found."""
     progress: Progress | None
 
 
@@ -110,6 +112,8 @@ def _report(kind: _Kind, study: Study, out: str | Path, settings: ComparisonSett
         whole |= {"networks": {name: network_document(one) for name, one in made.items()}}
         whole |= {"settings": vars(found.settings), "left_out": found.left_out} | kind.document(found)
         whole["figures"] = [figure.name for figure in figures]
+        if "done" in asked:
+            asked["done"](found)
         return write_record(folder, whole, kind.verb)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -106,6 +106,7 @@ def train_weights_file(
     *,
     data: str | Path | None = None,
     report: str | Path | None = None,
+    done: Callable[[TrainedEstimator | TrainedFieldNetwork], None] | None = None,
     progress: Progress | None = None,
     **how: Unpack[How],
 ) -> dict[str, Any]:
@@ -114,11 +115,11 @@ def train_weights_file(
 
     ``data`` is a file for the windows or runs that it is trained on; windows are then taken with the bridge of the
     recipe. ``report`` is a folder for results.json, figures and report.html, of the field estimator's network alone.
-    Raises StudyError if ``spec`` has what this network does not have, and the errors of
+    ``done`` is given the training. Raises StudyError if ``spec`` has what this network does not have, and the errors of
     :func:`vsgdesign.estimator.specification.train`.
     """
     from vsgdesign.estimator.data_set import check_data_target
-    from vsgdesign.estimator.specification import WINDOW_NETWORK, specification_of, train
+    from vsgdesign.estimator.specification import FIELD_NETWORK, WINDOW_NETWORK, specification_of, train
 
     network = specification_of(spec.recipe)
     given = {name: getattr(spec, name) for name in WINDOW_NETWORK.size}
@@ -127,6 +128,8 @@ def train_weights_file(
         for name, value in given.items()
         if name not in network.size and value is not None
     ]
+    if report is not None and network is not FIELD_NETWORK:
+        faults.append(Fault("report", f'"{report}"', "only the recipe field has one", "Leave it out."))
     if faults:
         raise StudyError("estimator", faults)
     _check_places(out, data, report)
@@ -149,6 +152,8 @@ def train_weights_file(
             named = {"study": study.name, "study_hash": study.hash, "figures": [figure.name for figure in figures]}
             write_record(folder, named | document, _TRAIN)
         network.file.write(trained.weights, out)
+    if done is not None:
+        done(trained)
     return {"file": str(out)} | document
 
 

@@ -1,0 +1,232 @@
+"""Campaigns: random cases, disturbances and grid-code tests, as the verbs verify, survive and comply run them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Unpack
+
+from vsgdesign.execution.executors import How
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.given import given_study, known_word
+from vsgdesign.verbs.facade.shown import Shown
+
+if TYPE_CHECKING:
+    from vsgdesign.artifacts.ready import Ready
+    from vsgdesign.report.drawing.figure_types import NamedFigure
+
+Progress = Callable[[str, float], None]
+Bridge = Literal["averaged", "pwm"]
+_BRIDGES = ("averaged", "pwm")
+
+
+@dataclass(frozen=True)
+class _Campaign(Shown):
+    """The content of results.json, and the folder that has it with its page."""
+
+    document: dict[str, Any]
+    folder: Path
+
+    @property
+    def page(self) -> Path:
+        """The page of the result."""
+        return self.folder / "report.html"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of results.json."""
+        return self.document
+
+
+@dataclass(frozen=True)
+class Verification(_Campaign):
+    """The result of :func:`verify`. It is true where cases were judged and no promise was broken."""
+
+    @property
+    def title(self) -> str:
+        """The study's title."""
+        return f"Verification: {self.document['title']}"
+
+    def __bool__(self) -> bool:
+        from vsgdesign.artifacts.verification_text import kept
+
+        return kept(self.document)
+
+    def sentences(self) -> Sequence[str]:
+        """The answer, then one sentence for each promise, as on the page and the terminal."""
+        from vsgdesign.artifacts.verification_text import headline, promise_sentences
+
+        return [headline(self.document), *promise_sentences(self.document)]
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.verification.page import verification_figures
+
+        yield from verification_figures(self.document)
+
+
+@dataclass(frozen=True)
+class Survival(_Campaign):
+    """The result of :func:`survive`. It is true where nothing was lost."""
+
+    @property
+    def title(self) -> str:
+        """The study's title."""
+        return f"Survival: {self.document['title']}"
+
+    def __bool__(self) -> bool:
+        return not any(one["lost"] for one in self.document["variants"].values())
+
+    def sentences(self) -> Sequence[str]:
+        """How much each controller survives, as on the page."""
+        from vsgdesign.report.survival import survival_sentences
+
+        return survival_sentences(self.document)
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.survival import survival_figure
+
+        yield survival_figure(self.document)
+
+
+@dataclass(frozen=True)
+class Compliance(_Campaign):
+    """The result of :func:`comply`. It is true where no test fails."""
+
+    @property
+    def title(self) -> str:
+        """The study's title."""
+        return f"Grid-code tests: {self.document['study']['title'] or self.document['study']['name']}"
+
+    def __bool__(self) -> bool:
+        return not any(one["fail"] for one in self.document["summary"])
+
+    def sentences(self) -> Sequence[str]:
+        """The answer and what it rests on, as on the page."""
+        from vsgdesign.report.compliance.answer import below_headline, headline
+        from vsgdesign.report.compliance.arranged import arrange
+
+        arranged = arrange(self.document)
+        return [headline(arranged), *below_headline(arranged)]
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.compliance.answer import counts_of_suites
+        from vsgdesign.report.compliance.arranged import arrange
+
+        yield counts_of_suites(arrange(self.document))
+
+
+def _place(study: Study, out: str | Path | None, work: str) -> Path:
+    """The folder that the verb takes where none is given."""
+    return Path("out") / f"{study.name}-{work}" if out is None else Path(out)
+
+
+def verify(
+    study: Study | str | Path,
+    out: str | Path | None = None,
+    *,
+    controller: str | None = None,
+    table: str | Path | None = None,
+    runs: int | None = None,
+    seed: int | None = None,
+    confidence: float | None = None,
+    bridge: Bridge = "averaged",
+    strict: bool = False,
+    search: int | None = None,
+    explorer: bool = True,
+    progress: Progress | None = None,
+    **how: Unpack[How],
+) -> Verification:
+    """Simulates random cases and bounds the share of failures, as ``vsgdesign verify`` does.
+
+    The folder ``out`` (None: out/NAME-verification) gets the page, results.json and the worst cases as study files. An
+    interrupted call continues with the same call. ``table`` is the file of a gain table that takes the place of the
+    controller's. ``runs``, ``seed`` and ``confidence`` replace those of the study's [verification]; ``search`` is the
+    number of further runs that search for worse cases (None: 5 % of the runs). ``how``: ``workers``, ``cluster``,
+    ``fresh`` and ``say``, as in :class:`vsgdesign.execution.executors.How`. Raises the errors of
+    :func:`vsgdesign.verbs.pipeline.verify.verify_study`.
+    """
+    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.study_tables import with_left_tables
+    from vsgdesign.verbs.pipeline.verify import WORK, Asked, verify_study, with_table
+
+    known_word("bridge", bridge, _BRIDGES)
+    if search is not None and search < 0:
+        raise ValueError(f"search = {search}: must be 0 or more.")
+    study = alone(given_study(study, "verify"), "verify")
+    given = {"runs": runs, "seed": seed, "confidence": confidence}
+    if changes := {name: value for name, value in given.items() if value is not None}:
+        study.with_changes(verification=changes)  # the study's reader says what is wrong with them
+    if table is None:
+        study = with_left_tables(study)
+    else:
+        study, controller = with_table(study, table, controller)
+    folder = _place(study, out, WORK)
+    asked = Asked(
+        controller=controller,
+        runs=runs,
+        seed=seed,
+        confidence=confidence,
+        bridge=bridge,
+        strict=strict,
+        search=search,
+        explorer=explorer,
+    )
+    return Verification(verify_study(study, folder, asked, progress=progress, **how), folder)
+
+
+def survive(
+    study: Study | str | Path,
+    out: str | Path | None = None,
+    *,
+    controllers: Sequence[str] | None = None,
+    limiters: Sequence[str] | None = None,
+    bridge: Bridge = "averaged",
+    explorer: bool = True,
+    progress: Progress | None = None,
+    **how: Unpack[How],
+) -> Survival:
+    """Sends controllers through jumps, faults and phase steps, as ``vsgdesign survive`` does.
+
+    The folder ``out`` (None: out/NAME-survival) gets the page, results.json and cases.csv. ``limiters`` replace the
+    current limiter of the study one after the other; "none" is none. ``how`` is that of :func:`verify`. Raises the
+    errors of :func:`vsgdesign.verbs.pipeline.survival.report_survival`.
+    """
+    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.study_tables import with_left_tables
+    from vsgdesign.verbs.pipeline.survival import WORK, Asked, report_survival
+
+    known_word("bridge", bridge, _BRIDGES)
+    study = with_left_tables(alone(given_study(study, "survive"), "survive"))
+    folder = _place(study, out, WORK)
+    asked = Asked(controllers or None, limiters or None, bridge, explorer)
+    return Survival(report_survival(study, folder, asked, progress=progress, **how), folder)
+
+
+def comply(
+    study: Study | str | Path,
+    out: str | Path | None = None,
+    *,
+    suites: Sequence[str] = ("all",),
+    controllers: Sequence[str] = (),
+    maps: bool = True,
+    cases: Literal["failing", "all", "none"] = "failing",
+    ready: Ready | None = None,
+    progress: Progress | None = None,
+    **how: Unpack[How],
+) -> Compliance:
+    """Runs suites of grid-code tests, as ``vsgdesign comply`` does.
+
+    ``suites`` are names of packaged suites, paths of files of your own, or "all". The folder ``out`` (None:
+    out/NAME-compliance) gets the page, results.json, the traces and the rows of ``cases`` as study files. ``maps``:
+    whether survival maps are drawn. ``ready`` holds gain tables that are there. ``how`` is that of :func:`verify`.
+    Raises the errors of :func:`vsgdesign.verbs.pipeline.comply.comply_study`.
+    """
+    from vsgdesign.verbs.pipeline.comply import CASES, WORK, Asked, comply_study
+    from vsgdesign.verbs.pipeline.plant import alone
+
+    known_word("cases", cases, CASES)
+    file = str(study) if isinstance(study, str | Path) else None
+    study = alone(given_study(study, "comply"), "comply")
+    folder = _place(study, out, WORK)
+    asked = Asked(suites=tuple(suites), controllers=tuple(controllers), maps=maps, cases=cases, file=file)
+    return Compliance(comply_study(study, folder, asked, ready=ready, progress=progress, **how), folder)

@@ -1,0 +1,160 @@
+"""What is known of a study before a simulation: its file, its power flow and gains, and its inner loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.given import given_study
+from vsgdesign.verbs.facade.shown import Shown
+
+if TYPE_CHECKING:
+    from vsgdesign.design.study_design import StudyDesign
+    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.study.datasheet import Datasheet
+    from vsgdesign.verbs.pipeline.inner import InnerAssessment
+
+
+@dataclass(frozen=True)
+class NewStudy(Shown):
+    """The result of :func:`new`: the study's ``file``, and what was read and assumed."""
+
+    file: Path
+    datasheet: Datasheet
+
+    @property
+    def title(self) -> str:
+        """The converter's title."""
+        return self.datasheet.title
+
+    def sentences(self) -> Sequence[str]:
+        """What ``vsgdesign new`` prints."""
+        from vsgdesign.verbs.pipeline.new import new_lines
+
+        return new_lines(self.datasheet, self.file)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``vsgdesign new --json`` prints."""
+        from vsgdesign.verbs.pipeline.new import new_document
+
+        return plain(new_document(self.datasheet, self.file))
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        yield from ()
+
+
+def new(sheet: str | Path, out: str | Path = "study.toml") -> NewStudy:
+    """Writes the study of a datasheet (.csv or .toml). An existing file is left unchanged and raises ArtifactError;
+    faults of the datasheet raise StudyError."""
+    from vsgdesign.verbs.pipeline.new import new_study
+
+    return NewStudy(Path(out), new_study(sheet, out))
+
+
+def validate(study_file: str | Path, *, deep: bool = False, out: str | Path | None = None) -> list[str]:
+    """Checks a study and its files, and returns sentences: on its inner loops and, with ``deep``, what a run into the
+    folder ``out`` would warn of. Raises StudyError with every fault, as ``vsgdesign validate`` prints them."""
+    from vsgdesign.verbs.pipeline.checking import check_file
+
+    _, inner_loops, said = check_file(study_file, deep, out)
+    return [*([inner_loops] if inner_loops else []), *said]
+
+
+@dataclass(frozen=True)
+class Design(Shown):
+    """The result of :func:`design_study`. ``found`` has the power flow and the gains as arrays."""
+
+    found: StudyDesign
+
+    @property
+    def title(self) -> str:
+        """The study's title."""
+        return f"Design: {self.found.study.title}"
+
+    def sentences(self) -> Sequence[str]:
+        """Where each controller rests within its limits, and which gain table is missing."""
+        from vsgdesign.report.stability.power_flow import flow_headline
+
+        return [*map(flow_headline, self.found.flows), *self.found.missing]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``vsgdesign design --json`` prints."""
+        return plain(self.found.document())
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.stability.power_flow import flow_figures
+
+        yield from flow_figures(self.found.study, self.found.flows)
+
+
+def design_study(study: Study | str | Path, out: str | Path | None = None) -> Design:
+    """Power flow, gains, margins, inertia and droop of a study's controllers, as ``vsgdesign design`` shows them.
+
+    With ``out`` the folder of the verb is written, too. Raises InfeasibleStudyError and ArtifactError.
+    """
+    from vsgdesign.design.study_design import design_study as designed
+    from vsgdesign.verbs.pipeline.design import report_design
+    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.study_tables import with_left_tables
+
+    study = with_left_tables(as_unit(given_study(study, "design_study"), "design_study"))
+    return Design(designed(study) if out is None else report_design(study, out))
+
+
+@dataclass(frozen=True)
+class InnerLoops(Shown):
+    """The result of :func:`inner`. It is true where every requirement is kept on every grid."""
+
+    assessment: InnerAssessment
+
+    @property
+    def title(self) -> str:
+        """The study's title."""
+        return f"Inner loops: {self.assessment.study.title}"
+
+    def __bool__(self) -> bool:
+        return self.assessment.kept
+
+    def sentences(self) -> Sequence[str]:
+        """The answer, what limits, and what would help, as on the page."""
+        from vsgdesign.report.inner.page import explanation, headline, what_for
+
+        document = self.to_dict()
+        return [headline(document), what_for(document), *explanation(document)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``vsgdesign inner --json`` prints."""
+        from vsgdesign.verbs.pipeline.inner import inner_document
+
+        return plain(inner_document(self.assessment))
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.inner.page import inner_figures
+
+        yield from inner_figures(self.assessment.score)
+
+
+def inner(
+    study: Study | str | Path,
+    out: str | Path | None = None,
+    *,
+    what_if: bool = True,
+    remedies: bool = False,
+    progress: Callable[[str, float], None] | None = None,
+) -> InnerLoops:
+    """What the inner loops of a study keep, and what limits them, as ``vsgdesign inner`` shows it.
+
+    With ``out`` the folder of the verb is written, too. ``what_if``: whether what sampling, delay and L_2 would improve
+    is computed; ``remedies``: whether the inner loops of other hardware are designed fully. Raises ArtifactError.
+    """
+    from vsgdesign.verbs.pipeline.inner import assess_inner_loops, report_inner_loops
+    from vsgdesign.verbs.pipeline.plant import alone
+
+    study = alone(given_study(study, "inner"), "inner")
+    if out is None:
+        return InnerLoops(assess_inner_loops(study, what_if=what_if, remedies=remedies, progress=progress))
+    return InnerLoops(report_inner_loops(study, out, what_if=what_if, remedies=remedies, progress=progress))

@@ -1,0 +1,57 @@
+"""From a converter's datasheet to the text of a study, checked by the study's own reader before it is written."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from pathlib import Path
+from typing import Any
+
+from vsgdesign.artifacts.files import check_new, write_new_text
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.study.datasheet import Datasheet, Sheet, read_sheet, resolve, study_text
+from vsgdesign.study.parameters import study_from_text
+
+
+def checked_text(sheet: Sheet, origin: str) -> tuple[Datasheet, str]:
+    """The converter of a datasheet, and its study as text. Raises StudyError with the faults of the datasheet, and with
+    those that a study's reader finds in it."""
+    converter = resolve(sheet)
+    text = study_text(converter, origin)
+    study_from_text(text, sheet.source, inner_loops=lambda _: (InnerLoopGains(*[math.nan] * 4), math.nan))
+    return converter, text
+
+
+def new_study(sheet_file: str | Path, out: str | Path) -> Datasheet:
+    """Writes the study of a datasheet (.csv or .toml), and returns what was read and assumed. Raises ArtifactError for
+    a file that exists, and StudyError."""
+    path = check_new(out)
+    converter, text = checked_text(read_sheet(str(sheet_file)), Path(sheet_file).name)
+    write_new_text(path, text)
+    return converter
+
+
+def new_document(converter: Datasheet, path: str | Path) -> dict[str, Any]:
+    """What was read, assumed and not used, in JSON's types."""
+    return {
+        "study": str(path),
+        "title": converter.title,
+        "assumed": [vars(item) for item in converter.assumptions],
+        "read": converter.remarks,
+        "notes": list(converter.notes),
+        "not_used": list(converter.unused),
+    }
+
+
+def new_lines(converter: Datasheet, path: str | Path) -> list[str]:
+    """The same in lines."""
+    lines = [f"{path}: {converter.title}"]
+    if converter.remarks:
+        lines += ["read:", *(f"  {field}: {text}" for field, text in converter.remarks.items())]
+    if converter.assumptions:
+        lines.append("assumed, because the datasheet does not give it:")
+        lines += [f"  {assumption.field}: {assumption.text}" for assumption in converter.assumptions]
+    lines += [f"note: {note}" for note in converter.notes]
+    if converter.unused:
+        lines.append("not used: " + ", ".join(converter.unused))
+    return [*lines, f"next: vsgdesign run {shlex.quote(str(path))}"]
