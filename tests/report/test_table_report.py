@@ -298,6 +298,7 @@ def test_a_folder_with_all_of_it(tmp_path: Path, bare_figures: list[WrittenFigur
         "report.html",
         "results.json",
         "table.json",
+        "table.csv",
         "figures",
     }
     assert read_table_file(tmp_path / "out" / "table.json").sha256 == bare().sha256

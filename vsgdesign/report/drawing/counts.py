@@ -10,7 +10,7 @@ from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.quantities import DASH
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure, text_width
 
-_ROW, _TOP, _BOTTOM, _RIGHT = 0.2, 0.42, 0.1, 0.1
+_ROW, _TOP, _BOTTOM, _RIGHT = 0.2, 0.24, 0.1, 0.1
 _LETTERS = 18
 """Of a line of a heading."""
 _KEPT, _LOST, _NOTHING = "#CFE3F2", "#F6D2B8", "#EEEEEE"

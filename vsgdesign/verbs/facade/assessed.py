@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.study.parameters.study import Study
@@ -13,8 +13,15 @@ from vsgdesign.verbs.facade.given import given_study
 from vsgdesign.verbs.facade.shown import Shown
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from vsgdesign.linear.stability.maps import MarginMap
     from vsgdesign.report.drawing.figure_types import NamedFigure
     from vsgdesign.simulation.stability_result import StabilityResult
+
+
+MapKind = Literal["reduced", "full_order", "stale", "estimate_error"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +46,35 @@ class Margins(Shown):
         from vsgdesign.verbs.pipeline.margins import stability_document
 
         return plain(stability_document(self.result))
+
+    def frame(self, controller: str | None = None, kind: MapKind = "reduced") -> pd.DataFrame:
+        """One row for each cell of a map of a controller (the first one, if none is named), as the CSV file of the
+        map has them. Units are in its ``attrs``. Raises KeyError for a map that is not there. Needs the extra
+        ``frames``."""
+        from vsgdesign.linear.stability.assessment import map_header, map_rows
+        from vsgdesign.verbs.facade.frames import frame_of
+
+        name, field = self._map(controller, kind)
+        about = {"controller": name, "kind": kind, "scr_basis": self.result.study.scr_basis}
+        return frame_of(map_header(field), map_rows(field), **about)
+
+    def dataset(self, controller: str | None = None, kind: MapKind = "reduced") -> xr.Dataset:
+        """The same over ``scr``, ``x_over_r`` and ``P_Q``, the powers one after the other, which are variables P and Q.
+        Stale schedules and wrong estimates have their axes in place of the powers. Needs the extra ``frames``."""
+        from vsgdesign.verbs.facade.frames import dataset_of
+
+        _, field = self._map(controller, kind)
+        return dataset_of(self.frame(controller, kind), dict(field.axes))
+
+    def _map(self, controller: str | None, kind: str) -> tuple[str, MarginMap]:
+        from vsgdesign.simulation.stability_result import maps_of
+
+        known = {one.spec.name: maps_of(one) for one in self.result.assessments}
+        name = next(iter(known)) if controller is None else controller
+        for what, given, names in (("controller", name, known), ("map", kind, known.get(name, {}))):
+            if given not in names:
+                raise KeyError(f"no {what} is called {given!r}. There are: {', '.join(names)}.")
+        return name, known[name][kind]
 
     def _figures(self) -> Iterator[NamedFigure]:
         from vsgdesign.report.stability.page import stability_figures

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +15,9 @@ from vsgdesign.verbs.facade.given import given_study, known_word
 from vsgdesign.verbs.facade.shown import Shown
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
     from vsgdesign.artifacts.ready import Ready
     from vsgdesign.report.drawing.figure_types import NamedFigure
 
@@ -57,6 +62,42 @@ class Verification(_Campaign):
         from vsgdesign.artifacts.verification_text import headline, promise_sentences
 
         return [headline(self.document), *promise_sentences(self.document)]
+
+    def frame(self) -> pd.DataFrame:
+        """One row for each promise of each family of cases: how often it is broken, the bound of this share, its worst
+        value and its quantiles, in its own ``unit``. Needs the extra ``frames``."""
+        from vsgdesign.verbs.facade.frames import frame_of
+
+        fields = ("figure", "limit", "unit", "broken", "judged", "share", "bound", "worst")
+        promises = [(f, p, one) for f, it in self.document["families"].items() for p, one in it["promises"].items()]
+        quantiles = list(dict.fromkeys(q for *_, one in promises for q in one["quantiles"]))
+        rows = [
+            [f, p, *(one[name] for name in fields), *(one["quantiles"].get(q) for q in quantiles)]
+            for f, p, one in promises
+        ]
+        header = ["family", "promise", *fields[:5], "share [1]", "bound [1]", "worst", *(f"{q} %" for q in quantiles)]
+        names = ("controller", "seed", "confidence")
+        return frame_of(header, rows, **{name: self.document[name] for name in names})
+
+    def dataset(self) -> xr.Dataset:
+        """The map: for each family and bin of ``scr`` and ``x_over_r`` cases judged, cases that broke a promise, and
+        the worst value of each figure. Coordinates are the middles of the bins; their edges are in the ``attrs``. Needs
+        the extra ``frames``."""
+        from vsgdesign.verbs.facade.frames import dataset_of, frame_of
+
+        found, columns = self.document["map"], {}
+        units = {
+            one["figure"]: one["unit"] for it in self.document["families"].values() for one in it["promises"].values()
+        }
+        for family, counts in found["families"].items():
+            columns |= {f"{name}_{family} [1]": counts[name] for name in ("judged", "broken")}
+            columns |= {f"{name}_{family} [{units[name]}]": values for name, values in counts["worst_of"].items()}
+        flat = [[value for row in values for value in row] for values in columns.values()]
+        edges = {name: found[f"{name}_edges"] for name in ("scr", "x_over_r")}
+        middles = [[math.sqrt(a * b) for a, b in itertools.pairwise(values)] for values in edges.values()]
+        about = {f"{name}_edges": values for name, values in edges.items()} | {"scr_basis": found["scr_basis"]}
+        frame = frame_of(list(columns), zip(*flat, strict=True), controller=self.document["controller"], **about)
+        return dataset_of(frame, dict(zip(edges, middles, strict=True)))
 
     def _figures(self) -> Iterator[NamedFigure]:
         from vsgdesign.report.verification.page import verification_figures

@@ -14,6 +14,7 @@ from vsgdesign.verbs.facade.shown import Shown
 
 if TYPE_CHECKING:
     import numpy as np
+    import pandas as pd
     from numpy.typing import NDArray
 
     from vsgdesign.artifacts.ready import Ready
@@ -53,6 +54,14 @@ class Run(Shown):
         Without a name it is the first controller.
         """
         return self.controller(controller).series
+
+    def frame(self, controller: str | None = None) -> pd.DataFrame:
+        """The same series as a data frame; units are in its ``attrs``. Needs the extra ``frames``."""
+        from vsgdesign.verbs.facade.frames import frame_of
+
+        one = self.controller(controller)
+        columns = (values.tolist() for values in one.series.values())
+        return frame_of(list(one.series), zip(*columns, strict=True), controller=one.spec.name)
 
     def events(self, controller: str | None = None) -> tuple[EventMetrics, ...]:
         """Overshoot, settling time and other figures of every event of one controller."""

@@ -14,6 +14,9 @@ from vsgdesign.verbs.facade.given import given_study
 from vsgdesign.verbs.facade.shown import Shown
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
     from vsgdesign.certificate import Certificate, Counterexample
     from vsgdesign.export import ExportedC
     from vsgdesign.report.drawing.figure_types import NamedFigure
@@ -45,6 +48,21 @@ class DesignedTable(Shown):
     def to_dict(self) -> dict[str, Any]:
         """The result of the design in JSON's types."""
         return self.document
+
+    def frame(self) -> pd.DataFrame:
+        """One row for each node, as table.csv of ``vsgdesign table report`` has them; units are in its ``attrs``.
+        Needs the extra ``frames``."""
+        from vsgdesign.verbs.facade.frames import frame_of
+        from vsgdesign.verbs.pipeline.table import table_header, table_rows
+
+        about = {"table": self.table.name, "scr_basis": self.table.base.scr_basis}
+        return frame_of(table_header(self.table), table_rows(self.table), **about)
+
+    def dataset(self) -> xr.Dataset:
+        """Gains, margins and status over ``scr`` and ``x_over_r``. Needs the extra ``frames``."""
+        from vsgdesign.verbs.facade.frames import dataset_of
+
+        return dataset_of(self.frame(), {"SCR": self.table.scr, "X/R": self.table.x_over_r})
 
     def save(self, file: str | Path) -> Path:
         """Writes the table to a file and returns its path.

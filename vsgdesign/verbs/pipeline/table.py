@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -15,6 +15,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.table_text import certificate_summary
+from vsgdesign.artifacts.time_series import UNITS, write_table
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.journal import begins_again, kept_elsewhere, work_folder
@@ -28,6 +29,7 @@ if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds
     from vsgdesign.design.table import BuiltTable
     from vsgdesign.linear.stability.gain_table import TableCheck
 
+CSV_FILE = "table.csv"
 STATUSES = ("met", "relaxed", "outside")
 REPORT = "vsgdesign table report"
 
@@ -155,6 +157,24 @@ def check_document(outcome: TableCheck) -> dict[str, Any]:
     return {"good": outcome.good} | vars(outcome)
 
 
+def table_header(table: GainTable) -> list[str]:
+    """Column names of :func:`table_rows`, with units where they are known."""
+    from vsgdesign.linear.stability.table_figures import FIGURES, OF_BEFORE
+
+    known = FIGURES | OF_BEFORE
+    figures = [f"{name} [{known[name].unit}]" if name in known else name for name in table.figures]
+    gains = [f"{name} [{UNITS[name]}]" for name in table.gains._fields]
+    return ["SCR", "X/R", "status", "active", *gains, *figures]
+
+
+def table_rows(table: GainTable) -> Iterator[list[object]]:
+    """One row for each node: the gains at the table's design point, and its margins."""
+    fields = [*table.gains, *table.figures.values()]
+    for (i, j), status in np.ndenumerate(table.status):
+        place = [float(table.scr[i]), float(table.x_over_r[j]), str(status), str(table.active[i, j])]
+        yield [*place, *(float(values[i, j]) for values in fields)]
+
+
 def _live(table: GainTable, study: Study | None) -> AbstractContextManager[Callable[[], StaticPage] | None]:
     """Begins to make the live part of the page, with the converter of a study."""
     if study is None:
@@ -170,7 +190,7 @@ def report_table(
     inputs: Iterable[str | Path] = (),
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Writes table.json, figures, results.json and report.html to ``out``. Returns the content of results.json.
+    """Writes table.json and table.csv, figures, results.json and report.html to ``out``. Returns results.json.
 
     With a ``study`` whose only controller has the table, the page simulates in the browser: a table alone has no filter
     and no inner loops. ``inputs`` are the files from which the table comes. A folder that contains one of them is not
@@ -184,6 +204,7 @@ def report_table(
         outcome = check_whole_table(table)
         tell("check the table", 1.0)
         write_table_file(table, folder / "table.json")
+        write_table(folder / CSV_FILE, table_header(table), table_rows(table))
         tell("draw figures", 0.0)
         figures = write_table_figures(table, folder / "figures")
         tell("draw figures", 1.0)
