@@ -18,16 +18,14 @@ class Memory {
     return at / 8;
   }
 
-  // A view takes longer to make than a number to read: it is kept until the memory has grown.
+  // A view takes longer to make than a number to read: it is kept until the memory has grown, which leaves it empty.
   get floats() {
-    const { buffer } = this.exports.memory;
-    if (!this.floatView || this.floatView.buffer !== buffer) this.floatView = new Float64Array(buffer);
+    if (!this.floatView?.length) this.floatView = new Float64Array(this.exports.memory.buffer);
     return this.floatView;
   }
 
   get whole() {
-    const { buffer } = this.exports.memory;
-    if (!this.wholeView || this.wholeView.buffer !== buffer) this.wholeView = new BigInt64Array(buffer);
+    if (!this.wholeView?.length) this.wholeView = new BigInt64Array(this.exports.memory.buffer);
     return this.wholeView;
   }
 }
@@ -154,14 +152,12 @@ class Loop {
     for (const name in more) this.set(name, more[name]);
   }
 
-  /** What the last sample gave by these names, which have a prefix in the log. */
+  /** What the last sample gave by these names, which have a prefix in the log: numbers in their order. */
   loggedAs(prefix, names) {
     this.places ||= {};
     this.places[prefix] ||= names.map((name) => this.inLog(0, this.output[`${prefix}${name}`]));
     const { floats } = this.memory;
-    const found = {};
-    names.forEach((name, k) => (found[name] = floats[this.places[prefix][k]]));
-    return found;
+    return this.places[prefix].map((at) => floats[at]);
   }
 
   /** What one sample gives for these values. */
@@ -210,6 +206,7 @@ class Run {
     this.source = { t_s: 0, V: info.V_g_rms, phase: info.phase, omega: info.omega, slope: 0 };
     this.sources = [[0, this.source]];
     this.place = this.start;
+    this.gainRows = GAIN_ROWS.map((name) => (name in loop.at ? loop.place(name) : -1));
     this.limited = 0;
     this.state = { ...this.start.state };
     if (controller.gains === "table" || controller.gains === "followed") {
@@ -263,13 +260,7 @@ class Run {
     const { marks, phasors } = this.controller;
     const at = this.sources.length > 1 ? -1 : marks.indexOf(k);
     if (at >= 0) return phasors.slice(2 * at, 2 * at + 2);
-    return this.direction(this.phaseAt(k));
-  }
-
-  /** Cosine and sine of an angle with the bits of a strict run. */
-  direction(angle) {
-    const said = this.engine.direction.answer({ angle });
-    return [said("re"), said("im")];
+    return this.engine.directionOf(this.phaseAt(k));
   }
 
   /** The phase of the source at a sample, as the package computes it. */
@@ -354,7 +345,7 @@ class Run {
 
   /** A jump of the phase is part of the turn of the interval before. */
   turn(jump) {
-    const [cosine, sine] = this.direction(this.info.omega * this.T_s + jump);
+    const [cosine, sine] = this.engine.directionOf(this.info.omega * this.T_s + jump);
     this.loop.set("row.turn_cos", cosine);
     this.loop.set("row.turn_sin", sine);
   }
@@ -369,22 +360,22 @@ class Run {
     return Object.fromEntries(REFERENCES.map((name) => [`${prefix}${name}`, this.loop.get(`refs.${name}`) ?? 0]));
   }
 
-  /** New gains, where they are others. */
+  /** New gains, in the order of GAINS, where they are others. */
   put(gains, omega) {
-    const before = this.gains();
-    if (GAINS.every((name, k) => gains[name] === before[name] || !(GAIN_ROWS[k] in this.loop.at))) return;
+    const { gainRows } = this;
+    const { floats } = this.loop.memory;
+    if (gainRows.every((at, k) => at < 0 || gains[k] === floats[at])) return;
     this.loop.set("state.omega_i", omega);
-    GAINS.forEach((name, k) => this.loop.set(GAIN_ROWS[k], gains[name]));
+    gainRows.forEach((at, k) => at >= 0 && (floats[at] = gains[k]));
   }
 
   /** Gains of a closed form that are made for the grid alone. */
   listed() {
     const { transfer } = this.engine;
-    const gains = {};
-    for (const name of GAINS) gains[name] = this.place.rows[this.at[`power_gains.${name}`]];
+    const gains = GAIN_ROWS.map((name) => this.place.rows[this.at[name]]);
     const given = { omega_i: this.loop.get("state.omega_i"), ...this.inForce("refs.") };
     for (const [name, value] of Object.entries(this.gains())) given[`old.${name}`] = value;
-    for (const name of GAINS) given[`new.${name}`] = gains[name];
+    GAINS.forEach((name, k) => (given[`new.${name}`] = gains[k]));
     this.put(gains, transfer.answer(given)("gain_transfer"));
     this.tellGrid(...this.place.grid);
   }
@@ -401,7 +392,7 @@ class Run {
       update.fill(loop, READ, { R_g, L_g });
       update.call(0, 1);
       const gains = update.loggedAs("gains.", GAINS);
-      if (!GAINS.every((name) => Number.isFinite(gains[name]))) return;
+      if (!gains.every(Number.isFinite)) return;
       this.put(gains, update.memory.floats[update.log + update.output.next_omega_i]);
       this.tellGrid(R_g, L_g);
       return;
@@ -414,7 +405,7 @@ class Run {
     for (const [name, value] of Object.entries(asked)) given[`given.${name}`] = value;
     const said = update.answer({ ...given, told: limited > 0 ? LIMITED : 0 });
     for (const name of controller.state) this.state[name] = said(name.replace("s.", "following."));
-    const gains = Object.fromEntries(GAINS.map((name) => [name, this.state[`s.gains.${name}`]]));
+    const gains = GAINS.map((name) => this.state[`s.gains.${name}`]);
     this.put(gains, said("next_omega_i"));
     this.tellGrid(said("R_g"), said("L_g"));
   }
@@ -436,6 +427,18 @@ export class Engine {
     this.transfer = this.loop("transfer", [], 1);
     this.response = this.loop("response", [], 1);
     this.direction = this.loop("direction", [], 1);
+    this.directions = new Map();
+  }
+
+  /** Cosine and sine of an angle with the bits of a strict run. The runs of an event on many grids ask for the same ones. */
+  directionOf(angle) {
+    const { directions } = this;
+    if (!directions.has(angle)) {
+      if (directions.size > 4096) directions.clear();
+      const said = this.direction.answer({ angle });
+      directions.set(angle, [said("re"), said("im")]);
+    }
+    return directions.get(angle);
   }
 
   loop(name, uniform, slots) {

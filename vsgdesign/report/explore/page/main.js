@@ -1,6 +1,7 @@
 // The explorer's page. It computes nothing of the physics: every number is an answer of the package's own functions.
-// Order: svg draw notice state words live columns cells live_map transport map modes bode response units fields event table save actions main
+// Order: svg draw slices notice state words live columns cells live_map transport map modes bode response units fields event table save actions main
 import { onThemeChange } from "./draw.js";
+import { atOnce, soon } from "./slices.js";
 import { Store, framed, linkOf, stateOfLink } from "./state.js";
 import { Transport, loadInfo, serverAsk, waitAfter } from "./transport.js";
 import { GridMap, figureText, paintScale } from "./map.js";
@@ -173,6 +174,7 @@ class Page {
     segment(byId("loop"), "loop", { P: "P", Q: "Q" }, (value) => {
       this.bode.loop = value;
       this.showLinear();
+      atOnce();
     });
   }
 
@@ -265,14 +267,11 @@ class Page {
     if (answer.header.more && this.store.state.figure === answer.header.figure)
       this.transport.wish(kind, this.store.state, wish.since);
     // The time until the frame with this answer is on the screen, for whoever measures.
-    requestAnimationFrame(() => {
-      const channel = new MessageChannel();
-      channel.port1.onmessage = () => {
-        const detail = { kind, seq: wish.seq, ms: performance.now() - wish.since, server: answer.header.ms };
-        document.dispatchEvent(new CustomEvent("drawn", { detail }));
-      };
-      channel.port2.postMessage(0);
-    });
+    const tell = () => {
+      const detail = { kind, seq: wish.seq, ms: performance.now() - wish.since, server: answer.header.ms };
+      document.dispatchEvent(new CustomEvent("drawn", { detail }));
+    };
+    soon({}, () => requestAnimationFrame(() => soon({}, tell)));
   }
 
   // Controllers of an answer that are still shown, with their place in the study (for the marker's shape).
@@ -307,11 +306,11 @@ class Page {
       };
     });
     byId("loop").hidden = !Object.keys(arrays).some((name) => name.endsWith("bode_Q_mag_db"));
-    this.modes.show(shown, words);
-    this.bode.show(curves, words);
+    soon("modes", () => this.modes.show(shown, words));
+    soon("bode", () => this.bode.show(curves, words));
     const { event } = this.store.state;
     const drawn = (this.store.state.case ?? null) === null && event.kind === "step";
-    this.response.showLinear(drawn ? curves : [], drawn ? event.signal : null, words);
+    soon("linear", () => this.response.showLinear(drawn ? curves : [], drawn ? event.signal : null, words));
     this.showTable();
     const last = shown[shown.length - 1];
     this.fields.offerGains(last && last.gains && Object.keys(last.gains).length ? last.gains : null);
@@ -324,11 +323,15 @@ class Page {
       for (const name of Object.keys(SHOWN)) curve[name] = curve.t && arrays[`${c.index}/${name}`];
       return curve;
     });
-    this.response.showEmt(curves, header.bands, header.words);
+    soon("emt", () => this.response.showEmt(curves, header.bands, header.words));
     this.showTable();
   }
 
   showTable() {
+    soon("table", () => this.fillTable());
+  }
+
+  fillTable() {
     const { linear, emt } = this.answers;
     this.table.show(linear ? linear.header.controllers : [], emt ? emt.header.controllers : []);
   }
@@ -337,8 +340,8 @@ class Page {
     const { answers, info } = this;
     const known = info.figures.find((f) => f.name === answers.map.header.figure) || {};
     Object.assign(answers.map.header, { ...known, ...answers.map.header });
-    this.map.show(answers.map);
-    paintScale(byId("scale"), answers.map.header);
+    soon("map", () => this.map.show(answers.map));
+    soon("scale", () => paintScale(byId("scale"), answers.map.header));
     const { promise, unit, label, controller } = answers.map.header;
     const promised =
       promise === null || promise === undefined ? "" : ` The line is at the promised ${figureText(promise, unit)}.`;

@@ -5,6 +5,9 @@ import { modeInWords, quantity, verdictOf, worded } from "./words.js";
 
 const GAINS = ["K_ip", "D_p", "K_iq", "D_q", "K_pq", "K_qp", "k_P", "k_Q"];
 
+/** Rows between two that are looked at for numbers beyond every bound. */
+const APART = 64;
+
 /** The first sample at or behind an instant, as the package finds it. */
 function firstAt(t_s, T_s, behind = (one) => one >= t_s) {
   let k = Math.max(Math.floor(t_s / T_s) - 2, 0);
@@ -79,10 +82,10 @@ export class Judge {
       for (let j = 0; j < bounds.length; j += 1) if (!(Math.abs(floats[at + j * lanes]) <= bounds[j])) return true;
       return false;
     };
-    // What has left the bounds goes on to grow: every sixteenth row is enough to see it.
-    for (let k = 15; k < done + 15; k += 16) {
+    // What has left the bounds goes on to grow: one row of many is enough to see it.
+    for (let k = APART - 1; k < done + APART - 1; k += APART) {
       if (!bad(Math.min(k, done - 1))) continue;
-      for (let j = k - 15; j < done; j += 1) if (bad(j)) return j;
+      for (let j = k - APART + 1; j < done; j += 1) if (bad(j)) return j;
     }
     return done;
   }
