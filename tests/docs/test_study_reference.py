@@ -20,6 +20,7 @@ from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.study.parameters import (
     background,
     building,
+    dc_link,
     estimator,
     grid,
     inner_loops,
@@ -211,6 +212,14 @@ class Asked:
     default: Any = None
 
 
+DC = {
+    "battery": "R_i = 1\ni_max = 30\ncapacity_Ah = 1\n",
+    "converter": "p_max = 9000\n",
+    "photovoltaic": "modules = 8\nstrings = 3\n",
+}
+"""What each source of the dc link needs."""
+
+
 @dataclass(frozen=True)
 class Row:
     """What the page says of one field."""
@@ -283,7 +292,8 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[tuple[str, st
     recorded = re.sub("(components|sag) = .*", "", recorded)
     others = [LC_WITH_TIMES.replace('"projection"', f'"{name}"') for name in LIMITERS if name != "projection"]
     plants = (LCL_WITH_GAINS + PLANT, LCL_WITH_GAINS + "[plant]\nunits = 2\n")
-    for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED, recorded, *plants, *others):
+    fed = [LCL_WITH_GAINS + f'[dc]\nsource = "{name}"\nC = "1 mF"\n[dc.{name}]\n{own}' for name, own in DC.items()]
+    for text in (LC_WITH_TIMES, LCL_WITH_GAINS, DESIGNED, recorded, *plants, *others, *fed):
         study_from_text(text, inner_loops=lambda _: (InnerLoopGains(1.0, 1.0, 1.0, 1.0), 100.0))
     return record
 
@@ -301,6 +311,7 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
     for module in (
         background,
         building,
+        dc_link,
         estimator,
         inner_loops,
         grid,

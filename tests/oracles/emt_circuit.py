@@ -202,6 +202,14 @@ class Changing:
             x[[k for k, name in enumerate(self.names) if name.startswith("i_g")]] = plant[2]
         return x
 
+    def bridge_limit(self, before: float) -> float:
+        """The largest voltage that the bridge makes at a sample: that of an ideal dc link stays."""
+        return before
+
+    def acting(self, asked: complex) -> complex:
+        """What acts of a voltage that the controller asked for."""
+        return asked
+
     def moved(
         self, x: NDArray[np.complex128], pieces: Sequence[tuple], atol: NDArray[np.float64], _begin: float = 0.0
     ) -> Any:

@@ -143,6 +143,7 @@ def run_reference(
         for name in ("theta", "V"):
             getattr(trace, name)[k] = getattr(state, name)
         theta = state.theta
+        controller.v_max = circuits.bridge_limit(controller.v_max)
         state, asked, trace.power[k] = controller.step(state, v_node, i_s, i_g, refs, gains)
         if prober is not None:
             state = replace(state, theta=state.theta - turned, V=state.V - raised)
@@ -151,6 +152,7 @@ def run_reference(
             applied = asked
         else:
             applied, waiting = waiting, asked
+        applied = circuits.acting(applied)
         cuts = [t - k * T for t in instants if COINCIDENT * T < t - k * T < (1.0 - COINCIDENT) * T]
         pieces = bridge_pieces(applied, study, k, pwm, cuts)
         trace.edges += len(pieces) - 1 - len(cuts)

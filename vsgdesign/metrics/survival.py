@@ -26,13 +26,14 @@ SLIPPED = "slipped"
 LATCHED = "latched"
 DIVERGED = "diverged"
 TRIPPED = "tripped"
+BLOCKED = "blocked"
 NOT_KNOWN = "not known"
 NO_REST = "no rest"
 OVER_LIMIT = "rest over limit"
-STATUSES = (SURVIVED, NOT_AT_REST, SLIPPED, LATCHED, DIVERGED, TRIPPED, NOT_KNOWN, NO_REST, OVER_LIMIT)
-"""All results of the judge. The first six are verdicts. The last three say why there is none."""
+STATUSES = (SURVIVED, NOT_AT_REST, SLIPPED, LATCHED, DIVERGED, TRIPPED, NOT_KNOWN, NO_REST, OVER_LIMIT, BLOCKED)
+"""All results of the judge. The first six and the last are verdicts. The other three say why there is none."""
 
-VERDICTS = STATUSES[:6]
+VERDICTS = (*STATUSES[:6], BLOCKED)
 
 SETTLING_TIMES, GRACE_S = 2.0, 0.2
 """The new rest must be reached within SETTLING_TIMES · T + GRACE_S after the clearing."""

@@ -18,6 +18,7 @@ from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.simulation import circuit_sample, sample, seeking_sample, watched_sample
 from vsgdesign.simulation.axes import PEAK, RISING, Axes, headed, states_of, two_axes
 from vsgdesign.simulation.circuit_sample import CarrierPart, Coefficients, EdgeRow, PlantRow
+from vsgdesign.simulation.dc_parts import DcKind
 from vsgdesign.simulation.ramp_sample import with_ramp
 
 FAULT, RELAY, SYNC = "fault", "relay", "sync"
@@ -78,6 +79,8 @@ class Kind(NamedTuple):
     seeks: tuple[str, ...] = ()
     """Of the instants that only a run can tell, those that the loop finds: FAULT, RELAY, SYNC. A run in which one is
     found stands still before the interval in which it lies, and the loop ends after this sample."""
+    dc: DcKind | None = None
+    """What feeds the dc link; None: an ideal one."""
     together: bool = False
     """Of runs that may wait: whether no cycle ends before the last sample of the loop. Then none has to stand still."""
 
@@ -138,6 +141,7 @@ def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], .
         found += [(name, name.replace("lock.", "heard.", 1)) for name in names_of(LockIn, "lock")]
     if kind.ramped:
         found += [("ramp.V_pk", "ramp_after.V_pk"), ("ramp.drift", "ramp_after.drift")]
+    found += kind.dc.moves if kind.dc is not None else []
     found += _seek_moves(kind)
     renamed = {"watch.delta": "next_delta"} if kind.field else {}
     found += [(name, renamed.get(name, name.replace("watch.", "watched.", 1))) for name in watched]
@@ -173,8 +177,11 @@ def control(kind: Kind) -> Block:
     own = headed(flat_block(sample.controlled, fixed={"limiter": kind.law}, kinds=kind.records))
     true = headed(flat_block(circuit_sample.measured_by), measurement=_true(kind))
     parts, chosen = [Part(true)], {}
+    if kind.dc is not None:
+        parts.append(kind.dc.limit())
+        chosen |= {"settings.v_max_pk": "bridge_max"}
     if SYNC in kind.seeks:
-        chosen = {name: name.replace("state.", "chosen.", 1) for name in kind.names(ControllerState, "state")}
+        chosen |= {name: name.replace("state.", "chosen.", 1) for name in kind.names(ControllerState, "state")}
         parts += [*_source(kind), _set_to_grid(kind)]
     if kind.sensors:
         parts.append(Part(headed(flat_block(sample.sensed))))
@@ -185,7 +192,7 @@ def control(kind: Kind) -> Block:
         after = {"theta": "following.theta", "V_rms": "following.V"}
         parts += [
             Part(headed(flat_block(sample.probing)), before),
-            Part(own, commanded),
+            Part(own, chosen | commanded),
             Part(headed(flat_block(sample.hearing)), heard),
             Part(headed(flat_block(sample.without_probe)), after),
         ]
@@ -306,12 +313,18 @@ def plant(kind: Kind, slope: str = "") -> Block:
     bridge = kind.bridge
     waits = "pending." if bridge.delayed else "said.v_b_"
     applied = {f"applied.{axis}": f"{waits}{axis}" for axis in ("alpha", "beta")}
+    parts, behind, row = [], [], {}
+    if kind.dc is not None:
+        parts.append(kind.dc.acts(applied))
+        behind.append(kind.dc.moved("arrived" if kind.added else "moved", applied))
+        applied = {name: name.replace("applied", "acting") for name in applied}
     if kind.axes is not None:
         return joined(
+            *parts,
             *two_axes(kind.axes, slope, applied, zero_sequence=bridge.zero_sequence, carried=bool(products(kind))),
             *_added(kind),
+            *behind,
         )
-    parts, row = [], {}
     if kind.ramped:
         parts.append(Part(headed(flat_block(with_ramp)), {"T_s": "settings.T_s"}))
         row = {name: name.replace("row.", "moved_row.", 1) for name in names_of(PlantRow, "row")}
@@ -323,7 +336,7 @@ def plant(kind: Kind, slope: str = "") -> Block:
     else:
         fixed["rising"] = slope == RISING
         parts.append(Part(headed(flat_block(circuit_sample.switched_plant, fixed=fixed)), applied | row))
-    return joined(*parts, *_waves(kind), *_added(kind))
+    return joined(*parts, *_waves(kind), *_added(kind), *behind)
 
 
 def products(kind: Kind) -> tuple[Product, ...]:

@@ -42,6 +42,7 @@ from vsgdesign.simulation.bodies import (
     wave_names,
 )
 from vsgdesign.simulation.circuit_sample import CarrierPart, carrier
+from vsgdesign.simulation.dc_parts import dc_kind
 from vsgdesign.simulation.ramp_sample import RampRow
 from vsgdesign.simulation.sample import Noise, Sensors
 from vsgdesign.simulation.watched_sample import LoadDemand
@@ -103,7 +104,7 @@ def kind_of(study: Study, *, switched: bool, axes: Axes | None = None) -> Kind:
     memory, constants = (typing.get_type_hints(made)["return"] for made in (limiter.at_rest, limiter.build))
     slopes = slopes_of(c.samples_per_carrier) if switched else ()
     bridge = Bridge(slopes, zero_sequence=bool(c.zero_sequence), delayed=c.delay_samples > 0)
-    return Kind(limiter.law, memory, constants, bridge, axes, second_inductor=f.L_2 + f.R_2 > 0.0)
+    return Kind(limiter.law, memory, constants, bridge, axes, second_inductor=f.L_2 + f.R_2 > 0.0, dc=dc_kind(study.dc))
 
 
 class KindLoop(NamedTuple):
@@ -195,6 +196,7 @@ def log_names(kind: Kind, states_logged: bool = False) -> tuple[str, ...]:
     logged += [commanded.get(name, name) for name in ("state.V", "state.theta")]
     logged += ["limited_samples", "at_bridge", *(SENSED_COLUMNS if kind.sensors else ())]
     logged += [f"x.{name}" for name in kind.states[6:]]
+    logged += kind.dc.state if kind.dc is not None else []
     own = kind.names(ControllerState, "state") if states_logged else []
     return (*logged, *(commanded.get(name, name) for name in own))
 
@@ -204,6 +206,7 @@ def _constant_names(kind: Kind) -> list[str]:
     found = [*row_names(kind), "V_g"]
     found += [name for wave in wave_names(kind) for name in (*(f"{wave}.row.{one}" for one in WAVE_ROW), f"{wave}.V")]
     found += names_of(RampRow, "ramp_of") if kind.ramped else []
+    found += kind.dc.settings if kind.dc is not None else []
     found += [*names_of(References, "refs"), *names_of(PowerLoopGains, "power_gains"), *names_of(GridEstimate, "grid")]
     found += [*(names_of(Sensors, "sensors") if kind.sensors else []), *seek_names(kind)]
     if kind.watched is not None:

@@ -24,10 +24,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-RunStatus = Literal["settled", "not settled", "unstable", "limited", "infeasible", "diverged", "not known"]
+RunStatus = Literal["settled", "not settled", "unstable", "limited", "infeasible", "diverged", "blocked", "not known"]
 """``limited`` means that it rests where a limit acts. ``unstable`` means that the full-order model is unstable at the
 rest. ``infeasible`` means that there is no steady state. ``diverged`` means that a quantity left every sensible bound
-and the simulation ended there. ``not known`` means that the simulated time is too short, or that nothing happens in
+and the simulation ended there. ``blocked`` means that the dc link left its limits and the simulation ended there.
+``not known`` means that the simulated time is too short, or that nothing happens in
 it."""
 
 BOUND_PU = 1e3
@@ -50,10 +51,12 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Divergence:
-    """The instant at which a run was ended because it diverged. Nothing from t_s on is kept."""
+    """The instant at which a run was ended because it diverged or its bridge blocked. Nothing from t_s on is kept."""
 
     t_s: float
     reason: str
+    blocked: bool = False
+    """Whether the bridge blocked because its dc link left its limits."""
 
 
 RESTING_S = 1.0
@@ -214,7 +217,7 @@ def outcome_of(
     ``at_limit`` is the end of a run in which limits act, ``S_rated`` the rating in VA.
     """
     if divergence is not None:
-        return Outcome("diverged", divergence.reason, divergence.t_s)
+        return Outcome("blocked" if divergence.blocked else "diverged", divergence.reason, divergence.t_s)
     if not found:
         return Outcome("not known", "the controller has no gains on some grid of the scenario")
     last = found[-1]

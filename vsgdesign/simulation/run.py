@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.errors import SimulationDivergedError
+from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
 from vsgdesign.identification import Probe
 from vsgdesign.simulation.added_source import PROGRESS_STRETCH
@@ -67,6 +67,8 @@ class Simulation:
     """Wall time inside the compiled loop."""
     divergence: Divergence | None = None
     """Where and why the run was broken off; logs end there. None: it went to its end."""
+    dc_log: NDArray[np.float64] | None = None
+    """The dc link in the rows of ``log``, with :func:`vsgdesign.simulation.dc_start.dc_columns`; None: it is ideal."""
     twins: tuple[Twin, ...] = ()
     """The run without a step beside it, for each step for which it was asked for."""
 
@@ -88,7 +90,7 @@ class Simulation:
     def every(self, rows: int) -> Simulation:
         """The run with every so-many-th row of its log."""
         kept = {name: getattr(self, name)[::rows].copy() for name in ("t_s", "log", "circuit_log")}
-        return replace(self, **kept)
+        return replace(self, dc_log=None if self.dc_log is None else self.dc_log[::rows].copy(), **kept)
 
 
 def simulate(
@@ -232,6 +234,7 @@ def simulation_of(run: RunState) -> Simulation:
         t_s=np.arange(rows.shape[0]) * (run.kept * run.T_s),
         log=rows,
         circuit_log=run.log.more[::every].copy(),
+        dc_log=None if run.study.dc is None else run.log.dc[::every].copy(),
         controller_log=run.log.states,
         study=run.study,
         timeline=run.timeline,
@@ -253,6 +256,8 @@ def begin_together(runs: Sequence[RunState], switched: bool) -> Batch:
     memory = first.feed.memory
     sensors = study.sensors is not None and study.sensors.act
     seeks = tuple(dict.fromkeys(what for run in runs for what in run.search.seeks))
+    if switched and study.dc is not None:
+        raise InfeasibleStudyError('a switched bridge has an ideal dc link. Take bridge = "averaged", or remove [dc].')
     kind = kind_of(study, switched=switched, axes=circuits.axes)
     kind = kind._replace(sensors=sensors, field=memory is not None, seeks=seeks)
     samples = max(run.samples for run in runs)

@@ -27,15 +27,16 @@ from vsgdesign.simulation.bodies import SYNC
 from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, connection_at
 from vsgdesign.simulation.clearing import SLACK, SampleOfFault
+from vsgdesign.simulation.dc_start import blocked, dc_at_start
 from vsgdesign.simulation.every_sample import EverySample
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, RunFeed, gain_changes
 from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
-from vsgdesign.simulation.loop import LOG_COLUMNS, SENSED_COLUMNS
 from vsgdesign.simulation.online import Hears, OnlineScheduler
-from vsgdesign.simulation.outcome import Divergence, good_rows, outside
+from vsgdesign.simulation.outcome import Divergence, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.reclosing import check_setting
+from vsgdesign.simulation.run_log import RunLog
 from vsgdesign.simulation.search import Search
 from vsgdesign.simulation.seeking_sample import Relay, relay_sees
 from vsgdesign.simulation.segments import segments_of_timelines
@@ -113,7 +114,7 @@ class RunState:
         study = self.study
         self._like = start.controller
         names = ("x", "state", "limited", "refs", "power_gains", "grid", "source", "V_g", "seek.found", "seek.phases")
-        names += ("seek.relay", "seek.relay.on", "seek.own_relay", "seek.behind_relay")
+        names += ("dc.lowest", "dc.highest", "seek.relay", "seek.relay.on", "seek.own_relay", "seek.behind_relay")
         self._now = {name: batch.view(name, number) for name in names if name in batch.spans}
         """The numbers of the run that Python reads or sets."""
         batch.set("x", start.plant.tolist(), number)
@@ -126,6 +127,10 @@ class RunState:
             batch.set("before", self._sensors.before, number)
         if self.feed.memory is not None:
             self.feed.memory.moves_in(batch.view("lock", number))
+        if study.dc is not None:
+            dc = dc_at_start(study, start)
+            batch.set("link", numbers_of(dc.settings), number)
+            batch.set("dc", numbers_of(dc.state), number)
         self._batch, self._number, self._circuits, self._before = batch, number, circuits, None
         self._added = self._added_source()
         self.log = RunLog(batch, number, -(-self.samples // self.log_every), self.of.every_sample)
@@ -219,8 +224,13 @@ class RunState:
         why = self._outside(self._state)
         if why is not None:
             good = self.log.good(self.study, self._begun, done)
-            diverged_s = good * self.T_s
-            self.divergence = Divergence(diverged_s, f"the simulation diverged at {diverged_s:.4g} s: {why}")
+            diverged_s, whole = good * self.T_s, self._blocked() is None
+            said = (
+                f"the simulation diverged at {diverged_s:.4g} s"
+                if whole
+                else f"the bridge blocks at {diverged_s:.4g} s"
+            )
+            self.divergence = Divergence(diverged_s, f"{said}: {why}", blocked=not whole)
             self.log.end(good)
             self.ended = done
 
@@ -383,7 +393,13 @@ class RunState:
         return self._now["x"].copy()
 
     def _outside(self, state: ControllerState) -> str | None:
-        return outside(self.study, self._now["x"], state)
+        return self._blocked() or outside(self.study, self._now["x"], state)
+
+    def _blocked(self) -> str | None:
+        """Why the bridge blocks; None: it does not."""
+        if self.study.dc is None:
+            return None
+        return blocked(self.study.dc, float(self._now["dc.lowest"][0]), float(self._now["dc.highest"][0]))
 
     def _read_state(self) -> ControllerState:
         numbers = self._now["state"].tolist()
@@ -411,70 +427,6 @@ class RunState:
         if known is not record and known != record:
             self._put[name] = record
             self._now[name][:] = record
-
-
-class RunLog:
-    """What a batch has logged of one run, which is to have ``length`` rows. ``seen`` gets the rows of a log that is
-    written anew again and again."""
-
-    def __init__(self, batch: Batch, number: int, length: int, seen: EverySample | None = None) -> None:
-        group, lane = batch.lane(number)
-        self._batch, self._seen, last = batch, seen, batch.logs[-1]
-        main = last if last.into is None or seen is None else last.into
-        self._whole = main.rows[group, :, :, lane]
-        self._last = last.rows[group, :, :, lane]
-        self._states = [log.rows[group, :, :, lane] for log in batch.logs[:-1]]
-        self._sensed = len(SENSED_COLUMNS) if batch.kind.sensors else 0
-        self._every, self.length = main.every, length
-
-    @property
-    def rows(self) -> Array:
-        """(n, len(LOG_COLUMNS))."""
-        return self._whole[: self.length, : len(LOG_COLUMNS)]
-
-    @property
-    def sensed(self) -> Array:
-        """(n, 4): what the sensors say of the capacitor node's voltage and of i_g; (0, 4) where they are ideal."""
-        found = self._whole[: self.length, len(LOG_COLUMNS) : len(LOG_COLUMNS) + self._sensed]
-        return found if self._sensed else np.empty((0, len(SENSED_COLUMNS)))
-
-    @property
-    def more(self) -> Array:
-        """(n, m): the circuit's other states."""
-        return self._whole[: self.length, len(LOG_COLUMNS) + self._sensed :]
-
-    @property
-    def states(self) -> Array:
-        """The controller's states, a row for each of the first samples."""
-        if not self._states:
-            return np.empty((0, 0))
-        return self._states[0][: self.length * self._every, self._whole.shape[1] :].copy()
-
-    def good(self, study: Study, begin: int, end: int) -> int:
-        """The sample of the first row among those of samples ``begin`` to ``end`` − 1 that has diverged."""
-        log = self._batch.logs[-1]
-        first, last = (-(-sample // log.every) - log.begin // log.every for sample in (begin, end))
-        return log.begin + (first + good_rows(study, self._last[first:last, : len(LOG_COLUMNS)])) * log.every
-
-    def make_room(self, begin: int, end: int) -> None:
-        """Before samples ``begin`` to ``end`` − 1 are run: a log that is too full for them is written anew."""
-        log = self._batch.logs[-1]
-        if self._seen is not None and end - log.begin > len(self._last) * log.every:
-            self._hand_over(begin)
-            self._batch.log_anew(begin // log.every * log.every)
-
-    def end(self, sample: int) -> None:
-        """The log ends before a sample."""
-        self.length = min(self.length, -(-sample // self._every))
-        if self._seen is not None:
-            self._hand_over(sample)
-
-    def _hand_over(self, end: int) -> None:
-        """Gives what is logged of the samples before ``end``."""
-        if self._seen is not None:
-            log, own = self._batch.logs[-1], len(LOG_COLUMNS)
-            rows = self._last[: -(-(end - log.begin) // log.every)]
-            self._seen.take(log.begin, log.every, rows[:, :own], rows[:, own + self._sensed :])
 
 
 def with_gains(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.metrics.step_response import settling_time
-from vsgdesign.metrics.survival import DIVERGED, LATCHED, NOT_AT_REST, SLIPPED, Survival
+from vsgdesign.metrics.survival import BLOCKED, DIVERGED, LATCHED, NOT_AT_REST, SLIPPED, Survival
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -207,7 +207,7 @@ class MeasureInput:
         return bool(np.any(self.trace.limited[rows] > 0.0))
 
 
-LOST = (SLIPPED, LATCHED, DIVERGED)
+LOST = (SLIPPED, LATCHED, DIVERGED, BLOCKED)
 """Verdicts of the judge after which nothing is known of how the converter swings about a rest."""
 
 NO_FINAL_VALUE = (*LOST, NOT_AT_REST)

@@ -206,6 +206,7 @@ _LOST = {
     "latched": "The controller stays in its current limit.",
     "not at rest": "It is not at rest in time.",
     "tripped": "Its protection trips.",
+    "blocked": "Its bridge blocks, because the dc link leaves its limits.",
 }
 """What became of a case that was not survived, by its status."""
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.filters import capacitor_node_voltage, pcc_voltage
-from vsgdesign.equations.frames import instantaneous_power, peak_to_rms, rms_to_peak
+from vsgdesign.equations.frames import instantaneous_power, linear_modulation_limit, peak_to_rms, rms_to_peak
 from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.linear.operating_point.dc_rest import bridge_power, links_at_rest
 from vsgdesign.linear.operating_point.equilibrium import points_with_droop
 from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit, plant_step
@@ -29,7 +30,7 @@ from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-NO_POINT, BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, NOT_CONVERGED, NO_GAINS, LIMITER_PULLS = range(1, 8)
+NO_POINT, BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, NOT_CONVERGED, NO_GAINS, LIMITER_PULLS, DC_SOURCE = range(1, 9)
 FAULTS = (
     "",
     "no operating point",
@@ -39,6 +40,7 @@ FAULTS = (
     "the gains follow the measured powers and do not come to rest",
     "no gains",
     "the current limiter pulls the power loops away from the steady state",
+    "the source of the dc link does not give the power of the steady state",
 )
 """The meaning of the codes of :attr:`ManyStates.fault`. The code 0 means that there is a steady state."""
 
@@ -325,7 +327,12 @@ def _states_of(
     lost = ~np.isfinite(V) | ~np.isfinite(P)
     _mark(found, lost & ~np.isfinite(gains).all(axis=0), NO_GAINS)
     _mark(found, lost, NO_POINT)
-    _mark(found, np.abs(v_b) > settings.v_max_pk, BRIDGE_VOLTAGE)
+    v_max: Any = settings.v_max_pk
+    if study.dc is not None:
+        v_dc = links_at_rest(study, study.dc, np.where(found > 0, np.nan, bridge_power(study, v, i_s)))
+        _mark(found, np.isnan(v_dc), DC_SOURCE)
+        v_max = linear_modulation_limit(v_dc, c.zero_sequence)
+    _mark(found, np.abs(v_b) > v_max, BRIDGE_VOLTAGE)
     if not free_of_limits:
         _mark(found, np.abs(i_s) > settings.i_max_pk, CURRENT)
         law, estimate = study.limiter.law, GridEstimate(R_g=lanes.R_g, L_g=lanes.L_g)

@@ -9,13 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.limiters import LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, NoOperatingPointError
+from vsgdesign.linear.operating_point.dc_rest import bridge_power
 from vsgdesign.linear.operating_point.equilibrium import solve_with_droop
 from vsgdesign.linear.operating_point.many import (
     BRIDGE_VOLTAGE,
     CURRENT,
+    DC_SOURCE,
     FAULTS,
     LIMITER_ACTS,
     LIMITER_PULLS,
@@ -122,6 +125,14 @@ def fault_of_rest(
             f"{c.v_max_pk:.4g} V. Raise V_dc, or ask for less P and Q.",
             limit="bridge voltage",
         )
+    if fault == DC_SOURCE and study.dc is not None:
+        at = states.controller
+        i_s = complex(*(float(row[lane]) for row in states.plant[:2])) * np.exp(-1j * float(at.theta[lane]))
+        p = float(bridge_power(study, rms_to_peak(V) + 0j, i_s))
+        try:
+            study.dc.at_rest(p, c, study.filter)
+        except InfeasibleStudyError as error:
+            return LimitHitError(str(error), limit="dc source")
     if fault == CURRENT:
         return LimitHitError(
             f"the steady state needs {i_s:.4g} A peak, but the limit is {study.controller_settings().i_max_pk:.4g} A. "

@@ -23,6 +23,7 @@ _SHORT = {
     "slipped": "slips",
     "latched": "latches",
     "diverged": "diverges",
+    "blocked": "blocks",
     "not at rest": "late",
     "no rest": "–",
     "rest over limit": "–",

@@ -244,7 +244,7 @@ def _of_step(study: Study, state: State, run: Simulation, rests: Sequence[Rest])
     switched = study.simulation.bridge == "pwm"
     events = measure_events(study, seen, rests, ripples=switched, divergence=run.divergence, signals=(signal,))
     outcome = outcome_of(run.divergence, rests, events, rest_at_limit(study, run, seen), study.converter.S_rated)
-    if outcome.limits or outcome.status == "diverged":
+    if outcome.limits or outcome.status in ("diverged", "blocked"):
         return {"status": outcome.status, "why": outcome.reason or ""}
     if not events:
         return {"status": "not known", "why": "the run is too short for any figure"}

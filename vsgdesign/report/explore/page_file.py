@@ -45,6 +45,7 @@ from vsgdesign.report.explore.session import SWITCHED, Session
 from vsgdesign.report.explore.state import LABELS, PlaceOfState, State
 from vsgdesign.report.page.html import POLICY
 from vsgdesign.report.page.live import StaticPage
+from vsgdesign.study.parameters.dc_link import ideal_link
 from vsgdesign.study.parameters.study import Study
 
 LIMIT_BYTES = 5_000_000
@@ -151,6 +152,7 @@ def page_of_session(
     cases: Sequence[PageCase] = (),
 ) -> str:
     """The text of :func:`write_page`."""
+    ideal_link(session.study, "the page that simulates")
     return page_text(_kept(session, lattice, tell, workers, cases))
 
 

@@ -176,7 +176,7 @@ def _stability(result: ScenarioResult, controller: ControllerResult) -> Cell:
     if unstable:
         first = unstable[0]
         return Cell(MISSED, "unstable", f"from {plain(first.t_s)} s on ({first.event})")
-    if status in ("diverged", "not settled", "unstable", "limited"):
+    if status in ("diverged", "blocked", "not settled", "unstable", "limited"):
         at = "" if controller.outcome.t_s is None else f"at {plain(controller.outcome.t_s)} s"
         limits = " and ".join(controller.outcome.limits)
         return Cell(MISSED, f"at a limit: {limits}" if status == "limited" else status, at)

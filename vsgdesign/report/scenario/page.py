@@ -46,6 +46,7 @@ from vsgdesign.simulation.rest import WHERE_TO_LOOK
 from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles
 from vsgdesign.simulation.scenario.judging import Judgement, judge_estimates
 from vsgdesign.simulation.scenario.promises import promises_kept
+from vsgdesign.study.parameters.study import Study
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator
@@ -106,6 +107,7 @@ def scenario_page(
         Heading("Operating points"),
         tables.rests_table(result),
         *_estimate(result, judged, trained),
+        *_with_heading("The dc link", tables.dc_table(result)),
         Heading("Gains over time"),
         Side([tables.gains_table(result, controller) for controller in result.controllers]),
         tables.margins_table(result),
@@ -143,11 +145,13 @@ def terminal_blocks(result: ScenarioResult) -> list[Block]:
     survived = [survival_sentence(c.spec.name, c.survival) for c in result.controllers if c.survival is not None]
     held = [estimate_tables.rate_limit_text(name, *limit) for name, limit in limits]
     responses = tables.responses_table(result)
-    return [
+    found = [
         words(*lines_of_tables(result), on=Where.TERMINAL),
+        tables.dc_table(result),
         responses if responses.rows else words(f"{result.study.title}: no event to measure", on=Where.TERMINAL),
         words(*survived, *held, on=Where.TERMINAL),
     ]
+    return [block for block in found if block is not None]
 
 
 def _with_heading(title: str, block: Block | None) -> list[Block]:
@@ -238,6 +242,18 @@ def _bridge(bridge: str) -> str:
     return "an averaged bridge" if bridge == "averaged" else "a switched bridge (PWM)"
 
 
+def _said_of_link(study: Study) -> str:
+    """What the simulated dc link is, and is not."""
+    V_dc = plain_quantity(study.converter.V_dc, "V")
+    if study.dc is None:
+        return f"The dc link is an ideal source of {V_dc}, nothing behind it."
+    return (
+        f"The dc link is a capacitor with the source {study.dc.source}, of {V_dc} nominal. The bridge makes the "
+        "commanded voltage exactly as long as the link allows it. Margins, modes and proofs are those of an ideal "
+        "link. After the bridge has blocked, nothing is simulated: the diodes are left out."
+    )
+
+
 def _said_of_grid(result: ScenarioResult) -> list[str]:
     """What the simulated grid is, and is not."""
     of_grid = "The grid is an ideal three-phase source behind one balanced R–L branch"
@@ -286,7 +302,7 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
             f"on the {mean}. Margins, modes and operating points are those of the fundamental."
         )
     items += [
-        f"The dc link is an ideal source of {plain_quantity(study.converter.V_dc, 'V')}, nothing behind it.",
+        _said_of_link(study),
         *_said_of_grid(result),
         f"Inductors do not saturate, capacitors {'are' if sensed else 'and measurements are'} ideal; "
         f"the controller is sampled every {plain_quantity(study.converter.T_s, 's')}.",

@@ -14,6 +14,7 @@ from vsgdesign.metrics import EventMetrics, cycle_mean
 from vsgdesign.report.drawing.decimation import Trace, ripple_level
 from vsgdesign.report.drawing.quantities import prefix_for
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
+from vsgdesign.study.parameters.dc_link import DcLink
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,8 @@ def signals(result: ScenarioResult) -> Iterator[Signal]:
     yield from power_signals(result)
     yield _voltage(result)
     yield _frequency(result)
+    if result.study.dc is not None:
+        yield _dc_link(result.study.dc, result)
 
 
 def power_signals(result: ScenarioResult) -> Iterator[Signal]:
@@ -138,6 +141,22 @@ def _frequency(result: ScenarioResult) -> Signal:
         smallest_range=0.01,
         target=source_frequency(result),
         target_label="grid source",
+    )
+
+
+def _dc_link(link: DcLink, result: ScenarioResult) -> Signal:
+    factor, prefix = prefix_for(result.study.converter.V_dc)
+    return Signal(
+        name="dc_link",
+        title="dc link",
+        axis_label="Voltage of the dc link",
+        unit=f"{prefix}V",
+        caption="Voltage of the dc link. Outside the band the bridge blocks",
+        traces=_traces(result, [controller.series["v_dc"] for controller in result.controllers], factor),
+        smallest_range=0.01 * result.study.converter.V_dc / factor,
+        band=(link.V_low / factor, link.V_high / factor),
+        band_label="limits of the link",
+        si_factor=factor,
     )
 
 

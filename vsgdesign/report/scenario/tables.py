@@ -128,6 +128,50 @@ def gains_table(result: ScenarioResult, controller: ControllerResult) -> Table:
     return Table(f"Gains of {controller.spec.name}", head, rows, notes=notes)
 
 
+def dc_table(result: ScenarioResult) -> Table | None:
+    """What each controller asked of its dc link; None where it is ideal."""
+    link = result.study.dc
+    if link is None:
+        return None
+    rows = []
+    for controller in result.controllers:
+        if (asked := controller.dc) is None:
+            continue
+        charge = asked.end.get("dc_charge")
+        rows.append(
+            (
+                controller.spec.name,
+                "blocks" if controller.outcome.status == "blocked" else "within its limits",
+                f"{number(asked.lowest_v, 4)} … {number(asked.highest_v, 4)}",
+                number(asked.spare_v, 3),
+                f"{plain_kilo(asked.least_p_w)} … {plain_kilo(asked.most_p_w)}",
+                plain_kilo(asked.given_j),
+                DASH if charge is None else number(100.0 * charge, 4),
+            )
+        )
+    head = (
+        "Controller",
+        "dc link",
+        "Voltage [V]",
+        "Spare [V]",
+        "Power of the bridge [kW]",
+        "Energy [kJ]",
+        "Charge at the end [%]",
+    )
+    note = (
+        "Every sample counts. The spare voltage is what the link has more than the bridge needs, at least. The bridge "
+        f"blocks below {quantity(link.V_low, 'V')} and above {quantity(link.V_high, 'V')}. Powers are means over a "
+        "sampling period, and the energy is what the source has given up to the end."
+    )
+    title = f"The dc link: {link.source}, {quantity(link.C, 'F')}"
+    return Table(title, head, tuple(rows), notes=(note,), texts=2)
+
+
+def plain_kilo(value: float) -> str:
+    """In thousands, without a sign of a zero."""
+    return number(0.0 if abs(value) < 0.5 else value / 1e3, 4)
+
+
 def margins_table(result: ScenarioResult) -> Table:
     """Crossover and margins of each open P loop on each grid."""
     rows = []

@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import aligned_zeros
+from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller_data import ControllerState
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import References
+from vsgdesign.linear.operating_point.dc_rest import bridge_power
+from vsgdesign.linear.operating_point.many import ManyStates
 from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, SAME_ROW, SurvivalDemand
@@ -27,6 +30,7 @@ from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
 from vsgdesign.simulation.loop import Build, kind_of, side_by_side, watched_names
 from vsgdesign.simulation.segments import segments_of_timelines
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -63,6 +67,7 @@ class Part(Batch):
         first sample on."""
         logged = (*means, *(guarded if self.guarded else ()))
         kept = {"watch": len(watched_names(kind)), "limited": 1, "late": 1, "initial": 1, "limited_at_end": 1}
+        kept |= {} if kind.dc is None else {"dc_lowest": 1, "dc_highest": 1}
         kept |= dict.fromkeys(("first", "least", "most"), cases.events.count)
         super().__init__(kind, study, len(cases), build, logged=logged, kept=kept, shared=shared)
         self.cases, self.index, self.ends, self.cycle = cases, index, ends, cycle
@@ -211,6 +216,8 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     lanes, watched = np.arange(len(cases)), part.span("watch")
     writer.copy(lanes, ends, part.kept["watch"], watched.stop - watched.start, watched.start)
     writer.copy(lanes, ends, part.kept["limited_at_end"], 1, part.place["limited"])
+    for name in ("lowest", "highest") if kind.dc is not None else ():
+        writer.copy(lanes, ends, part.kept[f"dc_{name}"], 1, part.place[f"dc.{name}"])
     _means(part, cases, rests, cycle)
     part.follow(writer, circuit.cut)
     return part
@@ -246,6 +253,8 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
             part.put(part.span("pending").start + row, values)
     if "watch.entry.last_out" in place:
         part.put("watch.entry.last_out", np.full(len(part), -1.0))
+    if part.study.dc is not None:
+        _rest_link(part, part.study.dc, start)
     nominal = part.study.converter.references()
     for name, value in zip(References._fields, (cases.P_ref, cases.Q_ref, nominal.omega_0, nominal.V_n), strict=True):
         if f"refs.{name}" in place:
@@ -254,6 +263,17 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
     for name in ("R_g", "L_g"):
         if f"circuit.{name}" in place:
             part.put(f"circuit.{name}", getattr(cases, name))
+
+
+def _rest_link(part: Part, link: DcLink, start: ManyStates) -> None:
+    """The dc links of the lanes at rest."""
+    study = part.study
+    i_s, v_c, i_g = (start.plant[k] + 1j * start.plant[k + 1] for k in (0, 2, 4))
+    powers = bridge_power(study, v_c + study.filter.R_c * (i_s - i_g), i_s).tolist()
+    rows = [numbers_of(link.at_rest(p, study.converter, study.filter)) for p in powers]
+    part.put(part.span("dc").start, np.array(rows).T)
+    constants = numbers_of(link.settings(study.converter, study.filter))
+    part.put(part.span("link").start, np.repeat(np.array(constants)[:, None], len(part), axis=1))
 
 
 def _flat(state: ControllerState) -> list[tuple[str, Array]]:

@@ -13,6 +13,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.many import (
     BRIDGE_VOLTAGE,
     CURRENT,
+    DC_SOURCE,
     LIMITER_ACTS,
     LIMITER_PULLS,
     NO_POINT,
@@ -115,7 +116,7 @@ def rests_of(
         largest = REST_SHARE * demand.i_max_pu * study.converter.I_rated_pk
         over = ~step & (fault == 0) & (np.maximum(start.i_s_pk, end.i_s_pk) > largest)
         results.status[over] = OVER_LIMIT
-    limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS))
+    limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS, DC_SOURCE))
     results.status[limited] = OVER_LIMIT
     return rests, gains
 

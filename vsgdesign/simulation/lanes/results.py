@@ -14,13 +14,15 @@ from vsgdesign.simulation.watched_sample import Entry, entered_s
 Array = NDArray[np.float64]
 Kinds = NDArray[np.int8]
 
-NO_REST, OVER_LIMIT, JUDGED, DIVERGED, SLIPPED, LATCHED, NOT_AT_REST, TRIPPED, IN_NOISE = range(9)
+NO_REST, OVER_LIMIT, JUDGED, DIVERGED, SLIPPED, LATCHED, NOT_AT_REST, TRIPPED, IN_NOISE, BLOCKED = range(10)
 STATUSES = (
     *("no rest", "rest over limit", "judged", "diverged", "slipped", "latched", "not at rest", "tripped"),
     "too small for its noise",
+    "blocked",
 )
-"""What became of a case. The first two and the last have no verdict. ``judged`` means survived for a disturbance, and
-that there are figures for a step; ``too small for its noise``: a step that cannot be judged (:eq:`twin-noise`)."""
+"""What became of a case. The first two and ``too small for its noise`` have no verdict. ``judged`` means survived for a
+disturbance, and that there are figures for a step; ``too small for its noise``: a step that cannot be judged
+(:eq:`twin-noise`); ``blocked``: the dc link left its limits."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,6 +26,7 @@ from vsgdesign.simulation.lanes.own_rest import judge_steps, pieces, recovered
 from vsgdesign.simulation.lanes.part import PROTECTION_COLUMNS, Part, make_part
 from vsgdesign.simulation.lanes.rests import Rests, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import (
+    BLOCKED,
     DIVERGED,
     JUDGED,
     LATCHED,
@@ -42,6 +43,7 @@ from vsgdesign.simulation.outcome import BOUND_PU
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
 from vsgdesign.simulation.survival.running import trip_of
+from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -293,7 +295,18 @@ def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResult
     found.recovery_s[bad] = np.where(kind == STEP, np.nan, np.inf)
     if part.guarded:
         _trip(part, found)
+    if part.study.dc is not None:
+        _block(part, part.study.dc, found)
     results.fill(part.index[part.mains], found.take(part.mains))
+
+
+def _block(part: Part, link: DcLink, found: LaneResults) -> None:
+    """The runs whose dc link left its limits before their ends are lost, whatever else became of them."""
+    lowest, highest = (part.get(part.kept[f"dc_{name}"]) for name in ("lowest", "highest"))
+    gone = (lowest < link.V_low) | (highest > link.V_high)
+    found.status[gone] = BLOCKED
+    step = part.cases.kind[gone] == STEP
+    found.settling_s[gone], found.recovery_s[gone] = np.where(step, np.inf, np.nan), np.where(step, np.nan, np.inf)
 
 
 def _trip(part: Part, found: LaneResults) -> None:

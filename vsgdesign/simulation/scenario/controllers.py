@@ -19,6 +19,7 @@ from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import Survival, peaks_of
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import AtPcc, pcc_vectors
+from vsgdesign.simulation.dc_start import DcFigures, dc_figures, dc_series
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.every_sample import (
     EverySample,
@@ -88,6 +89,8 @@ class ControllerResult:
     """The verdict on the events as one disturbance, where the study asks for it."""
     found: tuple[Event, ...] = ()
     """Events whose instants only its own run could tell: its breaker closes."""
+    dc: DcFigures | None = None
+    """What it asked of its dc link; None: an ideal one."""
     late_peak_pu: float | None = None
     """The largest length of the converter current's vector later than 5 ms after each event, over the rated peak; None
     without an event."""
@@ -254,6 +257,7 @@ def _run_controllers(
             if study.simulation.survival
             else None,
             found=found_events(study, own_study),
+            dc=None if run.dc_log is None else dc_figures(own_study, run.dc_log),
             late_peak_pu=_late_peak_pu(own_study, seen),
         )
         del every_sample, seen  # the next controller takes the same memory
@@ -325,7 +329,7 @@ def derive_series(
     index = _index(t_s, [change.t_s for change in run.gain_changes], T_s)
     for name, values in held:
         series[name][:] = values[index]
-    return series
+    return series if run.dc_log is None else series | dc_series(study, run.dc_log)
 
 
 AT_PCC = (*(f"{name}_pcc_{phase}" for name in "vi" for phase in "abc"), "P_pcc", "Q_pcc")

@@ -20,6 +20,7 @@ from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.metrics.protection import Trip, first_trip
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import (
+    BLOCKED,
     DIVERGED,
     NO_REST,
     OVER_LIMIT,
@@ -278,8 +279,10 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
 
 
 def with_protection(verdict: Survival, study: Study, simulation: Simulation, since_s: float) -> Survival:
-    """The verdict on a run with the protection of its study: a run that survives is tripped where a limit is reached
-    after the first event (``since_s``)."""
+    """The verdict on a run with its dc link and the protection of its study: a run whose bridge blocks is lost, and a
+    run that survives is tripped where a limit is reached after the first event (``since_s``)."""
+    if simulation.divergence is not None and simulation.divergence.blocked:
+        return replace(verdict, status=BLOCKED, reason=simulation.divergence.reason)
     if study.protection is None or not verdict.survived:
         return verdict
     log, circuit = simulation.log, study.circuit()

@@ -96,7 +96,7 @@ class PlantController:
     @property
     def outcome(self) -> Outcome:
         """The worst one of its units that are connected at the end, with the name of the unit."""
-        order = ("diverged", "unstable", "infeasible", "limited", "not settled", "not known", "settled")
+        order = ("diverged", "blocked", "unstable", "infeasible", "limited", "not settled", "not known", "settled")
         names, rest = [unit.name for unit in self.timeline.plant.units], self.rests[-1]
         last = [name for name in names if name in rest.on_line]
         if not last and not rest.stable:

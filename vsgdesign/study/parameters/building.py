@@ -33,6 +33,7 @@ from vsgdesign.study.parameters.converter import (
     read_filter,
     scope_of,
 )
+from vsgdesign.study.parameters.dc_link import DC, check_beside, read_dc
 from vsgdesign.study.parameters.estimator import EstimatorSpec, read_estimator
 from vsgdesign.study.parameters.events import event_fields, read_events
 from vsgdesign.study.parameters.fields import (
@@ -175,6 +176,8 @@ class Sections:
     """Noise, bits and errors between the circuit and the controller."""
     replay: Any = subtable(ReplayFields)
     """A recorded voltage as the source."""
+    dc: Any = subtable(DC, shown="ideal")
+    """The capacitor of the dc link and what feeds it."""
 
 
 def build_study(
@@ -249,6 +252,8 @@ def build_study(
     replay = read_replay(root.child("replay"), converter, simulation.duration)
     if root.has("replay"):
         _check_replay(root, faults)
+    dc = read_dc(root.child("dc"), converter)
+    check_beside(root, dc, simulation.bridge, alone=plant is None)
     if simulation.survival:
         _check_survival(root, source_, events, background, sensors)
     root.finish()
@@ -289,6 +294,7 @@ def build_study(
         background=background,
         sensors=sensors,
         replay=replay,
+        dc=dc,
     )
 
 

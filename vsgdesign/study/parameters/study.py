@@ -28,6 +28,7 @@ from vsgdesign.study.parameters.targets import NOTCH_DAMPING, ClosedFormTarget
 
 if TYPE_CHECKING:
     from vsgdesign.study.parameters.background import BackgroundSpec
+    from vsgdesign.study.parameters.dc_link import DcLink
     from vsgdesign.study.parameters.estimator import EstimatorSpec
     from vsgdesign.study.parameters.power_plant import PowerPlant
     from vsgdesign.study.parameters.replay import ReplaySpec
@@ -123,6 +124,8 @@ class Study:
     """What lies between the circuit and the controller; None if the study has no [sensors]: they are ideal."""
     replay: ReplaySpec | None = None
     """The recorded voltage that is the source; None if the study has no [replay]."""
+    dc: DcLink | None = None
+    """The dc link and what feeds it; None if the study has no [dc]: the link is ideal."""
     files: tuple[str, ...] = field(default=(), compare=False)
     """Paths of the study file and of the files that it is based on; none for a study from a text."""
     origin: StudyOrigin | None = field(default=None, compare=False, repr=False)

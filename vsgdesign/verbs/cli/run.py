@@ -199,7 +199,9 @@ def _refuse_divergence(results: dict[str, Any]) -> None:
     outcomes = {name: controller["outcome"] for name, controller in results["controllers"].items()}
     from vsgdesign.errors import SimulationDivergedError
 
-    diverged = [f"{name}: {one['reason']}" for name, one in outcomes.items() if one["status"] == "diverged"]
+    diverged = [
+        f"{name}: {one['reason']}" for name, one in outcomes.items() if one["status"] in ("diverged", "blocked")
+    ]
     if diverged:
         raise SimulationDivergedError(". ".join(diverged) + ".")
 

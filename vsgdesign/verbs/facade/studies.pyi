@@ -671,6 +671,52 @@ class ReplayTable(TypedDict, total=False):
     scale: Quantity
     begin: Quantity
 
+class DcTable(TypedDict, total=False):
+    """The fields of [dc]."""
+
+    source: Literal["battery", "converter", "photovoltaic"] | str
+    C: Quantity
+    R_bleed: Quantity
+    V_low: Quantity
+    V_high: Quantity
+    battery: DcBatteryTable | Mapping[str, Any]
+    converter: DcConverterTable | Mapping[str, Any]
+    photovoltaic: DcPhotovoltaicTable | Mapping[str, Any]
+
+class DcBatteryTable(TypedDict, total=False):
+    """The fields of [dc.battery]."""
+
+    open_circuit: Sequence[Quantity]
+    R_i: Quantity
+    i_max: Quantity
+    i_charge_max: Quantity
+    capacity_Ah: Quantity
+    charge: Quantity
+
+class DcConverterTable(TypedDict, total=False):
+    """The fields of [dc.converter]."""
+
+    p_max: Quantity
+    p_charge_max: Quantity
+    tau: Quantity
+    ramp: Quantity
+    feed_forward: Quantity
+    k_p: Quantity
+
+class DcPhotovoltaicTable(TypedDict, total=False):
+    """The fields of [dc.photovoltaic]."""
+
+    modules: Quantity
+    strings: Quantity
+    irradiance: Quantity
+    temperature: Quantity
+    I_L: Quantity
+    I_0: Quantity
+    a: Quantity
+    R_s: Quantity
+    R_sh: Quantity
+    alpha_sc: Quantity
+
 def load(
     source: str | Path | Mapping[str, Any],
     *,
@@ -701,6 +747,7 @@ def load(
     background: BackgroundTable | Mapping[str, Any] = ...,
     sensors: SensorsTable | Mapping[str, Any] = ...,
     replay: ReplayTable | Mapping[str, Any] = ...,
+    dc: DcTable | Mapping[str, Any] = ...,
 ) -> Study:
     """The study of a file, of a packaged case (``"case:NAME"``) or of a document (a mapping, as TOML would give it).
 
@@ -744,6 +791,7 @@ def load(
         background: What the voltage of a real grid does besides the events (default none).
         sensors: Noise, bits and errors between the circuit and the controller (default ideal).
         replay: A recorded voltage as the source (default none).
+        dc: The capacitor of the dc link and what feeds it (default ideal).
     """
     ...
 

@@ -22,7 +22,7 @@ _WORDS = (
     ("limited",),
     ("not known", "window too short", "no model", "no rest", "rest over limit"),
     ("not settled", "not at rest", "infeasible", "no steady state"),
-    ("unstable", "latched", "slipped", "tripped"),
+    ("unstable", "latched", "slipped", "tripped", "blocked"),
     ("diverged",),
 )
 """The words of a field ``status``, from the best to the worst."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.progress import Progress
 from vsgdesign.export.unit import Unit, controller_named, unit_of
+from vsgdesign.study.parameters.dc_link import ideal_link
 from vsgdesign.study.parameters.study import Study
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def unit_of_study(
     """
     from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
+    ideal_link(study, "an exported controller")
     spec = controller_named(study, controller)
     changes = {} if rate is None else {"rate": rate}
     if table is None and spec.kind == "scheduled" and spec.schedule == "table":

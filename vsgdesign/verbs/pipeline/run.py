@@ -392,6 +392,7 @@ def _controller(result: ScenarioResult, controller: ControllerResult, judged: di
         "gain_changes": len(controller.gain_changes),
         "estimate": judged,
         "outcome": asdict(controller.outcome),
+        **({} if controller.dc is None else {"dc": asdict(controller.dc)}),
         **({} if controller.survival is None else {"survival": asdict(controller.survival)}),
         "limiter": _limiter(study.with_limit_of(controller.spec)),
         "events": [_event(event, mean_cycles(study)) for event in controller.events],

@@ -1,0 +1,218 @@
+"""The dc link in the EMT: against an independent integration, in its energy balance, and without it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.oracles.emt_dc import WithLink
+from tests.oracles.emt_reference import run_reference
+from tests.simulation.one_by_one import run_one
+from tests.simulation.studies import GAINS, lc_study, lcl_study
+from tests.simulation.test_emt_against_dop853 import errors_pu, library_start
+from tests.simulation.test_lanes import drawn, study_named
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.equations.dc_source_interface import DcRatings
+from vsgdesign.equations.dc_sources import DC_SOURCES
+from vsgdesign.equations.dc_sources.photovoltaic import array_curve
+from vsgdesign.errors import InfeasibleStudyError, StudyError
+from vsgdesign.simulation import GainChange, simulate
+from vsgdesign.simulation.dc_start import dc_columns, dc_figures
+from vsgdesign.simulation.energy import dc_energy
+from vsgdesign.simulation.lanes import run as lanes_run
+from vsgdesign.simulation.lanes.results import BLOCKED, JUDGED
+from vsgdesign.study.parameters import Study
+
+TOLERANCE = 1e-8
+"""Of rated: what the issue of the dc side asks for. The order of the link's step leaves 1e-10 to 3e-9 here."""
+
+BATTERY = """
+[dc]
+source = "battery"
+C = "500 uF"
+R_bleed = "20 kohm"
+[dc.battery]
+R_i = "0.4 ohm"
+i_max = 30
+capacity_Ah = 0.5
+charge = 0.61
+"""
+
+STAGE = """
+[dc]
+source = "converter"
+C = "2 mF"
+[dc.converter]
+p_max = "3.5 kW"
+p_charge_max = "1 kW"
+tau = "2 ms"
+ramp = 3e5
+feed_forward = 0.8
+"""
+
+ARRAY = """
+[dc]
+source = "photovoltaic"
+C = "3 mF"
+[dc.photovoltaic]
+modules = 8
+strings = 3
+irradiance = 900
+temperature = 40
+"""
+
+EVENTS = """
+[[events]]
+time = "3 ms"
+P_ref = "2.6 kW"
+[[events]]
+time = "6.0123 ms"
+phase_jump = "-12 deg"
+[[events]]
+time = "9.3 ms"
+V_g_pu = 0.8
+[[events]]
+time = "13 ms"
+V_g_pu = 1.0
+"""
+
+
+def with_source(build, text: str, events: str = EVENTS, duration: str = "18 ms") -> Study:
+    return build(duration, events + text)
+
+
+@pytest.mark.parametrize("text", [BATTERY, STAGE, ARRAY], ids=["battery", "converter", "photovoltaic"])
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_against_dop853(build, text: str) -> None:
+    if build is lc_study and text is ARRAY:
+        text = text.replace("modules = 8", "modules = 16").replace("strings = 3", "strings = 2")
+    study = with_source(build, text)
+    assert study.dc is not None
+    gains = [GainChange(0.0, GAINS)]
+    run = simulate(study, gains, log_states=10**9)
+    assert run.dc_log is not None
+    names = dc_columns(study)
+    first = dict(zip(names, run.dc_log[0].tolist(), strict=True))
+    memory = [value for name, value in first.items() if name.startswith("memory.")]
+    link = WithLink(study, first["v"], first["p"], memory)
+    reference = run_reference(study, gains, False, library_start(study, gains), circuits=link)
+    errors = errors_pu(study, run, reference)
+    v = run.dc_log[:, names.index("v")]
+    errors["v_dc"] = float(np.abs(v - np.array(link.trace)).max()) / study.converter.V_dc
+    print(study.dc.source, {name: f"{e:.1e}" for name, e in errors.items()}, f"v {v.min():.5g} to {v.max():.5g} V")
+    assert np.ptp(v) > 0.001 * study.converter.V_dc  # the link moves
+    assert max(errors.values()) < TOLERANCE, errors
+
+
+def test_the_bridge_blocks_at_the_sample_at_which_the_link_leaves_its_limits() -> None:
+    """In a log of every tenth sample the run ends at the first row that is late; what is kept is sound."""
+    text = STAGE.replace('C = "2 mF"', 'C = "600 uF"\nV_low = "{} V"')
+    study, gains = with_source(lcl_study, text.format(330)), [GainChange(0.0, GAINS)]
+    free = simulate(with_source(lcl_study, text.format(30)), gains)
+    run = simulate(study, gains)
+    assert free.dc_log is not None
+    assert run.dc_log is not None
+    v = free.dc_log[:, dc_columns(study).index("v")]
+    first = int(np.argmax(v < 330.0))
+    assert 10 < first < len(v) - 10
+    assert run.divergence is not None
+    assert run.divergence.blocked
+    assert run.divergence.t_s == pytest.approx(first * study.converter.T_s, abs=1e-9)
+    assert "330 V" in run.divergence.reason
+    np.testing.assert_array_equal(run.log, free.log[:first])
+
+
+def test_energy_balance() -> None:
+    """What the source gives is what the bridge takes, what the bleeder takes and what the capacitor keeps; and what the
+    bridge takes is what the filter keeps and loses, and what reaches the node of its capacitor."""
+    study = with_source(lcl_study, BATTERY.replace("capacity_Ah = 0.5", "capacity_Ah = 5"), duration="2 s")
+    assert study.dc is not None
+    run = simulate(study, [GainChange(0.0, GAINS)])
+    assert run.dc_log is not None
+    names, rows, T = dc_columns(study), run.dc_log.T, study.converter.T_s
+    v, given, taken = (rows[names.index(name)] for name in ("v", "given", "taken"))
+    inner = slice(1, -1)
+    bled = T * (np.sum(v[inner] ** 2) + 0.5 * (v[0] ** 2 + v[-1] ** 2)) / 20e3
+    stored = 0.5 * study.dc.C * (v[-1] ** 2 - v[0] ** 2)
+    S, duration = study.converter.S_rated, run.t_s[-1]
+    assert abs(given[-1] - taken[-1] - bled - stored) < 1e-8 * S * duration
+    assert abs(given[-1] - taken[-1] - bled - stored) < 1e-4 * 0.5 * study.dc.C * study.converter.V_dc**2
+    # An independent sum of the bridge's energy, from the filter's states alone.
+    assert abs(dc_energy(run, study)[-1] - taken[-1]) < 2e-7 * S * duration
+    assert taken[-1] > 0.1 * S * duration
+
+
+def test_a_batch_has_the_links_of_single_runs() -> None:
+    """Voltages of the links of lanes and of single runs, and the same verdicts where half of them block."""
+    study, spec = study_named("survival", "decoupled")
+    text = {"source": "converter", "C": "400 uF", "V_low": "300 V"}
+    study = study.with_changes(dc=text | {"converter": {"p_max": "9 kW", "p_charge_max": "9 kW", "tau": "10 ms"}})
+    assert study.dc is not None
+    cases = drawn(study, spec, "grid", 6)
+    own = study.with_limit_of(spec)
+    lowest = []
+    for k in range(len(cases)):
+        run = run_one(study, spec, NOTHING, cases, k, "averaged")
+        figures = dc_figures(own, run.dc_log) if run.dc_log is not None else None
+        assert figures is not None
+        lowest.append(figures.lowest_v)
+    assert np.ptp(lowest) > 1.0
+    limit = float(np.median(lowest)) + 1e-6
+    narrow = replace(study, dc=replace(study.dc, V_low=limit))
+    results = lanes_run.run_lanes(narrow, spec, NOTHING, cases)
+    judged = results.status >= JUDGED
+    assert judged.sum() >= 4
+    assert (results.status == BLOCKED)[judged].tolist() == (np.array(lowest) < limit)[judged].tolist()
+    assert 0 < (results.status == BLOCKED).sum() < judged.sum()
+
+
+_OF_BATTERY = {"R_i": "1 ohm", "i_max": 10, "capacity_Ah": 1}
+
+
+@pytest.mark.parametrize(
+    ("changed", "field", "problem"),
+    [
+        ({"battery": _OF_BATTERY | {"capacity_Ah": 0}}, "dc.battery.capacity_Ah", "outside"),
+        ({"battery": {"R_i": "1 ohm", "i_max": 10}}, "dc.battery.capacity_Ah", "missing"),
+        ({"C": "nan"}, "dc.C", "expected a number in F"),
+        ({"battery": _OF_BATTERY | {"open_circuit": [380, 400]}}, "dc.battery.open_circuit", "6 voltages"),
+        (
+            {"battery": _OF_BATTERY | {"open_circuit": [380, float("nan"), 390, 400, 410, 420]}},
+            "open_circuit",
+            "must be a finite number",
+        ),
+        ({"V_low": "500 V"}, "dc.V_low", "outside"),
+        ({"converter": {"p_max": 1000}}, "dc.converter", "does not read this table"),
+        ({"source": "sun"}, "dc.source", "battery"),
+    ],
+)
+def test_faults(changed: dict[str, Any], field: str, problem: str) -> None:
+    with pytest.raises(StudyError) as caught:
+        lcl_study("40 ms").with_changes(dc={"source": "battery", "C": "1 mF", "battery": _OF_BATTERY} | changed)
+    assert field in str(caught.value)
+    assert problem in str(caught.value)
+
+
+def test_a_source_that_cannot_give_the_power_is_told_before_the_run() -> None:
+    weak = BATTERY.replace('R_i = "0.4 ohm"', 'R_i = "25 ohm"')
+    with pytest.raises(InfeasibleStudyError, match="gives at most"):
+        simulate(with_source(lcl_study, weak), [GainChange(0.0, GAINS)])
+    high = STAGE.replace("3.5 kW", "1.5 kW")
+    with pytest.raises(InfeasibleStudyError, match="its limits are"):
+        simulate(with_source(lcl_study, high), [GainChange(0.0, GAINS)])
+
+
+def test_an_array_is_that_of_its_module() -> None:
+    """Against pvlib's figures of the CS5P-220M: 220 W at 46.9 V, 59.4 V open, 5.1 A short (database of the CEC)."""
+    source = DC_SOURCES["photovoltaic"]
+    ratings = DcRatings(5e-5, 400.0, 1e-3, np.inf, 5000.0)
+    constants = source.build(ratings, source.values(ratings, {"modules": 1.0, "strings": 1.0}))
+    v, i = array_curve(constants)
+    best = int(np.argmax(v * i))
+    assert v[best] * i[best] == pytest.approx(220.0, rel=2e-3)
+    assert v[best] == pytest.approx(46.9, rel=5e-3)
+    assert v[-1] == pytest.approx(59.4, rel=2e-3)
+    assert i[0] == pytest.approx(5.1, rel=2e-3)

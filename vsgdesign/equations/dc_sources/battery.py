@@ -1,0 +1,200 @@
+"""A battery directly on the link: an open-circuit voltage that follows the charge, behind a resistance."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.equations.dc_source_interface import (
+    DcFlow,
+    DcParameter,
+    DcRatings,
+    DcSource,
+    DcSourceLaw,
+    Decay,
+    chosen_decay,
+)
+
+POINTS = 6
+"""Points of the open-circuit voltage over the charge, evenly spaced from empty to full."""
+
+
+class OpenVoltage(NamedTuple):
+    """Open-circuit voltage over the state of charge, V: a straight line from the first point on, and by how much the
+    slope changes at each of the points between the ends."""
+
+    v_0: Any
+    slope: Any
+    bend_1: Any
+    bend_2: Any
+    bend_3: Any
+    bend_4: Any
+
+
+class BatteryConstants(NamedTuple):
+    """Constants of a battery."""
+
+    open: OpenVoltage
+    over_R: Any
+    """1/R_i, S."""
+    i_max: Any
+    i_min: Any
+    """Limits of the current: when it gives, and (negative) when it takes, A."""
+    per_ampere: Any
+    """Change of the state of charge in one interval per ampere that it gives."""
+    held: Decay
+    """While the voltage decides."""
+    free: Decay
+    """While a limit of the current decides."""
+
+
+class BatteryNotes(NamedTuple):
+    """Its current in an interval: current − conductance·v."""
+
+    current: Any
+    conductance: Any
+
+
+class BatteryMemory(NamedTuple):
+    """What it remembers."""
+
+    charge: Any
+    """State of charge, 0 to 1."""
+
+
+def open_voltage(charge: Any, c: OpenVoltage) -> Any:
+    """Open-circuit voltage, V, at a state of charge (:eq:`dc-battery`)."""
+    return (
+        c.v_0
+        + c.slope * charge
+        + c.bend_1 * np.maximum(charge - 0.2, 0.0)
+        + c.bend_2 * np.maximum(charge - 0.4, 0.0)
+        + c.bend_3 * np.maximum(charge - 0.6, 0.0)
+        + c.bend_4 * np.maximum(charge - 0.8, 0.0)
+    )
+
+
+def battery_flow(memory: BatteryMemory, v: Any, p: Any, c: BatteryConstants) -> DcFlow:
+    """The current of a battery (:eq:`dc-battery`): that of its resistance, or that of a limit. An empty battery does
+    not give, and a full one does not take. Its charge is that in the middle of the interval."""
+    ahead = memory.charge + 0.5 * c.per_ampere * (open_voltage(memory.charge, c.open) - v) * c.over_R
+    v_open = open_voltage(ahead, c.open)
+    wanted = (v_open - v) * c.over_R
+    most = np.where(memory.charge > 0.0, c.i_max, 0.0)
+    least = np.where(memory.charge < 1.0, c.i_min, 0.0)
+    current = np.minimum(np.maximum(wanted, least), most)
+    limited = 1.0 * (current < wanted) + 1.0 * (current > wanted)
+    constant = np.where(limited > 0.5, current, v_open * c.over_R)
+    return DcFlow(
+        current=constant,
+        slope=0.0,
+        second=0.0,
+        p_begin=0.0,
+        p_middle=0.0,
+        p_end=0.0,
+        decay=chosen_decay(limited, c.free, c.held),
+        notes=BatteryNotes(constant, np.where(limited > 0.5, 0.0, c.over_R)),
+    )
+
+
+def battery_remembers(
+    memory: BatteryMemory, flow: DcFlow, v_0: Any, v_1: Any, mean: Any, p: Any, c: BatteryConstants
+) -> BatteryMemory:
+    """The charge falls with the current that it gives."""
+    given = flow.notes.current - flow.notes.conductance * mean
+    return BatteryMemory(charge=memory.charge + c.per_ampere * given)
+
+
+def battery_constants(ratings: DcRatings, values: Mapping[str, Any]) -> BatteryConstants:
+    """From the parameters of a study."""
+    points = values["open_circuit"]
+    slopes = [(b - a) * (POINTS - 1) for a, b in itertools.pairwise(points)]
+    bends = [after - before for before, after in itertools.pairwise(slopes)]
+    return BatteryConstants(
+        open=OpenVoltage(points[0], slopes[0], *bends),
+        over_R=1.0 / values["R_i"],
+        i_max=values["i_max"],
+        i_min=-values["i_charge_max"],
+        per_ampere=-ratings.T_s / (3600.0 * values["capacity_Ah"]),
+        held=ratings.decay(1.0 / values["R_i"]),
+        free=ratings.decay(0.0),
+    )
+
+
+def battery_rest(
+    p: float, ratings: DcRatings, c: BatteryConstants, values: Mapping[str, Any]
+) -> tuple[float, BatteryMemory]:
+    """The link's voltage at a power (:eq:`dc-battery-rest`), the upper one of two."""
+    charge = values["charge"]
+    e, g = float(open_voltage(charge, c.open)), 1.0 / ratings.R_bleed
+    # v (e − v)/R = p + g v²
+    a, b = c.over_R + g, e * c.over_R
+    root = b * b - 4.0 * a * p
+    if root < 0.0:
+        raise ValueError(f"a battery of {e:.5g} V and {1e3 / c.over_R:.4g} mΩ gives at most {b * b / (4.0 * a):.4g} W")
+    v = (b + root**0.5) / (2.0 * a)
+    current = (e - v) * c.over_R
+    low = c.i_min if charge < 1.0 else 0.0
+    high = c.i_max if charge > 0.0 else 0.0
+    if not low <= current <= high:
+        raise ValueError(
+            f"a battery at {100.0 * charge:.3g} % of its charge would give {current:.4g} A, and its limits are "
+            f"{low:.4g} to {high:.4g} A"
+        )
+    return v, BatteryMemory(charge=charge)
+
+
+def _most(ratings: DcRatings, values: Mapping[str, Any]) -> tuple[float, float]:
+    """What it can take and give at the start."""
+    c = battery_constants(ratings, values)
+    e, R, charge = float(open_voltage(values["charge"], c.open)), values["R_i"], values["charge"]
+    high = min(c.i_max, 0.5 * e / R) if charge > 0.0 else 0.0
+    low = c.i_min if charge < 1.0 else 0.0
+    return low * (e - R * low), high * (e - R * high)
+
+
+def _check(ratings: DcRatings, values: Mapping[str, Any]) -> Mapping[str, str]:
+    points = values["open_circuit"]
+    if len(points) != POINTS:
+        return {"open_circuit": f"must have {POINTS} voltages: at 0, 20, 40, 60, 80 and 100 % of the charge"}
+    return {}
+
+
+_PARAMETERS = (
+    DcParameter(
+        "open_circuit",
+        "V",
+        1.0,
+        1e6,
+        "open-circuit voltage at 0, 20, 40, 60, 80 and 100 % of the charge",
+        shown="`V_dc`, from 94 to 106 %",
+        default=lambda ratings, _: tuple(ratings.V_dc * (0.94 + 0.024 * k) for k in range(POINTS)),  # type: ignore[arg-type, return-value]
+    ),
+    DcParameter("R_i", "ohm", 1e-6, 1e4, "inner resistance"),
+    DcParameter("i_max", "A", 1e-3, 1e6, "largest current that it gives"),
+    DcParameter(
+        "i_charge_max",
+        "A",
+        0.0,
+        1e6,
+        "largest current that it takes",
+        shown="`i_max`",
+        default=lambda _, known: known["i_max"],
+    ),
+    DcParameter("capacity_Ah", "1", 1e-4, 1e6, "capacity, Ah"),
+    DcParameter("charge", "1", 0.0, 1.0, "state of charge at the start", default=0.6),
+)
+
+BATTERY = DcSource(
+    "battery",
+    DcSourceLaw(battery_flow, battery_remembers),
+    battery_constants,
+    battery_rest,
+    _PARAMETERS,
+    _check,
+    _most,
+)
+"""A battery without a dc–dc stage."""

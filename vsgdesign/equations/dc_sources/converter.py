@@ -1,0 +1,132 @@
+"""A source behind a dc–dc stage: a battery, a fuel cell or an array whose stage holds the link's voltage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsgdesign.equations.dc_source_interface import DcFlow, DcParameter, DcRatings, DcSource, DcSourceLaw, Decay
+
+
+class StageConstants(NamedTuple):
+    """Constants of a stage."""
+
+    V: Any
+    """Voltage that it holds, V."""
+    k_p: Any
+    """Power per volt, W/V."""
+    forward: Any
+    """Share of the bridge's power that it feeds forward."""
+    p_max: Any
+    p_min: Any
+    """Limits of its power, W: what it gives, and (negative) takes."""
+    ramp: Any
+    """Largest change of its target in one interval, W."""
+    half: Any
+    whole: Any
+    """What is left of a difference to its target after half an interval and after one."""
+    decay: Decay
+
+
+class StageNotes(NamedTuple):
+    """The target of an interval, W."""
+
+    target: Any
+
+
+class StageMemory(NamedTuple):
+    """What it remembers."""
+
+    p: Any
+    """Power that it gives, W."""
+    target: Any
+    """Power that it was asked for, W."""
+
+
+def stage_flow(memory: StageMemory, v: Any, p: Any, c: StageConstants) -> DcFlow:
+    """The power of a stage in an interval (:eq:`dc-stage`): it follows its target with a lag. The target is set at the
+    sample, from the link's voltage and from the power that the bridge took in the interval before."""
+    asked = np.minimum(np.maximum(c.k_p * (c.V - v) + c.forward * p, c.p_min), c.p_max)
+    target = memory.target + np.minimum(np.maximum(asked - memory.target, -c.ramp), c.ramp)
+    away = memory.p - target
+    return DcFlow(
+        current=0.0,
+        slope=0.0,
+        second=0.0,
+        p_begin=memory.p,
+        p_middle=target + c.half * away,
+        p_end=target + c.whole * away,
+        decay=c.decay,
+        notes=StageNotes(target),
+    )
+
+
+def stage_remembers(
+    memory: StageMemory, flow: DcFlow, v_0: Any, v_1: Any, mean: Any, p: Any, c: StageConstants
+) -> StageMemory:
+    """Its power at the end, and its target."""
+    return StageMemory(p=flow.p_end, target=flow.notes.target)
+
+
+def stage_constants(ratings: DcRatings, values: Mapping[str, Any]) -> StageConstants:
+    """From the parameters of a study. The current limit at the low-voltage side is a limit of the power."""
+    T, tau = ratings.T_s, values["tau"]
+    most = values["p_max"]
+    return StageConstants(
+        V=ratings.V_dc,
+        k_p=values["k_p"],
+        forward=values["feed_forward"],
+        p_max=most,
+        p_min=-values["p_charge_max"],
+        ramp=values["ramp"] * T,
+        half=math.exp(-0.5 * T / tau),
+        whole=math.exp(-T / tau),
+        decay=ratings.decay(0.0),
+    )
+
+
+def stage_rest(p: float, ratings: DcRatings, c: StageConstants, values: Mapping[str, Any]) -> tuple[float, StageMemory]:
+    """The link's voltage at a power (:eq:`dc-stage-rest`)."""
+    g = 1.0 / ratings.R_bleed
+    # k (V − v) + f p = p + g v²
+    v = c.V - (1.0 - c.forward) * p / c.k_p
+    for _ in range(50):
+        v -= (c.k_p * (c.V - v) + c.forward * p - p - g * v * v) / (-c.k_p - 2.0 * g * v)
+    needed = p + g * v * v
+    if not (c.p_min <= needed <= c.p_max) or not v > 0.0:
+        raise ValueError(f"the stage would give {needed:.4g} W, and its limits are {c.p_min:.4g} to {c.p_max:.4g} W")
+    return v, StageMemory(p=needed, target=needed)
+
+
+def _slowest(ratings: DcRatings, known: Mapping[str, Any]) -> float:
+    """A loop four times slower than the stage and the sampling."""
+    return ratings.C * ratings.V_dc / (4.0 * (known["tau"] + 1.5 * ratings.T_s))
+
+
+CONVERTER = DcSource(
+    "converter",
+    DcSourceLaw(stage_flow, stage_remembers),
+    stage_constants,
+    stage_rest,
+    (
+        DcParameter("p_max", "W", 1.0, 1e10, "largest power that it gives", changes=True),
+        DcParameter("p_charge_max", "W", 0.0, 1e10, "largest power that it takes", default=0.0, changes=True),
+        DcParameter("tau", "s", 1e-5, 1.0, "time constant of its power", default=0.005),
+        DcParameter("ramp", "W/s", 1.0, 1e14, "largest rate of its power", default=1e14, shown="no limit"),
+        DcParameter("feed_forward", "1", 0.0, 1.0, "share of the bridge's power that is fed forward", default=1.0),
+        DcParameter(
+            "k_p",
+            "W/V",
+            1e-6,
+            1e9,
+            "power per volt of the loop that holds `V_dc`",
+            default=_slowest,
+            shown="a quarter of what its lag allows, C V_dc/(4 (tau + 1.5 T_s))",
+        ),
+    ),
+    most=lambda _, values: (-values["p_charge_max"], values["p_max"]),
+)
+"""A stage that holds the voltage of the link."""

@@ -1,0 +1,77 @@
+"""The dc link in the body of a loop: what the bridge can make at a sample, what acts, and the link after it."""
+
+from __future__ import annotations
+
+import typing
+from typing import Any, NamedTuple
+
+from vsgdesign.codegen.blocks import Part
+from vsgdesign.codegen.flat import flat_block
+from vsgdesign.codegen.records import Kinds
+from vsgdesign.equations.dc_link import ActingVoltage, DcSettings, DcState, acting_voltage, bridge_limit, dc_step
+from vsgdesign.equations.dc_source_interface import DcSourceLaw
+from vsgdesign.simulation.axes import headed
+from vsgdesign.simulation.circuit_sample import PlantState
+from vsgdesign.study.parameters.dc_link import DcLink
+
+
+class DcKind(NamedTuple):
+    """What a loop has a source for: its law, and the kinds of its memory and of its constants (NamedTuples)."""
+
+    law: DcSourceLaw
+    memory: Any
+    constants: Any
+
+    @property
+    def records(self) -> dict[Any, dict[str, Any]]:
+        """The records in fields whose type hint says Any."""
+        return {DcState: {"memory": self.memory}, DcSettings: {"source": self.constants}}
+
+    @property
+    def state(self) -> list[str]:
+        """Names of what moves."""
+        return [f"dc.{path}" for path in Kinds(self.records).paths(DcState)]
+
+    @property
+    def settings(self) -> list[str]:
+        """Names of its constants."""
+        return [f"link.{path}" for path in Kinds(self.records).paths(DcSettings)]
+
+    @property
+    def moves(self) -> list[tuple[str, str]]:
+        """(input, output) of what moves."""
+        return [(name, name.replace("dc.", "dc_after.", 1)) for name in self.state]
+
+    def limit(self) -> Part:
+        """The largest voltage of the bridge, from that of the link at the sample. Its output is ``bridge_max``."""
+        called = {"v": "dc.v", "per_volt": "link.limit"}
+        return Part(headed(flat_block(bridge_limit), bridge_limit="bridge_max"), called)
+
+    def acts(self, asked: dict[str, str]) -> Part:
+        """What becomes of the voltage that was asked for. ``asked``: where its axes are. Its output is ``acting``."""
+        called = {f"asked.{axis}": asked[f"applied.{axis}"] for axis in ActingVoltage._fields}
+        return Part(
+            headed(flat_block(acting_voltage), acting_voltage="acting"),
+            called | {"v": "dc.v", "per_volt": "link.limit"},
+        )
+
+    def moved(self, after: str, asked: dict[str, str]) -> Part:
+        """The link at the end of the interval. ``after``: what the circuit's states are called there; ``asked``: where
+        the voltage is that was asked for."""
+        called = {f"state.{name.removeprefix('dc.')}": name for name in self.state}
+        called |= {f"dc.{name.removeprefix('link.')}": name for name in self.settings}
+        called |= {f"after.{name}": f"{after}.{name}" for name in PlantState._fields}
+        called |= {f"v_b.{axis}": f"acting.{axis}" for axis in ActingVoltage._fields}
+        called |= {f"asked.{axis}": asked[f"applied.{axis}"] for axis in ActingVoltage._fields}
+        block = flat_block(dc_step, fixed={"source": self.law}, kinds=self.records)
+        return Part(headed(block, dc_state="dc_after"), called)
+
+
+def dc_kind(link: DcLink | None) -> DcKind | None:
+    """What feeds the dc link."""
+    if link is None:
+        return None
+    source = link.kind
+    constants = typing.get_type_hints(source.build)["return"]
+    memory = typing.get_args(typing.get_type_hints(source.rest)["return"])[1]
+    return DcKind(source.law, memory, constants)

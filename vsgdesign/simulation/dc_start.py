@@ -1,0 +1,104 @@
+"""Where a dc link starts, and what a run says of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.dc_link import DcSettings, DcState
+from vsgdesign.linear.operating_point.dc_rest import bridge_power
+from vsgdesign.linear.operating_point.sampled import SampledState
+from vsgdesign.simulation.dc_parts import dc_kind
+from vsgdesign.study.parameters.dc_link import DcLink
+from vsgdesign.study.parameters.study import Study
+
+Array = NDArray[np.float64]
+
+
+class DcStart(NamedTuple):
+    """The numbers of a link before the first sample."""
+
+    settings: DcSettings
+    state: DcState
+
+
+def dc_at_start(study: Study, start: SampledState) -> DcStart:
+    """The link at the start of a run. Raises InfeasibleStudyError where its source cannot give the power."""
+    if study.dc is None:
+        raise ValueError("the dc link is ideal.")
+    i_s, v_c, i_g = (complex(*start.plant[k : k + 2]) for k in (0, 2, 4))
+    p = float(bridge_power(study, v_c + study.filter.R_c * (i_s - i_g), i_s))
+    return DcStart(study.dc.settings(study.converter, study.filter), study.dc.at_rest(p, study.converter, study.filter))
+
+
+def dc_columns(study: Study) -> tuple[str, ...]:
+    """What ``dc_log`` of a run has: the numbers of :class:`vsgdesign.equations.dc_link.DcState`."""
+    kind = dc_kind(study.dc)
+    return () if kind is None else tuple(name.removeprefix("dc.") for name in kind.state)
+
+
+def blocked(link: DcLink, lowest: float, highest: float) -> str | None:
+    """Why the bridge blocks whose link was so low and so high, V; None: it does not."""
+    if lowest < link.V_low:
+        return f"the dc link fell below V_low = {link.V_low:.5g} V"
+    if highest > link.V_high:
+        return f"the dc link rose above V_high = {link.V_high:.5g} V"
+    return None
+
+
+def rows_before_block(study: Study, rows: Array) -> int:
+    """How many rows of ``dc_log`` come before the bridge blocks."""
+    if study.dc is None:
+        return len(rows)
+    names = dc_columns(study)
+    low, high = (rows[:, names.index(name)] for name in ("lowest", "highest"))
+    bad = (low < study.dc.V_low) | (high > study.dc.V_high)
+    return int(np.argmax(bad)) if bad.any() else len(rows)
+
+
+def dc_series(study: Study, rows: Array) -> dict[str, Array]:
+    """Named quantities of ``dc_log``: ``v_dc`` (V), ``P_dc`` (mean power of the bridge in the sample before each row,
+    W), the energies that the source has given and the bridge has taken since the start (``E_source``, ``E_bridge``, J),
+    and what the source remembers, such as ``dc_charge``."""
+    named = {"v": "v_dc", "p": "P_dc", "given": "E_source", "taken": "E_bridge"}
+    found = {}
+    for name, values in zip(dc_columns(study), rows.T, strict=True):
+        if name in named:
+            found[named[name]] = values.copy()
+        elif name.startswith("memory."):
+            found[f"dc_{name.removeprefix('memory.').replace('.', '_')}"] = values.copy()
+    return found
+
+
+@dataclass(frozen=True)
+class DcFigures:
+    """What a run asked of its dc link, of every sample up to its end."""
+
+    lowest_v: float
+    highest_v: float
+    """Voltages of the link, V."""
+    spare_v: float
+    """By how much the link had more voltage than the bridge needed, at least, V; below zero where the bridge was at its
+    limit."""
+    least_p_w: float
+    most_p_w: float
+    """Mean powers of the bridge in a sample, W."""
+    given_j: float
+    """Energy that the source has given from the start to the end, J."""
+    end: dict[str, float]
+    """The link's voltage (``v_dc``, V) and what its source remembers at the end."""
+
+
+def dc_figures(study: Study, rows: Array) -> DcFigures | None:
+    """The figures of ``dc_log``; None where the link is ideal."""
+    if study.dc is None or not len(rows):
+        return None
+    last = dict(zip(dc_columns(study), rows[-1].tolist(), strict=True))
+    end = {name: float(values[-1]) for name, values in dc_series(study, rows[-1:]).items() if name not in _SUMS}
+    return DcFigures(last["lowest"], last["highest"], last["spare"], last["least"], last["most"], last["given"], end)
+
+
+_SUMS = ("P_dc", "E_source", "E_bridge")

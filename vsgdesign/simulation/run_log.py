@@ -1,0 +1,89 @@
+"""What a batch has logged of one run."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.simulation.batch import Batch
+from vsgdesign.simulation.dc_start import rows_before_block
+from vsgdesign.simulation.every_sample import EverySample
+from vsgdesign.simulation.loop import LOG_COLUMNS, SENSED_COLUMNS
+from vsgdesign.simulation.outcome import good_rows
+from vsgdesign.study.parameters.study import Study
+
+Array = NDArray[np.float64]
+
+
+class RunLog:
+    """What a batch has logged of one run, which is to have ``length`` rows. ``seen`` gets the rows of a log that is
+    written anew again and again."""
+
+    def __init__(self, batch: Batch, number: int, length: int, seen: EverySample | None = None) -> None:
+        group, lane = batch.lane(number)
+        self._batch, self._seen, last = batch, seen, batch.logs[-1]
+        main = last if last.into is None or seen is None else last.into
+        self._whole = main.rows[group, :, :, lane]
+        self._last = last.rows[group, :, :, lane]
+        self._states = [log.rows[group, :, :, lane] for log in batch.logs[:-1]]
+        self._sensed = len(SENSED_COLUMNS) if batch.kind.sensors else 0
+        self._end_of_more = None if batch.kind.dc is None else -len(batch.kind.dc.state)
+        self._every, self.length = main.every, length
+
+    @property
+    def rows(self) -> Array:
+        """(n, len(LOG_COLUMNS))."""
+        return self._whole[: self.length, : len(LOG_COLUMNS)]
+
+    @property
+    def sensed(self) -> Array:
+        """(n, 4): what the sensors say of the capacitor node's voltage and of i_g; (0, 4) where they are ideal."""
+        found = self._whole[: self.length, len(LOG_COLUMNS) : len(LOG_COLUMNS) + self._sensed]
+        return found if self._sensed else np.empty((0, len(SENSED_COLUMNS)))
+
+    @property
+    def more(self) -> Array:
+        """(n, m): the circuit's other states."""
+        return self._whole[: self.length, len(LOG_COLUMNS) + self._sensed : self._end_of_more]
+
+    @property
+    def dc(self) -> Array:
+        """(n, k): the dc link; no columns where it is ideal."""
+        return self._whole[: self.length, self._whole.shape[1] if self._end_of_more is None else self._end_of_more :]
+
+    @property
+    def states(self) -> Array:
+        """The controller's states, a row for each of the first samples."""
+        if not self._states:
+            return np.empty((0, 0))
+        return self._states[0][: self.length * self._every, self._whole.shape[1] :].copy()
+
+    def good(self, study: Study, begin: int, end: int) -> int:
+        """The sample of the first row among those of samples ``begin`` to ``end`` − 1 that has diverged."""
+        log = self._batch.logs[-1]
+        first, last = (-(-sample // log.every) - log.begin // log.every for sample in (begin, end))
+        rows = self._last[first:last]
+        good = good_rows(study, rows[:, : len(LOG_COLUMNS)])
+        if self._end_of_more is not None:
+            good = min(good, rows_before_block(study, rows[:, self._end_of_more :]))
+        return log.begin + (first + good) * log.every
+
+    def make_room(self, begin: int, end: int) -> None:
+        """Before samples ``begin`` to ``end`` − 1 are run: a log that is too full for them is written anew."""
+        log = self._batch.logs[-1]
+        if self._seen is not None and end - log.begin > len(self._last) * log.every:
+            self._hand_over(begin)
+            self._batch.log_anew(begin // log.every * log.every)
+
+    def end(self, sample: int) -> None:
+        """The log ends before a sample."""
+        self.length = min(self.length, -(-sample // self._every))
+        if self._seen is not None:
+            self._hand_over(sample)
+
+    def _hand_over(self, end: int) -> None:
+        """Gives what is logged of the samples before ``end``."""
+        if self._seen is not None:
+            log, own = self._batch.logs[-1], len(LOG_COLUMNS)
+            rows = self._last[: -(-(end - log.begin) // log.every)]
+            self._seen.take(log.begin, log.every, rows[:, :own], rows[:, own + self._sensed : self._end_of_more])

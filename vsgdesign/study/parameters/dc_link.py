@@ -1,0 +1,200 @@
+"""The [dc] section: the capacitor of the dc link and what feeds it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from vsgdesign.equations.dc_link import DcSettings, DcState
+from vsgdesign.equations.dc_source_interface import DcRatings, DcSource
+from vsgdesign.equations.dc_sources import DC_SOURCES
+from vsgdesign.equations.frames import linear_modulation_limit
+from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
+from vsgdesign.study.parameters.converter import Converter, Filter
+from vsgdesign.study.parameters.fields import Field, Times, fields_of, number, values, word
+from vsgdesign.study.parameters.reader import REQUIRED, TableReader
+
+if TYPE_CHECKING:
+    from vsgdesign.study.parameters.study import Study
+
+V_DC = Times(1.0, "`V_dc`")
+"""Nominal voltage of the link."""
+
+
+class _Link:
+    """Fields of this section."""
+
+    source: str = word(lambda: tuple(DC_SOURCES))
+    """What feeds the link ([sources](theory/dc-side.md#sources))."""
+    C: float = number("F", 1e-7, 100.0)
+    """Capacitance of the link."""
+    R_bleed: float = number("ohm", 0.1, 1e9, default=None, shown="none")
+    """Resistor across it."""
+    V_low: float = number("V", 0.05 * V_DC, 1.0 * V_DC, default=0.7 * V_DC)
+    """Below, the bridge blocks, and the run is lost."""
+    V_high: float = number("V", 1.0 * V_DC, 5.0 * V_DC, default=1.2 * V_DC)
+    """Above, the bridge blocks, and the run is lost."""
+
+
+def source_fields() -> tuple[Field, ...]:
+    """The parameters of all sources, each as a table of the source's name."""
+    return tuple(
+        Field(
+            kind="table",
+            name=source.name,
+            default=None,
+            shown="defaults",
+            of=parameter_fields(source),
+            explained=f'Parameters of `source = "{source.name}"`.',
+        )
+        for source in DC_SOURCES.values()
+    )
+
+
+def parameter_fields(source: DcSource) -> tuple[Field, ...]:
+    """The parameters of a source as fields of its table."""
+    found = []
+    for one in source.parameters:
+        several = one.name == "open_circuit"
+        given: Any = one.default if isinstance(one.default, int | float) and not one.shown else None
+        found.append(
+            Field(
+                kind="numbers" if several else "number",
+                name=one.name,
+                attribute=one.name,
+                unit=one.unit,
+                low=one.low,
+                high=one.high,
+                default=REQUIRED if one.default is None else () if several else given,
+                shown=one.shown,
+                increasing=False,
+                explained=one.meaning[0].upper() + one.meaning[1:] + ".",
+            )
+        )
+    return tuple(found)
+
+
+DC = (*fields_of(_Link), *source_fields())
+"""The fields of [dc]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DcLink:
+    """A dc link that is not ideal."""
+
+    source: str
+    """A name in ``equations.dc_sources.DC_SOURCES``."""
+    C: float
+    """F."""
+    R_bleed: float | None
+    """Ω."""
+    V_low: float
+    V_high: float
+    """Voltages beyond which the bridge blocks, V."""
+    given: tuple[tuple[str, Any], ...]
+    """Every parameter of the source by name, in SI."""
+
+    @property
+    def kind(self) -> DcSource:
+        """The source."""
+        return DC_SOURCES[self.source]
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The source's parameters by name."""
+        return dict(self.given)
+
+    def ratings(self, converter: Converter) -> DcRatings:
+        """From which the source's constants follow."""
+        bleed = math.inf if self.R_bleed is None else self.R_bleed
+        return DcRatings(converter.T_s, converter.V_dc, self.C, bleed, converter.S_rated)
+
+    def settings(self, converter: Converter, filter_: Filter) -> DcSettings:
+        """The constants of the link."""
+        ratings = self.ratings(converter)
+        return DcSettings(
+            T_s=converter.T_s,
+            over_C=1.0 / self.C,
+            bleed=1.0 / ratings.R_bleed,
+            V_dc=converter.V_dc,
+            limit=linear_modulation_limit(1.0, converter.zero_sequence),
+            R_1=filter_.R_1,
+            over_L_1=1.0 / filter_.L_1,
+            over_C_f=1.0 / filter_.C,
+            R_c=filter_.R_c,
+            source=self.kind.build(ratings, self.values),
+        )
+
+    def at_rest(self, p: float, converter: Converter, filter_: Filter) -> DcState:
+        """The link while the bridge takes a power (W). Raises InfeasibleStudyError where the source cannot give it."""
+        settings = self.settings(converter, filter_)
+        try:
+            v, memory = self.kind.rest(p, self.ratings(converter), settings.source, self.values)
+        except ValueError as error:
+            raise InfeasibleStudyError(
+                f"dc: the bridge takes {p:.5g} W, and {error}. Ask for less power, or give a larger source."
+            ) from error
+        if not self.V_low <= v <= self.V_high:
+            raise InfeasibleStudyError(
+                f"dc: at {p:.5g} W the link rests at {v:.5g} V, and the bridge blocks below {self.V_low:.5g} V and "
+                f"above {self.V_high:.5g} V. Ask for less power, or change the source."
+            )
+        return DcState(
+            v=v, p=p, needs=0.0, spare=v, lowest=v, highest=v, least=p, most=p, given=0.0, taken=0.0, memory=memory
+        )
+
+
+def read_dc(table: TableReader | None, converter: Converter) -> DcLink | None:
+    """The section; None where a study has none."""
+    if table is None:
+        return None
+    own = values(_Link, table, {V_DC.of: converter.V_dc})
+    ratings = DcRatings(
+        converter.T_s, converter.V_dc, own["C"] or math.nan, own["R_bleed"] or math.inf, converter.S_rated
+    )
+    source, given = DC_SOURCES.get(own["source"]), {}
+    if source is not None:
+        given = _read_source(table, source, ratings)
+    for name in DC_SOURCES:
+        if name != own["source"] and table.has(name):
+            problem = f'source = "{own["source"]}" does not read this table'
+            table.fault(name, None, problem, f"Remove it, or give [dc.{own['source']}].")
+            table.skip(name)
+    table.finish()
+    return DcLink(**own, given=tuple(given.items()))
+
+
+def _read_source(table: TableReader, source: DcSource, ratings: DcRatings) -> dict[str, Any]:
+    child = table.child(source.name) or TableReader({}, table.name(source.name), table.faults)
+    written = values(parameter_fields(source), child)
+    child.finish()
+    if table.faults:
+        return {}
+    found = source.values(
+        ratings, {name: value for name, value in written.items() if value is not None and value != ()}
+    )
+    for name, problem in (source.check(ratings, found) if source.check else {}).items():
+        child.fault(name, written.get(name), problem, "")
+    return found
+
+
+def check_beside(root: TableReader, dc: DcLink | None, bridge: str, *, alone: bool) -> None:
+    """What a dc link cannot stand beside."""
+    if dc is None:
+        return
+    given = f'source = "{dc.source}"'
+    if not alone:
+        root.fault("dc", given, "the units of a plant have ideal dc links", "Remove [dc], or the plant.")
+    if bridge == "pwm":
+        root.fault("dc", given, "a switched bridge has an ideal dc link", 'Set bridge = "averaged", or remove [dc].')
+
+
+def ideal_link(study: Study, what: str) -> None:
+    """Refuses a study whose dc link is not ideal. ``what``: the verb that knows no other."""
+    if study.dc is not None:
+        given, advice = f'source = "{study.dc.source}"', "Remove [dc]. vsgdesign simulate runs it."
+        raise StudyError(study.name, [Fault("dc", given, f"{what} knows an ideal dc link alone", advice)])
+
+
+__all__ = ["DC", "DcLink", "check_beside", "ideal_link", "read_dc"]
