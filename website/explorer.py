@@ -6,8 +6,11 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from website.still import draw_still
 
 if TYPE_CHECKING:
     from vsgdesign.study.parameters import Study
@@ -19,17 +22,18 @@ HOW = "Drag the ring on the map to another grid, or choose another event: your b
 WIDE = "---\nhide:\n  - navigation\n  - toc\n---\n"
 """The explorer needs 1000 px for its three columns. The tabs on top still lead everywhere."""
 
-Make = Callable[[Path, Path, Mapping[str, Any]], object]
+Make = Callable[[Path, Path, Mapping[str, Any]], str]
 
 
 def embed_explorers(folder: Path, make: Make) -> list[Path]:
     """Puts a frame in the place of every mark under ``folder``; returns the explorers that the frames show.
 
-    ``make(study, page, state)`` writes the explorer of a study file. What follows the mark stays: a picture shows the
-    same to those whose browser does not simulate. Raises ValueError where there is no such study, and for a page whose
-    address is not that of its folder.
+    ``make(study, page, state)`` writes the explorer of a study file, and beside it as PNG what it opens with; it
+    returns this in words. The picture is shown in print and where scripts are off. Raises ValueError where there is no
+    such study, and for a page whose address is not that of its folder.
     """
     made: dict[Path, tuple[Path, Mapping[str, Any]]] = {}
+    said: dict[Path, str] = {}
     for page in sorted(folder.rglob("*.md")):
         text = page.read_text(encoding="utf-8")
         if not MARK.search(text):
@@ -45,20 +49,25 @@ def embed_explorers(folder: Path, make: Make) -> list[Path]:
             if made.setdefault(explorer, asked) != asked:
                 raise ValueError(f"{page.relative_to(folder)}: {match[1]} has an explorer with another state")
             if not explorer.exists():
-                make(study, explorer, asked[1])
-            return frame_of(explorer.relative_to(page.parent).as_posix(), explorer.stat().st_size, match[3] or "")
+                said[explorer] = make(study, explorer, asked[1])
+            address = explorer.relative_to(page.parent).as_posix()
+            return frame_of(address, explorer.stat().st_size, said[explorer], match[3] or "")
 
         page.write_text(WIDE + MARK.sub(frame, text), encoding="utf-8")
     return list(made)
 
 
-def frame_of(address: str, size: int, words: str = "") -> str:
-    """The frame with words above it, and a link to the explorer on a page of its own."""
+def frame_of(address: str, size: int, still: str, words: str = "") -> str:
+    """The frame with words above it, a link to the explorer on a page of its own, and the still figure that may stand
+    in its place, with its words."""
+    picture = f"{address.removesuffix('.html')}.png"
     return (
         f"**Live.** {f'{words} {HOW}' if words else HOW}\n\n"
         f'<div class="explorer"><iframe src="{address}" title="Explorer" loading="lazy"></iframe>\n'
         f'<p><a href="{address}">Open it on a page of its own</a> '
-        f"({size / 1e6:.1f} MB, one file without server).</p></div>\n"
+        f"({size / 1e6:.1f} MB, one file without server).</p>\n"
+        f'<figure class="still"><img src="{picture}" alt="What the explorer opens with">'
+        f"<figcaption>{escape(still)}</figcaption></figure></div>\n"
     )
 
 
@@ -73,11 +82,14 @@ def shown_of(study: Path, state: Mapping[str, Any]) -> tuple[Study, dict[str, An
     return shown, defaults(shown) | dict(state)
 
 
-def write_explorer(study: Path, page: Path, state: Mapping[str, Any]) -> None:
-    """Writes the explorer of a study whose shown controllers need no gain table."""
+def write_explorer(study: Path, page: Path, state: Mapping[str, Any]) -> str:
+    """Writes the explorer of a study whose shown controllers need no gain table, and its still figure. Returns what
+    this shows."""
     from vsgdesign.artifacts.ready import NOTHING
     from vsgdesign.report.explore.page_file import write_page
     from vsgdesign.report.explore.session import Session
 
     shown, start = shown_of(study, state)
-    write_page(Session(shown, NOTHING, start=start), page, lattice=(24, 16))
+    session = Session(shown, NOTHING, start=start)
+    write_page(session, page, lattice=(24, 16))
+    return draw_still(session, page.with_suffix(".png"))

@@ -86,9 +86,10 @@ def test_an_explorer_takes_the_place_of_its_mark(tmp_path: Path) -> None:
     pages[0].write_text("# A\n\n" + mark.format("one/", " Words."), encoding="utf-8")
     pages[1].write_text(mark.format("", ""), encoding="utf-8")
 
-    def make(study: Path, page: Path, state: Mapping[str, Any]) -> None:
+    def make(study: Path, page: Path, state: Mapping[str, Any]) -> str:
         asked.append((study, state))
         page.write_bytes(b"x" * 10**6)
+        return "P < Q"
 
     assert embed_explorers(tmp_path, make) == [tmp_path / "one" / "explorer.html"]
     assert asked == [(tmp_path / "one" / "study.toml", {"scr": 8.0})]  # one for both pages
@@ -97,6 +98,8 @@ def test_an_explorer_takes_the_place_of_its_mark(tmp_path: Path) -> None:
     assert f"**Live.** Words. {HOW}" in text
     assert '<iframe src="one/explorer.html"' in text
     assert "(1.0 MB" in text
+    assert '<img src="one/explorer.png"' in text
+    assert "<figcaption>P &lt; Q</figcaption>" in text
     assert text.endswith("</div>\n\n\n[![P](p.png)](how.md)\n\nB\n")  # the picture stays for who cannot simulate
     assert f"**Live.** {HOW}" in pages[1].read_text(encoding="utf-8")
     pages[1].write_text(mark.format("", "").replace("8.0", "9.0"), encoding="utf-8")
@@ -112,7 +115,7 @@ def test_an_explorer_that_cannot_be_shown_is_named(name: str, study: str, said: 
     (tmp_path / "s.toml").write_text("", encoding="utf-8")
     (tmp_path / name).write_text(f"<!-- explorer: {study} -->\nP\n", encoding="utf-8")
     with pytest.raises(ValueError, match=said):
-        embed_explorers(tmp_path, lambda *_: None)
+        embed_explorers(tmp_path, lambda *_: "")
 
 
 def test_the_gallery_marks_the_studies_that_are_live() -> None:
