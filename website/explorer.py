@@ -48,7 +48,7 @@ def embed_explorers(folder: Path, make: Make) -> list[Path]:
             explorer, asked = study.with_name("explorer.html"), (study, json.loads(match[2] or "{}"))
             if made.setdefault(explorer, asked) != asked:
                 raise ValueError(f"{page.relative_to(folder)}: {match[1]} has an explorer with another state")
-            if not explorer.exists():
+            if explorer not in said:
                 said[explorer] = make(study, explorer, asked[1])
             address = explorer.relative_to(page.parent).as_posix()
             return frame_of(address, explorer.stat().st_size, said[explorer], match[3] or "")

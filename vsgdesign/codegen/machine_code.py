@@ -109,9 +109,10 @@ def assembly(text: str, target: str = "native") -> str:
     return machine.emit_assembly(module)
 
 
-def object_of(texts: Sequence[str], target: str) -> tuple[bytes, list[str]]:
+def object_of(texts: Sequence[str], target: str, rare: Sequence[str] = ()) -> tuple[bytes, list[str]]:
     """The object file of modules of LLVM's text that belong together, and the names of its functions in their order.
-    What is internal to a module may have the name of what is internal to another one."""
+    What is internal to a module may have the name of what is internal to another one. Those of ``rare`` are called
+    rarely: they are compiled in less time, and are slower."""
     from llvmlite import binding
 
     (first, machine), *others = [_parsed(text, target) for text in texts]
@@ -123,6 +124,8 @@ def object_of(texts: Sequence[str], target: str) -> tuple[bytes, list[str]]:
     tuning.loop_vectorization = tuning.slp_vectorization = False
     passes = binding.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(first, passes)
+    for text in rare:
+        first.link_in(_parsed(text, target)[0])
     return machine.emit_object(first), [one.name for one in first.functions if not one.is_declaration]
 
 

@@ -7,7 +7,7 @@ with names for its loops; relocations and other notes for a linker are left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from vsgdesign.codegen.llvm_loop import loop_text
 from vsgdesign.codegen.loop_spec import LoopSpec
@@ -31,11 +31,12 @@ _LEFT_TO_A_LINKER = [(b"__linear_memory", _MEMORY_KIND), (b"__stack_pointer", _G
 _ALIGNED = 64
 
 
-def wasm_module(loops: Mapping[str, LoopSpec]) -> bytes:
+def wasm_module(loops: Mapping[str, LoopSpec], rare: Collection[str] = ()) -> bytes:
     """A module that imports nothing and exports every loop by its name, :data:`MEMORY` and :data:`FREE`.
 
     A loop takes the address of its arguments (:data:`vsgdesign.codegen.llvm_loop.INTEGERS`, then ``POINTERS``, 64 bits
     each) and returns the number of samples that it has done, as in this process. A strict loop has the same bits.
+    Loops of ``rare`` run for few samples: to make them takes half the time.
 
     Raises ValueError where a specification does not fit together, a name is taken or a loop needs a library.
     """
@@ -44,7 +45,8 @@ def wasm_module(loops: Mapping[str, LoopSpec]) -> bytes:
         raise ValueError(
             f"loops = {bad}: give at least one, each with a name of letters, digits and _, but not {MEMORY} or {FREE}."
         )
-    data, functions = object_of([loop_text(spec, name) for name, spec in loops.items()], "wasm")
+    often, seldom = ([loop_text(loops[name], name) for name in loops if (name in rare) == own] for own in (False, True))
+    data, functions = object_of(often or seldom, "wasm", seldom if often else ())
     return _linked(data, {name: functions.index(name) for name in loops})
 
 

@@ -104,7 +104,8 @@ def page_runs(
     ``cases`` are runs of their own.
     """
     loops = {"transfer": function_spec(gain_transfer, {}), "response": function_spec(source_response, {})}
-    loops |= verdict_loops()
+    switched = study.simulation.bridge == "pwm"
+    loops |= verdict_loops(guarded=study.protection is not None, switched=switched)
     columns = lattice.columns()
     info = _common(scene_of(study, ready, cells[False][0][0]), ready, cells[False][0][0])
     linear = _LinearLoops(loops)
@@ -129,11 +130,16 @@ def page_runs(
         "held" if held else "follow": _saves(columns, texts, one.saves) for held, (_, one) in cells.items()
     }
     info["cases"], behind = cases_document(cases, ready, loops, study.scr_basis, NOTHING)
-    module, packed = wasm_module(loops), columns.packed()
+    module, packed = wasm_module(loops, [name for name, spec in loops.items() if _is_rare(spec)]), columns.packed()
     info |= {"places": {name: _places(spec) for name, spec in loops.items()}, "module": len(module)}
     info |= {"columns": columns.document(), "integers": INTEGERS, "pointers": POINTERS}
     info["behind"] = len(module) + len(packed)
     return PageRuns(info, module + packed + behind)
+
+
+def _is_rare(spec: LoopSpec) -> bool:
+    """Whether a loop is called for single samples: it is not that of a run, nor one over its log."""
+    return not spec.fed and "x.i_s_alpha" not in spec.rows
 
 
 class _LinearLoops:

@@ -72,8 +72,9 @@ def one_sample(block: Block) -> LoopSpec:
 
 
 @functools.cache
-def verdict_loops() -> dict[str, LoopSpec]:
-    """The loops by their names."""
+def verdict_loops(*, guarded: bool = True, switched: bool = True) -> dict[str, LoopSpec]:
+    """The loops by their names: those of a protection where there is one, and those of a rest that a switched bridge
+    comes to by itself."""
     newton = flat_block(droop_step)
     state = ("V_rms", "next_V"), ("delta", "next_delta")
     rest = tuple(name for name in newton.inputs if name not in ("V_rms", "delta"))
@@ -83,21 +84,13 @@ def verdict_loops() -> dict[str, LoopSpec]:
             headed(flat_block(seen_disturbance)), (("P_ago", "P_now"), ("Q_ago", "Q_now")), {"seen": "watched"}
         ),
     }
-    rested = _over_log(headed(flat_block(seen_rest)), (("P_ago", "P_now"), ("Q_ago", "Q_now")), {"rest": "rested"})
-    guards = {
-        "seen_voltage": _over_log(headed(flat_block(seen_voltage)), (("V_ago", "V_now"),), {"guard": "guarded"}),
-        "seen_frequency": _over_log(
-            headed(flat_block(seen_frequency)), (("omega_ago", "omega_now"),), {"guard": "guarded"}
-        ),
-    }
     return {
         "path": function_spec(sampled_path, {}),
         "newton": LoopSpec((newton,), state, rest, logged=("error",), strict=True),
         "rest": function_spec(sampled_rest, {}),
         **over_log,
-        **guards,
-        "seen_rest": rested,
-        "own_powers": function_spec(own_powers, {}),
+        **(_guards() if guarded else {}),
+        **(_own_rests() if switched else {}),
         **{f"{name}_pair": replace(spec, lanes=2) for name, spec in over_log.items()},
         "entered_s": function_spec(entered_s, {}),
         "needs": function_spec(needs_at_first, {}),
@@ -105,6 +98,20 @@ def verdict_loops() -> dict[str, LoopSpec]:
         "place": function_spec(place_of_verdict, {}),
         "direction": function_spec(direction, {}),
     }
+
+
+def _guards() -> dict[str, LoopSpec]:
+    voltage, frequency = headed(flat_block(seen_voltage)), headed(flat_block(seen_frequency))
+    return {
+        "seen_voltage": _over_log(voltage, (("V_ago", "V_now"),), {"guard": "guarded"}),
+        "seen_frequency": _over_log(frequency, (("omega_ago", "omega_now"),), {"guard": "guarded"}),
+    }
+
+
+def _own_rests() -> dict[str, LoopSpec]:
+    rings = ("P_ago", "P_now"), ("Q_ago", "Q_now")
+    rested = _over_log(headed(flat_block(seen_rest)), rings, {"rest": "rested"})
+    return {"seen_rest": rested, "own_powers": function_spec(own_powers, {})}
 
 
 def _step() -> Block:

@@ -2,8 +2,8 @@
 
 They take longer than the simulation, and each keeps one core busy for a part of its time only. While the tables are
 designed, the network is trained. While certificates are searched for, the controllers that can do without are
-simulated. While the tables are verified and steps are certified, the others are simulated, and files are written. What
-is made does not depend on what it is made beside.
+simulated. While the tables are verified and steps are certified, the others are simulated, the live part of the report
+is made, and files are written. What is made does not depend on what it is made beside.
 """
 
 from __future__ import annotations

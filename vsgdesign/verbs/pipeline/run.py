@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -48,6 +48,8 @@ from vsgdesign.verbs.pipeline.training import judgement_document, network_docume
 if TYPE_CHECKING:
     from vsgdesign.report.drawing.figure_types import WrittenFigure
     from vsgdesign.report.page.live import StaticPage
+
+    Live = Callable[[], StaticPage] | None
 
 
 class Shown(NamedTuple):
@@ -104,20 +106,28 @@ def run_study(
         # What it keeps goes after the folder is in its place: an interruption in between loses no finished work.
         made(study, out, bridge=bridge, verify=bool(report), workers=workers, progress=progress, say=say) as have,
         staged_folder(out, verb, inputs=study.input_files) as folder,
+        ExitStack() as held,
     ):
-        begin = time.perf_counter()
+        shown = Shown(bool(report), report is True, workers, told.comtrade)
+        live: list[Live] = []
+
+        def complete(ready: Ready) -> Ready:
+            """The live part is made beside what is simulated from now on."""
+            live.append(held.enter_context(_live(study, ready, have, shown)))
+            return ready
+
+        begin, late = time.perf_counter(), have.late
         result = run_scenario(
             study,
-            have.ready,
+            have.ready if late else complete(have.ready),
             bridge=bridge,
             warn=warn,
             progress=lambda name, t_s: tell(f"simulate {name}", t_s / study.simulation.duration),
-            late=have.late,
+            late=late and (lambda: complete(late())),
         )
         have.timing_s["simulate"] = time.perf_counter() - begin
         result = replace(result, left_out=tuple(told.left_out))
-        shown = Shown(bool(report), report is True, workers, told.comtrade)
-        result, document = _write(result, folder, verb, have, shown, tell=tell, warn=warn)
+        result, document = _write(result, folder, verb, have, shown, live[0], tell=tell, warn=warn)
     if done is not None:
         done(result, document)
     return document
@@ -147,8 +157,9 @@ def write_run(
     """Writes the folder of :func:`run_study` for a scenario that was simulated before. Raises ArtifactError."""
     verb = "vsgdesign run"
     with staged_folder(out, verb, inputs=result.study.input_files) as folder:
-        have = nothing_to_make(result.ready)
-        return _write(result, folder, verb, have, Shown(True, explorer, None), tell=progress or silent)[1]
+        have, shown = nothing_to_make(result.ready), Shown(True, explorer, None)
+        with _live(result.study, result.ready, have, shown) as live:
+            return _write(result, folder, verb, have, shown, live, tell=progress or silent)[1]
 
 
 def _write_made(ready: Ready, folder: Path) -> None:
@@ -177,13 +188,15 @@ def _write(
     verb: str,
     have: Made,
     shown: Shown,
+    live: Live,
     *,
     tell: Progress,
     warn: Callable[[str], None] | None = None,
 ) -> tuple[ScenarioResult, dict[str, Any]]:
     """Time series, figures, tables with their C, page and record of a simulated scenario.
 
-    The first two are written while the tables are verified. Returns the scenario with these, and the record.
+    The first two are written while the tables are verified. ``live`` waits for the live part. Returns the scenario with
+    these, and the record.
     """
     study, network, trained, timing = result.study, result.ready.network, have.trained, have.timing_s
     begin = time.perf_counter()
@@ -198,27 +211,26 @@ def _write(
     timing["write"] = time.perf_counter() - begin
     inner, jumps = _inner_loops(study), None
     drawn: Callable[[], list[WrittenFigure]] | None = None
-    with _live(result, have, shown) as live:
-        if shown.report:
-            from vsgdesign.report import begin_figures
+    if shown.report:
+        from vsgdesign.report import begin_figures
 
-            begin = time.perf_counter()
-            tell("draw figures", 0.0)
-            drawn = begin_figures(result, folder / "figures", trained, have.executor)
-            jumps = _phase_jumps(study)
-            timing["report"] = time.perf_counter() - begin
-        result = replace(result, ready=have.verified())
-        _write_made(result.ready, folder)
-        exports = _exports(study, result.ready, folder, have.executor, warn)
-        if drawn is not None:
-            from vsgdesign.report import write_report
+        begin = time.perf_counter()
+        tell("draw figures", 0.0)
+        drawn = begin_figures(result, folder / "figures", trained, have.executor)
+        jumps = _phase_jumps(study)
+        timing["report"] = time.perf_counter() - begin
+    result = replace(result, ready=have.verified())
+    _write_made(result.ready, folder)
+    exports = _exports(study, result.ready, folder, have.executor, warn)
+    if drawn is not None:
+        from vsgdesign.report import write_report
 
-            begin = time.perf_counter()
-            figures = drawn()
-            tell("draw figures", 1.0)
-            page = None if live is None else waited_for(live, tell)
-            write_report(result, figures, folder / "report.html", trained, inner, jumps, page)
-            timing["report"] += time.perf_counter() - begin
+        begin = time.perf_counter()
+        figures = drawn()
+        tell("draw figures", 1.0)
+        page = None if live is None else waited_for(live, tell)
+        write_report(result, figures, folder / "report.html", trained, inner, jumps, page)
+        timing["report"] += time.perf_counter() - begin
     for wait in exports:
         wait()
     document = results_document(result, timing)
@@ -236,11 +248,11 @@ def _write(
     return result, write_record(folder, document, verb)
 
 
-def _live(result: ScenarioResult, have: Made, shown: Shown) -> AbstractContextManager[Callable[[], StaticPage] | None]:
+def _live(study: Study, ready: Ready, have: Made, shown: Shown) -> AbstractContextManager[Live]:
     """Begins to make the live part of the report, where one is asked for."""
     if not (shown.report and shown.explorer):
         return nullcontext()
-    return live_begun(result.study, result.ready, shown.workers, executor=have.executor)
+    return live_begun(study, ready, shown.workers, executor=have.executor)
 
 
 def export_tables(study: Study, ready: Ready, folder: Path, *, warn: Callable[[str], None] | None = None) -> None:

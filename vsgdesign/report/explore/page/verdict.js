@@ -35,7 +35,7 @@ export class Apart extends Error {}
 export class Judge {
   constructor(engine) {
     Object.assign(this, { engine, about: engine.info.judge });
-    for (const name of ["path", "rest", "own_powers", "entered_s", "needs", "swung", "place"])
+    for (const name of ["path", "rest", "entered_s", "needs", "swung", "place"])
       this[name] = engine.loop(name, [], 1);
     this.newton = engine.loop("newton", [], this.about.newton);
   }
@@ -374,7 +374,7 @@ export class Judge {
     for (const name of ["rest.late_P", "rest.late_Q"]) loop.set(name, 0);
     yield { loop, run, end: run.good };
     const [P, Q] = ["P", "Q"].map((name) => loop.get(`rest.late_${name}`) / count);
-    const said = this.own_powers.answer({ P, Q, P_rest: rest.P, Q_rest: rest.Q, S_rated: this.engine.info.S_rated });
+    const said = this.engine.loop("own_powers", [], 1).answer({ P, Q, P_rest: rest.P, Q_rest: rest.Q, S_rated: this.engine.info.S_rated });
     return [said("P_own"), said("Q_own")];
   }
 
