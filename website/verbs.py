@@ -34,6 +34,7 @@ GUIDES = {
     "export onnx": "[integrate C](how-to/integrate-c.md)",
     "export plecs": "[PLECS](how-to/export-other-tools.md)",
     "export simulink": "[Simulink](how-to/export-other-tools.md)",
+    "grid": "[the grid from a network](how-to/grid-from-network.md)",
     "inner": "[inner loops](how-to/inner-loops.md)",
     "margins": "[margins and maps](how-to/margins-and-maps.md)",
     "new": "[own converter](how-to/own-converter.md)",

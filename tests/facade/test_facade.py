@@ -254,7 +254,10 @@ def test_a_table_of_a_plant_is_designed_once_and_kept(tmp_path: Path, monkeypatc
 
     monkeypatch.setattr(study_tables, "_designed", design)
     monkeypatch.chdir(tmp_path)
-    changes = {"specification": SPECIFICATION, "plant": {"units": 2, "reactance": 0.03, "resistance": 0.006}}
+    changes: dict[str, Any] = {
+        "specification": SPECIFICATION,
+        "plant": {"units": 2, "reactance": 0.03, "resistance": 0.006},
+    }
     plant = vd.load(
         "case:hoang2025_5kva", P_ref="2 kW", controllers=[vd.controller("AVSG", schedule="table")], **changes
     )

@@ -32,6 +32,7 @@ from vsgdesign.verbs.cli.program import main
 NAMED = {
     "run": "write_report",
     "design": "design_study",
+    "grid": "grid_of_network",
     "report": "write_report",
     "table build": "design_table",
     "table show": "open_table",
@@ -243,13 +244,14 @@ def test_a_result_says_and_shows_what_its_verb_does(make: Callable[[Path], tuple
 
 def test_what_cannot_be_asked_is_told(tmp_path: Path) -> None:
     study = study_file(tmp_path, COMPARED)
+    unknown: Any = "some"
     with pytest.raises(StudyError) as caught:
         vd.verify(study, tmp_path / "out", runs=0, confidence=2.0)
     assert {"verification.runs", "verification.confidence"} <= {fault.field for fault in caught.value.faults}
     for call_it, match in (
         (lambda: vd.verify(study, search=-1), "search = -1"),
-        (lambda: vd.survive(study, bridge="switched"), "averaged, pwm"),
-        (lambda: vd.comply(study, cases="some"), "failing, all, none"),
+        (lambda: vd.survive(study, bridge=unknown), "averaged, pwm"),
+        (lambda: vd.comply(study, cases=unknown), "failing, all, none"),
     ):
         with pytest.raises(ValueError, match=match):
             call_it()

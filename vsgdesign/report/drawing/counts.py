@@ -34,7 +34,7 @@ def counts_figure(
     for j, cells in enumerate(rows.values()):
         for k, (kept, judged) in enumerate(cells):
             colour = _NOTHING if not judged else _KEPT if kept == judged else _LOST
-            edge = {"edgecolor": COLOURS[1], "linewidth": 0.8} if kept < judged else {"linewidth": 0.0}
+            edge: dict[str, Any] = {"edgecolor": COLOURS[1], "linewidth": 0.8} if kept < judged else {"linewidth": 0.0}
             axes.add_patch(Rectangle((k + 0.03, j + 0.06), 0.94, 0.88, facecolor=colour, **edge))
             said = f"{kept} of {judged}" if judged else DASH
             axes.text(k + 0.5, j + 0.52, said, ha="center", va="center")

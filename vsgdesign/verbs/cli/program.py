@@ -17,6 +17,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     from vsgdesign.verbs.cli.estimator import estimator
     from vsgdesign.verbs.cli.explore import explore
     from vsgdesign.verbs.cli.export import export
+    from vsgdesign.verbs.cli.grid import grid
     from vsgdesign.verbs.cli.new import new
     from vsgdesign.verbs.cli.run import compare, inner, run, simulate, validate
     from vsgdesign.verbs.cli.stability import certify, design, margins, report
@@ -48,7 +49,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
 
     for _verb in (
         *(run, simulate, design, margins, report, certify, validate),
-        *(cite, compare, comply, diff, estimator, explore, export, inner, new, survive, table, verify),
+        *(cite, compare, comply, diff, estimator, explore, export, grid, inner, new, survive, table, verify),
     ):
         main.add_command(_verb)
 
