@@ -62,7 +62,7 @@ def frame_of(address: str, size: int, still: str, words: str = "") -> str:
     in its place, with its words."""
     picture = f"{address.removesuffix('.html')}.png"
     return (
-        f"**Live.** {f'{words} {HOW}' if words else HOW}\n\n"
+        f'<span class="how">**Live.**</span> {f"{words} " if words else ""}<span class="how">{HOW}</span>\n\n'
         f'<div class="explorer"><iframe src="{address}" title="Explorer" loading="lazy"></iframe>\n'
         f'<p><a href="{address}">Open it on a page of its own</a> '
         f"({size / 1e6:.1f} MB, one file without server).</p>\n"

@@ -95,13 +95,13 @@ def test_an_explorer_takes_the_place_of_its_mark(tmp_path: Path) -> None:
     assert asked == [(tmp_path / "one" / "study.toml", {"scr": 8.0})]  # one for both pages
     text = pages[0].read_text(encoding="utf-8")
     assert text.startswith("---\nhide:")
-    assert f"**Live.** Words. {HOW}" in text
+    assert f'**Live.**</span> Words. <span class="how">{HOW}</span>' in text
     assert '<iframe src="one/explorer.html"' in text
     assert "(1.0 MB" in text
     assert '<img src="one/explorer.png"' in text
     assert "<figcaption>P &lt; Q</figcaption>" in text
     assert text.endswith("</div>\n\n\n[![P](p.png)](how.md)\n\nB\n")  # the picture stays for who cannot simulate
-    assert f"**Live.** {HOW}" in pages[1].read_text(encoding="utf-8")
+    assert f'**Live.**</span> <span class="how">{HOW}</span>' in pages[1].read_text(encoding="utf-8")
     pages[1].write_text(mark.format("", "").replace("8.0", "9.0"), encoding="utf-8")
     pages[0].write_text(mark.format("one/", ""), encoding="utf-8")
     with pytest.raises(ValueError, match="another state"):
