@@ -289,7 +289,7 @@ export class FieldList {
       const text = field.textOf(field.value());
       return `${field.spec.label} ${text} ${text === "none" ? "" : field.spec.unit}`.trim();
     });
-    this.root.replaceChildren(made("p", { className: "note" }, `Computed for ${words.join(", ")}. ${made_by}`));
+    this.root.replaceChildren(made("p", { className: "note" }, `${made_by} Computed for ${words.join(", ")}.`));
     this.fields.clear();
   }
 
