@@ -96,7 +96,9 @@ def survey(
                     if signs[case, n] > 0 and most[lane] < 0.0:
                         applies[case, start + lane] = False
         _none_within(registers, outputs[carried + between :], conditions, beyond, crossed, nothing, mean, d)
-        empty[start : start + width] |= nothing[:width]
+        # By element here, too: assigned as parts, it is the words of an error about shapes that are compiled.
+        for lane in range(width):
+            empty[start + lane] |= nothing[lane]
         for n in range(carried):
             for lane in range(width):
                 _carry(forms[start + lane, n], registers[outputs[n], :, lane], n == 0)
