@@ -7,6 +7,7 @@ with names for its loops; relocations and other notes for a linker are left out.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from vsgdesign.codegen.llvm_loop import loop_text
@@ -37,6 +38,7 @@ def wasm_module(loops: Mapping[str, LoopSpec], rare: Collection[str] = ()) -> by
     A loop takes the address of its arguments (:data:`vsgdesign.codegen.llvm_loop.INTEGERS`, then ``POINTERS``, 64 bits
     each) and returns the number of samples that it has done, as in this process. A strict loop has the same bits.
     Loops of ``rare`` run for few samples: to make them takes half the time.
+    The last modules are kept: pages of one study mostly ask for the same one.
 
     Raises ValueError where a specification does not fit together, a name is taken or a loop needs a library.
     """
@@ -45,9 +47,14 @@ def wasm_module(loops: Mapping[str, LoopSpec], rare: Collection[str] = ()) -> by
         raise ValueError(
             f"loops = {bad}: give at least one, each with a name of letters, digits and _, but not {MEMORY} or {FREE}."
         )
-    often, seldom = ([loop_text(loops[name], name) for name in loops if (name in rare) == own] for own in (False, True))
+    return _module(tuple(loops.items()), frozenset(rare))
+
+
+@functools.lru_cache(maxsize=8)
+def _module(loops: tuple[tuple[str, LoopSpec], ...], rare: frozenset[str]) -> bytes:
+    often, seldom = ([loop_text(spec, name) for name, spec in loops if (name in rare) == own] for own in (False, True))
     data, functions = object_of(often or seldom, "wasm", seldom if often else ())
-    return _linked(data, {name: functions.index(name) for name in loops})
+    return _linked(data, {name: functions.index(name) for name, _ in loops})
 
 
 def _linked(data: bytes, functions: Mapping[str, int]) -> bytes:
