@@ -16,7 +16,7 @@ from vsgdesign.study.parameters import Study
 
 @functools.cache
 def statement() -> tuple[Study, System, StepStatement]:
-    return stated(budget=300, nodes_per_axis=5, fresh=500)
+    return stated(budget=300, nodes_per_axis=4, fresh=100)
 
 
 def runs(factor: float, count: int) -> Iterator[SteppedRun]:
