@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.timing import Figure, Row, figure
 from tests.explore.browser.chromium import Chromium, chromium, program
-from tests.explore.browser.explorer import ExplorerPage
+from tests.explore.browser.explorer import ExplorerPage, drag_about
 
 STUDY = Path(__file__).resolve().parents[1] / "studies" / "structures" / "study.toml"
 """Three controllers, none of which needs a gain table."""
@@ -39,20 +39,13 @@ def drags() -> list[Row]:
 def drag(browser: Chromium, address: str) -> dict[str, list[float]]:
     """Milliseconds from each move to what was drawn of it, by kind of answer, and how long the server computed it."""
     opened = ExplorerPage(browser.page(), address)
-    page, box = opened.page, opened.page.box("#map")
-    rng = np.random.default_rng(11)
-    page.mouse("mouseMoved", *box.at())
-    page.mouse("mousePressed", *box.at(), 1)
-    for k in range(-5, MOVES):
-        if k == 0:
-            page.evaluate("drawings.linear.length = drawings.emt.length = 0")
-        page.mouse("mouseMoved", *box.at(float(rng.uniform(0.15, 0.95)), float(rng.uniform(0.08, 0.8))), 1)
-        time.sleep(PAUSE_S)
+    page = opened.page
+    drag_about(page, MOVES, PAUSE_S)
     opened.settle()
     kinds = ("linear", "emt")
     found = {kind: page.evaluate(f"drawings.{kind}.map((one) => one.after)") for kind in kinds}
     found |= {f"{kind}, server": page.evaluate(f"drawings.{kind}.map((one) => one.server)") for kind in kinds}
-    page.mouse("mouseReleased", *box.at())
+    page.mouse("mouseReleased", *page.box("#map").at())
     page.close()
     return found
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import math
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -23,7 +22,7 @@ import numpy as np
 from evidence._random_studies import bare, table_of
 from evidence._tables import leave, table
 from tests.explore.browser.chromium import Page, chromium
-from tests.explore.browser.explorer import COUNTER, SETTLED
+from tests.explore.browser.explorer import COUNTER, SETTLED, drag_about
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.live import NOTHING, emt_answer, simulated
@@ -62,6 +61,7 @@ kind = "scheduled"
 schedule = "table"
 table = "table.json"
 """
+"""One controller for each way in which gains come about."""
 CONTROLLERS = ("fixed", "listed", "followed", "table")
 
 ENGINE = """
@@ -211,15 +211,8 @@ def drags(page: Page, path: Path) -> dict[str, list[float]]:
         for name, kind in (("shown", "map"), ("simulated", "emt")):
             opened[name].append(page.evaluate(f"drawings.{kind}[0].at"))
     page.evaluate(HEARING)
-    box, rng = page.box("#map"), np.random.default_rng(11)
-    page.mouse("mouseMoved", *box.at())
-    page.mouse("mousePressed", *box.at(), 1)
-    for k in range(-5, MOVES):
-        if k == 0:
-            page.evaluate("drawings.linear.length = drawings.emt.length = silences.length = 0")
-        page.mouse("mouseMoved", *box.at(float(rng.uniform(0.15, 0.95)), float(rng.uniform(0.08, 0.8))), 1)
-        time.sleep(PAUSE_S)
-    page.mouse("mouseReleased", *box.at())
+    drag_about(page, MOVES, PAUSE_S, empty="drawings.linear, drawings.emt, silences")
+    page.mouse("mouseReleased", *page.box("#map").at())
     page.wait(SETTLED, timeout_s=PATIENCE_S)
     found = {kind: page.evaluate(f"drawings.{kind}.map((one) => one.after)") for kind in ("linear", "emt")}
     return found | {"silent": page.evaluate("silences")} | opened

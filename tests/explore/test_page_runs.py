@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from evidence._random_studies import bare, table_of
+from evidence.page_runs import STUDY
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.report.explore.lattice import Lattice, Texts
 from vsgdesign.report.explore.page_runs import PageRuns, page_runs
@@ -16,29 +17,6 @@ from vsgdesign.report.explore.session import Session
 from vsgdesign.report.explore.state import PlaceOfState
 from vsgdesign.study.parameters import study_from_text
 
-STUDY = """
-base = "case:lab_12kva_lcl"
-grid = { scr_basis = "impedance", scr = 5, x_over_r = 3 }
-power_loops = { structure = "angle_damped", P_droop = 0.05, Q_droop = 0.5 }
-converter = { current_limit_pu = 1.2, current_limiter = "projection" }
-simulation = { duration = 1.0, P_ref = "4 kW", Q_ref = 0 }
-[[controllers]]
-name = "fixed"
-kind = "fixed"
-[[controllers]]
-name = "listed"
-kind = "scheduled"
-structure = "published"
-[[controllers]]
-name = "followed"
-kind = "scheduled"
-[[controllers]]
-name = "table"
-kind = "scheduled"
-schedule = "table"
-table = "table.json"
-"""
-"""One controller for each way in which gains come about."""
 STIFF = """
 base = "case:utility_1mva_60hz"
 grid = { scr = 5, x_over_r = 3 }
@@ -54,7 +32,7 @@ kind = "fixed"
 @functools.cache
 def session_in(folder: Path, bridge: str = "averaged") -> Session:
     table_of(bare("lab_12kva_lcl"), "a", folder / "table.json")
-    study = study_from_text(STUDY, folder=folder)
+    study = study_from_text(STUDY.format(case="lab_12kva_lcl", P_ref=4000.0), folder=folder)
     return Session(study, Ready(tables=read_tables(study)), bridge=bridge)
 
 

@@ -16,7 +16,7 @@ name = "fixed"
 kind = "fixed"
 """
 
-_LCL = """
+LCL = """
 [converter]
 S_rated = "5 kVA"
 V_rated_rms = "110 V"
@@ -52,7 +52,7 @@ def lc_study(duration: str, events: str = "", sections: str = "", simulation: st
 
 def lcl_study(duration: str, events: str = "", simulation: str = "", log: str = "50 us", **replaced: str) -> Study:
     """An LCL converter with one sample of delay, min-max modulation and a damping resistor."""
-    text = _LCL
+    text = LCL
     for field, value in replaced.items():
         lines = [f"{field} = {value}" if line.startswith(f"{field} =") else line for line in text.splitlines()]
         text = "\n".join(lines) + "\n"

@@ -20,6 +20,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.oracles.emt_controller import SampledController, State
+from tests.simulation.studies import LCL
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
@@ -34,32 +35,9 @@ TOLERANCE = 1e-8
 GAINS = PowerLoopGains(K_ip=0.0004, D_p=8000.0, K_iq=0.0115, D_q=0.687)
 OMEGA, T_S = 2.0 * math.pi * 50.0, 50e-6
 
-STUDY = """
-[converter]
-S_rated = "5 kVA"
-V_rated_rms = "110 V"
-f_n = "50 Hz"
-V_dc = "400 V"
-f_sw = "10 kHz"
-samples_per_carrier = 2
-delay_samples = 1
-modulation = "min_max"
-[filter]
-kind = "LCL"
-L_1 = "2 mH"
-R_1 = "50 mohm"
-C = "20 uF"
-R_c = "2 ohm"
-L_2 = "0.5 mH"
-R_2 = "20 mohm"
-[inner_loops]
-current_response_time = "1 ms"
-voltage_response_time = "10 ms"
-current_feedforward = 1.0
-transient_resistance_pu = 0.3
-[grid]
-scr = 3
-x_over_r = 2
+STUDY = (
+    LCL.replace("transient_resistance_pu = 0.0", "transient_resistance_pu = 0.3")
+    + """
 [simulation]
 duration = "20 ms"
 log_interval = "50 us"
@@ -70,6 +48,7 @@ Q_ref = "0.5 kvar"
 name = "fixed"
 kind = "fixed"
 """
+)
 
 Slope = Callable[[float, np.ndarray, np.ndarray, complex], np.ndarray]
 

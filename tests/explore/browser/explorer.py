@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
+
+import numpy as np
 
 from tests.explore.browser.chromium import Page
 from vsgdesign.artifacts.ready import Ready
@@ -53,6 +56,19 @@ TABLE = """(() => {
 
 SAID = """Object.fromEntries([...document.querySelectorAll("#table tbody")].map(({rows: [numbers, said]}) =>
   [numbers.children[0].textContent.trim(), said.textContent.trim()]))"""
+
+
+def drag_about(page: Page, moves: int, pause_s: float, *, empty: str = "drawings.linear, drawings.emt") -> None:
+    """Takes the dot of the map to so many random places, the same ones in every call, and holds it at the last. Of five
+    moves before these the times are forgotten: the page's lists in ``empty`` lose what they have."""
+    box, rng = page.box("#map"), np.random.default_rng(11)
+    page.mouse("mouseMoved", *box.at())
+    page.mouse("mousePressed", *box.at(), 1)
+    for k in range(-5, moves):
+        if k == 0:
+            page.evaluate(f"[{empty}].forEach((list) => {{ list.length = 0; }})")
+        page.mouse("mouseMoved", *box.at(float(rng.uniform(0.15, 0.95)), float(rng.uniform(0.08, 0.8))), 1)
+        time.sleep(pause_s)
 
 
 def columns_of(row: Mapping[str, str], group: str) -> dict[str, str]:
