@@ -11,6 +11,7 @@ import pytest
 from pandapower.networks import create_cigre_network_mv
 
 import vsgdesign as vd
+from tests.cli.small_studies import as_json
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.study.networks.model import check_network
 from vsgdesign.study.networks.pandapower_file import network_of_pandapower
@@ -81,25 +82,45 @@ def test_all_faults_at_once(tmp_path: Path) -> None:
 def without_data(net: Any) -> None:
     net.ext_grid[["s_sc_max_mva", "s_sc_min_mva"]] = float("nan")
     pp.create_gen(net, 5, 1.0, name="hydro", sn_mva=2.0)
+    pp.create_gen(net, 0, 1.0, name="second", sn_mva=0.1)
 
 
 def test_what_the_file_does_not_have_is_asked_for(tmp_path: Path) -> None:
     path = file_of(tmp_path, without_data)
     with pytest.raises(StudyError) as caught:
         vd.grid_of_network(path, "Bus 11", "5 MVA")
-    assert [fault.field for fault in caught.value.faults] == ["slack ext_grid 0", "machine hydro"]
+    assert [fault.field for fault in caught.value.faults] == ["slack ext_grid 0", "machine hydro", "machine second"]
+    assert [bool(fault.advice) for fault in caught.value.faults] == [True, True, False]  # once is enough
     assert "--source-s and --source-x-over-r" in str(caught.value)
     assert "--machine-x" in str(caught.value)
     given = {"source": ("5 GVA", 10.0), "machine": (0.2, 20.0)}
     whole = vd.grid_of_network(path, "Bus 11", "5 MVA", outages="none", **given)
     # 2 MVA behind 0.2 pu is 10 MVA
-    named = {"ext_grid 0": ("5 GVA", 10.0), "hydro": ("10 MVA", 20.0)}
+    named = {"ext_grid 0": ("5 GVA", 10.0), "hydro": ("10 MVA", 20.0), "second": None}
     by_name = vd.grid_of_network(path, "Bus 11", "5 MVA", outages="none", sources=named)
     assert whole.scr == pytest.approx(by_name.scr, rel=2e-3)  # 0.2 pu is X alone
-    alone = vd.grid_of_network(path, "Bus 11", "5 MVA", outages="none", source=("5 GVA", 10.0), sources={"hydro": None})
+    (tmp_path / "sources.csv").write_text("ext_grid 0, 5 GVA, 10\nhydro, 10 MVA, 20\nsecond, none\n", encoding="utf-8")
+    asked = ("--bus", "Bus 11", "--s", "5 MVA", "--outages", "none", "--report", tmp_path / "report")
+    document = as_json("grid", path, *asked, "--source", tmp_path / "sources.csv")
+    assert document["scr"] == list(by_name.scr)
+    nothing = {"hydro": None, "second": None}
+    alone = vd.grid_of_network(path, "Bus 11", "5 MVA", outages="none", source=("5 GVA", 10.0), sources=nothing)
     assert alone.scr[0] < 0.98 * whole.scr[0]
     with pytest.raises(StudyError, match=r'source = "hydra": unknown.*Did you mean hydro'):
         vd.grid_of_network(path, "Bus 11", "5 MVA", sources={"hydra": None}, **given)
+
+
+def test_elements_of_one_name_are_told_apart() -> None:
+    """Both would be out at once. Their names get the place in the file behind them, and buses have theirs as well."""
+    net = create_cigre_network_mv()
+    net.line.loc[[12, 13], "name"] = "tie"
+    net.bus.loc[[3, 4], "name"] = "busbar"
+    network = network_of_pandapower(net, "net.json")
+    assert {"tie (line 12)", "tie (line 13)", "Line 1-2"} <= set(network.elements)
+    assert len(network.elements) == len(net.line) + len(net.trafo)
+    assert network.bus("bus 4") == 4
+    with pytest.raises(StudyError, match=r'bus = "busbar": 2 buses have this name. Their other names: bus 3; bus 4'):
+        network.bus("busbar")
 
 
 def test_names_that_are_not_there(tmp_path: Path) -> None:
@@ -115,6 +136,13 @@ def test_names_that_are_not_there(tmp_path: Path) -> None:
     assert [case.name for case in found.found.cases] == ["N", "without Line 13-14 and Line 14-8"]
     with pytest.raises(StudyError, match=r"outages = .*cannot be read"):
         vd.grid_of_network(path, "Bus 11", "5 MVA", outages="n-2")
+
+
+def test_a_bus_that_is_not_there_is_told() -> None:
+    net = create_cigre_network_mv()
+    net.line.loc[3, "to_bus"] = 99
+    with pytest.raises(StudyError, match="network: pandapower makes no matrix of it"):
+        network_of_pandapower(net, "net.json")
 
 
 def test_files_that_are_no_network(tmp_path: Path) -> None:

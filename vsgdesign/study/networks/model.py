@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from vsgdesign.errors import Fault, StudyError, did_you_mean
 
@@ -91,6 +91,9 @@ class Load:
     s: complex
 
 
+Named = TypeVar("Named", Branch, Source)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Network:
     """Everything that a file gives."""
@@ -114,7 +117,9 @@ class Network:
             return found[0]
         names = [bus.name for bus in self.buses]
         if found:
-            raise StudyError(self.file, [Fault("bus", f'"{name}"', f"{len(found)} buses have this name")])
+            others = "; ".join(", ".join(self.buses[k].others) for k in found)
+            problem, advice = f"{len(found)} buses have this name", f"Their other names: {others}."
+            raise StudyError(self.file, [Fault("bus", f'"{name}"', problem, advice)])
         some = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
         known = [other for bus in self.buses for other in (bus.name, *bus.others)]
         advice = did_you_mean(name, known, f"Some of its buses: {some}.")
@@ -129,6 +134,16 @@ class Network:
         """The network with these elements out."""
         out = set(names)
         return replace(self, branches=tuple(branch for branch in self.branches if branch.name not in out))
+
+
+def apart(found: Iterable[tuple[str, Named]]) -> tuple[Named, ...]:
+    """Elements by the keys under which their file has them. Those that share a name without being one element get
+    their keys behind it, so that an outage of a name is one outage."""
+    pairs = list(found)
+    keys: dict[str, set[str]] = {}
+    for key, one in pairs:
+        keys.setdefault(one.name, set()).add(key)
+    return tuple(replace(one, name=f"{one.name} ({key})") if len(keys[one.name]) > 1 else one for key, one in pairs)
 
 
 def parts(network: Network) -> list[set[int]]:
@@ -279,7 +294,8 @@ def with_sources(network: Network, given: Given) -> Network:
             x, x_over_r = given.machine
             kept.append(replace(source, z=(_behind(source.rating / math.hypot(x, x / x_over_r), x_over_r),) * 2))
         else:
-            faults.append(_unknown(network, source, machine_x=given.machine is not None))
+            told = f"{source.kind} {source.name}", f'"{network.buses[source.bus].name}"'
+            faults.append(Fault(*told, *_unknown(source, faults, machine_x=given.machine is not None)))
     if faults:
         raise StudyError(network.file, faults)
     return replace(network, sources=tuple(kept))
@@ -289,21 +305,22 @@ def _behind(S_sc: float, x_over_r: float) -> complex:
     return S_BASE / S_sc * complex(1.0, x_over_r) / math.hypot(1.0, x_over_r)
 
 
-def _unknown(network: Network, source: Source, machine_x: bool) -> Fault:
-    where = network.buses[source.bus].name
+def _unknown(source: Source, before: Sequence[Fault], machine_x: bool) -> tuple[str, str]:
+    """What is missing of a source and, where nothing like it was missing before, how it is given."""
     if source.kind == SLACK:
-        problem = "the file does not give the short-circuit power of the grid behind it"
+        problem = "the file does not give the short-circuit power of the grid behind this bus"
         advice = "Give --source-s and --source-x-over-r."
+    elif source.kind == MACHINE and machine_x:
+        problem, advice = "the file gives neither the sub-transient reactance of this machine nor its rating", ""
     elif source.kind == MACHINE:
         problem = "the file does not give the sub-transient reactance of this machine"
         advice = "Give --machine-x and --machine-x-over-r."
-        if machine_x:
-            problem, advice = "the file gives neither its sub-transient reactance nor its rating", ""
     else:
         problem, advice = "the file does not give the network behind this line", ""
-    name = source.name
-    own = f'--source "{name} = 2 GVA, 10" gives its own short-circuit power and X/R, and "{name} = none" leaves it out.'
-    return Fault(f"{source.kind} {source.name}", f"at bus {where}", problem, f"{advice} {own}".strip())
+    if any(fault.problem == problem for fault in before):
+        return problem, ""
+    own = f'--source "{source.name} = 2 GVA, 10" gives its own short-circuit power and X/R, and "= none" leaves it out;'
+    return problem, f"{advice} {own} --source FILE.csv gives many.".strip()
 
 
 def sentences_of(network: Network) -> Sequence[str]:

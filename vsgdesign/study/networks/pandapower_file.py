@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +25,7 @@ from vsgdesign.study.networks.model import (
     Network,
     Shunt,
     Source,
+    apart,
 )
 
 _UNKNOWN = ("xward", "dcline", "svc", "ssc", "tcsc", "vsc")
@@ -45,9 +47,16 @@ def network_of_pandapower(net: Any, file: str) -> Network:
     ]
     if faults:
         raise StudyError(file, faults)
-    with np.errstate(all="ignore"):  # what is no number is told below, with its name
-        to_ppc(net, calculate_voltage_angles=True, check_connectivity=False, init="flat")  # sets how it is to be done
-        ppc, _ = _pd2ppc(net)  # as pandapower itself numbers it: to_ppc leaves out what is out of service
+    net = copy.deepcopy(net)  # what follows writes into it
+    for table in ("gen", "ext_grid"):
+        net[table]["vm_pu"] = 1.0  # two set points at one bus are refused, and an impedance has none
+    try:
+        with np.errstate(all="ignore"):  # what is no number is told below, with its name
+            to_ppc(net, calculate_voltage_angles=True, check_connectivity=False, init="flat")  # sets how it is done
+            ppc, _ = _pd2ppc(net)  # as pandapower itself numbers it: to_ppc leaves out what is out of service
+    except Exception as error:  # noqa: BLE001 - of any kind, for tables that do not belong together
+        problem = f"pandapower makes no matrix of it ({type(error).__name__}: {error})"
+        raise StudyError(file, [Fault("network", "", problem, "Correct it until pandapower.runpp takes it.")]) from None
     lookup = net._pd2ppc_lookups
     rows, base = ppc["bus"], float(ppc["baseMVA"]) * 1e6
     in_service = np.flatnonzero(rows[:, idx_bus.BUS_TYPE] != _OUT_OF_SERVICE)
@@ -56,7 +65,7 @@ def network_of_pandapower(net: Any, file: str) -> Network:
     for index in net.bus.index:
         row = int(lookup["bus"][index])
         if row in names:
-            names[row].append(_name(net.bus, index, "bus"))
+            names[row] += dict.fromkeys((_name(net.bus, index, "bus"), f"bus {index}"))
     buses = tuple(
         Bus(said[0] if said else f"open end {row}", float(rows[row, idx_bus.BASE_KV]) * 1e3, tuple(said[1:]))
         for row, said in names.items()
@@ -65,8 +74,8 @@ def network_of_pandapower(net: Any, file: str) -> Network:
     def at(bus: int) -> int | None:
         return place.get(int(lookup["bus"][bus]))
 
-    branches = []
-    for row, (kind, name, rating, leg) in _elements(net, lookup["branch"]).items():
+    branches: list[tuple[str, Branch]] = []
+    for row, (key, kind, name, rating, leg) in _elements(net, lookup["branch"]).items():
         one = ppc["branch"][row]
         first, second = (place.get(int(one[k].real)) for k in (idx_brch.F_BUS, idx_brch.T_BUS))
         if one[idx_brch.BR_STATUS] != 1 or first is None or second is None:
@@ -74,7 +83,7 @@ def network_of_pandapower(net: Any, file: str) -> Network:
         if any(one[k] != 0.0 for k in (idx_brch.BR_R_ASYM, idx_brch.BR_X_ASYM)):
             faults.append(Fault(f"{kind} {name}", "", "is not the same from both sides", "Make it so."))
             continue
-        branches.append(_branch(one, idx_brch, base, (kind, name, rating, leg), (first, second)))
+        branches.append((key, _branch(one, idx_brch, base, (kind, name, rating, leg), (first, second))))
     if faults:
         raise StudyError(file, faults)
     shunts = tuple(
@@ -86,9 +95,9 @@ def network_of_pandapower(net: Any, file: str) -> Network:
         file=file,
         program="pandapower",
         buses=buses,
-        branches=tuple(branches),
+        branches=apart(branches),
         shunts=shunts,
-        sources=tuple(_sources(net, at)),
+        sources=apart(_sources(net, at)),
         converters=tuple(_converters(net, at)),
         loads=tuple(_loads(net, at)),
         f_n=float(net.f_hz),
@@ -131,37 +140,37 @@ def _branch(one: Any, idx: Any, base: float, said: tuple[str, str, float, bool],
     )
 
 
-def _elements(net: Any, ranges: dict[str, tuple[int, int]]) -> dict[int, tuple[str, str, float, bool]]:
-    """Kind, name, rating and whether it is a leg of a star, of each row of the branches."""
-    found: dict[int, tuple[str, str, float, bool]] = {}
+def _elements(net: Any, ranges: dict[str, tuple[int, int]]) -> dict[int, tuple[str, str, str, float, bool]]:
+    """Key, kind, name, rating and whether it is a leg of a star, of each row of the branches."""
+    found: dict[int, tuple[str, str, str, float, bool]] = {}
     for element, (first, last) in ranges.items():
         if element == "trafo3w":
             count = (last - first) // 3
             for side in range(3):
                 for k, index in enumerate(net.trafo3w.index):
-                    said = TRANSFORMER, _name(net.trafo3w, index, "trafo3w"), math.nan, True
-                    found[first + side * count + k] = said
+                    name = _name(net.trafo3w, index, "trafo3w")
+                    found[first + side * count + k] = f"trafo3w {index}", TRANSFORMER, name, math.nan, True
             continue
         kind = {"line": LINE, "trafo": TRANSFORMER}.get(element, OTHER)
         table = net.get(element)
         for k, row in enumerate(range(first, last)):
             if table is None or k >= len(table):  # an impedance of a switch, for example
-                found[row] = kind, f"{element} {k}", math.nan, False
+                found[row] = f"{element} {k}", kind, f"{element} {k}", math.nan, False
                 continue
             index = table.index[k]
             rating = float(table.sn_mva[index] * table.parallel[index]) * 1e6 if element == "trafo" else math.nan
-            found[row] = kind, _name(table, index, element), rating, False
+            found[row] = f"{element} {index}", kind, _name(table, index, element), rating, False
     return found
 
 
-def _sources(net: Any, at: Any) -> Iterator[Source]:
+def _sources(net: Any, at: Any) -> Iterator[tuple[str, Source]]:
     for index, one in net.ext_grid.iterrows():
         if one.in_service and (bus := at(one.bus)) is not None:
             pairs = [(_value(one, f"s_sc_{which}_mva"), _value(one, f"rx_{which}")) for which in ("max", "min")]
             known = [(S, rx) for S, rx in pairs if S > 0.0 and rx >= 0.0]
             z = [S_BASE / (S * 1e6) * complex(rx, 1.0) / math.hypot(rx, 1.0) for S, rx in known]
             name = _name(net.ext_grid, index, "ext_grid")
-            yield Source(name, bus, SLACK, (z[0], z[-1]) if z else None)
+            yield f"ext_grid {index}", Source(name, bus, SLACK, (z[0], z[-1]) if z else None)
     for index, one in net.gen.iterrows():
         if one.in_service and (bus := at(one.bus)) is not None:
             rating = _value(one, "sn_mva") * 1e6
@@ -173,7 +182,7 @@ def _sources(net: Any, at: Any) -> Iterator[Source]:
                 r = _value(one, "rdss_ohm") / (V**2 / (rating / 1e6))
                 own = complex(r if r > 0.0 else 0.0, x) * S_BASE / rating * (V / V_bus) ** 2
                 z = own, own
-            yield Source(name, bus, MACHINE, z, rating)
+            yield f"gen {index}", Source(name, bus, MACHINE, z, rating)
 
 
 def _converters(net: Any, at: Any) -> Iterator[Converter]:

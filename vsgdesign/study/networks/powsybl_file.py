@@ -25,6 +25,7 @@ from vsgdesign.study.networks.model import (
     Network,
     Shunt,
     Source,
+    apart,
 )
 
 _AS_CONVERTERS = ("WIND", "SOLAR")
@@ -62,16 +63,15 @@ def network_of_powsybl(found: Any, file: str) -> Network:
     """The network of a pypowsybl.network.Network. Impedances are taken in Ω and put in per unit here."""
     levels = found.get_voltage_levels()["nominal_v"].to_dict()
     views = found.get_buses(all_attributes=True)
+    names: dict[str, list[str]] = {str(bus): [] for bus in views.index}
     nodes: dict[str, list[str]] = {str(bus): [] for bus in views.index}
     for node, one in found.get_bus_breaker_view_buses(all_attributes=True).iterrows():
         if one.bus_id in nodes:
-            nodes[one.bus_id] += [str(node), *([str(one["name"])] if one.get("name") else [])]
+            nodes[one.bus_id].append(str(node))
+            names[one.bus_id] += [one["name"]] if one.get("name") else []
     place = {bus: k for k, bus in enumerate(nodes)}
     V = {bus: float(levels[one.voltage_level_id]) * 1e3 for bus, one in views.iterrows()}
-    buses = tuple(
-        Bus(said[0] if len(said) == 1 else bus, V[bus], tuple(dict.fromkeys([bus, *said])))
-        for bus, said in nodes.items()
-    )
+    buses = tuple(_bus(bus, V[bus], names[bus], said, str(views["name"][bus] or "")) for bus, said in nodes.items())
     faults = [
         Fault(what, ", ".join(map(str, table.index)), "is not known here", "Take it out.")
         for what, table in (("HVDC line of thyristors", found.get_lcc_converter_stations()),)
@@ -80,18 +80,20 @@ def network_of_powsybl(found: Any, file: str) -> Network:
     if faults:
         raise StudyError(file, faults)
     three = list(_of_three_windings(found, place, V, len(buses)))
-    stars = tuple(Bus(f"star of {name}", V_0) for name, V_0, _ in three)
+    stars = tuple(Bus(f"star of {key}", V_0) for key, V_0, _ in three)
     return Network(
         file=file,
         program="pypowsybl",
         buses=(*buses, *stars),
-        branches=(
-            *_lines(found, place, V),
-            *_transformers(found, place, V),
-            *(leg for _, _, legs in three for leg in legs),
+        branches=apart(
+            (
+                *_lines(found, place, V),
+                *_transformers(found, place, V),
+                *((key, leg) for key, _, legs in three for leg in legs),
+            )
         ),
         shunts=tuple(_shunts(found, place, V)),
-        sources=tuple(_sources(found, place, V)),
+        sources=apart(_sources(found, place, V)),
         converters=tuple(_converters(found, place)),
         loads=tuple(
             Load(_name(one, index), place[one.bus_id], complex(one.p0, one.q0) * 1e6 / S_BASE)
@@ -99,6 +101,12 @@ def network_of_powsybl(found: Any, file: str) -> Network:
             if one.connected and one.bus_id in place
         ),
     )
+
+
+def _bus(view: str, V: float, names: list[str], nodes: list[str], title: str) -> Bus:
+    """A bus by the name of its busbar, else by that of its only node, else as the file's own view calls it."""
+    known = [name for name in (*names, *(nodes if len(nodes) == 1 else ()), view, *nodes, title) if name]
+    return Bus(known[0], V, tuple(dict.fromkeys(known[1:])))
 
 
 def _name(one: Any, index: Any) -> str:
@@ -113,7 +121,7 @@ def _ends(one: Any, place: dict[str, int]) -> tuple[int, int] | None:
     return place[one.bus1_id], place[one.bus2_id]
 
 
-def _lines(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator[Branch]:
+def _lines(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator[tuple[str, Branch]]:
     for index, one in found.get_lines().iterrows():
         ends = _ends(one, place)
         if ends is None:
@@ -124,10 +132,11 @@ def _lines(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator[B
         # Between two nominal voltages a line is a π element in Ω, whose shunts in per unit take up the difference.
         y_1 = (complex(one.g1, one.b1) + y * (1.0 - V_2 / V_1)) * V_1**2 / S_BASE
         y_2 = (complex(one.g2, one.b2) + y * (1.0 - V_1 / V_2)) * V_2**2 / S_BASE
-        yield Branch(name=_name(one, index), kind=LINE, ends=ends, r=one.r / Z_n, x=one.x / Z_n, y_1=y_1, y_2=y_2)
+        line = Branch(name=_name(one, index), kind=LINE, ends=ends, r=one.r / Z_n, x=one.x / Z_n, y_1=y_1, y_2=y_2)
+        yield str(index), line
 
 
-def _transformers(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator[Branch]:
+def _transformers(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator[tuple[str, Branch]]:
     for index, one in found.get_2_windings_transformers(all_attributes=True).iterrows():
         ends = _ends(one, place)
         if ends is None:
@@ -136,7 +145,7 @@ def _transformers(found: Any, place: dict[str, int], V: dict[str, float]) -> Ite
         Z_n = V_2**2 / S_BASE
         # rho and alpha are those of V_2/V_1 at no load, in V; g and b are at the second side, before the impedance.
         ratio = V_2 / V_1 / (one.rho * cmath.exp(1j * math.radians(one.alpha)))
-        yield Branch(
+        transformer = Branch(
             name=_name(one, index),
             kind=TRANSFORMER,
             ends=ends,
@@ -146,6 +155,7 @@ def _transformers(found: Any, place: dict[str, int], V: dict[str, float]) -> Ite
             ratio=ratio,
             rating=float(one.rated_s) * 1e6 if one.rated_s == one.rated_s else math.nan,
         )
+        yield str(index), transformer
 
 
 def _of_three_windings(
@@ -171,7 +181,7 @@ def _of_three_windings(
                     leg=True,
                 )
             )
-        yield _name(one, index), V_0, legs
+        yield str(index), V_0, legs
 
 
 def _shunts(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator[Shunt]:
@@ -181,7 +191,7 @@ def _shunts(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator[
             yield Shunt(_name(one, index), place[one.bus_id], y)
 
 
-def _sources(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator[Source]:
+def _sources(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator[tuple[str, Source]]:
     marked, known = (found.get_extensions(name) for name in ("slackTerminal", "generatorShortCircuit"))
     slack = set(marked["bus_id"]) if len(marked) else set()
     for index, one in found.get_generators(all_attributes=True).iterrows():
@@ -194,10 +204,10 @@ def _sources(found: Any, place: dict[str, int], V: dict[str, float]) -> Iterator
             if X > 0.0:
                 own = complex(0.0, X) / (V[one.bus_id] ** 2 / S_BASE)
                 z = own, own
-        yield Source(_name(one, index), place[one.bus_id], kind, z, rating)
+        yield str(index), Source(_name(one, index), place[one.bus_id], kind, z, rating)
     for index, one in found.get_boundary_lines().iterrows():
         if one.connected and one.bus_id in place and not one.get("paired", False):
-            yield Source(_name(one, index), place[one.bus_id], NEIGHBOUR)
+            yield str(index), Source(_name(one, index), place[one.bus_id], NEIGHBOUR)
 
 
 def _converters(found: Any, place: dict[str, int]) -> Iterator[Converter]:

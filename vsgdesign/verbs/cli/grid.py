@@ -29,8 +29,8 @@ from vsgdesign.verbs.cli.common import JSON, print_json, progress, results_at, v
     "--source",
     "sources",
     multiple=True,
-    metavar="NAME=VA,X/R|none",
-    help='One source by its name, such as "G 1 = 2 GVA, 10", or none of it. May be repeated.',
+    metavar="NAME=VA,X/R|none|FILE.csv",
+    help='One source by its name, such as "G 1 = 2 GVA, 10", or none of it, or a file of them. May be repeated.',
 )
 @click.option("--loads/--no-loads", default=False, show_default=True, help="Let loads count as impedances.")
 @click.option("--frequency", default=None, metavar="Hz", help="Nominal frequency.  [default: the file's, else 50 Hz]")
@@ -98,12 +98,29 @@ def grid(
 
 
 def _named(sources: tuple[str, ...]) -> dict[str, tuple[str, str] | None]:
-    """Sources by name: short-circuit power and X/R, or none."""
+    """Sources by name: short-circuit power and X/R, or none. A file has one in each line, with commas."""
     found: dict[str, tuple[str, str] | None] = {}
+    lines: list[str] = []
     for text in sources:
+        if text.lower().endswith(".csv"):
+            lines += _lines(text)
+        else:
+            lines.append(text)
+    for text in lines:
         name, is_there, told = (part.strip() for part in text.rpartition("="))
         S_sc, comma, ratio = (part.strip() for part in told.partition(","))
         if not is_there or not name or (told != "none" and not comma):
             raise click.BadParameter(f'"{text}" is not NAME=VA,X/R or NAME=none.', param_hint="--source")
         found[name] = None if told == "none" else (S_sc, ratio)
     return found
+
+
+def _lines(path: str) -> list[str]:
+    """The lines of a file of sources, as the option takes them."""
+    from vsgdesign.study.given_files import RESULT_BYTES, read_given
+
+    try:
+        lines = read_given(Path(path), RESULT_BYTES).decode().splitlines()
+    except (OSError, ValueError) as error:
+        raise click.BadParameter(f'"{path}" cannot be read ({error}).', param_hint="--source") from None
+    return [line.replace(",", "=", 1) for line in lines if line.strip() and not line.startswith("#")]
