@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,6 +90,7 @@ def c_functions(
     kinds: Mapping[Any, Mapping[str, Any]] | None = None,
     prefix: str = "",
     macros: Mapping[str, str] | None = None,
+    printed: Collection[str] = (),
 ) -> CText:
     """C99 of functions of the restricted language, and of all that they call.
 
@@ -98,7 +99,8 @@ def c_functions(
     ``kinds``: NamedTuples in fields whose hint says Any, where it is not that of the default. ``prefix``: what
     begins the names of records without such a name, and in capitals those of constants: ``field_`` for
     ``vsg_field_lock_in_t`` and ``VSG_FIELD_TURN``. Two headers of one folder then have no name in common. ``macros``:
-    constants that the target has already, and what it calls them.
+    constants that the target has already, and what it calls them. ``printed``: mathematical functions that
+    the target has of its own as ``vsg_printed_…``; they are taken where VSG_PRINTED_MATH is defined.
 
     A function is ``vsg_`` and its name. Its arguments come in their order, then what compensated sums keep
     (``…_lost``), then its results, unless it has one scalar result, which is returned. An output may be the place of
@@ -114,12 +116,12 @@ def c_functions(
         library.read(function, known)
     if unused:
         raise ValueError(f"fixed = {sorted(unused)}: no function given has such an argument.")
-    return _Printer(library).all()
+    return _Printer(library, printed).all()
 
 
 class _Printer(ExpressionPrinter):
-    def __init__(self, library: Library) -> None:
-        super().__init__(library)
+    def __init__(self, library: Library, printed: Collection[str]) -> None:
+        super().__init__(library, printed)
         self.records: list[type] = []
         self.lost_paths: dict[Any, list[str]] = {}
         self.classes: dict[str, Any] = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from vsgdesign.codegen.expressions import (
     ADVANCED,
@@ -132,8 +132,8 @@ typedef struct {
 class ExpressionPrinter:
     """Expressions of one function after the other; it remembers what they use."""
 
-    def __init__(self, library: Library) -> None:
-        self.library = library
+    def __init__(self, library: Library, printed: Collection[str] = ()) -> None:
+        self.library, self.printed = library, printed
         self.used: set[str] = set()
         """Mathematical functions."""
         self.constants: dict[str, float] = {}
@@ -261,7 +261,12 @@ class ExpressionPrinter:
             pairs = [(f"VSG_{name.upper()}", _LIBRARY.get(name, name)) for name in mathematical]
             double = "\n".join(f"#define {macro} {name}" for macro, name in pairs)
             single = "\n".join(f"#define {macro} {name}f" for macro, name in pairs)
-            text += f"#ifdef VSG_DOUBLE\n{double}\n#else\n{single}\n#endif\n\n"
+            text += f"#ifdef VSG_DOUBLE\n{double}\n#else\n{single}\n#endif\n"
+            own = [name for name in mathematical if name in self.printed]
+            if own:
+                lines = (f"#undef VSG_{name.upper()}\n#define VSG_{name.upper()} vsg_printed_{name}\n" for name in own)
+                text += f"#ifdef VSG_PRINTED_MATH\n{''.join(lines)}#endif\n"
+            text += "\n"
         for name, value in self.constants.items():
             text += f"#define VSG_{name} {_literal(value)}\n"
         text += "\n" if self.constants else ""

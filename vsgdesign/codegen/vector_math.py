@@ -36,7 +36,7 @@ LOG_2_E = 1.4426950408889634
 
 
 def rounded(x: Any) -> Any:
-    """The nearest whole number, |x| < 2⁵¹."""
+    """The nearest whole number, |x| < 2e15."""
     return (x + ROUNDING) - ROUNDING
 
 

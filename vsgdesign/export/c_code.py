@@ -23,6 +23,7 @@ from vsgdesign.equations.limiters import CIRCULAR
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.c_content import Origin, content_of, field_parts, network_of
 from vsgdesign.export.field import ConverterConstants, converter_constants
+from vsgdesign.export.laws import printed_math
 from vsgdesign.export.unit_content import unit_content, unit_document
 from vsgdesign.identification.field import FINDS_WITHIN
 from vsgdesign.identification.field_network import field_network
@@ -50,6 +51,7 @@ FILES = (
     "vsg_laws.h",
     "vsg_power.c",
     "vsg_control.c",
+    "vsg_math.c",
     "vsg_selftest.c",
     "Makefile",
     "CMakeLists.txt",
@@ -258,7 +260,7 @@ def render(
 ) -> dict[str, str]:
     """Every file's text by name."""
     content = content_of(scheduler, origin) | {"field": None if converter is None else field_parts(converter)}
-    content["unit"] = None if unit is None else unit_content(unit)
+    content |= {"unit": None if unit is None else unit_content(unit), "printed_math": printed_math()}
     names = (*FILES, *(() if converter is None else FIELD_FILES), *(() if unit is None else UNIT_FILES))
     return {name: filled(name, content) for name in names}
 

@@ -22,7 +22,7 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.export.compiled_field import CompiledConverter, CompiledField
 from vsgdesign.runtime.updating import Answer, Covariance
 
-SOURCES = ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_control.c", "vsg_selftest.c")
+SOURCES = ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_control.c", "vsg_math.c", "vsg_selftest.c")
 FIELD_SOURCES = ("vsg_field.c", "vsg_converter.c")
 """The C files of every folder, and those of a folder with the field estimator."""
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.codegen import CText, c_functions
+from vsgdesign.codegen.single_math import SINGLE
 from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.field import (
     FieldAnswer,
@@ -52,7 +53,8 @@ def field_laws(network: bool = False) -> CText:
 
     Its records are called vsg_field_…_t and its constants VSG_FIELD_…
     """
-    return c_functions((*FUNCTIONS, *(OF_NETWORK if network else ())), names=NAMES, prefix="field_")
+    functions = (*FUNCTIONS, *(OF_NETWORK if network else ()))
+    return c_functions(functions, names=NAMES, prefix="field_", printed=SINGLE)
 
 
 def count_of(record: Any) -> int:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import typing
 from collections.abc import Callable
 from typing import Any
 
 from vsgdesign.codegen import CText, c_functions
+from vsgdesign.codegen.single_math import SINGLE
+from vsgdesign.codegen.vector_math import PLAIN
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, controller_step, power_stage
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.guarded_controller import LARGEST_STATE, TIMES_NOMINAL, plausible, skipped_step, sound
@@ -105,7 +108,32 @@ def _laws(structure_gains: Callable[..., Any], by_inertia: bool, scr_basis: str,
     kinds = {ControllerState: {"limiter": memory}, ControllerSettings: {"limiter": constants}}
     law = ScheduleLaw(basis.scr, basis.grid, normalised_at, structure_gains, by_inertia)
     fixed = {"law": law, "nearest": False, "limiter": chosen.law}
-    return c_functions(functions, fixed=fixed, names=NAMES, kinds=kinds, macros=MACROS)
+    return c_functions(functions, fixed=fixed, names=NAMES, kinds=kinds, macros=MACROS, printed=SINGLE)
+
+
+@functools.cache
+def printed_math() -> dict[str, dict[str, Any]]:
+    """What vsg_math.c has in each precision: C99 of the functions, and what they take the place of."""
+
+    def arguments(name: str) -> list[str]:
+        return list(inspect.signature(SINGLE[name]).parameters)
+
+    found = {}
+    for precision, functions in (("double", PLAIN), ("single", SINGLE)):
+        text = c_functions(functions[name] for name in SINGLE)
+        found[precision] = {
+            "constants": text.constants,
+            "functions": text.functions,
+            "names": {
+                name: {
+                    "name": functions[name].__name__,
+                    "arguments": ", ".join(f"vsg_real_t {one}" for one in arguments(name)),
+                    "given": ", ".join(arguments(name)),
+                }
+                for name in SINGLE
+            },
+        }
+    return found
 
 
 def laws_content(structure: str, law: str, scr_basis: str, limiter: str) -> dict[str, Any]:

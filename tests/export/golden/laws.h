@@ -364,6 +364,16 @@ typedef struct {
 #define VSG_SIN sinf
 #define VSG_SQRT sqrtf
 #endif
+#ifdef VSG_PRINTED_MATH
+#undef VSG_ATAN2
+#define VSG_ATAN2 vsg_printed_atan2
+#undef VSG_COS
+#define VSG_COS vsg_printed_cos
+#undef VSG_HYPOT
+#define VSG_HYPOT vsg_printed_hypot
+#undef VSG_SIN
+#define VSG_SIN vsg_printed_sin
+#endif
 
 #define VSG_HALF_RANGE ((uint32_t)2147483648UL)
 #define VSG_ROUNDED_CORRELATION VSG_C(1.001)
