@@ -43,6 +43,8 @@ from vsgdesign.verbs.facade.exports import export_simulink as export_simulink
 from vsgdesign.verbs.facade.linear import linear_model as linear_model
 from vsgdesign.verbs.facade.networks import NetworkGrid as NetworkGrid
 from vsgdesign.verbs.facade.networks import grid_of_network as grid_of_network
+from vsgdesign.verbs.facade.processors import ProcessorResult as ProcessorResult
+from vsgdesign.verbs.facade.processors import pil as pil
 from vsgdesign.verbs.facade.reporting import explore as explore
 from vsgdesign.verbs.facade.reporting import write_report as write_report
 from vsgdesign.verbs.facade.simulated import Run as Run

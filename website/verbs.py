@@ -38,6 +38,7 @@ GUIDES = {
     "inner": "[inner loops](how-to/inner-loops.md)",
     "margins": "[margins and maps](how-to/margins-and-maps.md)",
     "new": "[own converter](how-to/own-converter.md)",
+    "pil": "[firmware](how-to/export-firmware.md#the-processor-in-the-loop)",
     "report": "[margins and maps](how-to/margins-and-maps.md)",
     "run": "[tutorial](tutorial.md)",
     "simulate": "[results](how-to/results.md)",

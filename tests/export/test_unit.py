@@ -61,6 +61,21 @@ def test_the_loop_is_the_simulation_and_the_exported_code(delay: int, made: Any)
     assert np.array_equal(run.figures, same.figures)
 
 
+def test_the_circuit_alone_meets_every_event_as_the_simulation(made: Any) -> None:
+    """Ramps, a phase jump between two samples, a load and a fault: what a controller outside of the loop is shown."""
+    study, unit = study_with(1, quiet=True), unit_with(1)
+    study = study.with_events(
+        {"time": "0.01 s", "V_g_pu": 0.9, "over": "20 ms"},
+        {"time": "0.0201234 s", "phase_jump": "8 deg"},
+        {"time": "0.035 s", "f_g": "50.4 Hz", "over": "10 ms"},
+        {"time": "0.05 s", "load": {"P": "2 kW"}},
+        {"time": "0.0700123 s", "fault": {"kind": "phase_to_phase", "R": "1 ohm", "at": 0.3}},
+        {"time": "0.09 s", "fault": "cleared"},
+    )
+    run = run_loop(study, unit, made(1)[1].instance().step)
+    assert np.max(np.abs(run.figures - simulated(study, unit))) <= 1e-9
+
+
 def test_a_schedule_is_that_of_the_run(made: Any) -> None:
     """Gains in closed form, with the guards of the scheduler, which is told the true grid 20 ms late."""
     study, unit = study_with(0, SCHEDULED), unit_with(0, SCHEDULED)

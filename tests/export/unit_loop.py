@@ -5,8 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +14,14 @@ import numpy as np
 from tests.compilers import require_compiler
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.controller import Measurement
-from vsgdesign.equations.frames import clarke, clarke_inverse, rms_to_peak
+from vsgdesign.export import in_the_loop
 from vsgdesign.export.compiled import CompiledControl, run_compiler
+from vsgdesign.export.in_the_loop import LoopRun, Step, phases, vector
 from vsgdesign.export.ports import PortList
 from vsgdesign.export.unit import Unit, unit_of
 from vsgdesign.export.unit_content import lists_of
-from vsgdesign.linear.operating_point.plant import plant_step
 from vsgdesign.simulation import GainChange, simulate
-from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.simulation.plant_alone import PlantAlone
 from vsgdesign.study.parameters import Study, study_from_text
 
 CASES = {0: "hoang2025_5kva", 1: "lab_12kva_lcl"}
@@ -62,63 +61,6 @@ simulation = {{ duration = "1 s", P_ref = "0 W", Q_ref = "0 var" }}"""
     )
 
 
-Step = Callable[[np.ndarray], np.ndarray]
-"""What a wrapper does in a sample: outputs from inputs."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """P, Q (over rated), omega (over nominal), and i_s α and β (over rated) of every sample, and all outputs."""
-
-    figures: np.ndarray
-    outputs: np.ndarray
-
-
-class Plant:
-    """The circuit of a study between bridge and source, with the events of the study."""
-
-    def __init__(self, study: Study, unit: Unit) -> None:
-        c = study.converter
-        self.study, self.unit, self.T_s, self.omega = study, unit, c.T_s, c.omega_n
-        self.timeline = build_timeline(study)
-        v, i_s, i_g = unit.measured
-        R_c = study.filter.R_c
-        self.x = np.array([i_s, v - R_c * (i_s - i_g), i_g])
-        self.pending, self.R_c = unit.bridge, R_c
-        self.marks = {round(t / self.T_s): t for t in {0.0, *(event.t_s for event in study.events)}}
-        self.k, self.E = 0, self._source(0.0)
-        self.turn = np.exp(1j * self.omega * self.T_s)
-
-    def _source(self, t_s: float) -> complex:
-        source = self.timeline.source_at(t_s + 1e-9).at(t_s)
-        return rms_to_peak(source.V_g_rms) * np.exp(1j * source.phase)
-
-    def change(self) -> None:
-        """What an event changes before a sample."""
-        if self.k in self.marks:
-            t_s = self.marks[self.k]
-            circuit = self.study.circuit(self.timeline.grid_at(t_s + 1e-9))
-            self.step_of = plant_step(circuit, self.T_s, self.omega, edges=False)
-            self.refs = self.timeline.references_at(t_s + 1e-9)
-            if self.k:
-                before = self.timeline.source_at(t_s - 1e-9).at(t_s)
-                after = self.timeline.source_at(t_s + 1e-9).at(t_s)
-                ratio = after.V_g_rms / before.V_g_rms * np.exp(1j * (after.phase - before.phase))
-                self.E = self.E * ratio
-
-    @property
-    def measured(self) -> tuple[complex, complex, complex]:
-        """v, i_s and i_g now."""
-        i_s, v_c, i_g = self.x
-        return v_c + self.R_c * (i_s - i_g), i_s, i_g
-
-    def advance(self, v_b: complex) -> None:
-        """One sample with the bridge voltage that acts in it."""
-        step = self.step_of
-        self.x = step.transition @ self.x + step.bridge * v_b + step.source[0] * self.E
-        self.E, self.k = self.E * self.turn, self.k + 1
-
-
 def run_loop(
     study: Study,
     unit: Unit,
@@ -128,50 +70,13 @@ def run_loop(
     acts_now: bool = False,
     samples: int = 0,
     empty: bool = False,
-) -> Run:
-    """A wrapper in closed loop. ``late``: so many samples more until a voltage acts. ``acts_now``: the wrapper gives
-    what acts in this sample, and not what it has made for the next. ``empty``: the circuit begins without energy."""
-    c, ports = study.converter, lists_of(unit)["controller"]
-    at_in = {port.name: k for k, port in enumerate(ports.inputs)}
-    at_out = {port.name: k for k, port in enumerate(ports.outputs)}
-    plant, given = Plant(study, unit), np.array([port.start for port in ports.inputs])
+) -> LoopRun:
+    """A wrapper in closed loop with the circuit of a study. ``empty``: the circuit begins without energy."""
     if empty:
-        plant.x[:] = 0.0
-    waits = [0j if empty else vector(phases(unit.bridge))] * ((0 if acts_now else c.delay_samples) + late)
-    figures, outputs = [], []
-    for _ in range(samples or round(study.simulation.duration / c.T_s)):
-        plant.change()
-        v, i_s, i_g = plant.measured
-        for name, value in (("v", v), ("i_s", i_s), ("i_g", i_g), ("v_grid", v)):
-            given[at_in[f"{name}_a"] : at_in[f"{name}_a"] + 3] = phases(value)
-        given[at_in["P_ref"]], given[at_in["Q_ref"]] = plant.refs.P_ref, plant.refs.Q_ref
-        if "R_g" in at_in:
-            grid = plant.timeline.true_grid_at(max((plant.k - 0.5) * c.T_s, 0.0))
-            given[at_in["R_g"]], given[at_in["L_g"]] = grid.R_g, grid.L_g
-        out = np.array(step(given))
-        outputs.append(out)
-        figures.append(
-            [
-                out[at_out["P"]] / c.S_rated,
-                out[at_out["Q"]] / c.S_rated,
-                out[at_out["omega"]] / c.omega_n,
-                i_s.real / c.I_rated_pk,
-                i_s.imag / c.I_rated_pk,
-            ]
-        )
-        waits.append(vector(out[at_out["v_b_a"] : at_out["v_b_a"] + 3]))
-        plant.advance(waits.pop(0))
-    return Run(np.array(figures), np.array(outputs))
-
-
-def phases(vector_of: complex) -> tuple[float, float, float]:
-    """Three phases of α + jβ."""
-    return clarke_inverse(float(vector_of.real), float(vector_of.imag))
-
-
-def vector(abc: Any) -> complex:
-    """α + jβ of three phases."""
-    return complex(*clarke(*map(float, abc)))
+        study = replace(study, simulation=replace(study.simulation, start="cold"))
+    plant, c = PlantAlone(study, unit.gains), study.converter
+    samples = samples or round(study.simulation.duration / c.T_s)
+    return in_the_loop.run_loop(unit, plant, step, samples, late=late, acts_now=acts_now)
 
 
 def simulated(study: Study, unit: Unit) -> np.ndarray:

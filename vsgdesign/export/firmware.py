@@ -16,6 +16,7 @@ FILES = {
     "drivers.h": "firmware_drivers.h",
     "drivers.c": "firmware_drivers.c",
     "test.c": "firmware_test.c",
+    "pil.c": "firmware_pil.c",
     "Makefile": "firmware_Makefile",
 }
 """Files of the project and their templates."""

@@ -29,8 +29,11 @@ SCHEMA = 1
 LINUX, WINDOWS, WINDOWS_32 = "gcc", "x86_64-w64-mingw32-gcc", "i686-w64-mingw32-gcc"
 """Compilers of the libraries for Linux, and for Windows in 64 and 32 bits."""
 
-FLAGS = ("-std=c99", "-ffp-contract=off", "-DVSG_DOUBLE", "-Wall", "-Wextra")
-"""Without contraction two compilers give the same bits; the numbers of a wrapper are doubles."""
+FLAGS = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra")
+"""Without contraction two compilers give the same bits."""
+
+DOUBLE = ("-DVSG_DOUBLE",)
+"""The numbers of a wrapper are doubles."""
 
 NOT_COMPILED = {
     LINUX: "There is no gcc here: the library for Linux is left out. Install gcc, or compile the sources.",
@@ -177,10 +180,11 @@ def check_target(kind: str, out: str | Path, inputs: Iterable[str | Path]) -> No
 
 
 class Builder:
-    """Compiles wrappers around exported controllers, each controller once for each compiler."""
+    """Compiles wrappers around exported controllers, each controller once for each compiler. ``defined``: what every
+    file is compiled with."""
 
-    def __init__(self, optimise: str = "-O2") -> None:
-        self._optimise = optimise
+    def __init__(self, optimise: str = "-O2", defined: Sequence[str] = DOUBLE) -> None:
+        self._flags = [optimise, *defined]
         self._folder = tempfile.TemporaryDirectory(prefix="vsg")
         self._objects: dict[tuple[str, str], list[str]] = {}
         self._texts: dict[str, dict[str, str]] = {}
@@ -215,12 +219,12 @@ class Builder:
         key = (str(folder), compiler)
         if key not in self._objects:
             names = [name for name in texts if name.endswith(".c") and name != "vsg_selftest.c"]
-            self._objects[key] = _compiled(compiler, folder, names, [self._optimise], folder)
+            self._objects[key] = _compiled(compiler, folder, names, self._flags, folder)
         own = Path(tempfile.mkdtemp(dir=self._folder.name))
         for name, text in sources.items():
             (own / name).write_text(text, encoding="utf-8")
         made = _compiled(
-            compiler, own, [n for n in sources if n.endswith(".c")], [self._optimise, f"-I{folder}", *flags], own
+            compiler, own, [n for n in sources if n.endswith(".c")], [*self._flags, f"-I{folder}", *flags], own
         )
         out = own / "library.bin"
         seen = own / "exports.map"

@@ -19,6 +19,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     from vsgdesign.verbs.cli.export import export
     from vsgdesign.verbs.cli.grid import grid
     from vsgdesign.verbs.cli.new import new
+    from vsgdesign.verbs.cli.pil import pil
     from vsgdesign.verbs.cli.run import compare, inner, run, simulate, validate
     from vsgdesign.verbs.cli.stability import certify, design, margins, report
     from vsgdesign.verbs.cli.survive import survive
@@ -49,7 +50,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
 
     for _verb in (
         *(run, simulate, design, margins, report, certify, validate),
-        *(cite, compare, comply, diff, estimator, explore, export, grid, inner, new, survive, table, verify),
+        *(cite, compare, comply, diff, estimator, explore, export, grid, inner, new, pil, survive, table, verify),
     ):
         main.add_command(_verb)
 

@@ -16,7 +16,8 @@ Variant = Literal["controller", "reference"]
 """The whole controller, with the bridge voltage as output, or its power loops alone, with V, θ and ω."""
 
 
-def _unit(study: Study, controller: str | None, table: DesignedTable | GainTable | None) -> Unit:
+def unit_given(study: Study, controller: str | None, table: DesignedTable | GainTable | None) -> Unit:
+    """The controller that the arguments of a function of this room name."""
     from vsgdesign.verbs.facade.tables import DesignedTable
     from vsgdesign.verbs.pipeline.export import unit_of_study
     from vsgdesign.verbs.pipeline.plant import as_unit
@@ -41,7 +42,7 @@ def export_fmu(
     """
     from vsgdesign.export import export_fmu as write
 
-    return write(_unit(study, controller, table), out, variant=variant, version=fmi, inputs=study.input_files)
+    return write(unit_given(study, controller, table), out, variant=variant, version=fmi, inputs=study.input_files)
 
 
 def export_dll(
@@ -58,7 +59,7 @@ def export_dll(
     """
     from vsgdesign.export import export_dll as write
 
-    return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
+    return write(unit_given(study, controller, table), out, variant=variant, inputs=study.input_files)
 
 
 def export_simulink(
@@ -75,7 +76,7 @@ def export_simulink(
     """
     from vsgdesign.export import export_simulink as write
 
-    return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
+    return write(unit_given(study, controller, table), out, variant=variant, inputs=study.input_files)
 
 
 def export_plecs(
@@ -92,7 +93,7 @@ def export_plecs(
     """
     from vsgdesign.export import export_plecs as write
 
-    return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
+    return write(unit_given(study, controller, table), out, variant=variant, inputs=study.input_files)
 
 
 def export_modelica(
@@ -109,7 +110,7 @@ def export_modelica(
     """
     from vsgdesign.export import export_modelica as write
 
-    return write(_unit(study, controller, table), out, variant=variant, inputs=study.input_files)
+    return write(unit_given(study, controller, table), out, variant=variant, inputs=study.input_files)
 
 
 def export_firmware(
@@ -125,7 +126,7 @@ def export_firmware(
     """
     from vsgdesign.export import export_firmware as write
 
-    return write(_unit(study, controller, table), out, inputs=study.input_files)
+    return write(unit_given(study, controller, table), out, inputs=study.input_files)
 
 
 def export_all(
@@ -141,4 +142,4 @@ def export_all(
     """
     from vsgdesign.export import export_all as write
 
-    return write(_unit(study, controller, table), out, inputs=study.input_files)
+    return write(unit_given(study, controller, table), out, inputs=study.input_files)
