@@ -49,6 +49,7 @@ _HOMES = {
     "export_modelica": "verbs.facade.exports",
     "export_plecs": "verbs.facade.exports",
     "export_simulink": "verbs.facade.exports",
+    "export_sunspec": "verbs.facade.exports",
     "grid": "verbs.facade.studies",
     "grid_of_network": "verbs.facade.networks",
     "inner": "verbs.facade.designed",

@@ -40,6 +40,7 @@ from vsgdesign.verbs.facade.exports import export_fmu as export_fmu
 from vsgdesign.verbs.facade.exports import export_modelica as export_modelica
 from vsgdesign.verbs.facade.exports import export_plecs as export_plecs
 from vsgdesign.verbs.facade.exports import export_simulink as export_simulink
+from vsgdesign.verbs.facade.exports import export_sunspec as export_sunspec
 from vsgdesign.verbs.facade.linear import linear_model as linear_model
 from vsgdesign.verbs.facade.networks import NetworkGrid as NetworkGrid
 from vsgdesign.verbs.facade.networks import grid_of_network as grid_of_network

@@ -35,6 +35,7 @@ GUIDES = {
     "export plecs": "[PLECS](how-to/export-other-tools.md)",
     "export simulink": "[Simulink](how-to/export-other-tools.md)",
     "grid": "[the grid from a network](how-to/grid-from-network.md)",
+    "export sunspec": "[SunSpec](how-to/export-other-tools.md#sunspec)",
     "inner": "[inner loops](how-to/inner-loops.md)",
     "margins": "[margins and maps](how-to/margins-and-maps.md)",
     "new": "[own converter](how-to/own-converter.md)",

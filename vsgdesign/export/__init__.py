@@ -11,6 +11,7 @@ from vsgdesign.export.modelica import export_modelica
 from vsgdesign.export.numbers import converter_numbers
 from vsgdesign.export.plecs import export_plecs
 from vsgdesign.export.simulink import export_simulink
+from vsgdesign.export.sunspec import export_sunspec
 from vsgdesign.export.unit import Unit, unit_of
 from vsgdesign.export.wrapping import Exported
 
@@ -30,6 +31,7 @@ __all__ = [
     "export_modelica",
     "export_plecs",
     "export_simulink",
+    "export_sunspec",
     "export_unit_c",
     "initialiser",
     "unit_of",

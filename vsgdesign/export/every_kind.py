@@ -16,6 +16,7 @@ from vsgdesign.export.fmu import export_fmu
 from vsgdesign.export.modelica import export_modelica
 from vsgdesign.export.plecs import export_plecs
 from vsgdesign.export.simulink import export_simulink
+from vsgdesign.export.sunspec import export_sunspec
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.wrapping import Builder, Exported, made_for, wrapped
 
@@ -30,6 +31,7 @@ KINDS: dict[str, Callable[..., Exported]] = {
     "plecs": partial(export_plecs, variant="controller"),
     "modelica": partial(export_modelica, variant="controller"),
     "firmware": export_firmware,
+    "sunspec": export_sunspec,
 }
 """The folders of an export of every kind, beside that of the C."""
 

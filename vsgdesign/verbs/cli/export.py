@@ -328,6 +328,24 @@ def firmware(file: str, out: str, controller: str | None, study_file: str | None
     _wrap(file, study_file, controller, out, as_json, export_firmware)
 
 
+@export.command()
+@FILE
+@OUT
+@CONTROLLER
+@STUDY_OF_TABLE
+@JSON
+@verb
+def sunspec(file: str, out: str, controller: str | None, study_file: str | None, as_json: bool) -> None:
+    """Write the values of a controller as a map to the models of SunSpec.
+
+    The file sunspec.json has every point of models 702, 704, 711, 712 and 713 and of the proposed 64416, with a value
+    or with the reason why there is none. The map is a proposal.
+    """
+    from vsgdesign.export import export_sunspec
+
+    _wrap(file, study_file, controller, out, as_json, export_sunspec)
+
+
 @export.command(name="all")
 @FILE
 @OUT

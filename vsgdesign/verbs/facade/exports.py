@@ -129,6 +129,22 @@ def export_firmware(
     return write(unit_given(study, controller, table), out, inputs=study.input_files)
 
 
+def export_sunspec(
+    study: Study,
+    out: str | Path,
+    *,
+    controller: str | None = None,
+    table: DesignedTable | GainTable | None = None,
+) -> Exported:
+    """Writes the values of a controller of a study as a map to SunSpec's models into the folder ``out``.
+
+    The arguments and the errors are those of :func:`export_fmu`.
+    """
+    from vsgdesign.export import export_sunspec as write
+
+    return write(unit_given(study, controller, table), out, inputs=study.input_files)
+
+
 def export_all(
     study: Study,
     out: str | Path,
