@@ -13,7 +13,10 @@ import pytest
 from tests.cli.small_studies import call, failure, study_file
 from vsgdesign.artifacts.comtrade import FORMS, write_comtrade
 from vsgdesign.artifacts.time_series import UNITS, read_npz
+from vsgdesign.campaigns.compliance.evidence import RECORDED, read_evidence
+from vsgdesign.equations.frames import clarke, rms_to_peak
 from vsgdesign.errors import ArtifactError
+from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.record import read_record
 from vsgdesign.verbs.cli.run import simulate
 
@@ -100,3 +103,40 @@ def test_simulate_writes_it_beside_the_others(tmp_path: Path) -> None:
         limit = 0.5 * np.ptp(wanted) / 65_534 + 2.0**-23 * np.max(np.abs(wanted))
         assert np.max(np.abs(found - wanted)) <= limit, name
     assert "'pdf' is not one of 'ascii', 'binary'" in failure(2, "simulate", study, "--comtrade", "pdf")
+
+
+SUITE = """
+title = "One test"
+[[criteria]]
+measure = "survived"
+at_least = 1
+[[tests]]
+name = "phase jump"
+scr = 5
+x_over_r = 3
+events = [{ phase_jump = "30 deg" }]
+"""
+
+
+def test_comply_writes_every_row_of_a_run(tmp_path: Path) -> None:
+    """In SI and not thinned, while the CSV has fewer rows in pu."""
+    study, suite = study_file(tmp_path), tmp_path / "one.toml"
+    suite.write_text(SUITE, encoding="utf-8")
+    out = tmp_path / "out"
+    asked = ("--suite", suite, "--no-maps", "--cases", "none", "--workers", "1", "--out", out)
+    assert call("comply", study, *asked, "--comtrade", "float32").exit_code == 0
+    records = sorted((out / "traces").glob("*.cfg"))
+    assert len(records) == len(list((out / "traces").glob("*.csv"))) > 0
+    c = load_study(study).converter
+    for record in records:
+        other, trace = loaded(record), read_evidence(record.with_suffix(".csv")).trace
+        found = dict(zip(other.analog_channel_ids, other.analog, strict=True))
+        assert list(found) == list(RECORDED)
+        assert len(other.time) > len(trace.t_s)
+        begin = trace.t_s[0]
+        for name, wanted in {"P": c.S_rated * trace.P_pu, "f": trace.f_hz}.items():
+            there = np.interp(trace.t_s - begin, other.time, found[name])
+            assert np.max(np.abs(there - wanted)) <= 2e-6 * max(np.max(np.abs(wanted)), 1.0), name
+        v_alpha, _ = clarke(found["v_a"], found["v_b"], found["v_c"])
+        wanted = rms_to_peak(c.V_rated_rms) * trace.v_alpha_pu
+        assert np.max(np.abs(np.interp(trace.t_s - begin, other.time, v_alpha) - wanted)) <= 2e-6 * np.max(wanted)

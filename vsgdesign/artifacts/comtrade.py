@@ -37,12 +37,20 @@ class _Scaled(NamedTuple):
 
 
 def write_comtrade(
-    path: str | Path, series: Mapping[str, Array], form: str, *, f_n: float, station: str, trigger_s: float
+    path: str | Path,
+    series: Mapping[str, Array],
+    form: str,
+    *,
+    f_n: float,
+    station: str,
+    trigger_s: float,
+    units: Mapping[str, str] = UNITS,
 ) -> None:
     """``path``.cfg and ``path``.dat, or ``path``.cff, with every sample of all series; ``t_s`` gives the sampling rate.
 
-    ``form`` is one of :data:`FORMS`. What is not finite is missing in the file. ``trigger_s``: the time that the record
-    is about, s. Raises ArtifactError for an unknown form and for fewer than two samples.
+    ``form`` is one of :data:`FORMS`, and ``units`` has the unit of every series. What is not finite is missing in
+    the file. ``trigger_s``: the time that the record is about, s. Raises ArtifactError for an unknown form and for
+    fewer than two samples.
     """
     t_s, count = series["t_s"], len(series["t_s"])
     if form not in FORMS:
@@ -59,7 +67,7 @@ def write_comtrade(
     for k, (name, one) in enumerate(zip(names, scaled, strict=True)):
         most = repr(float(np.finfo(np.float32).max)) if not whole else str(_STEPS[form])
         phase = name[-1].upper() if re.search(r"_[abc]$", name) else ""
-        head.append(f"{k + 1},{name},{phase},,{UNITS[name]},{one.a!r},{one.b!r},0,-{most},{most},1,1,P")
+        head.append(f"{k + 1},{name},{phase},,{units[name]},{one.a!r},{one.b!r},0,-{most},{most},1,1,P")
     head += [f"{f_n:g}", "1", f"{rate:.10g},{count}", _stamp(float(t_s[0])), _stamp(max(trigger_s, float(t_s[0])))]
     head += [{"cff": "FLOAT32"}.get(form, form.upper()), str(multiple), *([] if whole else ["0,0", "F,3"])]
     cfg = "".join(f"{line}\r\n" for line in head).encode("ascii", errors="replace")

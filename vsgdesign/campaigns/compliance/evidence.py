@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import gzip
+import math
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,10 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.comtrade import write_comtrade
 from vsgdesign.campaigns.compliance.measuring import Trace
 from vsgdesign.campaigns.compliance.rows import FAIL
+from vsgdesign.equations.frames import clarke_inverse, rms_to_peak
 from vsgdesign.errors import ArtifactError
 from vsgdesign.study.given_files import RESULT_BYTES, read_given
+from vsgdesign.study.parameters.converter import Converter
 
 Array = NDArray[np.float64]
 
@@ -110,6 +114,31 @@ def write_evidence(path: str | Path, evidence: Evidence) -> None:
     if str(path).endswith(".gz"):
         content = gzip.compress(content, compresslevel=3, mtime=0)
     Path(path).write_bytes(content)
+
+
+RECORDED = {
+    **{f"{name}_{phase}": unit for name, unit in (("v", "V"), ("i_g", "A")) for phase in "abc"},
+    **{"P": "W", "Q": "var", "P_dc": "W", "f": "Hz", "V_rms": "V", "delta": "rad", "i_s": "A", "i_phase": "A"},
+    "limited": "1",
+}
+"""Series of a run as COMTRADE, with their units: phases of the capacitor node and of the current into the PCC
+(instantaneous), and what a trace has besides, in SI."""
+
+
+def write_evidence_comtrade(path: str | Path, trace: Trace, form: str, converter: Converter, trigger_s: float) -> None:
+    """Every row of a trace, in SI, as COMTRADE of a form (:func:`vsgdesign.artifacts.comtrade.write_comtrade`).
+
+    ``trigger_s``: when the first event of the test comes, s.
+    """
+    c, v_pk = converter, rms_to_peak(converter.V_rated_rms)
+    v = clarke_inverse(v_pk * trace.v_alpha_pu, v_pk * trace.v_beta_pu)
+    i_g = clarke_inverse(c.I_rated_pk * trace.i_g_alpha_pu, c.I_rated_pk * trace.i_g_beta_pu)
+    powers = (c.S_rated * one for one in (trace.P_pu, trace.Q_pu, trace.P_dc_pu))
+    currents = (c.I_rated_pk * one for one in (trace.i_s_pu, trace.i_phase_pu))
+    rest = (trace.f_hz, c.V_rated_rms * trace.V_pu, trace.delta_rad, *currents, trace.limited)
+    series = {"t_s": trace.t_s} | dict(zip(RECORDED, (*v, *i_g, *powers, *rest), strict=True))
+    f_n = c.omega_n / (2.0 * math.pi)
+    write_comtrade(path, series, form, f_n=f_n, station="vsgdesign", trigger_s=trigger_s, units=RECORDED)
 
 
 def read_evidence(path: str | Path) -> Evidence:

@@ -15,7 +15,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.compliance.case import Subject
-from vsgdesign.campaigns.compliance.evidence import csv_path, thinned, write_evidence
+from vsgdesign.campaigns.compliance.evidence import csv_path, thinned, write_evidence, write_evidence_comtrade
 from vsgdesign.campaigns.compliance.maps import Mapped, survival_map
 from vsgdesign.campaigns.compliance.matrix import judged_test
 from vsgdesign.campaigns.compliance.suite import Suite, SuiteTest
@@ -44,6 +44,8 @@ class SuiteJob(Job[int, dict[str, Any]]):
     """Runs of a block."""
     maps: tuple[str, ...] = ()
     """Survival maps that are drawn of every controller: names of :data:`vsgdesign.campaigns.compliance.maps.KINDS`."""
+    comtrade: str | None = None
+    """Of :data:`vsgdesign.artifacts.comtrade.FORMS`, if every run is written in it, too, beside its trace."""
 
     what = RUNS
 
@@ -103,7 +105,7 @@ class SuiteJob(Job[int, dict[str, Any]]):
         if of_map is not None:
             return partial(_drawn, number, of_map[0], self.subjects[of_map[1]])
         asked = [(self.subjects[k], replace(suite, tests=()), test) for suite, test, k in self.tests_of(number)]
-        return partial(_rows, number, asked, self.folder)
+        return partial(_rows, number, asked, self.folder, self.comtrade)
 
     def count(self, part: dict[str, Any]) -> int:
         """The rows of some blocks."""
@@ -116,11 +118,13 @@ class SuiteJob(Job[int, dict[str, Any]]):
         if study.verification is not None:  # a set, whose order is another in each process
             study = replace(study, verification=replace(study.verification, given=frozenset()))
         tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
-        parts = package_hash(), study, tables, self.suites, self.block, self.maps
+        parts = package_hash(), study, tables, self.suites, self.block, self.maps, self.comtrade
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
-def _rows(number: int, asked: Sequence[tuple[Subject, Suite, SuiteTest]], folder: str) -> dict[str, Any]:
+def _rows(
+    number: int, asked: Sequence[tuple[Subject, Suite, SuiteTest]], folder: str, comtrade: str | None
+) -> dict[str, Any]:
     rows = []
     for subject, suite, test in asked:
         judged = judged_test(subject, suite, test)
@@ -130,6 +134,10 @@ def _rows(number: int, asked: Sequence[tuple[Subject, Suite, SuiteTest]], folder
             path = Path(folder) / str(row.csv)
             path.parent.mkdir(parents=True, exist_ok=True)
             write_evidence(path, thinned(judged.evidence, _instants(test)))
+            if comtrade is not None:
+                first = min((event.t_s for event in test.events), default=0.0)
+                trace, converter = judged.evidence.trace, subject.study.converter
+                write_evidence_comtrade(path.with_suffix(""), trace, comtrade, converter, first)
         rows.append(plain(asdict(row)))
     return {str(number): {"rows": rows}}
 

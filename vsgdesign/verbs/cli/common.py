@@ -35,6 +35,13 @@ EXPLORER = click.option(
     help="Also write what simulates in the browser, on which one drags the grid.  [default: yes]",
 )
 
+COMTRADE = click.option(
+    "--comtrade",
+    type=click.Choice(["ascii", "binary", "float32", "cff"]),
+    default=None,
+    help="Also write the time series as COMTRADE, with samples of this form.",
+)
+
 WORKERS = click.option(
     "--workers", type=click.IntRange(1), default=None, metavar="N", help="Number of processes.  [default: one per core]"
 )

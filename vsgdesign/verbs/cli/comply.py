@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from vsgdesign.verbs.cli.common import (
+    COMTRADE,
     EXIT_IMPOSSIBLE,
     JSON,
     STUDY,
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Which rows of the matrix to write as study files.",
 )
+@COMTRADE
 @in_blocks
 @click.option(
     "--must-pass",
@@ -65,6 +67,7 @@ def comply(
     out: str | None,
     maps: bool,
     cases: str,
+    comtrade: str | None,
     how: How,
     must_pass: bool,
     as_json: bool,
@@ -81,7 +84,9 @@ def comply(
     suites_of(suites or (ALL,))  # what is wrong with a suite is said before the inner loops are designed
     study = load(study_file, quiet=as_json)
     folder = Path("out") / f"{study.name}-compliance" if out is None else Path(out)
-    asked = Asked(suites=suites or (ALL,), controllers=controllers, maps=maps, cases=cases, file=study_file)
+    asked = Asked(
+        suites=suites or (ALL,), controllers=controllers, maps=maps, cases=cases, file=study_file, comtrade=comtrade
+    )
 
     if as_json:
         how = {**how, "say": None}

@@ -12,6 +12,7 @@ import click
 from vsgdesign.errors import counted
 from vsgdesign.verbs.cli.common import (
     BRIDGE,
+    COMTRADE,
     EXPLORER,
     JSON,
     STUDY,
@@ -73,12 +74,7 @@ def run(
 @click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-simulation]")
 @BRIDGE
 @click.option("--strict", is_flag=True, help="Give the bits of a page of the explorer, as `strict` in [simulation].")
-@click.option(
-    "--comtrade",
-    type=click.Choice(["ascii", "binary", "float32", "cff"]),
-    default=None,
-    help="Also write the time series as COMTRADE, with samples of this form.",
-)
+@COMTRADE
 @WORKERS
 @JSON
 @verb

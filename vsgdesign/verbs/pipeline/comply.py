@@ -52,6 +52,8 @@ class Asked:
     """Whether survival maps of every controller are drawn, too."""
     cases: str = FAILING
     """A name of :data:`CASES`."""
+    comtrade: str | None = None
+    """Of :data:`vsgdesign.artifacts.comtrade.FORMS`, if the series of every run are written in it, too."""
     file: str | None = None
     """The study's file as the user gave it, for the commands on the page."""
 
@@ -94,7 +96,8 @@ def comply_study(
         held.enter_context(room_for(out, VERB, inputs=inputs))
         tables = _tables(study, ready, workers, progress, say)
         maps = tuple(KINDS) if asked.maps else ()
-        job = SuiteJob(study=study, tables=tables, suites=suites, folder="", block=BLOCK, maps=maps)
+        form = asked.comtrade
+        job = SuiteJob(study=study, tables=tables, suites=suites, folder="", block=BLOCK, maps=maps, comtrade=form)
         # The journal goes after the folder is in its place: an interruption in between loses no finished test.
         journal = held.enter_context(journal_of(job, out, WORK, fresh=fresh, say=say))
         folder = held.enter_context(staged_folder(out, VERB, inputs=inputs))
