@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
 import pty
 import select
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import termios
 import time
+import tomllib
 from contextlib import suppress
 from pathlib import Path
 
@@ -48,6 +50,31 @@ def test_what_was_assumed_is_listed(tmp_path: Path) -> None:
     document = json.loads(output)
     assert {item["field"] for item in document["assumed"]} >= {"voltage", "R_c", "transformer"}
     assert document["study"] == str(tmp_path / "b.toml")
+
+
+def test_a_measured_impedance_is_the_grid(tmp_path: Path) -> None:
+    sheet, measured, out = tmp_path / "sheet.csv", tmp_path / "z.csv", tmp_path / "study.toml"
+    rows = "rating,75,kVA\nvoltage,480 V L-L,\nfrequency,60,Hz\ndc_link,800,V\ncarrier,10,kHz\nL_1,0.4,mH\nC,20,uF\n"
+    sheet.write_text(rows)
+    measured.write_text("f,Z+_re,Z+_im\n50,0.1,0.25\n80,0.1,0.4\n500,0.1,9.0\n")
+    asked = "--from", str(sheet), "--impedance", str(measured), "--out", str(out)
+    code, output = run(*asked)
+    assert code == 0, output
+    assert "R = 0.1 ohm and L = 0.7958 mH at 60 Hz" in output
+    assert "and not above: it was measured up to 500 Hz" in output
+    # 480 V squared over 75 kVA and 0.1 + j0.3 ohm: the middle of the grids, which are a quarter to either side.
+    grid = tomllib.loads(out.read_text(encoding="utf-8"))["grid"]
+    assert grid["scr"] == pytest.approx(3.072 / math.hypot(0.1, 0.3), rel=0.01)
+    assert grid["x_over_r"] == pytest.approx(3.0)
+    out.unlink()
+    sheet.write_text(rows + "scr,2 to 10,\n")
+    code, output = run(*asked)
+    assert (code, out.exists()) == (2, False)
+    assert "grid_impedance" in output
+    assert "Keep one of them" in output
+    code, output = run("--from", str(sheet), "--impedance", str(tmp_path / "none.csv"), "--out", str(out))
+    assert (code, out.exists()) == (2, False)
+    assert "No such file" in output
 
 
 def test_the_next_command_can_be_copied_into_a_shell(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """From a one-page datasheet to a study: reading, resolving, writing. This room designs and simulates nothing."""
 
 from vsgdesign.study.datasheet.fields import FIELDS, Field
+from vsgdesign.study.datasheet.measured_impedance import SeriesFit, fit_series, read_impedance, with_impedance
 from vsgdesign.study.datasheet.reading import Entry, Sheet, read_sheet
 from vsgdesign.study.datasheet.resolving import Datasheet, faults_of, resolve
 from vsgdesign.study.datasheet.rows import Assumption
@@ -12,9 +13,13 @@ __all__ = [
     "Datasheet",
     "Entry",
     "Field",
+    "SeriesFit",
     "Sheet",
     "faults_of",
+    "fit_series",
+    "read_impedance",
     "read_sheet",
     "resolve",
     "study_text",
+    "with_impedance",
 ]

@@ -33,6 +33,7 @@ from vsgdesign.study.datasheet.ratings import (
     read_samples,
     read_voltage,
 )
+from vsgdesign.study.datasheet.measured_impedance import SeriesFit
 from vsgdesign.study.datasheet.reading import Entry, Sheet
 from vsgdesign.study.datasheet.rows import Assumption, Rows
 from vsgdesign.study.parameters.inner_loops import ENOUGH_SAMPLING
@@ -81,6 +82,8 @@ class Datasheet:
     """Facts that a user should know before anything is designed."""
     unused: tuple[str, ...]
     """Rows of the datasheet that no study needs."""
+    measured: SeriesFit | None = None
+    """The measured impedance of its grids, where there is one."""
 
 
 def resolve(sheet: Sheet) -> Datasheet:

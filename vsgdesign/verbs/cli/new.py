@@ -33,9 +33,17 @@ _BACK = ("back", "<")
     type=click.Path(),
     help="The study to write. An existing file is never overwritten.",
 )
+@click.option(
+    "--impedance",
+    "impedance_file",
+    default=None,
+    metavar="FILE.csv",
+    type=click.Path(),
+    help="The grid's impedance as it was measured over frequency, in place of `scr` and `x_over_r`.",
+)
 @JSON
 @verb
-def new(sheet_file: str | None, out: str, as_json: bool) -> None:
+def new(sheet_file: str | None, out: str, impedance_file: str | None, as_json: bool) -> None:
     """Write a study from a converter's datasheet.
 
     The datasheet gives ratings, filter, sampling, current limit and grids. The inner loops and the gain table are
@@ -58,7 +66,7 @@ def new(sheet_file: str | None, out: str, as_json: bool) -> None:
         except click.Abort:  # Ctrl-C or Ctrl-D at a prompt
             click.echo(err=True)
             raise Interrupted("nothing was written") from None
-    converter, text = checked_text(sheet, origin)
+    converter, text = checked_text(sheet, origin, impedance_file)
     with results_at(path):
         write_new_text(path, text)
         if as_json:

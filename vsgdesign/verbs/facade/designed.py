@@ -47,12 +47,13 @@ class NewStudy(Shown):
         yield from ()
 
 
-def new(sheet: str | Path, out: str | Path = "study.toml") -> NewStudy:
-    """Writes the study of a datasheet (.csv or .toml). An existing file is left unchanged and raises ArtifactError;
-    faults of the datasheet raise StudyError."""
+def new(sheet: str | Path, out: str | Path = "study.toml", *, impedance: str | Path | None = None) -> NewStudy:
+    """Writes the study of a datasheet (.csv or .toml). ``impedance``: the CSV file of the grid's impedance as it was
+    measured over frequency. An existing file is left unchanged and raises ArtifactError; faults of the files raise
+    StudyError."""
     from vsgdesign.verbs.pipeline.new import new_study
 
-    return NewStudy(Path(out), new_study(sheet, out))
+    return NewStudy(Path(out), new_study(sheet, out, impedance))
 
 
 def validate(study_file: str | Path, *, deep: bool = False, out: str | Path | None = None) -> list[str]:
