@@ -102,6 +102,38 @@ def test_in_closed_loop_it_is_the_exported_code_and_the_simulation(delay: int, e
     assert np.max(np.abs(late.figures - emt[:1000])) > 1e-3
 
 
+def test_fmi_2_is_fmi_3_to_the_bit(exported: Any) -> None:
+    """Both binaries in FMPy in the same loop, with a schedule, through a step, a jump of the grid and into a sag."""
+    from fmpy.fmi2 import FMU2Slave
+
+    study, unit = study_with(1, SCHEDULED), unit_with(1, SCHEDULED)
+    one = wrapped(unit, "controller")
+    number = {ref.port.name: ref.number for ref in references(one)}
+    new = slave(exported(1, "3", "controller", SCHEDULED)[1], 1, SCHEDULED)
+    newer = run_loop(study, unit, step_of(new), samples=1900)
+    new.freeInstance()
+    place = str(exported(1, "2", "controller", SCHEDULED)[1])
+    old = FMU2Slave(guid=token_of(one), unzipDirectory=place, modelIdentifier=one.name, instanceName="one")
+    old.instantiate()
+    old.setupExperiment(startTime=0.0)
+    old.enterInitializationMode()
+    old.exitInitializationMode()
+    inputs, outputs = ([number[port.name] for port in ports] for ports in (one.ports.inputs, one.ports.outputs))
+    k = 0
+
+    def step(given: np.ndarray) -> np.ndarray:
+        nonlocal k
+        old.setReal(inputs, given.tolist())
+        old.doStep(k * unit.T_s, unit.T_s)
+        k += 1
+        return np.array(old.getReal(outputs))
+
+    older = run_loop(study, unit, step, samples=1900)
+    old.freeInstance()
+    assert np.array_equal(older.outputs, newer.outputs)
+    assert np.ptp(newer.figures[:, 0]) > 0.2
+
+
 @pytest.mark.parametrize(
     ("version", "variant"), [("3", "controller"), ("2", "controller"), ("3", "reference"), ("2", "reference")]
 )

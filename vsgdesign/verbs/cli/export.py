@@ -336,7 +336,7 @@ def firmware(file: str, out: str, controller: str | None, study_file: str | None
 @JSON
 @verb
 def sunspec(file: str, out: str, controller: str | None, study_file: str | None, as_json: bool) -> None:
-    """Write the values of a controller as a map to the models of SunSpec.
+    """Map the values of a controller to SunSpec's models.
 
     The file sunspec.json has every point of models 702, 704, 711, 712 and 713 and of the proposed 64416, with a value
     or with the reason why there is none. The map is a proposal.

@@ -46,10 +46,10 @@ def pil(
     out: str | None,
     as_json: bool,
 ) -> None:
-    """Run the exported firmware in QEMU, in closed loop with the circuit of its study (processor in the loop).
+    """Run the exported firmware in QEMU, in the loop with its study.
 
-    The same controller is compiled for this machine, and every bit of both is compared. The instructions of a sample
-    are counted; they are no cycles.
+    The circuit of the study is simulated here (processor in the loop). The same controller is compiled for this
+    machine, and every bit of both is compared. The instructions of a sample are counted; they are no cycles.
     """
     from contextlib import nullcontext
 
