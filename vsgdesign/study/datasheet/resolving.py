@@ -21,6 +21,7 @@ from vsgdesign.study.datasheet.circuit import (
     strongest_inductance,
 )
 from vsgdesign.study.datasheet.fields import BY_NAME, FILTERS, Field
+from vsgdesign.study.datasheet.measured_impedance import SeriesFit
 from vsgdesign.study.datasheet.quantities import RATIO, AmountError, read_amount
 from vsgdesign.study.datasheet.ratings import (
     check_voltages,
@@ -33,7 +34,6 @@ from vsgdesign.study.datasheet.ratings import (
     read_samples,
     read_voltage,
 )
-from vsgdesign.study.datasheet.measured_impedance import SeriesFit
 from vsgdesign.study.datasheet.reading import Entry, Sheet
 from vsgdesign.study.datasheet.rows import Assumption, Rows
 from vsgdesign.study.parameters.inner_loops import ENOUGH_SAMPLING

@@ -251,6 +251,7 @@ def comply(
     controllers: Sequence[str] = (),
     maps: bool = True,
     cases: Literal["failing", "all", "none"] = "failing",
+    comtrade: Literal["ascii", "binary", "float32", "cff"] | None = None,
     ready: Ready | None = None,
     progress: Progress | None = None,
     **how: Unpack[How],
@@ -259,9 +260,11 @@ def comply(
 
     ``suites`` are names of packaged suites, paths of files of your own, or "all". The folder ``out`` (None:
     out/NAME-compliance) gets the page, results.json, the traces and the rows of ``cases`` as study files. ``maps``:
-    whether survival maps are drawn. ``ready`` holds gain tables that are there. ``how`` is that of :func:`verify`.
-    Raises the errors of :func:`vsgdesign.verbs.pipeline.comply.comply_study`.
+    whether survival maps are drawn. ``comtrade``: the form in which every run is also written as COMTRADE. ``ready``
+    holds gain tables that are there. ``how`` is that of :func:`verify`. Raises the errors of
+    :func:`vsgdesign.verbs.pipeline.comply.comply_study`.
     """
+    from vsgdesign.artifacts.comtrade import FORMS
     from vsgdesign.verbs.pipeline.comply import CASES, WORK, Asked, comply_study
     from vsgdesign.verbs.pipeline.plant import alone
 
@@ -269,5 +272,9 @@ def comply(
     file = str(study) if isinstance(study, str | Path) else None
     study = alone(given_study(study, "comply"), "comply")
     folder = _place(study, out, WORK)
-    asked = Asked(suites=tuple(suites), controllers=tuple(controllers), maps=maps, cases=cases, file=file)
+    if comtrade is not None:
+        known_word("comtrade", comtrade, FORMS)
+    asked = Asked(
+        suites=tuple(suites), controllers=tuple(controllers), maps=maps, cases=cases, file=file, comtrade=comtrade
+    )
     return Compliance(comply_study(study, folder, asked, ready=ready, progress=progress, **how), folder)

@@ -36,9 +36,8 @@ def checked_text(sheet: Sheet, origin: str, impedance: str | Path | None = None)
 
 
 def new_study(sheet_file: str | Path, out: str | Path, impedance: str | Path | None = None) -> Datasheet:
-    """Writes the study of a datasheet (.csv or .toml), and returns what was read and assumed. ``impedance``: the file of
-    the grid's measured impedance. Raises ArtifactError for
-    a file that exists, and StudyError."""
+    """Writes the study of a datasheet (.csv or .toml), and returns what was read and assumed. ``impedance``: the file
+    of the grid's measured impedance. Raises ArtifactError for a file that exists, and StudyError."""
     path = check_new(out)
     converter, text = checked_text(read_sheet(str(sheet_file)), Path(sheet_file).name, impedance)
     write_new_text(path, text)
