@@ -22,13 +22,17 @@ from tests.export.unit_loop import (
     unit_with,
 )
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.export import ExportedC
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.export import ExportedC, Unit, unit_of
 from vsgdesign.export.c_code import export_unit_c
 from vsgdesign.export.unit_content import lists_of
 from vsgdesign.runtime.scheduler import Scheduler
 from vsgdesign.simulation import simulate
+from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.shipped import ShippedScheduler, true_grid
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.parameters import Grid, Study
 
 SCHEDULED = 'kind = "scheduled"'
 FIELD = 'kind = "scheduled", estimate = "field"'
@@ -92,6 +96,46 @@ def test_a_schedule_is_that_of_the_run(made: Any) -> None:
     place = run.outputs[:, names.index("L_g_of_gains")]
     assert place[-1] > 1.1 * place[0]  # the gains have followed the jump
     assert set(run.outputs[:, names.index("status_fresh")]) == {0.0, 1.0}
+
+
+class UnitsAnswers(ScheduledAnswers):
+    """The schedule of an exported controller: a closed form with the guards of the scheduler, as of a table."""
+
+    def __init__(self, study: Study, unit: Unit) -> None:
+        super().__init__(study, study.controllers[0])
+        self._first_gains = unit.gains
+        self._runtime = Scheduler(unit.scheduler.lookup, unit.scheduler.settings)
+
+    def first(self, told: Grid | None = None, *, known: bool = True) -> PowerLoopGains:
+        del told, known
+        return self._first_gains
+
+
+class UnitsFeed(FieldScheduler):
+    """A run with the field estimator and the schedule of an exported controller."""
+
+    def __init__(self, study: Study, unit: Unit) -> None:
+        super().__init__(study, study.controllers[0])
+        self._answers, self._has_table = UnitsAnswers(study, unit), True
+        self.begin()
+
+
+@pytest.mark.parametrize("duration", [0.03, 0.4])
+def test_the_field_estimator_is_that_of_the_run(duration: float, made: Any) -> None:
+    """Its probe, what it hears and the gains that follow its answers, through a step and a jump of the grid."""
+    bare = study_with(1, FIELD, duration, quiet=True)
+    study = bare.with_events(
+        {"time": "0.01 s", "P_ref": f"{0.6 * bare.converter.S_rated} W"},
+        {"time": f"{0.6 * duration} s", "grid": {"scr": 1.5, "x_over_r": 5}},
+    )
+    unit = unit_of(study)
+    _, library = made(1, FIELD)
+    run = run_loop(study, unit, library.instance().step)
+    feed = UnitsFeed(study, unit)
+    assert np.max(np.abs(run.figures - simulated(study, unit, feed))) <= 1e-11  # 2e-14 at worst
+    grids = np.unique(run.outputs[:, [port.name for port in library.ports.outputs].index("L_g_of_gains")])
+    assert len(grids) >= (5 if duration > 0.1 else 1)
+    assert len(feed.changes) >= round(duration / 0.02)
 
 
 @pytest.mark.parametrize("controller", [FIXED, SCHEDULED, FIELD])

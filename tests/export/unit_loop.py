@@ -21,6 +21,7 @@ from vsgdesign.export.ports import PortList
 from vsgdesign.export.unit import Unit, unit_of
 from vsgdesign.export.unit_content import lists_of
 from vsgdesign.simulation import GainChange, simulate
+from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.plant_alone import PlantAlone
 from vsgdesign.study.parameters import Study, study_from_text
 
@@ -79,9 +80,9 @@ def run_loop(
     return in_the_loop.run_loop(unit, plant, step, samples, late=late, acts_now=acts_now)
 
 
-def simulated(study: Study, unit: Unit) -> np.ndarray:
-    """The same figures from ``simulate`` with the controller's fixed gains."""
-    run = simulate(study, [GainChange(0.0, unit.gains)])
+def simulated(study: Study, unit: Unit, feed: FieldScheduler | None = None) -> np.ndarray:
+    """The same figures from ``simulate`` with the controller's fixed gains, or with what a feed gives."""
+    run = simulate(study, [GainChange(0.0, unit.gains)] if feed is None else feed)
     c = study.converter
     scale = {"P": c.S_rated, "Q": c.S_rated, "omega": c.omega_n, "i_s_alpha": c.I_rated_pk, "i_s_beta": c.I_rated_pk}
     return np.column_stack([run.column(name) / size for name, size in scale.items()])

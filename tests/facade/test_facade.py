@@ -263,7 +263,7 @@ def test_a_table_of_a_plant_is_designed_once_and_kept(tmp_path: Path, monkeypatc
     )
     models = [vd.linear_model(plant) for _ in range(2)]
     assert np.array_equal(models[0].A, models[1].A)
-    exports._unit(plant, None, None)
+    exports.unit_given(plant, None, None)
     assert designed == ["AVSG"]
     assert (tmp_path / "out" / "hoang2025_5kva-explore" / "AVSG.table.json").is_file()
 
