@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ from tests.export.unit_loop import FIXED, Library, phases, run_loop, simulated, 
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.export import export_dll
 from vsgdesign.export.c_code import export_unit_c
-from vsgdesign.export.wrapping import WINDOWS, Builder
+from vsgdesign.export.wrapping import WINDOWS, WINDOWS_32, Builder
 
 SCHEDULED = 'kind = "scheduled"'
 
@@ -164,11 +165,14 @@ def test_the_power_loops_keep_the_rest_of_a_long_step(exported: Any) -> None:
     assert np.array_equal(out, same)
 
 
-def test_the_windows_library_needs_two_others_and_exports_eight_names(exported: Any) -> None:
+def test_the_windows_libraries_need_two_others_and_export_eight_names(exported: Any) -> None:
+    """That of 64 bits, and that of 32 bits where its compiler is installed: the names are the same in both."""
     require_compiler(WINDOWS)
-    said = subprocess.run(
-        ["x86_64-w64-mingw32-objdump", "-p", next(exported(1).glob("*.dll"))], capture_output=True, check=True
-    ).stdout.decode()
-    needed = [line.split()[-1] for line in said.splitlines() if "DLL Name" in line]
-    assert sorted(needed) == ["KERNEL32.dll", "msvcrt.dll"]
-    assert sum("Model_" in line for line in said.splitlines()) == 8
+    libraries = list(exported(1).glob("*.dll"))
+    assert len(libraries) == 1 + (shutil.which(WINDOWS_32) is not None)
+    for library in libraries:
+        command = ["x86_64-w64-mingw32-objdump", "-p", str(library)]
+        said = subprocess.run(command, capture_output=True, check=True).stdout.decode()
+        needed = [line.split()[-1] for line in said.splitlines() if "DLL Name" in line]
+        assert sorted(needed) == ["KERNEL32.dll", "msvcrt.dll"]
+        assert sum(line.split()[-1].startswith("Model_") for line in said.splitlines() if "Model_" in line) == 8

@@ -9,6 +9,7 @@ from typing import Any
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.folders import staged_folder, write_record
+from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.export.c_code import MANIFEST, export_unit_c
 from vsgdesign.export.cigre import export_dll
 from vsgdesign.export.firmware import export_firmware
@@ -37,20 +38,28 @@ KINDS: dict[str, Callable[..., Exported]] = {
 
 
 def export_all(
-    unit: Unit, out: str | Path, *, inputs: Iterable[str | Path] = (), builder: Builder | None = None
+    unit: Unit,
+    out: str | Path,
+    *,
+    inputs: Iterable[str | Path] = (),
+    builder: Builder | None = None,
+    progress: Progress | None = None,
 ) -> Exported:
     """Writes a controller in every form, each in a folder of its own below ``out``, and ``c`` for the C alone.
 
-    Every controller is compiled once for each system. Raises ArtifactError as each kind does.
+    Every controller is compiled once for each system. ``progress`` is told each kind. Raises ArtifactError as each kind
+    does.
     """
-    out, inputs, said = Path(out), tuple(inputs), []
+    out, inputs, said, tell = Path(out), tuple(inputs), [], progress or silent
     whole: dict[str, Any] = made_for(wrapped(unit, "controller"))
     if builder is None:
         with Builder() as own:
-            return export_all(unit, out, inputs=inputs, builder=own)
+            return export_all(unit, out, inputs=inputs, builder=own, progress=progress)
     with staged_folder(out, "vsgdesign export all", inputs=inputs, record=MANIFEST) as folder:
         export_unit_c(unit, folder / "c")
         for name, write in KINDS.items():
+            tell(f"write {name}", 0.0)
             said += write(unit, folder / name, builder=builder).said
+            tell(f"write {name}", 1.0)
         manifest = write_record(folder, plain(whole | {"kinds": ["c", *KINDS]}), "vsgdesign export all", MANIFEST)
     return Exported(out, manifest, tuple(dict.fromkeys(said)))

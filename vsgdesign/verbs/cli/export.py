@@ -357,4 +357,8 @@ def all_kinds(file: str, out: str, controller: str | None, study_file: str | Non
     """Write a controller in every form, each in a folder of its own."""
     from vsgdesign.export import export_all
 
-    _wrap(file, study_file, controller, out, as_json, export_all)
+    def write(unit: Unit, folder: str, *, inputs: tuple[str, ...]) -> Exported:
+        with progress(quiet=as_json) as tell:
+            return export_all(unit, folder, inputs=inputs, progress=tell)
+
+    _wrap(file, study_file, controller, out, as_json, write)
