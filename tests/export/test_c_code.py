@@ -267,7 +267,7 @@ def test_the_verb(tmp_path: Path) -> None:
     assert document["network"]["shape"] == [200, 8, 2]
     shown = call("export", "c", table_file, "--out", out)
     assert shown.exit_code == 0
-    assert "11 files" in shown.stdout
+    assert "12 files" in shown.stdout
     (out / "mine.txt").write_text("x", encoding="utf-8")
     refused = call("export", "c", table_file, "--out", out)
     assert refused.exit_code == 2
