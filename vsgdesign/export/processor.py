@@ -99,6 +99,7 @@ class ProcessorRun:
             ("the recorded voltage", study.replay is not None),
             ("the errors of the sensors", study.sensors is not None and study.sensors.act),
             ("the protection", study.protection is not None),
+            ("the dc side, whose link is ideal here", study.dc is not None),
             ("harmonics and the negative sequence of the source", study.replay is None and study.has_components),
         ):
             found += [name] if there else []

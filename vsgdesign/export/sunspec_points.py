@@ -82,7 +82,7 @@ _WITHOUT: dict[int, tuple[tuple[str, str], ...]] = {
             """,
         ),
         (
-            "the dc link is ideal: nothing is said of storage",
+            "the controller knows nothing of the dc side and its storage",
             """
             WChaRteMaxRtg WDisChaRteMaxRtg VAChaRteMaxRtg VADisChaRteMaxRtg WChaRteMax WDisChaRteMax
             VAChaRteMax VADisChaRteMax
@@ -120,7 +120,7 @@ _WITHOUT: dict[int, tuple[tuple[str, str], ...]] = {
         ("there is no limit of the power but that of the current", "Ctl.PMin"),
     ),
     712: (("Q follows the voltage, and not P", "*"),),
-    713: (("the dc link is ideal: nothing is said of storage", "*"),),
+    713: (("the controller knows nothing of the dc side and its storage", "*"),),
     64416: (
         ("the device's Modbus server sets it", "L V_SF A_SF Hz_SF W_SF Var_SF Pct_SF WRmp_SF VRmp_SF HzRmp_SF"),
         ("modes and protection are the device's", "GridSt IInst ROCOFLim MaxAng ModeDemoted"),
