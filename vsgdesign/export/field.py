@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import typing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -48,8 +49,10 @@ OF_NETWORK = (features, next_gate, step_refuted, fused_answer)
 """What a network behind the estimator needs besides."""
 
 
+@functools.cache
 def field_laws(network: bool = False) -> CText:
-    """C99 of the estimator, with what a ``network`` behind it needs.
+    """C99 of the estimator, with what a ``network`` behind it needs, read once: an export of every kind asks for it a
+    dozen times.
 
     Its records are called vsg_field_…_t and its constants VSG_FIELD_…
     """
