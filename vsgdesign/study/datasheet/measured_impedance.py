@@ -261,7 +261,7 @@ def _columns(path: Path, head: list[str]) -> dict[str, int]:
             found[f"{name} {part}"] = k
     faults = []
     if "f" not in found:
-        faults.append(Fault("f", ", ".join(head)[:200], "there is no column of the frequency", ADVICE))
+        faults.append(Fault("f", ", ".join(head)[:200], "there is no column of the frequency", "Call it f, in Hz."))
     there = [name for name in ("p", "n", *_DQ) if _has(found, name)]
     if not ("p" in there or all(name in there for name in _DQ)):
         faults.append(Fault("Z", ", ".join(head)[:200], "there is neither Z+ nor Zdd, Zdq, Zqd and Zqq", ADVICE))
