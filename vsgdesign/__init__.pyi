@@ -21,6 +21,8 @@ from vsgdesign.verbs.facade.compared import check_table as check_table
 from vsgdesign.verbs.facade.compared import compare as compare
 from vsgdesign.verbs.facade.compared import compare_tables as compare_tables
 from vsgdesign.verbs.facade.compared import diff as diff
+from vsgdesign.verbs.facade.dc_side import DcSide as DcSide
+from vsgdesign.verbs.facade.dc_side import size as size
 from vsgdesign.verbs.facade.designed import Design as Design
 from vsgdesign.verbs.facade.designed import InnerLoops as InnerLoops
 from vsgdesign.verbs.facade.designed import NewStudy as NewStudy

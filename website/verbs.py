@@ -50,6 +50,7 @@ GUIDES = {
     "table report": "[gain table](how-to/gain-table.md)",
     "table show": "[gain table](how-to/gain-table.md)",
     "validate": "[study file](study-file.md)",
+    "size": "[the dc side](how-to/size-the-dc-side.md)",
     "verify": "[how sure are you?](how-to/verify.md)",
 }
 """The page that shows each verb at work."""

@@ -52,7 +52,7 @@ class Stage:
     def __init__(self, study: Study, memory: Sequence[float]) -> None:
         assert study.dc is not None
         self.p, self.T, self.V = study.dc.values, study.converter.T_s, study.converter.V_dc
-        self.s, self.target = memory
+        self.s, self.target = memory[:2]
 
     def decide(self, v: float, p_b: float) -> None:
         asked = self.p["k_p"] * (self.V - v) + self.p["feed_forward"] * p_b

@@ -10,6 +10,9 @@ import numpy as np
 
 from vsgdesign.equations.dc_source_interface import DcFlow, DcParameter, DcRatings, DcSource, DcSourceLaw, Decay
 
+UNLIMITED_J = 1e18
+"""An energy that no run uses up."""
+
 
 class StageConstants(NamedTuple):
     """Constants of a stage."""
@@ -28,6 +31,11 @@ class StageConstants(NamedTuple):
     half: Any
     whole: Any
     """What is left of a difference to its target after half an interval and after one."""
+    T_s: Any
+    late: Any
+    """Energy of an interval over a difference to the target, s."""
+    energy: Any
+    """Usable energy, J."""
     decay: Decay
 
 
@@ -44,12 +52,16 @@ class StageMemory(NamedTuple):
     """Power that it gives, W."""
     target: Any
     """Power that it was asked for, W."""
+    stored: Any
+    """Usable energy that it has, J."""
 
 
 def stage_flow(memory: StageMemory, v: Any, p: Any, c: StageConstants) -> DcFlow:
     """The power of a stage in an interval (:eq:`dc-stage`): it follows its target with a lag. The target is set at the
     sample, from the link's voltage and from the power that the bridge took in the interval before."""
-    asked = np.minimum(np.maximum(c.k_p * (c.V - v) + c.forward * p, c.p_min), c.p_max)
+    most = np.where(memory.stored > 0.0, c.p_max, 0.0)
+    least = np.where(memory.stored < c.energy, c.p_min, 0.0)
+    asked = np.minimum(np.maximum(c.k_p * (c.V - v) + c.forward * p, least), most)
     target = memory.target + np.minimum(np.maximum(asked - memory.target, -c.ramp), c.ramp)
     away = memory.p - target
     return DcFlow(
@@ -67,8 +79,10 @@ def stage_flow(memory: StageMemory, v: Any, p: Any, c: StageConstants) -> DcFlow
 def stage_remembers(
     memory: StageMemory, flow: DcFlow, v_0: Any, v_1: Any, mean: Any, p: Any, c: StageConstants
 ) -> StageMemory:
-    """Its power at the end, and its target."""
-    return StageMemory(p=flow.p_end, target=flow.notes.target)
+    """Its power at the end, its target, and the energy that is left."""
+    target = flow.notes.target
+    given = c.T_s * target + c.late * (memory.p - target)
+    return StageMemory(p=flow.p_end, target=target, stored=memory.stored - given)
 
 
 def stage_constants(ratings: DcRatings, values: Mapping[str, Any]) -> StageConstants:
@@ -84,6 +98,9 @@ def stage_constants(ratings: DcRatings, values: Mapping[str, Any]) -> StageConst
         ramp=values["ramp"] * T,
         half=math.exp(-0.5 * T / tau),
         whole=math.exp(-T / tau),
+        T_s=T,
+        late=-tau * math.expm1(-T / tau),
+        energy=values["energy"],
         decay=ratings.decay(0.0),
     )
 
@@ -98,7 +115,7 @@ def stage_rest(p: float, ratings: DcRatings, c: StageConstants, values: Mapping[
     needed = p + g * v * v
     if not (c.p_min <= needed <= c.p_max) or not v > 0.0:
         raise ValueError(f"the stage would give {needed:.4g} W, and its limits are {c.p_min:.4g} to {c.p_max:.4g} W")
-    return v, StageMemory(p=needed, target=needed)
+    return v, StageMemory(p=needed, target=needed, stored=values["charge"] * values["energy"])
 
 
 def _slowest(ratings: DcRatings, known: Mapping[str, Any]) -> float:
@@ -126,6 +143,8 @@ CONVERTER = DcSource(
             default=_slowest,
             shown="a quarter of what its lag allows, C V_dc/(4 (tau + 1.5 T_s))",
         ),
+        DcParameter("energy", "J", 1e-3, UNLIMITED_J, "usable energy", default=UNLIMITED_J, shown="no limit"),
+        DcParameter("charge", "1", 0.0, 1.0, "share of the usable energy at the start", default=0.5),
     ),
     most=lambda _, values: (-values["p_charge_max"], values["p_max"]),
 )

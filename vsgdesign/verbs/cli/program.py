@@ -21,6 +21,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     from vsgdesign.verbs.cli.new import new
     from vsgdesign.verbs.cli.pil import pil
     from vsgdesign.verbs.cli.run import compare, inner, run, simulate, validate
+    from vsgdesign.verbs.cli.size import size
     from vsgdesign.verbs.cli.stability import certify, design, margins, report
     from vsgdesign.verbs.cli.survive import survive
     from vsgdesign.verbs.cli.table import table
@@ -50,7 +51,7 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
 
     for _verb in (
         *(run, simulate, design, margins, report, certify, validate),
-        *(cite, compare, comply, diff, estimator, explore, export, grid, inner, new, pil, survive, table, verify),
+        *(cite, compare, comply, diff, estimator, explore, export, grid, inner, new, pil, size, survive, table, verify),
     ):
         main.add_command(_verb)
 

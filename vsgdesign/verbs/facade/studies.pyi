@@ -702,6 +702,8 @@ class DcConverterTable(TypedDict, total=False):
     ramp: Quantity
     feed_forward: Quantity
     k_p: Quantity
+    energy: Quantity
+    charge: Quantity
 
 class DcPhotovoltaicTable(TypedDict, total=False):
     """The fields of [dc.photovoltaic]."""
