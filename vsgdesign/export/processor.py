@@ -13,7 +13,7 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -95,11 +95,11 @@ class ProcessorRun:
         if study.simulation.bridge != "averaged":
             found.append("the switching of the bridge, which is averaged")
         for name, there in (
+            ("the cold start: it begins at rest", study.simulation.start == "cold"),
             ("the background of the grid", study.background is not None),
             ("the recorded voltage", study.replay is not None),
             ("the errors of the sensors", study.sensors is not None and study.sensors.act),
             ("the protection", study.protection is not None),
-            ("the dc side, whose link is ideal here", study.dc is not None),
             ("harmonics and the negative sequence of the source", study.replay is None and study.has_components),
         ):
             found += [name] if there else []
@@ -169,6 +169,7 @@ def processor_in_the_loop(
             f"{'it' if len(missing) == 1 else 'them'} (Debian: apt-get install {packages})."
         )
     tell = progress or silent
+    rests = replace(study, simulation=replace(study.simulation, start="steady_state"))
     with tempfile.TemporaryDirectory(prefix="vsg") as name:
         folder = export_firmware(unit, Path(name) / "firmware").folder
         tell("build", 0.0)
@@ -177,10 +178,10 @@ def processor_in_the_loop(
         tell("build", 0.5)
         with _on_this_machine(unit, math) as here:
             tell("build", 1.0)
-            host = run_loop(unit, PlantAlone(study, unit.gains), _told(here, "here", samples, tell), samples)
+            host = run_loop(unit, PlantAlone(rests, unit.gains), _told(here, "here", samples, tell), samples)
         with _in_qemu(unit, folder / program, core) as processor:
             there = _told(processor.step, "in QEMU", samples, tell)
-            target = run_loop(unit, PlantAlone(study, unit.gains), there, samples)
+            target = run_loop(unit, PlantAlone(rests, unit.gains), there, samples)
     instructions = np.array(processor.ticks, dtype=np.int64) * PER_TICK
     return ProcessorRun(
         study=study, unit=unit, core=core, math=math, target=target, host=host, instructions=instructions

@@ -66,7 +66,8 @@ def pil(
     """
     from vsgdesign.verbs.facade.exports import unit_given
     from vsgdesign.verbs.pipeline.pil import run_processor
+    from vsgdesign.verbs.pipeline.plant import as_unit
 
-    given = given_study(study, "pil")
+    given = as_unit(given_study(study, "pil"), "pil")
     unit = unit_given(given, controller, table)
     return ProcessorResult(run_processor(unit, given, core=core, math=math, duration=duration, progress=progress))
