@@ -9,8 +9,8 @@ from vsgdesign.codegen.expressions import Operation, Variable
 from vsgdesign.codegen.flat import Block
 from vsgdesign.equations.controller_data import Nothing
 from vsgdesign.equations.limiters import CIRCULAR
-from vsgdesign.simulation.bodies import Bridge, Kind
 from vsgdesign.simulation.loop import loop_of
+from vsgdesign.simulation.run_kind import Bridge, Kind
 
 KINDS = {"+": "sums", "-": "sums", "*": "products", "/": "divisions", "sqrt": "roots", "max": "maxima"}
 OTHERS = "comparisons and choices"

@@ -14,7 +14,6 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
 from vsgdesign.codegen.llvm import compiled_loop
 from vsgdesign.codegen.machine_code import instruction_set
-from vsgdesign.simulation.bodies import STEP
 from vsgdesign.simulation.lanes.cases import LaneCases, segments_of
 from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import rests_of
@@ -22,6 +21,7 @@ from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.run import parts_of, run_lanes
 from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.loop import kind_of, loop_of, side_by_side, spec_of
+from vsgdesign.simulation.run_kind import STEP
 from vsgdesign.simulation.survival.demand import demand_of
 from vsgdesign.study.parameters import Study, load_study
 

@@ -21,11 +21,12 @@ from vsgdesign.equations.limiters import CIRCULAR
 from vsgdesign.linear.operating_point.plant import plant_step, state_matrices, two_axes
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.axes import FALLING, PEAK, RISING, Axes, states_of
-from vsgdesign.simulation.bodies import LARGEST_DEGREE, Bridge, Kind, plant
+from vsgdesign.simulation.bodies import plant
 from vsgdesign.simulation.circuit_sample import BridgeVoltage, carrier, modulation
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.loop import ALONE, carrier_part, log_names, loop_of, slopes_of
+from vsgdesign.simulation.run_kind import LARGEST_DEGREE, Bridge, Kind
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study import parameters
 from vsgdesign.study.parameters import Grid, Study, study_from_text

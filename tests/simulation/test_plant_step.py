@@ -14,8 +14,8 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.plant import plant_step
 from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.simulation import GainChange, simulate
-from vsgdesign.simulation.bodies import LARGEST_DEGREE
 from vsgdesign.simulation.circuit_sample import Coefficients, polynomial
+from vsgdesign.simulation.run_kind import LARGEST_DEGREE
 
 OMEGA = 100.0 * np.pi
 CIRCUITS = {

@@ -26,9 +26,10 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.simulation.axes import RISING, Axes, states_of
-from vsgdesign.simulation.bodies import Kind, control, names_of, plant, products
+from vsgdesign.simulation.bodies import control, plant, products
 from vsgdesign.simulation.circuit_sample import BridgeVoltage, PlantState, edges_on_slope, legs_after
 from vsgdesign.simulation.loop import carrier_part, kind_of
+from vsgdesign.simulation.run_kind import Kind, names_of
 from vsgdesign.study.parameters import Study
 
 OMEGA = 2.0 * math.pi * 50.0

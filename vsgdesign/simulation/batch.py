@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.llvm import Program, StandingLoop, aligned_zeros
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller_data import flat_state
-from vsgdesign.simulation.bodies import Kind, names_of
 from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.field_feed import probe_of, settings_of_study
 from vsgdesign.simulation.loop import ALONE, Build, carrier_values, fed_names, loop_of, spans_of, spec_of
+from vsgdesign.simulation.run_kind import Kind, names_of
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

@@ -18,9 +18,9 @@ from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
 from vsgdesign.simulation.axes import FALLING, PEAK, RISING
-from vsgdesign.simulation.bodies import LARGEST_DEGREE, Kind
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.loop import carrier_part
+from vsgdesign.simulation.run_kind import LARGEST_DEGREE, Kind
 from vsgdesign.simulation.segments import Segments, Waves, last_before
 from vsgdesign.simulation.strictly import directions
 from vsgdesign.study.parameters.study import Study

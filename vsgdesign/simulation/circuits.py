@@ -23,7 +23,7 @@ from vsgdesign.linear.operating_point.plant import PlantStep, TwoAxisCircuit, pl
 from vsgdesign.linear.operating_point.plants import PlantSteps
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.simulation.axes import Axes
-from vsgdesign.simulation.bodies import LARGEST_DEGREE
+from vsgdesign.simulation.run_kind import LARGEST_DEGREE
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.grid import Grid

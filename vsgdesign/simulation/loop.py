@@ -25,15 +25,10 @@ from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.simulation.axes import FALLING, PEAK, RISING, Axes
 from vsgdesign.simulation.bodies import (
-    DISTURBANCE,
-    SYNC,
     WAVE_ROW,
-    Bridge,
-    Kind,
     bodies,
     held,
     moves,
-    names_of,
     pcc_names,
     piece_names,
     products,
@@ -44,6 +39,7 @@ from vsgdesign.simulation.bodies import (
 from vsgdesign.simulation.circuit_sample import CarrierPart, carrier
 from vsgdesign.simulation.dc_parts import dc_kind
 from vsgdesign.simulation.ramp_sample import RampRow
+from vsgdesign.simulation.run_kind import DISTURBANCE, SYNC, Bridge, Kind, names_of
 from vsgdesign.simulation.sample import Noise, Sensors
 from vsgdesign.simulation.watched_sample import LoadDemand
 from vsgdesign.study.parameters.study import Study

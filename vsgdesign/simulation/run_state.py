@@ -23,7 +23,6 @@ from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.added_source import AddedSource, sensors_of
 from vsgdesign.simulation.batch import STANDS, Batch
-from vsgdesign.simulation.bodies import SYNC
 from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, connection_at
 from vsgdesign.simulation.clearing import SLACK, SampleOfFault
@@ -36,6 +35,7 @@ from vsgdesign.simulation.online import Hears, OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.reclosing import check_setting
+from vsgdesign.simulation.run_kind import SYNC
 from vsgdesign.simulation.run_log import RunLog
 from vsgdesign.simulation.search import Search
 from vsgdesign.simulation.seeking_sample import Relay, relay_sees

@@ -46,11 +46,11 @@ from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State, size
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.lookup import gain_lookup
 from vsgdesign.simulation.batch import Batch
-from vsgdesign.simulation.bodies import names_of
 from vsgdesign.simulation.circuit_program import RAMP_DRIFT
 from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.loop import ALONE, carrier_values, log_names, slopes_of, spec_of
 from vsgdesign.simulation.rescheduled import refollowed, rescheduled
+from vsgdesign.simulation.run_kind import names_of
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS

@@ -27,13 +27,13 @@ from vsgdesign.report.explore.scene import Scene, joined_cells, references_of, s
 from vsgdesign.report.explore.state import State
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.batch import Batch
-from vsgdesign.simulation.bodies import LARGEST_DEGREE
 from vsgdesign.simulation.circuit_program import CircuitProgram, ProgramWriter
 from vsgdesign.simulation.every_sample import with_every_sample
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.loop import log_names, spec_of
 from vsgdesign.simulation.run import begin_together, program_of
+from vsgdesign.simulation.run_kind import LARGEST_DEGREE
 from vsgdesign.simulation.run_state import RunOf, RunState
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.timeline import build_timeline

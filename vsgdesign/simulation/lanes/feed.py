@@ -12,10 +12,10 @@ from vsgdesign.codegen.llvm import aligned_zeros
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.simulation.added_source import AddedSource, SensorsOfRun
 from vsgdesign.simulation.batch import Batch
-from vsgdesign.simulation.bodies import DISTURBANCE
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.loop import fed_names
+from vsgdesign.simulation.run_kind import DISTURBANCE
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.sensors import CHANNELS, SensorSpec
 from vsgdesign.study.parameters.study import Study

@@ -19,8 +19,6 @@ from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, SAME_ROW, SurvivalDemand
 from vsgdesign.simulation.batch import Batch, Log
-from vsgdesign.simulation.bodies import DISTURBANCE, Kind
-from vsgdesign.simulation.bodies import STEP as STEP_WATCHED
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, ProgramWriter
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of, study_of_case
@@ -28,6 +26,8 @@ from vsgdesign.simulation.lanes.feed import FED_SAMPLES, LaneFeed
 from vsgdesign.simulation.lanes.phasors import put_phasors, take_up_phasors
 from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
 from vsgdesign.simulation.loop import Build, kind_of, side_by_side, watched_names
+from vsgdesign.simulation.run_kind import DISTURBANCE, Kind
+from vsgdesign.simulation.run_kind import STEP as STEP_WATCHED
 from vsgdesign.simulation.segments import segments_of_timelines
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.dc_link import DcLink

@@ -23,7 +23,7 @@ from vsgdesign.equations.field.fusion import (
     step_refuted,
 )
 from vsgdesign.identification.field_network import FieldNetwork
-from vsgdesign.simulation.bodies import names_of
+from vsgdesign.simulation.run_kind import names_of
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,8 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import LockIn
 from vsgdesign.simulation import circuit_sample
 from vsgdesign.simulation.axes import headed
-from vsgdesign.simulation.bodies import Kind, control, names_of
+from vsgdesign.simulation.bodies import control
+from vsgdesign.simulation.run_kind import Kind, names_of
 from vsgdesign.simulation.sample import Measurement, Noise
 from vsgdesign.study.parameters.inverter_kinds import InverterKind
 

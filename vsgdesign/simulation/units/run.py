@@ -33,12 +33,12 @@ from vsgdesign.linear.operating_point.rest_of_units import (
 )
 from vsgdesign.linear.operating_point.sampled import cold_start
 from vsgdesign.simulation.added_source import SensorsOfRun, sensors_of
-from vsgdesign.simulation.bodies import Kind, names_of
 from vsgdesign.simulation.circuit_program import ProgramWriter
 from vsgdesign.simulation.field_observer import FieldMemory
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import LOG_COLUMNS, kind_of, spans_of
 from vsgdesign.simulation.outcome import BOUND_PU, Divergence, outside
+from vsgdesign.simulation.run_kind import Kind, names_of
 from vsgdesign.simulation.run_state import with_gains
 from vsgdesign.simulation.units.added import AddedToPlant, adds
 from vsgdesign.simulation.units.body import AXES, OtherKind, PlantKind, body_numbers, log_names, spec_of_plant
