@@ -31,7 +31,9 @@ from vsgdesign.study.networks.thevenin import (
     has_capacitance,
     over_frequency,
 )
-from vsgdesign.study.parameters.loading import case_names
+from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
+from vsgdesign.study.parameters.loading import merged_document
+from vsgdesign.study.parameters.units import parse_quantity
 
 VERB = "vsgdesign grid"
 N_1, NONE = "n-1", "none"
@@ -344,11 +346,13 @@ def report_grid(
     from vsgdesign.report.network import grid_figures, grid_page
     from vsgdesign.report.page.html import print_html
 
-    named = None if base is None else _named_base(base, study)
+    named = None if base is None else _named_base(base, study, asked)
     if study is not None:
         check_new(study)
     with staged_folder(folder, VERB, inputs=[path]) as staged:
         found = grid_of_network(path, asked, progress=progress)
+        if study is not None:
+            _check_limits(found)
         document = grid_document(found)
         figures = write_all(grid_figures(document), staged / "figures")
         print_html(grid_page(document, figures), staged / "report.html")
@@ -363,13 +367,25 @@ def report_grid(
     return found
 
 
-def _named_base(base: str, study: str | Path | None) -> str:
-    """The base as the study names it, from its own folder. Raises StudyError for one that is not there."""
+def _check_limits(found: GridOfNetwork) -> None:
+    """Raises InfeasibleStudyError where no study can have the grids."""
+    for name, values, (low, high) in zip(("SCR", "X/R"), found.nodes, (SCR_LIMITS, X_OVER_R_LIMITS), strict=True):
+        if values[0] < low or values[-1] > high:
+            raise InfeasibleStudyError(
+                f"{found.network.file}: {name} is {values[0]:.4g} to {values[-1]:.4g} at {found.bus}, and a study "
+                f"takes {low:g} to {high:g}. Leave --out away, or look whether --s is in VA."
+            )
+
+
+def _named_base(base: str, study: str | Path | None, asked: Asked) -> str:
+    """The base as the study names it, from its own folder. Raises StudyError for one that is not there, or whose
+    converter has another rating than the one that is asked for."""
+    document = merged_document({"base": base}, Path.cwd(), "grid")
+    rating = (document.get("converter") or {}).get("S_rated")
+    if rating is not None and not math.isclose(parse_quantity(rating, "VA"), asked.S, rel_tol=1e-6):
+        problem = f'SCR is asked for {asked.S / 1e6:g} MVA, and the converter of "{base}" has another rating'
+        raise StudyError("grid", [Fault("base", f'S_rated = "{rating}"', problem, "Give --s as this rating.")])
     if base.startswith("case:"):
-        if base.removeprefix("case:") not in case_names():
-            raise StudyError("grid", [Fault("base", f'"{base}"', "no such case", f"Known: {', '.join(case_names())}.")])
         return base
-    if not Path(base).is_file():
-        raise StudyError("grid", [Fault("base", f'"{base}"', "no such file", 'Give a study file or "case:NAME".')])
     folder = Path.cwd() if study is None else Path(study).absolute().parent
     return Path(os.path.relpath(Path(base).absolute(), folder)).as_posix()
