@@ -1,7 +1,9 @@
 // The map of an event that the reader sets: the event is run on a part of the lattice, in both workers, nearest grids first.
 
 const MOST = [24, 16];
-const TOGETHER = 4;
+const TOGETHER = 2;
+// Questions that a worker has at a time: while one is answered, the next one is there.
+const AHEAD = 2;
 const PAINT_MS = 90;
 
 /** At most so many places of so many, evenly spread. */
@@ -43,7 +45,8 @@ export class LiveMap {
     this.values = new Float32Array(places.length).fill(NaN);
     this.limit_use = Float32Array.from(places, (cell) => base.arrays.limit_use[cell]);
     const ask = { k: base.place, event, held: state.hold ? ",h" : "" };
-    this.finished = Promise.all([0, 1].map((worker) => this.pump(worker, key, ask))).catch((error) => {
+    const pumps = Array.from({ length: 2 * AHEAD }, (_, n) => this.pump(n % 2, key, ask));
+    this.finished = Promise.all(pumps).catch((error) => {
       if (key === this.key) Object.assign(this, { failed: error, left: [] });
     });
   }
