@@ -10,6 +10,7 @@ import pytest
 from vsgdesign.equations.field import TRACK
 from vsgdesign.equations.field.foreign import foreign_with, no_foreign
 from vsgdesign.equations.field.sign_code import SignCode, code_moved, towards
+from vsgdesign.equations.field.tracks import Lines
 from vsgdesign.equations.field.windows import no_window
 
 CYCLES, R, X, NOISE = 400, 0.1, 0.3, 2e-4
@@ -47,7 +48,7 @@ def heard(residuals: list[Any], own: Any) -> list[float]:
                     u_re=u.real, u_im=u.imag,
                 )
             )  # fmt: skip
-        foreign = foreign_with(foreign, lines[0], lines[1], R, X, NOISE**2, NOISE**2)
+        foreign = foreign_with(foreign, lines[0], lines[1], Lines(R, X, R, X), NOISE**2, NOISE**2)
         found.append(float(foreign.heard))
     return found
 

@@ -15,6 +15,7 @@ from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.units.scenario import PlantResult, run_plant
 from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.grid import Grid
 
 STUDY = """
 base = "case:lab_12kva_lcl"
@@ -95,3 +96,24 @@ def test_units_on_one_pair_hear_each_other_and_say_so() -> None:
     said = [answers_of(one.estimates) for one in units]
     assert sum(bool(found.foreign.any()) for found in said) >= 2
     assert not any(found.valid[found.foreign > 0.5].any() for found in said)
+
+
+def test_beside_a_large_inverter_the_estimator_says_that_the_grid_is_not_passive() -> None:
+    """1.6 times the rating, at SCR 3: within half a second, without a new event in cycle after cycle, and the log
+    says why."""
+    study = study_with(
+        """
+        network = { nodes = [{ name = "pcc" }], units = [{ name = "unit", node = "pcc" }], inverters = [
+            { name = "pv", node = "pcc", S_rated = "20 kVA", P_ref = "14 kW", reactance = 0.06, pll_bandwidth = 20 },
+        ] }
+        """.replace("\n", " "),
+        "1.5 s",
+    )
+    study = replace(study, grid=Grid(2.0 * study.grid.R_g, 2.0 * study.grid.L_g))
+    log = run_plant(study, NOTHING).controllers[0].units[0].estimates
+    found = answers_of(log)
+    assert log is not None
+    late = log.t_s > 0.5
+    assert not found.passive[late].any()
+    assert not found.valid[late].any()
+    assert found.event[late].sum() < 5

@@ -23,7 +23,7 @@ UNITS = {
     "P_pcc": "W", "Q_pcc": "var", "omega": "rad/s", "V_rms": "V", "delta": "rad", "R_g": "ohm", "L_g": "H",
     "R_g_hat": "ohm", "L_g_hat": "H", "R_g_deviation": "ohm", "L_g_deviation": "H", "status": "1",
     "cov_RL": "ohm*H", "sigma": "1", "valid": "1", "changed": "1", "event": "1", "doubt": "1", "mode": "1",
-    "amplitude": "1", "foreign": "1",
+    "amplitude": "1", "foreign": "1", "passive": "1",
     "v_dc": "V", "P_dc": "W", "E_source": "J", "E_bridge": "J", "dc_charge": "1", "dc_p": "W", "dc_target": "W",
     "dc_stored": "J", "dc_u": "V",
     "K_ip": "rad/(s2*W)", "D_p": "W*s/rad", "K_iq": "V/(s*var)", "D_q": "var/V",

@@ -104,6 +104,9 @@ def field_settings(
 FOREIGN = "another converter sends its probe on the same lines: give it another pair ([estimator.probe] pair)"
 """What an answer says that hears another probe."""
 
+NOT_PASSIVE = "not a passive R-L-C grid: another converter answers the probe, or something else than R, L and C"
+"""What an answer says whose lines no passive grid explains."""
+
 FINDS_WITHIN = 1.0
 """Time after any event within which the estimator has an answer again, s."""
 
@@ -174,6 +177,8 @@ def estimate_of(answer: FieldAnswer) -> Estimate:
     """The answer of a cycle as an estimate with its status."""
     covariance = np.array([[answer.var_R, answer.cov_RL], [answer.cov_RL, answer.var_L]], dtype=float)
     status, reason = "uncertain", ""
+    if answer.passive < 0.5:
+        reason = NOT_PASSIVE
     if answer.foreign > 0.5:
         reason = FOREIGN
     if answer.spoilt > 0.5:

@@ -49,7 +49,18 @@ TRAINED_PHASE = -0.5 * math.pi
 """Angle of the grid source's vector at the first sample of a synchronised window, rad: phase A's zero crossing."""
 
 
-_COLUMNS_OF_CYCLES = ("cov_RL", "sigma", "valid", "changed", "event", "doubt", "mode", "amplitude", "foreign")
+_COLUMNS_OF_CYCLES = (
+    "cov_RL",
+    "sigma",
+    "valid",
+    "changed",
+    "event",
+    "doubt",
+    "mode",
+    "amplitude",
+    "foreign",
+    "passive",
+)
 """What a file has of the field estimator besides the columns of all estimators."""
 
 

@@ -83,6 +83,7 @@ def _answer(held: complex, *, doubt: bool, event: bool) -> FieldAnswer:
         spoilt=0.0,
         amplitude=1e-3,
         foreign=0.0,
+        passive=1.0,
     )
 
 

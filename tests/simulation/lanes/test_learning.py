@@ -155,7 +155,7 @@ def random_answers(rng: np.random.Generator, count: int) -> FieldAnswer:
     sigma_R, sigma_L = np.abs(rng.normal(0.0, 0.1, count)), np.abs(rng.normal(0.0, 4e-4, count))
     return FieldAnswer(
         R_g=R_g, L_g=L_g, var_R=sigma_R**2, cov_RL=0.3 * sigma_R * sigma_L, var_L=sigma_L**2, sigma=sigma_R,
-        mode=np.ones(count), amplitude=np.zeros(count), foreign=np.zeros(count), **flags,
+        mode=np.ones(count), amplitude=np.zeros(count), foreign=np.zeros(count), passive=np.ones(count), **flags,
     )  # fmt: skip
 
 

@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.equations.field.beside import beside_with, own_lines, with_again, with_beside
 from vsgdesign.equations.field.data import DOUBT, TRACK, FieldAnswer, FieldSettings, LineSums, LockIn
 from vsgdesign.equations.field.deciding import Decision, decided
 from vsgdesign.equations.field.foreign import foreign_with
-from vsgdesign.equations.field.happening import happening_of
+from vsgdesign.equations.field.happening import AGAIN, happening_of
 from vsgdesign.equations.field.lock_in import turn_less_one
 from vsgdesign.equations.field.measuring import measured
 from vsgdesign.equations.field.noise import Noise, noise_of_probe
 from vsgdesign.equations.field.sign_code import Response, code_moved, line_amplitude, response_of, towards
 from vsgdesign.equations.field.state import FieldTrack, first_track, grid_sigma
-from vsgdesign.equations.field.tracks import Fit, LineTrack, wider_by
+from vsgdesign.equations.field.tracks import CALIBRATION, Fit, LineTrack, fit_of, wider_by
 from vsgdesign.equations.field.windows import (
     SIGN_1,
     SIGN_2,
@@ -37,8 +38,6 @@ LARGER_BY = 1.2
 """By how much the probe may be larger because the grid is only a part of the impedance that it measures."""
 LIMITED = 0.3
 """Share of a cycle's samples with a limited current above which no change is decided."""
-CALIBRATION = 0.75
-"""Factor of the covariance, from the ratio of the squared errors to it over many grids."""
 
 
 def carried(lock: LockIn, cosine: Any, sine: Any) -> LineSums:
@@ -150,8 +149,12 @@ def conclude(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> tuple[
         response_2 = response_with(response_2, slow.line_2, fast.line_2, by_fast, settings)
     foreign = track.foreign
     if happened.filled > 3.5:
-        noises = found.noise.line_1.cycle, found.noise.line_2.cycle
-        foreign = foreign_with(foreign, F_1, F_2, track.answer.R, track.answer.X, noises[0], noises[1])
+        lines = own_lines(track.slow, track.answer, track.beside.refuted)
+        foreign = foreign_with(foreign, F_1, F_2, lines, found.noise.line_1.cycle, found.noise.line_2.cycle)
+    beside = with_again(track.beside, happened.again)
+    if happened.use > 0.5 and decision.mode != DOUBT and found.probed > 0.5:
+        fit = fit_of(slow, found.noise.line_1.S, found.noise.line_2.S)
+        beside = beside_with(beside, slow, fit, found.noise, settings)
     a_1, a_2 = size_of_probe(lock, decision, found.noise, found.suspect, response_1, response_2, settings)
     following = FieldTrack(
         history_1=shifted(now_1, track.history_1),
@@ -174,6 +177,7 @@ def conclude(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> tuple[
         apart=decision.apart,
         suspect=found.suspect,
         foreign=foreign,
+        beside=beside,
     )
     if not sane(following):
         following = first_track(settings)
@@ -189,10 +193,11 @@ def answer_of(
     track: FieldTrack, changed: Any, event: Any, lock: LockIn, amplitude: Any, settings: FieldSettings
 ) -> FieldAnswer:
     """The answer in SI units at the PCC."""
-    fit = wider_by(track.answer, CALIBRATION)
+    fit = with_beside(wider_by(track.answer, CALIBRATION), track.beside)
     sigma = grid_sigma(fit, settings)
-    alone = track.foreign.heard < 0.5
-    valid = 1.0 if fit.known > 0.5 and track.mode != DOUBT and sigma < settings.sigma_valid and alone else 0.0
+    passive = 0.0 if track.beside.passive < 0.5 or track.beside.again > AGAIN - 0.5 else 1.0
+    told = fit.known > 0.5 and track.mode != DOUBT and sigma < settings.sigma_valid
+    valid = 1.0 if told and track.foreign.heard < 0.5 and passive > 0.5 else 0.0
     spoilt = 1.0 if lock.spoilt > 0.5 else 0.0
     doubt = 1.0 if track.mode == DOUBT else 0.0
     ohm = settings.Z_base
@@ -213,4 +218,5 @@ def answer_of(
         spoilt=spoilt,
         amplitude=amplitude,
         foreign=track.foreign.heard,
+        passive=passive,
     )

@@ -150,8 +150,8 @@ class FieldAnswer(NamedTuple):
     sigma: Any
     """Standard deviation of Z at omega_n relative to |Z|."""
     valid: Any
-    """1 if a schedule may follow the answer, else 0: while learning, in doubt, where sigma is too large, and
-    beside another probe on the same lines."""
+    """1 if a schedule may follow the answer, else 0: while learning, in doubt, where sigma is too large, beside another
+    probe on the same lines, and where the grid is not passive."""
     changed: Any
     """1 in the cycle in which the estimator decided that the impedance has changed, else 0."""
     event: Any
@@ -168,3 +168,5 @@ class FieldAnswer(NamedTuple):
     """Largest amplitude of a line in the next cycle, pu of voltage."""
     foreign: Any
     """1 while another converter's probe is heard on the same lines, else 0."""
+    passive: Any
+    """0 while no grid of R, L and C, or with a load, explains what both lines say; else 1."""

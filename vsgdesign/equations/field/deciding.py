@@ -118,7 +118,7 @@ def learnt(track: FieldTrack, happened: Happening, found: Measured, settings: Fi
 def tracked(track: FieldTrack, happened: Happening, found: Measured) -> Decision:
     """The answer at rest. A doubt begins where both tracks contradict each other."""
     fast_fit, noise = found.fast.fit, found.noise
-    slow_fit = with_gain(found.slow_fit, found.gain)
+    slow_fit = with_gain(found.slow_fit, found.gain + track.beside.misfit)
     factor = misfit(found.fast.residuals, fast_fit.R, fast_fit.X, noise.line_1.S, noise.line_2.S)
     fresh_flip = track.code.since_flip > FRESH_FROM and track.code.since_flip < FRESH_UNTIL
     apart = track.apart + 1.0 if fresh_flip and distance_of(fast_fit, slow_fit, factor) > FAR else 0.0
@@ -157,7 +157,8 @@ def doubted(track: FieldTrack, happened: Happening, found: Measured, calm: Any, 
     factor = misfit(found.fast.residuals, fast_fit.R, fast_fit.X, noise.line_1.S, noise.line_2.S)
     used = happened.doubt.used + 1.0
     doubt = doubt_judged(happened.doubt, used, 0.0, 0.0)
-    verdict = verdict_of(doubt, happened.phasor, track.answer, fast_fit, factor, track.code.since_flip, calm, settings)
+    old = with_gain(track.answer, track.beside.misfit)
+    verdict = verdict_of(doubt, happened.phasor, old, fast_fit, factor, track.code.since_flip, calm, settings)
     doubt = doubt_judged(doubt, used, verdict.d_old, verdict.d_step)
     changed, same = verdict.changed > 0.5, verdict.same > 0.5
     mode = LEARN if changed else (TRACK if same else DOUBT)

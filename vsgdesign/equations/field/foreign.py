@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign.equations.field.tracks import Lines
 from vsgdesign.equations.field.windows import Window, residual
 from vsgdesign.equations.frames import rotate_back
 
@@ -101,13 +102,11 @@ def moves(sums: ForeignLine, count: Any) -> Any:
     return 1.0 if sums.z.re * sums.z.re + sums.z.im * sums.z.im < STEADY * STEADY * count * count else 0.0
 
 
-def foreign_with(
-    foreign: Foreign, line_1: Window, line_2: Window, R: Any, X: Any, noise_1: Any, noise_2: Any
-) -> Foreign:
+def foreign_with(foreign: Foreign, line_1: Window, line_2: Window, lines: Lines, noise_1: Any, noise_2: Any) -> Foreign:
     """The sums of both lines with one more cycle, and what they tell (:eq:`field-foreign`)."""
     count = (1.0 - 1.0 / FOREIGN_MEMORY) * foreign.count + 1.0
-    one = foreign_line(foreign.line_1, line_1, R, X, noise_1)
-    two = foreign_line(foreign.line_2, line_2, R, X, noise_2)
+    one = foreign_line(foreign.line_1, line_1, lines.R_1, lines.X_1, noise_1)
+    two = foreign_line(foreign.line_2, line_2, lines.R_2, lines.X_2, noise_2)
     share = STILL_ON_IT if foreign.heard > 0.5 else ON_ONE_AXIS
     on_axis = 0.5 * (one.zz + two.zz) > share * count and count > FOREIGN_AFTER
     heard = moves(one, count) * moves(two, count) if on_axis else 0.0

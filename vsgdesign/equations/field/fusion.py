@@ -170,7 +170,7 @@ def fused_answer(
     R = answer.R_g / ohm + settings.R_2
     X = answer.L_g / henry + settings.X_2
     fused = fused_impedance(R, X, posterior, radius_squared)
-    quiet = answer.spoilt < 0.5 and answer.limited <= MOSTLY_LIMITED and answer.foreign < 0.5
+    quiet = answer.spoilt < 0.5 and answer.limited <= MOSTLY_LIMITED and answer.foreign < 0.5 and answer.passive > 0.5
     open_ = quiet and answer.valid < 0.5 and may_speak(gate, refuted, limits) > 0.5
     R_g, X_g = fused.R - settings.R_2, fused.X - settings.X_2
     sigma = np.sqrt((fused.var_R + fused.var_X) / np.maximum(R_g * R_g + X_g * X_g, 1e-12))
@@ -194,6 +194,7 @@ def fused_answer(
         spoilt=answer.spoilt,
         amplitude=answer.amplitude,
         foreign=answer.foreign,
+        passive=answer.passive,
     )
     doubts = quiet and answer.valid > 0.5 and sigma > answer.sigma
     widened = FieldAnswer(
@@ -212,6 +213,7 @@ def fused_answer(
         spoilt=answer.spoilt,
         amplitude=answer.amplitude,
         foreign=answer.foreign,
+        passive=answer.passive,
     )
     kept = widened if doubts else answer
     return moved, spoken if speaks else kept

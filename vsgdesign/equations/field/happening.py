@@ -6,11 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign.equations.field.beside import own_lines
 from vsgdesign.equations.field.data import DOUBT, TRACK
 from vsgdesign.equations.field.doubt import Doubt, doubt_begun, doubt_with
 from vsgdesign.equations.field.grid_phasor import GridPhasor, phasor_moved, resynchronised, without_last
 from vsgdesign.equations.field.noise import DIFFERENCE_GAIN
 from vsgdesign.equations.field.state import FastTrack, FieldTrack, no_fast
+from vsgdesign.equations.field.tracks import with_gain
 from vsgdesign.equations.field.windows import Window, residual
 
 LOUD = 25.0
@@ -19,6 +21,8 @@ UNEQUAL_GAINS = 0.006
 """Error that unequal gains of the sensors make in a transient, relative to its voltage."""
 LOUD_WEIGHT = 16.0
 """Square of a residual over its variance from which on a cycle counts less."""
+AGAIN = 2.0
+"""How often a doubt begins anew before each line is compared with itself: R and X may not explain both."""
 SKIPPED = 4.0
 """Cycles that are not used after a step of the grid's phasor: each difference spans four."""
 
@@ -43,13 +47,16 @@ def surprise_of(track: FieldTrack, F_1: Window, F_2: Window) -> Surprise:
     """Compares the third difference with the answer in force, and in doubt with the fast track."""
     S_1 = DIFFERENCE_GAIN * track.noise.line_1.S + gain_residual(F_1)
     S_2 = DIFFERENCE_GAIN * track.noise.line_2.S + gain_residual(F_2)
-    e_1_re, e_1_im = residual(F_1, track.answer.R, track.answer.X)
-    e_2_re, e_2_im = residual(F_2, track.answer.R, track.answer.X)
+    lines = own_lines(track.slow, track.answer, track.beside.refuted)
+    e_1_re, e_1_im = residual(F_1, lines.R_1, lines.X_1)
+    e_2_re, e_2_im = residual(F_2, lines.R_2, lines.X_2)
     of_answer = 0.5 * ((e_1_re * e_1_re + e_1_im * e_1_im) / S_1 + (e_2_re * e_2_re + e_2_im * e_2_im) / S_2)
     loud = track.loud + 1.0 if of_answer > LOUD and track.answer.known > 0.5 else 0.0
     fit = track.fast.fit
-    f_1_re, f_1_im = residual(F_1, fit.R, fit.X)
-    f_2_re, f_2_im = residual(F_2, fit.R, fit.X)
+    apart = track.beside.refuted > 0.5 or track.beside.again > AGAIN - 0.5
+    own = own_lines(track.fast.track, fit, 1.0 if apart else 0.0)
+    f_1_re, f_1_im = residual(F_1, own.R_1, own.X_1)
+    f_2_re, f_2_im = residual(F_2, own.R_2, own.X_2)
     # A fit of few cycles is itself not sure.
     i_1, x_1 = F_1.i_re * F_1.i_re + F_1.i_im * F_1.i_im, F_1.x_re * F_1.x_re + F_1.x_im * F_1.x_im
     i_2, x_2 = F_2.i_re * F_2.i_re + F_2.i_im * F_2.i_im, F_2.x_re * F_2.x_re + F_2.x_im * F_2.x_im
@@ -77,7 +84,8 @@ class Step(NamedTuple):
 
 def step_of(track: FieldTrack, mean: Window, spoilt: Any, calm: Any) -> Step:
     """Follows the grid's phasor: its steps begin a doubt. ``spoilt`` is 1 for a cycle that cannot be used."""
-    followed, stepped, correction = phasor_moved(track.phasor, mean, track.answer, track.mode)
+    answer = with_gain(track.answer, track.beside.misfit)
+    followed, stepped, correction = phasor_moved(track.phasor, mean, answer, track.mode)
     bad = spoilt > 0.5
     event = 1.0 if stepped > 0.5 and not bad else 0.0
     phasor = without_last(track.phasor) if bad else followed
@@ -110,6 +118,8 @@ class Happening(NamedTuple):
     """How much it counts."""
     misfit: Any
     loud: Any
+    again: Any
+    """How often a doubt has begun anew."""
 
 
 def happening_of(track: FieldTrack, mean: Window, F_1: Window, F_2: Window, spoilt: Any, calm: Any) -> Happening:
@@ -140,6 +150,7 @@ def happening_of(track: FieldTrack, mean: Window, F_1: Window, F_2: Window, spoi
     loud = surprise.loud if usable else track.loud
     loud = 0.0 if mode == DOUBT else loud
     event = 1.0 if step.event > 0.5 or contradicted or again else 0.0
+    begun = track.beside.again + 1.0 if again else track.beside.again
     use = 1.0 if usable and not contradicted and not again else 0.0
     weight = LOUD_WEIGHT / np.maximum(surprise.misfit, LOUD_WEIGHT) if mode == TRACK else 1.0
     return Happening(
@@ -155,4 +166,5 @@ def happening_of(track: FieldTrack, mean: Window, F_1: Window, F_2: Window, spoi
         weight=weight,
         misfit=surprise.misfit,
         loud=loud,
+        again=begun if mode == DOUBT else 0.0,
     )

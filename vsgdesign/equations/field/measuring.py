@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign.equations.field.beside import own_lines
 from vsgdesign.equations.field.data import DOUBT, TRACK, FieldSettings
 from vsgdesign.equations.field.doubt import NEAR, distance_of
 from vsgdesign.equations.field.happening import Happening
@@ -71,7 +72,8 @@ def measured(track: FieldTrack, happened: Happening, F_1: Window, F_2: Window, s
     size_sq = track.answer.R * track.answer.R + track.answer.X * track.answer.X
     gain = settings.gain_class * settings.gain_class * size_sq
     both = use and slow_fit.known > 0.5 and fast_fit.known > 0.5
-    differ = both and mode == TRACK and distance_of(fast_fit, with_gain(slow_fit, gain), 1.0) > NEAR
+    wide_fit = with_gain(slow_fit, gain + track.beside.misfit)
+    differ = both and mode == TRACK and distance_of(fast_fit, wide_fit, 1.0) > NEAR
     suspect = track.suspect + 1.0 if differ else (track.suspect if mode == TRACK and not use else 0.0)
 
     # The noise is what the better of both leaves: a real change must not hide itself in it.
@@ -79,8 +81,10 @@ def measured(track: FieldTrack, happened: Happening, F_1: Window, F_2: Window, s
     source = fast_fit if by_fast else slow_fit
     inside = (fast.count if mode == DOUBT else 5.0) if by_fast else slow.count
     share = np.maximum(1.0 - 0.7 / np.minimum(np.maximum(inside, 2.0), SLOW_MEMORY), 0.4)
-    e_1_re, e_1_im = residual(F_1, source.R, source.X)
-    e_2_re, e_2_im = residual(F_2, source.R, source.X)
+    by_slow_lines = own_lines(slow, slow_fit, track.beside.refuted)
+    lines = own_lines(fast, fast_fit, track.beside.refuted) if by_fast else by_slow_lines
+    e_1_re, e_1_im = residual(F_1, lines.R_1, lines.X_1)
+    e_2_re, e_2_im = residual(F_2, lines.R_2, lines.X_2)
     if use and source.known > 0.5 and inside > 2.5:
         noise = noise_with(noise, F_1, F_2, e_1_re, e_1_im, e_2_re, e_2_im, share, weight)
     if use:

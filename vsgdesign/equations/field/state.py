@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsgdesign.equations.field.beside import Beside, nothing_beside
 from vsgdesign.equations.field.data import LEARN, FieldSettings
 from vsgdesign.equations.field.doubt import Doubt, no_doubt
 from vsgdesign.equations.field.foreign import Foreign, no_foreign
@@ -62,6 +63,8 @@ class FieldTrack(NamedTuple):
     suspect: Any
     """Cycles in a row in which they nearly did."""
     foreign: Foreign
+    beside: Beside
+    """What lies beside R and X."""
 
 
 def first_track(settings: FieldSettings) -> FieldTrack:
@@ -87,6 +90,7 @@ def first_track(settings: FieldSettings) -> FieldTrack:
         apart=0.0,
         suspect=0.0,
         foreign=no_foreign(),
+        beside=nothing_beside(),
     )
 
 

@@ -8,6 +8,9 @@ import numpy as np
 
 from vsgdesign.equations.field.windows import Window, instrumented
 
+CALIBRATION = 0.75
+"""Factor of the covariance, from the ratio of the squared errors to it over many grids."""
+
 
 class LineTrack(NamedTuple):
     """Sums of v, i, x and u of one line times the conjugate of the probe u, and of the squares of its weights."""
@@ -42,6 +45,15 @@ class Fit(NamedTuple):
     P_XX: Any
     known: Any
     """0 where the sums do not say it, else 1."""
+
+
+class Lines(NamedTuple):
+    """R and X of the first line, and of the second one, pu."""
+
+    R_1: Any
+    X_1: Any
+    R_2: Any
+    X_2: Any
 
 
 def no_line() -> LineTrack:
@@ -103,6 +115,22 @@ def fit_of(track: Track, noise_1: Any, noise_2: Any) -> Fit:
         P_RX=-0.5 * ix / divisor,
         P_XX=0.5 * ii / divisor,
         known=1.0 if known else 0.0,
+    )
+
+
+def fit_of_line(line: LineTrack) -> Fit:
+    """The resistance and the reactance that one line says for itself, without a covariance."""
+    turned = line.i_re * line.x_im - line.i_im * line.x_re
+    size_sq = line.i_re * line.i_re + line.i_im * line.i_im
+    known = turned > 1e-3 * size_sq or turned < -1e-3 * size_sq
+    divisor = turned if known else 1.0
+    return Fit(
+        R=(line.v_re * line.x_im - line.v_im * line.x_re) / divisor,
+        X=(line.i_re * line.v_im - line.i_im * line.v_re) / divisor,
+        P_RR=0.0,
+        P_RX=0.0,
+        P_XX=0.0,
+        known=1.0 if known and size_sq > 0.0 else 0.0,
     )
 
 

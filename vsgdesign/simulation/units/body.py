@@ -199,8 +199,8 @@ def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]
         line.output(output, line.input(after.get(name, name)))
     if kind.listens:
         ended: Expression = line.does("*", Number(0.0), line.input("V_g"))
-        for k in sampling:
-            ended = line.does("max", ended, line.input(f"u{k}.closed")) if kind.units[k].field else ended
+        for k in (k for k in sampling if k < len(kind.units) and kind.units[k].field):
+            ended = line.does("max", ended, line.input(f"u{k}.closed"))
         line.output(ENDS, ended)
     return joined(*parts, Part(line.block()))
 
