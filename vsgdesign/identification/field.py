@@ -98,6 +98,7 @@ def field_settings(
         sigma_valid=0.15,
         seed=float(seed % 511 + 1),
         line=PAIRS[pair - 1],
+        neighbours=0.0,
     )
 
 

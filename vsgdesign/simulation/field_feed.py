@@ -105,7 +105,7 @@ def settings_of_study(study: Study) -> FieldSettings:
         limits=probe.limits,
         seed=probe.code,
         pair=probe.pair,
-    )
+    )._replace(neighbours=1.0 if probe.neighbours else 0.0)
 
 
 def probe_of(study: Study) -> ProbeSpec:
@@ -114,11 +114,12 @@ def probe_of(study: Study) -> ProbeSpec:
     return ProbeSpec() if asked is None else asked
 
 
-def with_pair(study: Study, pair: int, number: int = 0) -> Study:
+def with_pair(study: Study, pair: int, number: int = 0, *, neighbours: bool = False) -> Study:
     """The study with the probe on a pair of lines. ``number``: of the unit in its plant, which has a sign code of its
-    own."""
+    own. ``neighbours``: whether the plant has other units."""
     probe = probe_of(study)
-    probe = replace(probe, pair=pair, code=probe.code + _CODES_APART * number)
+    code, others = probe.code + _CODES_APART * number, neighbours or probe.neighbours
+    probe = replace(probe, pair=pair, code=code, neighbours=others)
     return replace(study, estimator=replace(study.estimator or EstimatorSpec(), probe=probe))
 
 

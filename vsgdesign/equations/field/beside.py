@@ -25,7 +25,7 @@ CONFIRMED = 6.0
 POSSIBLE = 13.8
 POSSIBLE_SHUNT = 10.8
 """χ² with two degrees of freedom, and with one, that a passive grid may have: 99.9 %."""
-ODDS = 0.07
+ODDS = 0.02
 """Odds of a shunt before anything is measured, for what is answered."""
 ODDS_OF_ERROR = 0.3
 """The same for the covariance."""

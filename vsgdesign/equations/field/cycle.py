@@ -152,7 +152,7 @@ def conclude(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> tuple[
         lines = own_lines(track.slow, track.answer, track.beside.refuted)
         foreign = foreign_with(foreign, F_1, F_2, lines, found.noise.line_1.cycle, found.noise.line_2.cycle)
     beside = with_again(track.beside, happened.again)
-    if happened.use > 0.5 and decision.mode != DOUBT and found.probed > 0.5:
+    if happened.use > 0.5 and decision.mode != DOUBT and found.probed > 0.5 and settings.neighbours < 0.5:
         fit = fit_of(slow, found.noise.line_1.S, found.noise.line_2.S)
         beside = beside_with(beside, slow, fit, found.noise, settings)
     a_1, a_2 = size_of_probe(lock, decision, found.noise, found.suspect, response_1, response_2, settings)
@@ -195,7 +195,8 @@ def answer_of(
     """The answer in SI units at the PCC."""
     fit = with_beside(wider_by(track.answer, CALIBRATION), track.beside)
     sigma = grid_sigma(fit, settings)
-    passive = 0.0 if track.beside.passive < 0.5 or track.beside.again > AGAIN - 0.5 else 1.0
+    odd = track.beside.passive < 0.5 or track.beside.again > AGAIN - 0.5
+    passive = 0.0 if odd and settings.neighbours < 0.5 else 1.0
     told = fit.known > 0.5 and track.mode != DOUBT and sigma < settings.sigma_valid
     valid = 1.0 if told and track.foreign.heard < 0.5 and passive > 0.5 else 0.0
     spoilt = 1.0 if lock.spoilt > 0.5 else 0.0

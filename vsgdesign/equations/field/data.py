@@ -66,6 +66,9 @@ class FieldSettings(NamedTuple):
     line: Any
     """Speed of the first line in the flywheel's frame, relative to the flywheel's own: 1/2, −5/2, 5/2 or −9/2. The
     second line is the next one farther from 0."""
+    neighbours: Any
+    """1 where other converters that form the grid stand beside: R and X alone are then fitted, and what both lines
+    differ by says nothing. Else 0."""
 
 
 class LineSums(NamedTuple):

@@ -155,7 +155,7 @@ def _alone(study: Study, plant: PowerPlant, k: int, segments: Sequence[PlantSegm
     first = told[0].grid
     base = replace(behind_its_path(study, unit), estimator=study.estimator)
     return replace(
-        with_pair(base, unit.pair, k) if unit.pair > 0 else base,
+        with_pair(base, unit.pair, k, neighbours=len(plant.units) > 1) if unit.pair > 0 else base,
         name=f"{study.name}.{unit.name}",
         plant=None,
         sensors=sensors if sensors is None or k == 0 else sensors.redrawn(sensors.seed + k),

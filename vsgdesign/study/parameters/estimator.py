@@ -62,6 +62,10 @@ class ProbeSpec:
     pair: int = whole(1, len(PAIRS), default=1)
     """On which pair of lines it is sent: 1.5 and 2.5, −1.5 and −2.5, 3.5 and 4.5, or −3.5 and −4.5 times the grid's
     frequency. Converters on one grid take different ones; the units of a plant get theirs by themselves."""
+    neighbours: bool = flag(default=False)
+    """Whether other grid-forming converters stand on the same grid. They answer the probe with their own control, so
+    that its lines differ without a fault: R and L alone are fitted. The units of a plant of several have it by
+    themselves."""
 
 
 LIMITS = with_defaults(fields_of(_Shares), asdict(ProbeLimits()))
