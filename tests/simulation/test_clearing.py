@@ -20,7 +20,8 @@ from vsgdesign.simulation import build_timeline, gain_changes, simulate
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.loop import LOG_COLUMNS
 from vsgdesign.simulation.run import Simulation, run_together, simulation_of
-from vsgdesign.simulation.run_state import RunOf, RunState
+from vsgdesign.simulation.run_asked import RunOf
+from vsgdesign.simulation.run_state import RunState
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.search import found_events
 from vsgdesign.study.parameters import Study, study_from_text

@@ -16,7 +16,8 @@ from tests.oracles.emt_source import StiffSource
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.simulation import GainChange
 from vsgdesign.simulation.run import begin_together
-from vsgdesign.simulation.run_state import RunOf, RunState
+from vsgdesign.simulation.run_asked import RunOf
+from vsgdesign.simulation.run_state import RunState
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Event, Grid
 

@@ -21,7 +21,7 @@ from vsgdesign.study.parameters.study import Study
 
 if TYPE_CHECKING:
     from vsgdesign.simulation.run import Simulation
-    from vsgdesign.simulation.run_state import Twin
+    from vsgdesign.simulation.run_asked import Twin
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,8 @@ from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import ALONE, LOG_COLUMNS, fed_names, kind_of, log_names, side_by_side
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence
-from vsgdesign.simulation.run_state import RunOf, RunState, Twin
+from vsgdesign.simulation.run_asked import RunOf, Twin
+from vsgdesign.simulation.run_state import RunState
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.simulation.twin import TwinRun, Twins
 from vsgdesign.study.parameters.study import ControllerSpec, Study

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,73 +15,32 @@ from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.equations.synchronising import GridWatch
-from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.identification import Probe
 from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.added_source import AddedSource, sensors_of
 from vsgdesign.simulation.batch import STANDS, Batch
 from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample, ProgramWriter
-from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, connection_at
+from vsgdesign.simulation.circuits import Circuits, connection_at
 from vsgdesign.simulation.clearing import SLACK, SampleOfFault
 from vsgdesign.simulation.dc_start import blocked, dc_at_start
-from vsgdesign.simulation.every_sample import EverySample
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.gains import GainChange, RunFeed, gain_changes
-from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
-from vsgdesign.simulation.online import Hears, OnlineScheduler
+from vsgdesign.simulation.gains import gain_changes
+from vsgdesign.simulation.online import Hears
 from vsgdesign.simulation.outcome import Divergence, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.reclosing import check_setting
+from vsgdesign.simulation.run_asked import RunOf, Twin, feed_of_run
 from vsgdesign.simulation.run_kind import SYNC
 from vsgdesign.simulation.run_log import RunLog
 from vsgdesign.simulation.search import Search
 from vsgdesign.simulation.seeking_sample import Relay, relay_sees
 from vsgdesign.simulation.segments import segments_of_timelines
-from vsgdesign.simulation.timeline import Timeline, build_timeline
-from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.simulation.timeline import build_timeline
 
 Array = NDArray[np.float64]
 
 _gain_transfer, _relay_sees = on_floats(gain_transfer), on_floats(relay_sees)
-
-
-@dataclass(frozen=True, eq=False)
-class RunOf:
-    """What is simulated: a study with gains over time, or with a scheduler that is asked for them."""
-
-    study: Study
-    schedule: Sequence[GainChange] | OnlineScheduler | FieldScheduler
-    log_states: int = 0
-    """For how many first samples the controller's states are kept."""
-    probe: Probe | None = None
-    """Sent from t = 0 on, in place of one that the scheduler asks for."""
-    circuit: CircuitOfGrid | None = None
-    """Replaces the study's circuit between bridge and source."""
-    twins: tuple[float, ...] = ()
-    """The instants (s) of steps from which on the run without them goes beside it (``twin.steps_with_twin``)."""
-    every_sample: EverySample | None = None
-    """Gets every sample of the run, or as many as figures need, beside its log."""
-    finds: ControllerSpec | None = None
-    """The controller that the gains are those of, in a run that finds the instants which only it can tell; None: it
-    finds none (:class:`vsgdesign.simulation.search.Search`)."""
-    ends: Callable[[Study], float] | None = None
-    """When the run may end, s, with the instants found so far; None: at the end of the study."""
-
-
-@dataclass(frozen=True)
-class Twin:
-    """The run without a step, from the step on up to the next event. Rows are those of the run's own log, or those of
-    which figures are taken where the run is asked for these."""
-
-    event_s: float
-    """When the step comes, s."""
-    t_s: Array
-    log: Array
-    circuit_log: Array
-    timeline: Timeline
-    """Without the step."""
 
 
 class RunState:
@@ -96,7 +54,7 @@ class RunState:
         self.timeline = build_timeline(self.study)
         self.T_s = self.study.converter.T_s
         self.samples = round(self.study.simulation.duration / self.T_s)
-        self.feed = _feed(of, self.timeline)
+        self.feed = feed_of_run(of, self.timeline)
         if self.study is not of.study:
             self._follow_feed()
         self.kept = round(self.study.simulation.log_interval / self.T_s)
@@ -436,16 +394,3 @@ def with_gains(
     if after is before:
         return state
     return state._replace(omega_i=_gain_transfer(state.omega_i, refs, before, after))
-
-
-def _feed(of: RunOf, timeline: Timeline) -> RunFeed:
-    schedule, study = of.schedule, of.study
-    if isinstance(schedule, FieldScheduler):
-        if of.probe is not None:
-            raise InfeasibleStudyError(
-                "probe: a field estimator sends its own in every sample and listens to that one alone. Leave probe "
-                "out, or give a controller without a field estimator."
-            )
-        return schedule.fresh()
-    T_s = study.converter.T_s
-    return ListedGains(schedule, T_s) if isinstance(schedule, Sequence) else OnlineGains(schedule, study, timeline)

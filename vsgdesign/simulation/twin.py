@@ -20,8 +20,9 @@ from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.field_observer import PLACE_OF_CLOSED, PLACE_OF_MUTED
 from vsgdesign.simulation.gains import RunFeed
+from vsgdesign.simulation.run_asked import Twin
 from vsgdesign.simulation.run_log import RunLog
-from vsgdesign.simulation.run_state import RunState, Twin
+from vsgdesign.simulation.run_state import RunState
 from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.replay import ReplaySpec

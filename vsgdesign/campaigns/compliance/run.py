@@ -24,7 +24,7 @@ from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
 from vsgdesign.simulation.energy import dc_energy_steps
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulated
-from vsgdesign.simulation.run_state import RunOf
+from vsgdesign.simulation.run_asked import RunOf
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.source import GridSource

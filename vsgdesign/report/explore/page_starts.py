@@ -33,8 +33,9 @@ from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.loop import log_names, spec_of
 from vsgdesign.simulation.run import begin_together, program_of
+from vsgdesign.simulation.run_asked import RunOf
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE
-from vsgdesign.simulation.run_state import RunOf, RunState
+from vsgdesign.simulation.run_state import RunState
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.study import Study
