@@ -18,8 +18,9 @@ from scipy.optimize import brentq
 
 import vsgdesign as vd
 from tests.cli.small_studies import call, failure, study_file
+from vsgdesign.report.network import grid_sentences
 from vsgdesign.study.networks.model import LINE, S_BASE, SLACK, Branch, Bus, Converter, Load, Network, Source
-from vsgdesign.verbs.pipeline.grid import Asked, grid_at
+from vsgdesign.verbs.pipeline.grid import Asked, grid_at, grid_document
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +111,14 @@ def test_the_first_resonance_is_that_of_the_circuit() -> None:
     assert found.resonance_hz == pytest.approx(brentq(reactance, 200.0, 500.0), abs=0.01)
     assert found.f_hz[-1] == 2000.0
     assert grid_at(small(0.0), Asked(bus="c", S=10e6)).resonance_hz is None
+
+
+def test_an_outage_is_named_where_it_matters() -> None:
+    """Beside a line of no importance to the bus, no outage is the weakest case of anything."""
+    found = grid_at(small(z=(0.2j, 0.2j)), Asked(bus="a", S=10e6))
+    assert "; none makes the bus weaker by 1 %." in grid_sentences(grid_document(found))[1]
+    found = grid_at(small(z=(0.2j, 0.2j)), Asked(bus="c", S=10e6))
+    assert "; the weakest case is without l." in grid_sentences(grid_document(found))[1]
 
 
 def test_both_ends_of_a_source_are_in_the_box() -> None:

@@ -38,6 +38,8 @@ _SHOWN = 10
 """Outages that a terminal names."""
 _LOST = 5
 """Outages without a path that a sentence names."""
+_WEAKER = 0.99
+"""An outage counts as weaker where SCR is below this share of that with everything in."""
 _NAMED = 3
 """Outages that the figure names: the weakest ones."""
 
@@ -67,7 +69,7 @@ def grid_sentences(document: Mapping[str, Any]) -> list[str]:
         (a, b), (c, d) = document["scr"], document["x_over_r"]
         said.append(
             f"Over {counted(len(outages), 'outage')} SCR is {plain(a, 3)} to {plain(b, 3)} and X/R {plain(c, 3)} to "
-            f"{plain(d, 3)}; the weakest case is {weakest['name']}."
+            f"{plain(d, 3)}; {_weakest(n, weakest)}."
         )
     lost = [one["name"] for one in document["cases"] if one["scr"] is None]
     if lost:
@@ -78,6 +80,12 @@ def grid_sentences(document: Mapping[str, Any]) -> list[str]:
         f_n = plain_quantity(document["f_n"], "Hz")
         said.append(f"The file does not give the nominal frequency: it is taken as {f_n}.")
     return [sentence for sentence in said if sentence]
+
+
+def _weakest(n: Mapping[str, Any], weakest: Mapping[str, Any]) -> str:
+    if weakest["scr"] > _WEAKER * n["scr"]:
+        return "none makes the bus weaker by 1 %"
+    return f"the weakest case is {weakest['name']}"
 
 
 def _near(document: Mapping[str, Any]) -> str:
@@ -172,12 +180,12 @@ def _plane(document: Mapping[str, Any]) -> NamedFigure:
 
 def _far_apart(outages: Sequence[Mapping[str, Any]], document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The weakest outages whose names do not stand on each other."""
-    (a, b), (c, d) = document["scr"], document["x_over_r"]
-    span = max(math.log(b / a), 1e-9), max(math.log(d / c), 1e-9)
+    low, high = document["x_over_r"]
+    span = max(math.log(high / low), 1e-9)
     chosen: list[Mapping[str, Any]] = []
     for one in sorted(outages, key=lambda one: one["scr"]):
-        apart = all(abs(math.log(one["x_over_r"] / other["x_over_r"])) > 0.08 * span[1] for other in chosen)
-        if apart and len(chosen) < _NAMED and one["scr"] < b * (1.0 - 1e-6):
+        apart = all(abs(math.log(one["x_over_r"] / other["x_over_r"])) > 0.08 * span for other in chosen)
+        if apart and len(chosen) < _NAMED and one["scr"] <= _WEAKER * document["cases"][0]["scr"]:
             chosen.append(one)
     return chosen
 
@@ -204,7 +212,7 @@ def _no_ticks() -> Any:
 
 
 def _over_frequency(document: Mapping[str, Any]) -> NamedFigure:
-    left, right, bottom, top, height = 0.55, 0.12, 0.4, 0.12, 1.7
+    left, right, bottom, top, height = 0.55, 0.2, 0.4, 0.12, 1.7
     figure = new_figure(COLUMN_IN, bottom + height + top)
     axes: Any = add_axes(figure, left, bottom, COLUMN_IN - left - right, height)
     found = document["impedance"]
@@ -219,7 +227,7 @@ def _over_frequency(document: Mapping[str, Any]) -> NamedFigure:
     axes.set_xlim(0.0, document["last_hz"])
     axes.set_xlabel("Frequency [Hz]")
     axes.set_ylabel("|Z| [Ω]")
-    axes.legend(loc="upper left")
+    axes.legend(loc="upper left", borderaxespad=0.6)
     caption = f"The impedance at {document['bus']} with everything in, and R and L in series as the table knows them. "
     caption += "The vertical line is the first parallel resonance." if document["resonance_hz"] is not None else ""
     return NamedFigure("grid_frequency", "Impedance over frequency", caption.strip(), figure, 2)
