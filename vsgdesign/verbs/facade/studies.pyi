@@ -530,6 +530,7 @@ class EstimatorProbeTable(TypedDict, total=False):
     ripple: Quantity
     code: int
     pair: int
+    neighbours: bool
 
 class SurvivalTable(TypedDict, total=False):
     """The fields of [survival]."""
