@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from tests.simulation.test_plants import STUDY
 from vsgdesign.study.parameters import load_study
 from vsgdesign.verbs.cli.program import main
-from vsgdesign.verbs.pipeline.plant import as_one_converter
+from vsgdesign.verbs.pipeline.one_unit import as_one_converter
 
 PLANT = "[plant]\nunits = 2\nreactance = 0.06\nresistance = 0.01\n"
 LOSS = '[[events]]\ntime = "20 ms"\nelement = "unit2"\nbreaker = "open"\n'
@@ -124,11 +124,23 @@ def test_a_load_is_behind_the_reactance_of_one_unit(tmp_path: Path) -> None:
     assert found.filter.L_2 > alone.filter.L_2
 
 
-@pytest.mark.parametrize("verb", ["run", "report", "verify"])
+@pytest.mark.parametrize("verb", ["run", "report", "survive"])
 def test_other_verbs_refuse_a_plant(tmp_path: Path, verb: str) -> None:
     done = CliRunner().invoke(main, [verb, str(study_file(tmp_path, PLANT)), "--out", str(tmp_path / "out")])
     assert done.exit_code != 0
     assert f"vsgdesign {verb} knows one converter on a grid, and this study has a plant of 2" in done.output
+
+
+def test_what_random_cases_of_a_plant_cannot_have(tmp_path: Path) -> None:
+    """Everything at once; and what only a plant has is refused for one converter."""
+    more = '[verification.ramp]\nweight = 1.0\n[sensors]\nlevel = "typical"\n'
+    done = CliRunner().invoke(main, ["verify", str(study_file(tmp_path, PLANT + more)), "--bridge", "pwm"])
+    assert done.exit_code != 0
+    for said in ("no frequency ramps", "exact sensors", "bridges of a plant are averaged"):
+        assert said in done.output
+    done = CliRunner().invoke(main, ["verify", str(study_file(tmp_path, "[verification]\nunits_apart = 0.2\n"))])
+    assert done.exit_code != 0
+    assert "verification.units_apart: the study has no plant" in done.output
 
 
 def test_margins_of_a_plant_have_both_modes(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from vsgdesign.equations.integration import advanced, within_a_turn
 from vsgdesign.linear.operating_point.rest_of_units import rest_of_units
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.simulation.units import PlantRun, plant_timeline, simulate_plant
-from vsgdesign.simulation.units.run import situation_at
+from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.fields import number
 from vsgdesign.study.parameters.inverter_kinds import (

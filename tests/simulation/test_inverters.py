@@ -26,7 +26,7 @@ from vsgdesign.linear.operating_point.rest_of_units import rest_of_units
 from vsgdesign.linear.stability.modes_of_units import modes_of_units
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.units import plant_timeline
-from vsgdesign.simulation.units.run import situation_at
+from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.power_plant import Inverter
 

@@ -22,7 +22,7 @@ from vsgdesign.linear.stability.modes_of_units import NETWORK as OF_NETWORK
 from vsgdesign.linear.stability.modes_of_units import modes_of_units, split_matrices, split_modes
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.simulation.units import plant_timeline
-from vsgdesign.simulation.units.run import situation_at
+from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.study.parameters import Study
 from vsgdesign.study.parameters.power_plant import behind_its_path
 

@@ -15,7 +15,7 @@ from vsgdesign.linear.stability.modes_of_units import modes_of_units
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.units import PlantTimeline, plant_timeline
-from vsgdesign.simulation.units.run import situation_at
+from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.study.parameters import Study, load_study
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "ten_buses" / "study.toml"

@@ -60,6 +60,7 @@ FAMILIES = {
     "sag": ("Voltage sags", "sags"),
     "ramp": ("Frequency ramps", "ramps"),
     "reference": ("New references", "new references"),
+    "loss": ("Losses of a unit", "losses of a unit"),
 }
 """Heading of the families of cases, and what their cases are called."""
 

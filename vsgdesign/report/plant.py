@@ -30,7 +30,8 @@ def _units(one: PlantController) -> Table:
         end = (series["P_pcc"][-1] / 1e3, series["Q_pcc"][-1] / 1e3, series["V_rms"][-1])
         numbers = tuple(plain(float(value), 4) for value in end)
         shown = plain(float(peak), 3) if math.isfinite(peak) else DASH
-        rows.append((unit.name, found.outcome.status, *numbers, shown))
+        status = found.outcome.status if found.survival is None else found.survival.status
+        rows.append((unit.name, status, *numbers, shown))
     return Table(f"{one.spec.name}: {one.outcome.status}, at the end of the run", head, tuple(rows), on=Where.TERMINAL)
 
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import Program, StandingLoop, aligned_zeros
 from vsgdesign.codegen.records import numbers_of
-from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.field_feed import probe_of, settings_of_study
-from vsgdesign.simulation.loop import ALONE, Build, carrier_values, fed_names, loop_of, spans_of, spec_of
+from vsgdesign.simulation.loop import ALONE, Build, carrier_values, fed_names, loop_of, spec_of
+from vsgdesign.simulation.numbers_of_runs import Numbers
 from vsgdesign.simulation.run_kind import Kind, names_of
 from vsgdesign.study.parameters.study import Study
 
@@ -52,12 +52,8 @@ class Log:
     """The log whose columns its first ones are, and which gets its rows as well, or every so-many-th of them."""
 
 
-class Batch:
-    """Runs of one kind: G groups of L, of which the first ``count`` are used.
-
-    A number is found by its name, those of a record by the record's (``put("refs.P_ref", values)``). Behind the numbers
-    of the loop there are others that nothing but the program writes (``kept``).
-    """
+class Batch(Numbers):
+    """Runs of one kind: G groups of L, of which the first ``count`` are used."""
 
     def __init__(
         self,
@@ -72,16 +68,8 @@ class Batch:
     ) -> None:
         """``kept``: how many numbers are kept under which name. ``shared``: numbers that are the same for all runs and
         not of the study."""
-        self.kind, self.study, self.build, self.count = kind, study, build, count
-        self.spec = spec_of(kind, logged, build)
-        self.spans = spans_of(self.spec.rows)
-        self.place = {name: row for row, name in enumerate(self.spec.rows)}
-        self.kept: dict[str, int] = {}
-        at = len(self.spec.rows)
-        for name, numbers in (kept or {}).items():
-            self.kept[name], at = at, at + numbers
-        self.rows: Array = aligned_zeros((-(-count // self.spec.width), at, self.spec.width))
-        """(G, R, L)."""
+        self.kind, self.study, self.build = kind, study, build
+        super().__init__(spec_of(kind, logged, build), count, kept)
         self._shared = dict(shared or {})
         self.uniform = self._uniform(self.spec.uniform)
         self.program: Program = ProgramWriter().program(len(self.rows), self.spec.width)
@@ -98,49 +86,6 @@ class Batch:
         """Samples at which one call of a loop ends: a cut sample is a call of its own, and so is each log."""
         self._fed_by_sensors = len(fed_names(kind._replace(added=False)))
         self._standing: dict[tuple[bool, int], StandingLoop] = {}
-
-    def __len__(self) -> int:
-        return self.count
-
-    # Numbers.
-
-    def span(self, name: str) -> slice:
-        """The rows of a record or of a number."""
-        return self.spans[name]
-
-    def lane(self, run: int) -> tuple[int, int]:
-        """Group and place in the group of a run."""
-        return divmod(run, self.spec.width)
-
-    def view(self, name: str, run: int = 0) -> Array:
-        """The numbers of a record of one run as an array that moves with it."""
-        group, lane = self.lane(run)
-        return self.rows[group, self.spans[name], lane]
-
-    def set(self, name: str, record: Any, run: int = 0) -> None:
-        """Sets the numbers of a record of one run."""
-        self.view(name, run)[:] = flat_state(record) if name == "state" else record
-
-    def get(self, row: int | str) -> Array:
-        """A row of every run, (n,)."""
-        place = self.place[row] if isinstance(row, str) else row
-        return self.rows[:, place, :].reshape(-1)[: self.count].copy()
-
-    def put(self, row: int | str, values: Any) -> None:
-        """Sets a row of every run, (n,), or m rows that are beside each other, (m, n).
-
-        Places that are left in the last group take what the last run has.
-        """
-        values = np.asarray(values, dtype=float)
-        values = values[None] if values.ndim == 1 else values
-        groups, _, width = self.rows.shape
-        first = self.spans[row].start if isinstance(row, str) else row
-        to = self.rows[:, first : first + len(values)]
-        whole = self.count // width
-        to[:whole] = values[:, : whole * width].reshape(len(values), whole, width).swapaxes(0, 1)
-        if whole < groups:
-            rest = values[:, whole * width :]
-            to[whole, :, : rest.shape[1]], to[whole, :, rest.shape[1] :] = rest, rest[:, -1:]
 
     def _uniform(self, names: Sequence[str]) -> Array:
         return np.array([self._same_for_all[name] for name in names])

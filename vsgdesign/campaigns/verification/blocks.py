@@ -49,6 +49,12 @@ class SingleRun(NamedTuple):
     """Rate of the slowest mode of the full-order model at the last rest, 1/s; NaN where there is no such rest."""
 
 
+def _all_of_it(cases: LaneCases) -> float:
+    """The share of the grid's impedance that one converter sees."""
+    del cases
+    return 1.0
+
+
 class Batch(NamedTuple):
     """How cases are drawn and run. Functions of modules, because they go to other processes."""
 
@@ -65,6 +71,10 @@ class Batch(NamedTuple):
     """(study, spec, ready, cases, index, place, bridge) -> the text of a study that is this case, for a file there."""
     simulated: Callable[..., SingleRun]
     """(path, ready) -> the study of a case as a single run."""
+    more: int = 0
+    """Numbers of a case besides those of one converter (:func:`vsgdesign.campaigns.verification.draws.uniforms_of`)."""
+    seen: Callable[[LaneCases], float] = _all_of_it
+    """The share of the grid's impedance that a controller sees in the first of some cases."""
 
 
 @dataclass(frozen=True, kw_only=True)

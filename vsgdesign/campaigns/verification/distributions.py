@@ -30,6 +30,9 @@ def _lines(study: Study, spec: ControllerSpec, bridge: str) -> Iterator[tuple[st
     yield f"SCR, {box.scr_basis} basis", _uniform(box.scr, _number, logarithmic=True)
     yield "X/R", _uniform(box.x_over_r, _number, logarithmic=True)
     reduced = "; P and Q are reduced together where the grid or the converter cannot carry them"
+    plant = study.plant
+    if plant is not None:
+        yield from _of_plant(study, len(plant.units), plant.least or len(plant.units))
     yield "P at rest", _uniform(box.P, _per_unit(c.S_rated)) + reduced
     yield "Q at rest", _uniform(box.Q, _per_unit(c.S_rated))
     yield "Source voltage", _uniform(box.V_g_rms, _per_unit(c.V_rated_rms))
@@ -66,6 +69,20 @@ def _lines(study: Study, spec: ControllerSpec, bridge: str) -> Iterator[tuple[st
             ranges = asked.ranges(name, rests)
             share = f"{100.0 * weight / total:.3g} % of the cases"
             yield family_words(name)[0], f"{share}: {_EVENTS[name](ranges) if name in _EVENTS else _step(name, ranges)}"
+
+
+def _of_plant(study: Study, most: int, least: int) -> Iterator[tuple[str, str]]:
+    """What is drawn of a plant besides what is drawn of one converter, which is the mean of all units."""
+    asked = study.verification
+    if asked is None:
+        return
+    yield "Units on line", f"{most}" if least == most else f"{least} to {most}, every number as often"
+    apart = f"by up to {_number(asked.units_apart)} pu from the mean of all units, uniform"
+    yield "P and Q of a unit", f"{apart}; less where its current limit leaves less"
+    yield "Units that step", "all of them, or in half of the steps one alone"
+    if asked.more_reactance[1] > 0.0:
+        more = _uniform(asked.more_reactance, lambda value: f"{_number(value)} pu")
+        yield "Reactance of a unit's transformer", f"that of the plant and {more} more"
 
 
 def _judged_in(study: Study, bridge: str) -> str:
@@ -136,4 +153,5 @@ _EVENTS: dict[str, Callable[[dict[str, Range]], str]] = {
         f"after {_uniform(r['hold'], _seconds)}"
     ),
     "reference": lambda _: "P_ref to another power that is drawn as the first one",
+    "loss": lambda _: "the breaker of one unit opens, at least one unit stays, and the others are judged",
 }

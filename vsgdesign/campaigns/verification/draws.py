@@ -7,6 +7,7 @@ sequence that covers the box evenly gives it other numbers than a generator.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,7 +27,7 @@ from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.simulation.lanes.around import Around
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents, no_events
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
-from vsgdesign.study.parameters.case_families import FAMILIES, families
+from vsgdesign.study.parameters.case_families import FAMILIES, LOSS, families
 from vsgdesign.study.parameters.converter import scope_of
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.study.parameters.fields import at
@@ -37,6 +38,8 @@ from vsgdesign.study.parameters.verification import CaseBox, VerificationSpec
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int8]
+ShareOf = Callable[[Index], tuple[Array, Array]]
+"""From the family of each case to the share of the grid's impedance that is seen before and after the disturbance."""
 
 COORDINATES: tuple[str, ...] = (
     "family",
@@ -84,10 +87,14 @@ def draw_cases(
     return cases_of(study, spec, uniforms_of(verification_of(study, spec, ready).seed, first, count), ready=ready)
 
 
-def uniforms_of(seed: int, first: int, count: int) -> Array:
-    """(count, UNIFORMS): the numbers in [0, 1) of the cases from ``first`` on."""
-    generator = np.random.Generator(np.random.Philox(key=seed, counter=[_BLOCKS * first, 0, 0, 0]))
-    return generator.random((count, 4 * _BLOCKS))[:, :UNIFORMS]
+def uniforms_of(seed: int, first: int, count: int, more: int = 0) -> Array:
+    """(count, UNIFORMS + more): the numbers in [0, 1) of the cases from ``first`` on. ``more``, up to 16, are those of
+    a plant."""
+    found = []
+    for stream, wanted in enumerate((UNIFORMS, more)):
+        generator = np.random.Generator(np.random.Philox(key=seed, counter=[_BLOCKS * first, stream, 0, 0]))
+        found.append(generator.random((count, 4 * _BLOCKS))[:, :wanted])
+    return np.concatenate(found, axis=1) if more else found[0]
 
 
 def verification_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) -> VerificationSpec:
@@ -100,7 +107,7 @@ def verification_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) 
     if asked is None:
         fault = Fault("verification", "", "the study was built from its parts and has none", "Read it from a document.")
         raise StudyError(study.name, [fault])
-    table = ready.table(spec)
+    asked, table = _with_loss(asked, study), ready.table(spec)
     if table is None:
         return asked
     valid, box, faults = table.validity, asked.box, []
@@ -129,6 +136,14 @@ def verification_of(study: Study, spec: ControllerSpec, ready: Ready = NOTHING) 
     return replace(asked, box=replace(box, errors=errors, **changes))
 
 
+def _with_loss(asked: VerificationSpec, study: Study) -> VerificationSpec:
+    """Where nothing is said, units of a plant are lost as often as anything else happens."""
+    family = asked.families.get("loss")
+    if study.plant is None or len(study.plant.units) < 2 or family is None or family.weight is not None:
+        return asked
+    return replace(asked, families={**asked.families, "loss": replace(family, weight=1.0)})
+
+
 def _errors_within(
     study: Study, spec: ControllerSpec, asked: VerificationSpec, made_for: ErrorSet, faults: list[Fault]
 ) -> tuple[float, float, float]:
@@ -155,11 +170,12 @@ def cases_of(
     uniforms: ArrayLike,
     family: int | NDArray[np.integer] | None = None,
     ready: Ready = NOTHING,
+    share_of: ShareOf | None = None,
 ) -> tuple[LaneCases, Index]:
     """The cases of numbers in [0, 1), (N, UNIFORMS), and the family of each.
 
-    With ``family``, a number or (N,), the family is given, and the first coordinate is not used. See
-    :func:`draw_cases` for the errors.
+    With ``family``, a number or (N,), the family is given, and the first coordinate is not used. ``share_of``: of a
+    unit of a plant, which sees a share of the impedance that is drawn. See :func:`draw_cases` for the errors.
     """
     only_a_grid(study.network, "a verification")
     # Contiguous columns: what NumPy computes then does not depend on how many cases there are.
@@ -175,8 +191,12 @@ def cases_of(
         drawn = np.searchsorted(np.cumsum(weights) / weights.sum(), u["family"], side="right")
         family = np.minimum(drawn, int(np.flatnonzero(weights)[-1]))
     kind = np.broadcast_to(np.asarray(family, dtype=np.int8), u["scr"].shape).copy()
+    if share_of is None and (kind == families().index(LOSS)).any():
+        fault = Fault("verification.loss.weight", "", "there is no unit to lose", "Leave it out, or give a [plant].")
+        raise StudyError(study.name, [fault])
     around = Around.drawn(study, [] if study.undisturbed is study else _seeds(u))
-    draw = _Draw(study, asked, u, kind, rests_at_limit(study), around)
+    shares = (np.ones(len(kind)),) * 2 if share_of is None else share_of(kind)
+    draw = _Draw(study, asked, u, kind, rests_at_limit(study), around, shares)
     return _with_references(draw, _starts(draw), spec, gain_law(study, spec, ready)), kind
 
 
@@ -197,6 +217,8 @@ class _Draw(NamedTuple):
     rests_at_limit: bool
     around: Around
     """Backgrounds and sensors of the cases; voltage and frequency are still to be changed by the former."""
+    shares: tuple[Array, Array]
+    """Of the impedance that is drawn, before and after the disturbance: 1, but of a unit of a plant n/N."""
 
     @property
     def box(self) -> CaseBox:
@@ -233,6 +255,8 @@ def _starts(draw: _Draw) -> _Starts:
     R_after, L_after = R_g.copy(), L_g.copy()
     jumps = draw.of("grid")
     R_after[jumps], L_after[jumps] = _grid(draw, u["own_1"][jumps], u["own_2"][jumps])
+    before, after = draw.shares
+    R_g, L_g, R_after, L_after = before * R_g, before * L_g, after * R_after, after * L_after
     P, Q = uniform_of(box.P, u["P"]), uniform_of(box.Q, u["Q"])
     dP, dQ = _steps_of_references(draw, P, Q)
     V_g_rms, omega_g = draw.around.sources(uniform_of(box.V_g_rms, u["V_g"]), uniform_of(box.omega_g, u["f_g"]))

@@ -51,10 +51,10 @@ def simulated(path: Path, ready: Ready) -> SingleRun:
     controller = result.controllers[0]
     P, Q = (float(controller.simulation.column(name)[0]) for name in ("P", "Q"))
     mode = expected_rests(study, result.timeline, controller.spec, ready)[-1].mode
-    return SingleRun(_figures(controller), P, Q, math.nan if mode is None else -float(mode.s.real))
+    return SingleRun(figures_of_run(controller), P, Q, math.nan if mode is None else -float(mode.s.real))
 
 
-def _figures(controller: ControllerResult) -> dict[str, float]:
+def figures_of_run(controller: ControllerResult) -> dict[str, float]:
     """Those of the step, or of the survival, by the names of the batch. What the run has no figure for is left out."""
     verdict = controller.survival
     if verdict is not None:

@@ -61,7 +61,7 @@ def write_worst(
     for k, (family, promise, case) in enumerate(worst):
         tell("worst cases", k / len(worst))
         cases, _ = job.drawn(case.number, 1)
-        coordinates = uniforms_of(_seed(job), case.number, 1)[0]
+        coordinates = uniforms_of(_seed(job), case.number, 1, job.batch.more)[0]
         name = f"{k + 1:02d}-case-{case.number}"
         row = {"rank": k + 1, "case": case.number} | _row(folder, name, job, cases, family, promise, case, coordinates)
         rows.append(row)
@@ -78,8 +78,8 @@ def search_from_worst(
     for name, family in summary.families.items():
         if family.judged:
             numbers = {case.number for one in family.promises.values() for case in one.worst[:8]}
-            rows = [uniforms_of(_seed(job), number, 1)[0].tolist() for number in sorted(numbers)]
-            starts[name] = starts_of(rows, UNIFORMS)
+            rows = [uniforms_of(_seed(job), number, 1, job.batch.more)[0].tolist() for number in sorted(numbers)]
+            starts[name] = starts_of(rows, UNIFORMS + job.batch.more)
     return begun_search(job, evaluations, starts, edges=_EDGES, executor=executor)
 
 
@@ -154,8 +154,9 @@ def _why(
     job: VerificationJob, cases: LaneCases, promise: str, case: CaseFigures, coordinates: np.ndarray, decay: float
 ) -> str | None:
     table = job.ready.table(job.spec)
-    R_g = float(cases.R_g[0] * (1.0 + cases.error_R[0]))
-    L_g = float(cases.L_g[0] * (1.0 + cases.error_X[0]))
+    share = job.batch.seen(cases)
+    R_g = float(share * cases.R_g[0] * (1.0 + cases.error_R[0]))
+    L_g = float(share * cases.L_g[0] * (1.0 + cases.error_X[0]))
     held = next(one for one in job.promises if one.name == promise)
     return why_of(
         case.figures,
@@ -187,7 +188,7 @@ def _drawn_over_a_range(job: VerificationJob, coordinates: np.ndarray) -> dict[s
         "error_R": ("the error of R_g", (0.0, told * max(error_R, error_Z))),
         "error_X": ("the error of L_g", (0.0, told * max(error_X, error_Z))),
     }
-    by_name = dict(zip(COORDINATES, coordinates.tolist(), strict=True))
+    by_name = dict(zip(COORDINATES, coordinates[:UNIFORMS].tolist(), strict=True))
     return {said: by_name[name] for name, (said, (low, high)) in ranges.items() if low < high}
 
 
@@ -250,6 +251,7 @@ def what_of(study: Study, cases: LaneCases, k: int) -> str:
     c, parts = study.converter, []
     place = Grid(float(cases.R_g[k]), float(cases.L_g[k])).place(c, _basis(study))
     references = {"P_ref": float(cases.P_ref[k]), "Q_ref": float(cases.Q_ref[k])}
+    first, also = cases.besides(k)
     for event in cases.events.events(k):
         changes, values = [], {kind: kind.value(event) for kind in event.changed}
         for kind, value in values.items():
@@ -268,8 +270,9 @@ def what_of(study: Study, cases: LaneCases, k: int) -> str:
             changes.append(f"the phase jumps by {math.degrees(event.phase_jump):+.3g}°")
         others = (kind for kind in values if kind.of_controller and kind.quantity not in references)
         changes += [f"{kind.words(value, c)} is set" for kind in others if (value := values[kind]) is not None]
+        changes += [also] if also and not parts else []
         parts.append(f"at {event.t_s:.4g} s {_listed(changes)}")
-    said = "; ".join(parts)
+    said = "; ".join([first, *parts] if first else parts)
     if cases.silent_s[k] > 0.0:
         said += f"; the schedule is told {cases.silent_s[k]:.3g} s later"
     return said[:1].upper() + said[1:]

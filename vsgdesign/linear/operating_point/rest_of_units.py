@@ -7,6 +7,7 @@ instant. It is written in the frame of the grid's source, so that a steady state
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -45,6 +46,9 @@ Complex = NDArray[np.complex128]
 
 _STEPS, _EXACT, _GOOD = 20, 1e-13, 1e-9
 """Newton's steps, the change of a state, relative to its size, at which they end, and at which they have converged."""
+
+_ROUNDED, _SLOWER = 1e-9, 0.1
+"""Newton's steps are of the size of roundings where one is this small and the next one is not a tenth of it."""
 
 
 class UnitAsked(NamedTuple):
@@ -241,7 +245,7 @@ class PlantMap:
 
     def rest(self, guess: Array) -> UnitsAtRest:
         """The fixed point near a guess, by Newton. Raises InfeasibleStudyError where it is not found."""
-        z = guess.copy()
+        z, before = guess.copy(), math.inf
         for _ in range(_STEPS):
             after, J = self(z)
             wrong = np.where(self.kept, after - z, 0.0)
@@ -251,8 +255,10 @@ class PlantMap:
             step = _solved(matrix[np.ix_(some, some)], (wrong / size)[some])
             change = float(np.abs(step).max())
             z[some] -= step * size[some]
-            if change < _EXACT or not np.isfinite(change):
+            # Where steps no longer become smaller, what is left are the roundings of the map.
+            if change < _EXACT or not np.isfinite(change) or (before < _ROUNDED and change > _SLOWER * before):
                 break
+            before = change
         after, J = self(z)
         z = np.where(self.kept, z, after)
         wrong = np.abs(after - z)[self.kept] / (np.abs(z) + 1e-3 * np.abs(z).max())[self.kept]

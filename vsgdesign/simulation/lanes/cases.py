@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +130,11 @@ class LaneCases:
     def __len__(self) -> int:
         return len(self.R_g)
 
+    def besides(self, k: int) -> tuple[str, str]:
+        """What is to be said of a case besides its start and its events: before them, and with the first one."""
+        del k
+        return "", ""
+
     @property
     def at_start(self) -> Lanes:
         """Grid, source and set points at the start."""
@@ -146,7 +151,7 @@ class LaneCases:
                 values[known] = given[known]
         return References(*at_end)
 
-    def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> LaneCases:
+    def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
         """Some of the cases, by index or by mask."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
         events, around, networks = parts.pop("events"), parts.pop("around").take(chosen), parts.pop("networks")
@@ -154,7 +159,7 @@ class LaneCases:
         if networks is not None:
             networks = tuple(networks[k] for k in np.arange(len(self))[chosen].tolist())
         others = {name: values[chosen] for name, values in parts.items()}
-        return LaneCases(events=some, around=around, networks=networks, **others)
+        return type(self)(events=some, around=around, networks=networks, **others)
 
     def in_study(self, study: Study) -> LaneCases:
         """The cases with the network, in the background and with the sensors of a study, where they have none of their

@@ -17,7 +17,7 @@ from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.simulation.batch import Log
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
-from vsgdesign.simulation.lanes.part import PROTECTION_COLUMNS, Part, first_judged
+from vsgdesign.simulation.lanes.part import PROTECTION_COLUMNS, Watched, first_judged
 from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.results import IN_NOISE, LaneResults, LastEntry
 from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, own_powers
@@ -64,7 +64,7 @@ def pieces(
         begin += count
 
 
-def judge_steps(part: Part, found: LaneResults) -> None:
+def judge_steps(part: Watched, found: LaneResults) -> None:
     """Overshoot and settling time of each step, by the mean over a nominal cycle, or by its difference from that of its
     twin (:eq:`twin`)."""
     T_s, log_begin = part.study.converter.T_s, _logged(part).begin
@@ -95,7 +95,7 @@ def judge_steps(part: Part, found: LaneResults) -> None:
     found.status[found.noise > SETTLING_BAND] = IN_NOISE
 
 
-def recovered(part: Part, rests: Rests, demand: SurvivalDemand) -> Array:
+def recovered(part: Watched, rests: Rests, demand: SurvivalDemand) -> Array:
     """Time from the clearing on from which the means of P and Q over a cycle stay at the rest, s (n,)."""
     T_s, S = part.study.converter.T_s, part.study.converter.S_rated
     begin, cycle, log_begin = first_judged(part.cases, T_s), part.cycle, _logged(part).begin
@@ -117,13 +117,13 @@ def recovered(part: Part, rests: Rests, demand: SurvivalDemand) -> Array:
     return recovery
 
 
-def _logged(part: Part) -> Log:
+def _logged(part: Watched) -> Log:
     if part.means is None:
         raise ValueError("the means of this part were not logged")
     return part.means
 
 
-def _groups(part: Part) -> Iterator[tuple[slice, Array]]:
+def _groups(part: Watched) -> Iterator[tuple[slice, Array]]:
     """The lanes of each group of a part, with their log of the means (S, n, W)."""
     return part.logged(slice(-PROTECTION_COLUMNS if part.guarded else None))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,42 @@ Samples = NDArray[np.int64]
 
 PROTECTION_COLUMNS = 3
 """Numbers of a sample that are logged where a protection is judged: frequency, and both components of the voltage."""
+
+
+class Watched(Protocol):
+    """Lanes of one converter each that are watched: a part, or one unit of each plant of a part."""
+
+    place: dict[str, int]
+    kept: dict[str, int]
+    study: Study
+    cases: LaneCases
+    index: NDArray[np.intp]
+    ends: Samples
+    cycle: int
+    beside: bool
+    mains: slice
+    guarded: bool
+    cycle_at_end: Samples
+
+    def __len__(self) -> int: ...
+
+    @property
+    def end(self) -> int: ...
+
+    @property
+    def means(self) -> Log | None: ...
+
+    def span(self, name: str) -> slice: ...
+
+    def get(self, row: int | str) -> Array: ...
+
+    def put(self, row: int | str, values: Any) -> None: ...
+
+    def watched(self, name: str) -> Array: ...
+
+    def logged(self, columns: slice) -> Iterator[tuple[slice, Array]]: ...
+
+    def run(self, begin: int, end: int) -> None: ...
 
 
 class Part(Batch):
@@ -208,8 +245,8 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
         part.feed.add_sources(writer, studies, lines, circuits)
     elif waves is not None or sensors:
         take_up_phasors(part, writer, cases, segments, waves, part.end)
-    _references(part, writer, cases)
-    (_watch_step if step else _watch_disturbance)(part, writer, cases, rests)
+    put_references(part, writer, cases)
+    (watch_step if step else watch_disturbance)(part, writer, cases, rests)
     if moved and not step:
         at_start = np.array([one.source_phase(np.zeros(1))[0] for one in lines])
         part.put("watch.delta", rests.start.controller.theta - at_start)
@@ -228,17 +265,25 @@ def _means(part: Part, cases: LaneCases, rests: Rests, cycle: int) -> None:
     ringed = [name for name, _ in part.spec.rings]
     if not ringed:
         return
-    P_or_Q = np.where(cases.signal == ACTIVE, rests.P_start, rests.Q_start)
-    present = {"P_ago": rests.P_start, "Q_ago": rests.Q_start, "power_ago": P_or_Q}
-    sums = {"P_ago": "watch.sum_P", "Q_ago": "watch.sum_Q", "power_ago": "watch.sum"}
+    present = means_at_rest(part, cases, rests, cycle)
     groups, _, width = part.rows.shape
     part.rings = aligned_zeros((groups, cycle, len(ringed), width))
     part.ring_length = np.full(groups, cycle, dtype=np.int64)
     for k, name in enumerate(ringed):
         part.rings[:, :, k] = padded(present[name], groups, width)[:, None]
-        part.put(sums[name], cycle * present[name])
+
+
+def means_at_rest(part: Watched, cases: LaneCases, rests: Rests, cycle: int) -> dict[str, Array]:
+    """Sets the sums over a cycle to those of the rest, and returns what is read again a cycle later, (n,) by name."""
+    P_or_Q = np.where(cases.signal == ACTIVE, rests.P_start, rests.Q_start)
+    present = {"P_ago": rests.P_start, "Q_ago": rests.Q_start, "power_ago": P_or_Q}
+    sums = {"P_ago": "watch.sum_P", "Q_ago": "watch.sum_Q", "power_ago": "watch.sum"}
+    for name, row in sums.items():
+        if row in part.place:
+            part.put(row, cycle * present[name])
     if "watch.mean" in part.place:
         part.put("watch.mean", P_or_Q)
+    return present
 
 
 def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
@@ -281,7 +326,7 @@ def _flat(state: ControllerState) -> list[tuple[str, Array]]:
     return found + [(f"limiter.{name}", values) for name, values in state.limiter._asdict().items()]
 
 
-def _references(part: Part, writer: ProgramWriter, cases: LaneCases) -> None:
+def put_references(part: Watched, writer: ProgramWriter, cases: LaneCases) -> None:
     """Changes of the references: in force at the first sample at or after their time."""
     events, T_s = cases.events, part.study.converter.T_s
     for k in range(events.count):
@@ -292,7 +337,7 @@ def _references(part: Part, writer: ProgramWriter, cases: LaneCases) -> None:
                 writer.put(some, at, part.place[f"refs.{name}"], getattr(events, name)[some, k])
 
 
-def _load(part: Part, writer: ProgramWriter, lanes: NDArray[np.intp], t_s: Array, at: Samples, first: bool) -> None:
+def _load(part: Watched, writer: ProgramWriter, lanes: NDArray[np.intp], t_s: Array, at: Samples, first: bool) -> None:
     """The current counts from an event on, apart in its first 5 ms."""
     place, T_s = part.place, part.study.converter.T_s
     if first:
@@ -303,7 +348,7 @@ def _load(part: Part, writer: ProgramWriter, lanes: NDArray[np.intp], t_s: Array
     writer.put(lanes, at_or_after(t_s + FIRST_S, T_s, 0.5), place["load_of.first"], np.zeros(len(lanes)))
 
 
-def _watch_step(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rests) -> None:
+def watch_step(part: Watched, writer: ProgramWriter, cases: LaneCases, rests: Rests) -> None:
     """A step is watched from its event on."""
     place, T_s = part.place, part.study.converter.T_s
     active = cases.signal == ACTIVE
@@ -325,11 +370,11 @@ def _watch_step(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rest
     _load(part, writer, lanes, t_s, at, first=True)
 
 
-def _entry_anew(part: Part, writer: ProgramWriter, lanes: NDArray[np.intp], at: Samples) -> None:
+def _entry_anew(part: Watched, writer: ProgramWriter, lanes: NDArray[np.intp], at: Samples) -> None:
     writer.put(lanes, at, part.span("watch.entry").start, np.tile([-1.0, 0.0, 0.0, 0.0], (len(lanes), 1)))
 
 
-def _watch_disturbance(part: Part, writer: ProgramWriter, cases: LaneCases, rests: Rests) -> None:
+def watch_disturbance(part: Watched, writer: ProgramWriter, cases: LaneCases, rests: Rests) -> None:
     """A disturbance is watched from its first event on, its recovery from its end on, and the angle after each."""
     place, kept, T_s, events = part.place, part.kept, part.study.converter.T_s, cases.events
     part.put("of.P_rest", rests.P_end)

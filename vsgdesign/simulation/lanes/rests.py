@@ -64,7 +64,8 @@ class Rests:
     def take(self, chosen: NDArray[np.intp]) -> Rests:
         """Some of the lanes."""
         others = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name not in ("start", "states")}
-        return Rests(start=_some(self.start, chosen), states=self.states, **others)
+        start: Any = None if self.start is None else _some(self.start, chosen)
+        return Rests(start=start, states=self.states, **others)
 
 
 def _some(states: ManyStates, chosen: NDArray[np.intp]) -> ManyStates:

@@ -7,6 +7,7 @@ by side.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.learning import Listeners, before_learning, samples_of_mean
 from vsgdesign.simulation.lanes.own_rest import judge_steps, pieces, recovered
-from vsgdesign.simulation.lanes.part import PROTECTION_COLUMNS, Part, make_part
+from vsgdesign.simulation.lanes.part import PROTECTION_COLUMNS, Part, Watched, make_part
 from vsgdesign.simulation.lanes.rests import Rests, ends_of, rests_of
 from vsgdesign.simulation.lanes.results import (
     BLOCKED,
@@ -99,7 +100,7 @@ def _run_together(
     # A last bit may decide what an estimator decides: it runs as alone.
     for part in parts_of(own, cases, segments, rests, demand, good, bridge, strict=True, listening=True):
         Listeners(own, spec, part, learning.take(part.index[part.mains])).run()
-        _judge(part, rests, demand, results)
+        judge_part(part, rests, demand, results)
     return results
 
 
@@ -118,7 +119,7 @@ def run_told(
     if run:
         drive(run, told, gains)
     for part in run:
-        _judge(part, rests, demand, results)
+        judge_part(part, rests, demand, results)
     return results
 
 
@@ -194,7 +195,7 @@ def parts_of(
     return parts
 
 
-def drive(parts: list[Part], told: Telling, gains: PowerLoopGains, *, stop_at: int | None = None) -> None:
+def drive(parts: Sequence[Watched], told: Telling, gains: PowerLoopGains, *, stop_at: int | None = None) -> None:
     """Runs every part to its end, or up to before the sample ``stop_at``; the gains follow what the scheduler says."""
     end = max(part.end for part in parts) if stop_at is None else stop_at
     every, changes = told.update_samples, told.changes
@@ -227,7 +228,7 @@ def drive(parts: list[Part], told: Telling, gains: PowerLoopGains, *, stop_at: i
                 part.run(begin, following)
 
 
-def _measured(parts: list[Part], count: int) -> tuple[tuple[Array, Array, Array], Array]:
+def _measured(parts: Sequence[Watched], count: int) -> tuple[tuple[Array, Array, Array], Array]:
     """P_f, Q_f and V of every case, and how many samples it has limited its current in so far."""
     found = np.zeros((4, count))
     for part in parts:
@@ -236,7 +237,7 @@ def _measured(parts: list[Part], count: int) -> tuple[tuple[Array, Array, Array]
     return (found[0], found[1], found[2]), found[3]
 
 
-def _transferred(parts: list[Part], old: PowerLoopGains, new: PowerLoopGains) -> PowerLoopGains:
+def _transferred(parts: Sequence[Watched], old: PowerLoopGains, new: PowerLoopGains) -> PowerLoopGains:
     """Puts new gains into force; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
     before, after = _stacked(old), _stacked(new)
     for part in parts:
@@ -255,18 +256,18 @@ def _stacked(gains: PowerLoopGains) -> Array:
     return np.stack(np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in gains)))
 
 
-def _put_gains(parts: list[Part], gains: PowerLoopGains) -> None:
+def _put_gains(parts: Sequence[Watched], gains: PowerLoopGains) -> None:
     for part in parts:
         part.put(part.span("power_gains").start, _stacked(gains)[:, part.index])
 
 
-def _put_estimate(parts: list[Part], R_g: Array, L_g: Array) -> None:
+def _put_estimate(parts: Sequence[Watched], R_g: Array, L_g: Array) -> None:
     for part in parts:
         if "grid.R_g" in part.place:
             part.put("grid.R_g", np.stack([R_g[part.index], L_g[part.index]]))
 
 
-def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResults) -> None:
+def judge_part(part: Watched, rests: Rests, demand: SurvivalDemand, results: LaneResults) -> None:
     """The verdicts of a part."""
     kept, place, T_s = part.kept, part.place, part.study.converter.T_s
     watched = part.watched
@@ -300,7 +301,7 @@ def _judge(part: Part, rests: Rests, demand: SurvivalDemand, results: LaneResult
     results.fill(part.index[part.mains], found.take(part.mains))
 
 
-def _block(part: Part, link: DcLink, found: LaneResults) -> None:
+def _block(part: Watched, link: DcLink, found: LaneResults) -> None:
     """The runs whose dc link left its limits before their ends are lost, whatever else became of them."""
     lowest, highest = (part.get(part.kept[f"dc_{name}"]) for name in ("lowest", "highest"))
     gone = (lowest < link.V_low) | (highest > link.V_high)
@@ -309,7 +310,7 @@ def _block(part: Part, link: DcLink, found: LaneResults) -> None:
     found.settling_s[gone], found.recovery_s[gone] = np.where(step, np.inf, np.nan), np.where(step, np.nan, np.inf)
 
 
-def _trip(part: Part, found: LaneResults) -> None:
+def _trip(part: Watched, found: LaneResults) -> None:
     """Trips the runs that survive otherwise, as that of one run is tripped
     (:func:`vsgdesign.simulation.survival.running.trip_of`)."""
     T_s = part.study.converter.T_s
@@ -322,11 +323,11 @@ def _trip(part: Part, found: LaneResults) -> None:
                 found.status[lane] = TRIPPED
 
 
-def _entry(part: Part) -> LastEntry:
+def _entry(part: Watched) -> LastEntry:
     return LastEntry(*(part.watched(f"entry.{name}") for name in LastEntry._fields))
 
 
-def _judge_disturbance(part: Part, rests: Rests, demand: SurvivalDemand, limited: Array, found: LaneResults) -> None:
+def _judge_disturbance(part: Watched, rests: Rests, demand: SurvivalDemand, limited: Array, found: LaneResults) -> None:
     kept, T_s, cases, events = part.kept, part.study.converter.T_s, part.cases, part.cases.events
     used = np.isfinite(events.t_s)
     last, least, most = (part.watched(name) for name in ("delta", "least", "most"))

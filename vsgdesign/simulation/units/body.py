@@ -17,10 +17,11 @@ from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.loop_spec import LoopSpec, Product
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import LockIn
-from vsgdesign.simulation import circuit_sample
+from vsgdesign.simulation import circuit_sample, watched_sample
 from vsgdesign.simulation.axes import headed
-from vsgdesign.simulation.bodies import control
-from vsgdesign.simulation.run_kind import Kind, names_of
+from vsgdesign.simulation.bodies import control, watch
+from vsgdesign.simulation.loop import ALONE, Build, watched_names
+from vsgdesign.simulation.run_kind import STEP, Kind, names_of
 from vsgdesign.simulation.sample import Measurement, Noise
 from vsgdesign.study.parameters.inverter_kinds import InverterKind
 
@@ -101,9 +102,20 @@ class PlantKind(NamedTuple):
         return any(unit.field for unit in self.units)
 
     @property
+    def terminals(self) -> tuple[str, ...]:
+        """The voltages at the terminals of the units whose steps are watched, which a product gives, too."""
+        return tuple(f"terminal{k}" for k, unit in enumerate(self.units) if unit.watch == STEP)
+
+    @property
+    def rings(self) -> tuple[tuple[str, str], ...]:
+        """Powers that are read again some samples later: (input, output)."""
+        of_units = ((f"u{k}.{one}", f"u{k}.{other}") for k, unit in enumerate(self.units) for one, other in unit.rings)
+        return tuple(of_units)
+
+    @property
     def matrix(self) -> tuple[str, ...]:
         """Every number of the matrices, column by column."""
-        columns, rows = range(len(self.factors)), range(len(self.moved))
+        columns, rows = range(len(self.factors)), range(len(self.moved) + len(self.terminals))
         return tuple(f"m_{turn}_{row}_{k}" for turn in range(self.turns) for k in columns for row in rows)
 
 
@@ -122,18 +134,20 @@ def log_names(kind: PlantKind) -> tuple[str, ...]:
     return (*found, *(f"next.{axis}.{state}" for state in kind.states[3 * kind.converters :] for axis in AXES))
 
 
-def spec_of_plant(kind: PlantKind) -> LoopSpec:
-    """The loop of a plant, strict: every operation rounds by itself."""
+def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
+    """The loop of a plant, strict: every operation rounds by itself. Of one that is watched nothing is logged."""
     moved = _moved(kind)
-    logged = log_names(kind)
+    logged = () if any(unit.watch for unit in kind.units) else log_names(kind)
     stop = ENDS if kind.listens else ""
     outputs = (*(output for _, output in moved), *(name for name in logged if name not in dict(moved)))
+    outputs += tuple(output for _, output in kind.rings)
     outputs += (stop,) if stop else ()
     distinct = tuple(dict.fromkeys(kind.sampling))
     bodies = tuple(with_outputs(_body(kind, sampling, moved), outputs) for sampling in distinct)
     placed = {name for name, _ in moved} | {name for axis in AXES for name in _results(kind, axis)} | set(kind.fed)
+    placed |= {"k", *(name for name, _ in kind.rings)}
     inputs = dict.fromkeys(name for one in bodies for name in one.inputs)
-    rest = [name for name in inputs if name not in placed]
+    rest = [name for name in inputs if name not in placed and ".watch." not in name]  # what is not watched is not read
     shared = (".settings.", ".inner_gains.", ".R_c", ".field.", ".V_rated_rms", ".allowed")
     return LoopSpec(
         bodies=bodies,
@@ -145,8 +159,12 @@ def spec_of_plant(kind: PlantKind) -> LoopSpec:
             for axis in AXES
         ),
         fed=kind.fed,
+        rings=kind.rings,
         logged=logged,
+        index="k" if "k" in inputs else "",
         stop=stop,
+        lanes=build.lanes,
+        vectors=build.vectors,
         strict=True,
     )
 
@@ -158,7 +176,7 @@ def body_numbers(kind: PlantKind) -> list[int]:
 
 
 def _results(kind: PlantKind, axis: str) -> tuple[str, ...]:
-    return tuple(f"now.{axis}.{name}" for name in kind.moved)
+    return tuple(f"now.{axis}.{name}" for name in (*kind.moved, *kind.terminals))
 
 
 def _moved(kind: PlantKind) -> list[tuple[str, str]]:
@@ -169,6 +187,7 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
         own += [f"pending.{axis}" for axis in AXES] if unit.bridge.delayed else []
         own += names_of(Measurement, "before") if unit.sensors else []
         own += names_of(LockIn, "lock") if unit.field else []
+        own += watched_names(unit)
         found += [f"u{k}.{name}" for name in own]
     for k, other in enumerate(kind.others, len(kind.units)):
         own = [*names_of(other.kind.state, "state"), *(f"last.{name}" for name in SAID_BY_OTHERS)]
@@ -180,7 +199,7 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
 def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]) -> Block:
     """One instant at which some converters sample."""
     parts = [Part(_arrived(kind))] if kind.added else []
-    parts += [Part(renamed(_control(kind, k), lambda name, k=k: _called(kind, k, name))) for k in sampling]
+    parts += [Part(renamed(_sampled(kind, k), lambda name, k=k: _called(kind, k, name))) for k in sampling]
     after: dict[str, str] = {}
     for axis in AXES:
         after |= {f"{axis}.{name}": f"now.{axis}.{name}" for name in kind.moved}
@@ -215,13 +234,23 @@ def _arrived(kind: PlantKind) -> Block:
     return line.block()
 
 
-def _control(kind: PlantKind, k: int) -> Block:
-    """The sample of a converter."""
+def _sampled(kind: PlantKind, k: int) -> Block:
+    """The sample of a converter, with what is watched of it."""
     if k < len(kind.units):
-        return control(kind.units[k])
+        own = kind.units[k]
+        seen = _watched_step() if own.watch == STEP else watch(own)
+        return control(own) if seen is None else joined(Part(control(own)), Part(seen))
     own = flat_block(kind.others[k - len(kind.units)].kind.sample)
     measured = headed(flat_block(circuit_sample.measured_by), measurement="measured")
     return joined(Part(measured), Part(headed(own, following="following", said="said")))
+
+
+def _watched_step() -> Block:
+    """What is watched of a step: the power at the terminals, whose voltage a product gives."""
+    at_terminals = {f"true.v_{axis}": f"terminal.{axis}" for axis in AXES}
+    at_terminals |= {f"true.i_g_{axis}": f"x.i_g_{axis}" for axis in AXES}
+    power = headed(flat_block(watched_sample.power_at_node), P="P_pcc", Q="Q_pcc")
+    return joined(Part(power, at_terminals), Part(headed(flat_block(watched_sample.watched_step))))
 
 
 def _called(kind: PlantKind, unit: int, name: str) -> str:
@@ -231,6 +260,7 @@ def _called(kind: PlantKind, unit: int, name: str) -> str:
         at = states.index(name.removeprefix("x."))
         return f"{kind.arrives}.{AXES[at % 2]}.{kind.states[3 * unit + at // 2]}"
     shared = {"source.cosine": "now.alpha.source0.along", "source.sine": "now.beta.source0.along", "V_g": "V_g"}
+    shared |= {"k": "k"} | {f"terminal.{axis}": f"now.{axis}.terminal{unit}" for axis in AXES}
     return shared.get(name, f"u{unit}.{name}")
 
 
@@ -266,6 +296,7 @@ def _following_of_unit(unit: Kind, k: int) -> dict[str, str]:
     ):
         own = names_of(record, before) if present else []
         found |= {f"u{k}.{name}": f"u{k}.{name.replace(before, now, 1)}" for name in own}
+    found |= {f"u{k}.{name}": f"u{k}.{name.replace('watch.', 'watched.', 1)}" for name in watched_names(unit)}
     found[f"u{k}.limited"] = f"u{k}.limited_samples"
     found |= {f"u{k}.last.{name}": f"u{k}.said.{name}" for name in SAID[:3]}
     found[f"u{k}.last.at_bridge"] = f"u{k}.at_bridge"

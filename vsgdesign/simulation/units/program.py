@@ -47,8 +47,9 @@ class Gap(NamedTuple):
         turn[0] *= np.exp(1j * angle)
         return self._replace(turn=turn)
 
-    def numbers(self) -> Array:
-        """As the loop takes them: column by column, with the phasors behind the states."""
+    def numbers(self, terminals: Array | None = None) -> Array:
+        """As the loop takes them: column by column, with the phasors behind the states, and behind these the voltages
+        at terminals, ``terminals`` (m, n + S) per state and per phasor of a source."""
         n, sources = len(self.phi), len(self.turn)
         rows = np.zeros((n + 2 * sources, n + 2 * sources + self.gamma.shape[1]))
         rows[:n, :n], rows[:n, n + 2 * sources :] = self.phi, self.gamma
@@ -56,6 +57,8 @@ class Gap(NamedTuple):
         for s, one in enumerate(self.turn):
             at = slice(n + 2 * s, n + 2 * s + 2)
             rows[at, at] = [[one.real, -one.imag], [one.imag, one.real]]
+        if terminals is not None:
+            rows = np.vstack([rows, terminals[:, :n] @ rows[:n] + terminals[:, n:] @ rows[n::2]])
         return rows.T.ravel()
 
 
@@ -66,6 +69,7 @@ class PlantProgram:
         self._kind, self._wiring, self._segments, self._clock = kind, wiring, segments, clock
         self._V = np.array([0.0, *(rms_to_peak(one.V_rms) for one in wiring.plant.sources)])
         self._T = min(one.gap for one in clock.instants)
+        self._lane = 0
 
     def time(self, k: int) -> float:
         """The instant of a sample of the loop, s."""
@@ -83,13 +87,14 @@ class PlantProgram:
             k += 1
         return k
 
-    def write(self, writer: ProgramWriter, row: int, V_g: int) -> None:
-        """``row``: where the matrices begin. ``V_g``: the row of the amplitude of the grid's source."""
-        first, slots = self._segments[0], self._slots()
+    def write(self, writer: ProgramWriter, row: int, V_g: int, lane: int = 0) -> None:
+        """``row``: where the matrices begin. ``V_g``: the row of the amplitude of the grid's source. ``lane``: of which
+        run they are."""
+        first, slots, self._lane = self._segments[0], self._slots(), lane
         still = self._gap(first, 0.0)
-        self._put(writer, 0, row, 0, still)
+        self._put(writer, 0, row, 0, still, first)
         self._put_all(writer, 1, row, first)
-        writer.put([0], [0], V_g, np.array([rms_to_peak(first.source.V_g_rms)]))
+        writer.put([lane], [0], V_g, np.array([rms_to_peak(first.source.V_g_rms)]))
         due: dict[int, list[PlantSegment]] = {}
         for one in self._segments[1:]:
             due.setdefault(self.sample_from(one.t_s), []).append(one)
@@ -106,9 +111,9 @@ class PlantProgram:
             last = self._gap(present, end - begin)
             gap = last if gap is None else gap.then(last)
             jump = some[-1].source.at(end).phase - present.source.at(end).phase
-            self._put(writer, k, row, k % slots, gap.turned(jump))
+            self._put(writer, k, row, k % slots, gap.turned(jump), some[-1])
             self._put_all(writer, k + 1, row, some[-1])
-            writer.put([0], [k], V_g, np.array([rms_to_peak(some[-1].source.V_g_rms)]))
+            writer.put([lane], [k], V_g, np.array([rms_to_peak(some[-1].source.V_g_rms)]))
             before = some[-1]
 
     def _slots(self) -> int:
@@ -118,11 +123,22 @@ class PlantProgram:
         """The matrices of all gaps from a sample on."""
         count = len(self._clock.instants)
         for slot in range(self._slots()):
-            self._put(writer, k, row, slot, self._gap(segment, self._clock.instants[(slot - 1) % count].gap))
+            self._put(writer, k, row, slot, self._gap(segment, self._clock.instants[(slot - 1) % count].gap), segment)
 
-    def _put(self, writer: ProgramWriter, k: int, row: int, slot: int, gap: Gap) -> None:
-        numbers = gap.numbers()
-        writer.put([0], [k], row + slot * len(numbers), numbers[None])
+    def _put(self, writer: ProgramWriter, k: int, row: int, slot: int, gap: Gap, at_end: PlantSegment) -> None:
+        """The matrix of a gap before a sample, at which there is the segment ``at_end``."""
+        numbers = gap.numbers(self._terminals(at_end))
+        writer.put([self._lane], [k], row + slot * len(numbers), numbers[None])
+
+    def _terminals(self, segment: PlantSegment) -> Array | None:
+        """The voltages at the terminals that the loop is to give, per state and per phasor of a source."""
+        if not self._kind.terminals:
+            return None
+        of_units = [int(name.removeprefix("terminal")) for name in self._kind.terminals]
+        V = self._V.copy()
+        V[0] = rms_to_peak(segment.source.V_g_rms)
+        per_state, per_source = circuit_of_units(self._wiring, segment.topology, self._kind.states).terminals
+        return np.hstack([per_state, per_source * V])[of_units]
 
     def _gap(self, segment: PlantSegment, h: float) -> Gap:
         omega, V = segment.source.omega, self._V.copy()

@@ -6,7 +6,6 @@ import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +19,10 @@ from vsgdesign.equations.frames import peak_to_rms, rated_current_rms, rms_to_pe
 from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
-from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
-from vsgdesign.linear.operating_point.circuit_of_units import Topology, UnitsCircuit, circuit_of_units, wiring_of
+from vsgdesign.equations.power_loops import References
+from vsgdesign.errors import SimulationDivergedError
+from vsgdesign.linear.operating_point.circuit_of_units import UnitsCircuit, circuit_of_units, wiring_of
 from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
-from vsgdesign.linear.operating_point.rest_of_units import (
-    InverterAsked,
-    Situation,
-    UnitAsked,
-    UnitsAtRest,
-    rest_of_units,
-)
 from vsgdesign.linear.operating_point.sampled import cold_start
 from vsgdesign.simulation.added_source import SensorsOfRun, sensors_of
 from vsgdesign.simulation.circuit_program import ProgramWriter
@@ -44,10 +36,9 @@ from vsgdesign.simulation.units.added import AddedToPlant, adds
 from vsgdesign.simulation.units.body import AXES, OtherKind, PlantKind, body_numbers, log_names, spec_of_plant
 from vsgdesign.simulation.units.noise import put_sensors, with_noise
 from vsgdesign.simulation.units.program import PlantProgram
-from vsgdesign.simulation.units.timeline import PlantSegment, PlantTimeline, plant_timeline
+from vsgdesign.simulation.units.start import StartOfPlant
+from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline
 from vsgdesign.simulation.units.windows import Schedule, UnitGains
-from vsgdesign.study.parameters.inverter_kinds import Phasors
-from vsgdesign.study.parameters.power_plant import Inverter
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -156,7 +147,7 @@ class _Run:
         )
         spec = spec_of_plant(self.kind)
         self.loop, self.rows, self.spans = compiled_loop(spec), empty_rows(spec, 1), spans_of(spec.rows)
-        self.uniform = _uniform(timeline, kinds, memories, spec.uniform)
+        self.uniform = uniform_of(timeline, kinds, memories, spec.uniform)
         self.program = PlantProgram(self.kind, self.wiring, timeline.segments, self.clock)
         self.added = AddedToPlant(study, timeline, self.wiring, self.clock) if self.kind.added else None
         self.per_period = len(sampling)
@@ -171,14 +162,7 @@ class _Run:
 
     def _start(self) -> None:
         """The state at t = 0, the records, and what stays."""
-        phase = self.timeline.segments[0].source.phase
-        for k, one in enumerate(self.timeline.units):
-            state, held, waits = cold_start(one, phase).controller, 0j, 0j
-            self._put_unit(k, state, held, waits)
-        for j, one in enumerate(self.timeline.plant.inverters):
-            self._put_inverter(j, _waiting(one, self.timeline.segments[0].source.omega, phase), 0j, 0j)
-        if self.study.simulation.start != "cold":
-            self._begin_at_rest(phase)
+        StartOfPlant(self._at, self.kind, self.study, self.timeline, self._gains).put()
         for k, given in enumerate(self.given):
             self._put_gains(k, given.known[0])
             if given.memory is not None:
@@ -201,46 +185,6 @@ class _Run:
                 writer.put([0], [at], self.spans[f"u{k}.asked"].start, np.array([asked]))
         self.records = writer.program(1, 1)
         self._phase(0)
-
-    def _begin_at_rest(self, phase: float) -> None:
-        """The steady state of the units that are connected; the others wait at nominal voltage, in phase."""
-        plant, first = self.timeline.plant, self.timeline.segments[0]
-        on_line = [k for k, unit in enumerate(plant.units) if unit.name not in first.topology.opened]
-        others = [j for j, one in enumerate(plant.inverters) if one.name not in first.topology.opened]
-        if not on_line and not others:
-            raise InfeasibleStudyError("the start: no unit is connected. Close a breaker, or start cold.")
-        situation = situation_at(self.study, self.timeline, first, self._gains, on_line)
-        try:
-            rest = rest_of_units(situation)
-        except InfeasibleStudyError as error:
-            error.args = (f"the start: {error}",)
-            raise
-        y = rest.circuit(phase)
-        for name, value in zip(rest.model.network.names, y.tolist(), strict=True):
-            self._at(f"alpha.{name}")[:], self._at(f"beta.{name}")[:] = value.real, value.imag
-        for at, k in enumerate(on_line):
-            self._put_unit(k, *rest.controller(at, phase))
-            # What a unit says that has not sampled yet.
-            self._at(f"u{k}.last")[:] = *rest.model.powers(rest.z, at), situation.omega, 0.0
-        for at, j in enumerate(others):
-            self._put_inverter(j, *rest.inverter(at, phase))
-            P, Q = rest.model.powers(rest.z, len(on_line) + at)
-            self._at(f"u{len(plant.units) + j}.last")[:] = P, Q, situation.omega, 0.0, 0.0, 0.0, 0.0
-
-    def _put_unit(self, k: int, state: ControllerState, held: complex, waits: complex) -> None:
-        self._at(f"u{k}.state")[:] = flat_state(state)
-        self._put_bridge(k, held, waits)
-
-    def _put_inverter(self, j: int, state: Any, held: complex, waits: complex) -> None:
-        k = len(self.timeline.units) + j
-        self._at(f"u{k}.state")[:] = state
-        self._put_bridge(k, held, waits)
-
-    def _put_bridge(self, k: int, held: complex, waits: complex) -> None:
-        for axis, value, waiting in zip(AXES, (held.real, held.imag), (waits.real, waits.imag), strict=True):
-            self._at(f"{axis}.held.{k}")[:] = value
-            if self.kind.delayed(k):
-                self._at(f"u{k}.pending.{axis}")[:] = waiting
 
     def _put_gains(self, k: int, change: GainChange) -> None:
         self._at(f"u{k}.power_gains")[:] = change.gains
@@ -422,12 +366,6 @@ class _Run:
         return found
 
 
-def _waiting(one: Inverter, omega: float, phase: float) -> Any:
-    """The state of an inverter that waits at nominal voltage in phase with the grid's source, without current."""
-    v = complex(rms_to_peak(one.V_rated_rms) * np.exp(1j * phase))
-    return one.kind.at_rest(Phasors(v, 0j, 0j, v, omega), one.settings)
-
-
 def _in_rms(log: Array) -> Array:
     """The log of an inverter with its voltage in V rms, as of a unit."""
     found = log.copy()
@@ -440,7 +378,7 @@ def _kind(study: Study, listens: bool) -> Kind:
     return kind_of(study, switched=False)._replace(sensors=sensors, field=listens)
 
 
-def _uniform(
+def uniform_of(
     timeline: PlantTimeline, kinds: Sequence[Kind], memories: Sequence[FieldMemory | None], names: Sequence[str]
 ) -> Array:
     """What never changes: gains of the inner loops and constants of the controllers and estimators."""
@@ -462,31 +400,4 @@ def _uniform(
     return np.array([float(known[name]) for name in names])
 
 
-def situation_at(
-    study: Study,
-    timeline: PlantTimeline,
-    segment: PlantSegment,
-    gains: Sequence[PowerLoopGains],
-    on_line: Sequence[int],
-    at_s: float | None = None,
-) -> Situation:
-    """The plant in a segment with the units that are on line, with what they are asked for at an instant (None: when
-    the segment begins)."""
-    plant, t_s = timeline.plant, segment.t_s if at_s is None else at_s
-    others = [j for j, one in enumerate(plant.inverters) if one.name not in segment.topology.opened]
-    inverters = tuple(InverterAsked(plant.inverters[j], timeline.asked_at(j, t_s)) for j in others)
-    units = tuple(plant.units[k] for k in on_line)
-    some = replace(plant, units=units, inverters=tuple(one.inverter for one in inverters))
-    opened = segment.topology.opened - {one.name for one in plant.converters}
-    topology: Topology = segment.topology._replace(opened=frozenset(opened))
-    asked = tuple(
-        UnitAsked(
-            timeline.units[k], gains[k], timeline.timelines[k].references_at(t_s), timeline.timelines[k].grid_at(t_s)
-        )
-        for k in on_line
-    )
-    sources = ((segment.source.V_g_rms, 0.0), *((one.V_rms, one.phase) for one in plant.sources))
-    return Situation(replace(study, plant=some), topology, asked, segment.source.omega, sources, inverters)
-
-
-__all__ = ["InverterRun", "PlantRun", "UnitRun", "UnitsAtRest", "simulate_plant", "situation_at"]
+__all__ = ["InverterRun", "PlantRun", "UnitRun", "simulate_plant"]

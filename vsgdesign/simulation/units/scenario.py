@@ -18,6 +18,7 @@ from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_
 from vsgdesign.linear.stability.loci import Mode
 from vsgdesign.linear.stability.modes_of_units import PlantMode, SplitModes, modes_of_units, split_modes
 from vsgdesign.metrics.step_response import cycle_mean
+from vsgdesign.metrics.survival import ExpectedRest, Survival, judge_survival
 from vsgdesign.simulation.every_sample import SignalsAtPcc
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -32,6 +33,8 @@ from vsgdesign.simulation.scenario.controllers import (
     rest_at_limit,
     samples_per_mean,
 )
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
+from vsgdesign.simulation.survival.running import record_of, with_protection
 from vsgdesign.simulation.twin import never_rests
 from vsgdesign.simulation.units.inverters import (
     InverterRest,
@@ -39,7 +42,8 @@ from vsgdesign.simulation.units.inverters import (
     inverters_at_rest,
     terminals_at_rest,
 )
-from vsgdesign.simulation.units.run import PlantRun, UnitRun, check_start, simulate_plant, situation_at
+from vsgdesign.simulation.units.run import PlantRun, UnitRun, check_start, simulate_plant
+from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of
 from vsgdesign.simulation.units.windows import Follows, Schedule
 from vsgdesign.study.parameters.power_plant import GRID
@@ -73,6 +77,8 @@ class PlantRest:
     """Of each unit of the plant."""
     inverters: tuple[InverterRest, ...] = ()
     """Of those that are connected, where there is a rest."""
+    expected: tuple[ExpectedRest, ...] = ()
+    """What a disturbance of each unit is judged by."""
 
     @property
     def stable(self) -> bool:
@@ -136,7 +142,7 @@ def run_plant(
         feeds = [one if isinstance(one, FieldScheduler) else None for one in schedules]
         if any(not isinstance(one, Sequence) for one in schedules):  # with the gains that it really had
             rests = _told_rests(study, spec, timeline, _settled(study, run), warn)
-        units = tuple(_unit_result(study, spec, run, k, rests, feed) for k, feed in enumerate(feeds))
+        units = tuple(_unit_result(study, spec, ready, run, k, rests, feed) for k, feed in enumerate(feeds))
         every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
         phase = timeline.shared.source_phase(run.t_s, 1e-9)
         inverters = tuple((one.name, inverter_series(one, run.t_s, phase, every)) for one in run.inverters)
@@ -273,9 +279,9 @@ def _rest(
     modes = () if rest is None else modes_of_units(rest, _SHOWN)
     split = None if rest is None else split_modes(rest, _SHOWN)
     source = GridSource(segment.source.V_g_rms, segment.source.omega)
-    units = []
+    units, expected = [], []
     for k, unit in enumerate(plant.units):
-        own = timeline.units[k]
+        own, closed = timeline.units[k], k in on_line
         base = Rest(
             t_s=t_s,
             end_s=end_s,
@@ -291,7 +297,9 @@ def _rest(
             ramp_end_s=t_s,
             modelled=obstacle is not None,
         )
-        units.append(base if rest is None or k not in on_line else _at_rest(own, base, rest, on_line.index(k), modes))
+        units.append(base if rest is None or not closed else _at_rest(own, base, rest, on_line.index(k), modes))
+        none = ExpectedRest.none(base.obstacle or "there is no rest")
+        expected.append(none if rest is None or not closed else expected_rest(rest, on_line.index(k)))
     return PlantRest(
         t_s=t_s,
         end_s=end_s,
@@ -302,6 +310,7 @@ def _rest(
         obstacle=obstacle,
         units=tuple(units),
         inverters=() if rest is None else inverters_at_rest(rest),
+        expected=tuple(expected),
     )
 
 
@@ -326,9 +335,18 @@ def _at_rest(study: Study, base: Rest, rest: UnitsAtRest, k: int, modes: Sequenc
     )
 
 
+def expected_rest(rest: UnitsAtRest, unit: int) -> ExpectedRest:
+    """A unit at rest as a disturbance is judged by it. ``unit``: its place among those that are on line."""
+    P, Q = rest.model.powers(rest.z, unit)
+    i_s = float(np.hypot(*rest.model.measured(rest.z, unit)[:2]))
+    rated = rest.model.situation.units[unit].study.converter.I_rated_pk
+    return ExpectedRest(P=P, Q=Q, delta=rest.controller(unit, 0.0)[0].theta, i_s_pu=i_s / rated)
+
+
 def _unit_result(
     study: Study,
     spec: ControllerSpec,
+    ready: Ready,
     run: PlantRun,
     k: int,
     rests: Sequence[PlantRest],
@@ -370,7 +388,33 @@ def _unit_result(
         rests=found,
         estimates=None if feed is None else feed.log(run.timeline.timelines[k]),
         distorted=study.has_components,
+        survival=_survival(own, own_spec, ready, simulation, [one.expected[k] for one in rests])
+        if study.simulation.survival
+        else None,
     )
+
+
+def _survival(
+    study: Study, spec: ControllerSpec, ready: Ready, run: Simulation, rests: Sequence[ExpectedRest]
+) -> Survival:
+    """The verdict on a unit where the events of a study are one disturbance. It is judged as a converter that stands
+    alone (:func:`vsgdesign.simulation.survival.scenario.judged_by_rest`), by its rests in the plant."""
+    c, end_s = study.converter, study.simulation.duration
+    longest, own_s = study.simulation.survival_settling_time, settling_time_of(spec, ready)
+    demand = demand_of(
+        c,
+        own_s if longest is None else min(own_s, longest),
+        silent_s=silent_s_of(spec),
+        cycle_s=2.0 * math.pi / run.timeline.source_at(end_s).omega,
+    )
+    for rest, where in ((rests[0], "before the events"), (rests[-1], "after the events")):
+        refused = rest.refused(c.current_limit_pu)
+        if refused is not None:
+            return Survival(status=refused[0], reason=f"{where}: {refused[1]}")
+    instants = sorted({event.t_s for event in study.events if event.t_s > 0.0})
+    cleared_s = max(event.t_s + event.over for event in study.events)
+    verdict = judge_survival(record_of(study, run), instants, cleared_s, rests[-1], demand)
+    return with_protection(verdict, study, run, instants[0])
 
 
 def _as_simulation(run: PlantRun, unit: UnitRun, k: int) -> Simulation:

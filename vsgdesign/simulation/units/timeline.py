@@ -128,6 +128,14 @@ def _switch(event: Event, opened: set[str], faults: dict[str, float]) -> None:
             faults[name] = said.fault.R
 
 
+def _as_of_unit(event: Event, name: str) -> Event:
+    """What an event is to a unit that sees the grid alone: its set points, and what the grid's source does."""
+    if event.element not in (None, name):
+        return Event(event.t_s, event.name)
+    of_source = {one: getattr(event, one) for one in ("V_g_rms", "omega_g", "over", "phase_jump", "components")}
+    return replace(Event(event.t_s, event.name), **event.set_points, **of_source)
+
+
 def _alone(study: Study, plant: PowerPlant, k: int, segments: Sequence[PlantSegment]) -> Study:
     """A unit as one converter, with a probe on its own lines (:eq:`plant-seen`) and with sensors of its own. What it is
     told of the network does not follow faults, nor an open breaker of the grid."""
@@ -148,10 +156,7 @@ def _alone(study: Study, plant: PowerPlant, k: int, segments: Sequence[PlantSegm
         if seen != grid:
             told.append(Event(one.t_s, names.get(one.t_s, ""), grid=seen))
             grid = seen
-    own = [
-        replace(Event(one.t_s, one.name), **(one.set_points if one.element in (None, unit.name) else {}))
-        for one in study.events
-    ]
+    own = [_as_of_unit(one, unit.name) for one in study.events]
     first = told[0].grid
     base = replace(behind_its_path(study, unit), estimator=study.estimator)
     return replace(

@@ -77,6 +77,13 @@ class _Reference:
     """Weight among all disturbances."""
 
 
+class _Loss:
+    """Losses of one unit of a plant."""
+
+    weight: float | None = _weight("1 in a plant of several units, else never")
+    """Weight among all disturbances."""
+
+
 class _Stepped:
     """Steps of a quantity by a size, up or down (:class:`vsgdesign.study.parameters.event_kinds.StepOfKind`)."""
 
@@ -107,9 +114,13 @@ FAMILIES = tuple(one.name for one in fields_of(_Families))
 """The kinds of disturbance, in the order of their numbers. Those that kinds of events add follow (:func:`families`)."""
 
 
+LOSS = "loss"
+"""The family that a plant has besides those of one converter; the last one of all."""
+
+
 def families() -> tuple[str, ...]:
     """The names of all kinds of disturbance, in the order of their numbers."""
-    return (*FAMILIES, *EVENT_KINDS.steps)
+    return (*FAMILIES, *EVENT_KINDS.steps, LOSS)
 
 
 def family_fields() -> tuple[Field, ...]:
@@ -124,4 +135,12 @@ def family_fields() -> tuple[Field, ...]:
         Field(kind="table", name=name, of=of[name], default=None, shown="as below", explained=f"{steps[name].title}.")
         for name in steps
     )
-    return (*fields_of(_Families), *more)
+    loss = Field(
+        kind="table",
+        name=LOSS,
+        of=fields_of(_Loss),
+        default=None,
+        shown="as below",
+        explained="Losses of one unit of a plant.",
+    )
+    return (*fields_of(_Families), *more, loss)

@@ -37,11 +37,8 @@ def check_plant(
     events: Sequence[Event],
 ) -> None:
     """What a run of a plant does not have."""
-    advice = "Take it out, or take the plant out."
     if simulation.bridge == "pwm":
         root.fault("simulation.bridge", "pwm", "the bridges of a plant are averaged", 'Give bridge = "averaged".')
-    if simulation.survival:
-        root.fault("simulation.survival", "true", "a run of a plant is not judged as a disturbance", advice)
     faults = [network.fault, *(event.network.fault for event in events if event.network is not None)]
     faults += [one.switched.fault for one in events if isinstance(one.switched.fault, Fault)]
     for fault in (one for one in faults if one is not None):

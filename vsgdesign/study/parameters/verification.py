@@ -36,6 +36,9 @@ DEFAULT_SCR, DEFAULT_X_OVER_R = (1.2, 20.0), (0.3, 20.0)
 DEFAULT_P, DEFAULT_Q = 0.9, 0.3
 """The same for the powers: ± these shares of S_rated."""
 
+_IN_PLANTS = ("units_apart", "more_reactance")
+"""Fields that a study of one converter has no use for."""
+
 _SAME = 1e-9
 """Two limits that differ by this share are the same."""
 
@@ -101,6 +104,15 @@ class _Silent:
     """Time without an answer after each change."""
 
 
+class _OfPlant:
+    """Fields of this section."""
+
+    units_apart: float = number("1", 0.0, 1.0, default=0.1)
+    """In a plant: by how much P and Q of a unit differ from the mean of all at most, as a share of S_rated."""
+    more_reactance: Range = drawn("1", 0.0, 1.0, default=(0.0, 0.0))
+    """In a plant: by how much the x_t of a unit is larger than that of `[plant]`, pu of one unit."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class CaseBox:
     """Where a case may begin: lower and upper end of everything that is drawn, SI."""
@@ -137,6 +149,10 @@ class VerificationSpec:
     """For how long a schedule is told nothing after each change of the grid or its source, s."""
     families: Mapping[str, CaseFamily] = field(hash=False)
     """By name, in the order of :data:`FAMILIES`."""
+    units_apart: float = 0.1
+    """In a plant: by how much P and Q of a unit differ from the mean of all at most, as a share of S_rated."""
+    more_reactance: Range = (0.0, 0.0)
+    """In a plant: by how much the x_t of a unit is larger than that of the plant, pu of one unit."""
     given: frozenset[str] = frozenset()
     """Names of the ranges of the box that the study itself gives; the others follow from its other sections."""
 
@@ -184,6 +200,7 @@ def verification_fields() -> tuple[Field, ...]:
         *fields_of(_Place),
         *fields_of(_Errors),
         *fields_of(_Silent),
+        *fields_of(_OfPlant),
         *family_fields(),
     )
 
@@ -208,9 +225,12 @@ def read_verification(
         **values(VerificationSpec, table),
         box=_read_box(table, scope, asked, specification, scr_basis),
         **values(_Silent, table),
+        **values(_OfPlant, table),
         families=_read_families(table, scope),
         given=frozenset(
-            name for name in ("scr", "x_over_r", "P", "Q", "error_R", "error_X", "error_Z") if table.has(name)
+            name
+            for name in ("scr", "x_over_r", "P", "Q", "error_R", "error_X", "error_Z", *_IN_PLANTS)
+            if table.has(name)
         ),
     )
     table.finish()

@@ -199,8 +199,8 @@ def load(study_file: str, quiet: bool = False, *, left_tables: bool = False, pla
     equal units (:func:`vsgdesign.verbs.pipeline.plant.as_unit`), or stays as it is.
     """
     from vsgdesign.study.parameters.power_plant import one_converter
+    from vsgdesign.verbs.pipeline.one_unit import as_one_converter, as_unit
     from vsgdesign.verbs.pipeline.opening import open_study
-    from vsgdesign.verbs.pipeline.plant import as_one_converter, as_unit
 
     what = f"vsgdesign {_verb_name()}"
     with progress(quiet) as report:
@@ -209,10 +209,10 @@ def load(study_file: str, quiet: bool = False, *, left_tables: bool = False, pla
         one_converter(study, what)
     if plants == "as one unit":
         study = as_unit(study, what)
-    if left_tables and study.plant is None:
-        from vsgdesign.verbs.pipeline.study_tables import with_left_tables
+    if left_tables:
+        from vsgdesign.verbs.pipeline.one_unit import with_tables_left
 
-        study = with_left_tables(study, say=echo_aside)
+        study = with_tables_left(study, say=echo_aside)
     return study
 
 

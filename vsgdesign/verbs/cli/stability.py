@@ -69,7 +69,7 @@ def margins(study_file: str, evidence: bool, as_json: bool) -> None:
     met.
     """
     from vsgdesign.verbs.pipeline import assess_study, stability_document
-    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
     whole = load(study_file, plants="whole")
@@ -211,7 +211,7 @@ def certify(
         with_steps,
     )
     from vsgdesign.certificate.swing import large_signal
-    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
     whole = load(study_file, plants="whole")

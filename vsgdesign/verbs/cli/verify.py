@@ -110,7 +110,7 @@ def verify(
     from vsgdesign.verbs.pipeline.verify import WORK, Asked, merge_shards, verify_study, with_table
 
     _check_options(file, study_file, shard is not None, merge, (controller, runs, seed, how.get("cluster")))
-    study = load(file if study_file is None else study_file, left_tables=study_file is None)
+    study = load(file if study_file is None else study_file, left_tables=study_file is None, plants="whole")
     if study_file is not None:
         study, controller = with_table(study, file, controller)
     name = f"{study.name}-verification" + ("" if shard is None else f"/shard-{shard.number}-of-{shard.of}")

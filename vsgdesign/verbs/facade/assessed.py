@@ -93,7 +93,7 @@ def margins(
     :func:`vsgdesign.verbs.pipeline.margins.assess_study`.
     """
     from vsgdesign.verbs.pipeline.margins import assess_study
-    from vsgdesign.verbs.pipeline.plant import as_one_converter, as_unit
+    from vsgdesign.verbs.pipeline.one_unit import as_one_converter, as_unit
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
     study = given_study(study, "margins")

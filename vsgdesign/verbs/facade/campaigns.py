@@ -186,19 +186,18 @@ def verify(
     ``fresh`` and ``say``, as in :class:`vsgdesign.execution.executors.How`. Raises the errors of
     :func:`vsgdesign.verbs.pipeline.verify.verify_study`.
     """
-    from vsgdesign.verbs.pipeline.plant import alone
-    from vsgdesign.verbs.pipeline.study_tables import with_left_tables
+    from vsgdesign.verbs.pipeline.one_unit import as_one_converter, with_tables_left
     from vsgdesign.verbs.pipeline.verify import WORK, Asked, verify_study, with_table
 
     known_word("bridge", bridge, _BRIDGES)
     if search is not None and search < 0:
         raise ValueError(f"search = {search}: must be 0 or more.")
-    study = alone(given_study(study, "verify"), "verify")
+    study = as_one_converter(given_study(study, "verify"))
     given = {"runs": runs, "seed": seed, "confidence": confidence}
     if changes := {name: value for name, value in given.items() if value is not None}:
         study.with_changes(verification=changes)  # the study's reader says what is wrong with them
     if table is None:
-        study = with_left_tables(study)
+        study = with_tables_left(study)
     else:
         study, controller = with_table(study, table, controller)
     folder = _place(study, out, WORK)
@@ -232,7 +231,7 @@ def survive(
     current limiter of the study one after the other; "none" is none. ``how`` is that of :func:`verify`. Raises the
     errors of :func:`vsgdesign.verbs.pipeline.survival.report_survival`.
     """
-    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.one_unit import alone
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
     from vsgdesign.verbs.pipeline.survival import WORK, Asked, report_survival
 
@@ -266,7 +265,7 @@ def comply(
     """
     from vsgdesign.artifacts.comtrade import FORMS
     from vsgdesign.verbs.pipeline.comply import CASES, WORK, Asked, comply_study
-    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.one_unit import alone
 
     known_word("cases", cases, CASES)
     file = str(study) if isinstance(study, str | Path) else None

@@ -71,7 +71,7 @@ def compare(
     :func:`vsgdesign.verbs.pipeline.comparison.report_comparison`.
     """
     from vsgdesign.verbs.pipeline.comparison import compare_study, report_comparison
-    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.one_unit import alone
     from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
     study = with_left_tables(alone(given_study(study, "compare"), "compare"))
@@ -157,7 +157,7 @@ class CheckedTable(Shown):
 
 def check_table(table: Table, *, study: Study | str | Path | None = None) -> CheckedTable:
     """Computes again what follows from a table, and compares it with the table and, if one is given, with its study."""
-    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.table import check_whole_table
 
     found = _given(table)

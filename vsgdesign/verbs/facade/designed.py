@@ -99,7 +99,7 @@ def design_study(study: Study | str | Path, out: str | Path | None = None) -> De
     """
     from vsgdesign.design.study_design import design_study as designed
     from vsgdesign.verbs.pipeline.design import report_design
-    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
     study = with_left_tables(as_unit(given_study(study, "design_study"), "design_study"))
@@ -153,7 +153,7 @@ def inner(
     is computed; ``remedies``: whether the inner loops of other hardware are designed fully. Raises ArtifactError.
     """
     from vsgdesign.verbs.pipeline.inner import assess_inner_loops, report_inner_loops
-    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.one_unit import alone
 
     study = alone(given_study(study, "inner"), "inner")
     if out is None:

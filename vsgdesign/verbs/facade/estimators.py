@@ -76,7 +76,7 @@ def train(
     the errors of :func:`vsgdesign.verbs.pipeline.training.train_weights_file`.
     """
     from vsgdesign.study.parameters.estimator import EstimatorSpec
-    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.one_unit import alone
     from vsgdesign.verbs.pipeline.training import train_weights_file
 
     study = alone(given_study(study, "train"), "train")
@@ -172,7 +172,7 @@ def _estimators(
     progress: Progress | None,
 ) -> EstimatorComparison:
     from vsgdesign.study.parameters.estimator import EstimatorSpec
-    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.one_unit import alone
 
     study = alone(given_study(study, what), what)
     drawn_from = (study.estimator or EstimatorSpec()).seed if seed is None else seed

@@ -48,7 +48,7 @@ def linear_model(
     from vsgdesign.linear.stability.cells import cells_under, full_order_cells, reduced_cells
     from vsgdesign.linear.stability.systems import PARTS, system_of
     from vsgdesign.runtime.of_study import gain_law
-    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
     known_word("model", model, _MODELS)

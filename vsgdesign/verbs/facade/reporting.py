@@ -29,7 +29,7 @@ def write_report(
     of results.json.
     """
     if isinstance(what, Study):
-        from vsgdesign.verbs.pipeline.plant import alone
+        from vsgdesign.verbs.pipeline.one_unit import alone
         from vsgdesign.verbs.pipeline.run import run_study
 
         what = alone(what, "write_report")
@@ -73,7 +73,7 @@ def explore(
     from vsgdesign.report.explore.lattice import lattice_counts
     from vsgdesign.report.explore.page_file import write_page
     from vsgdesign.verbs.pipeline.exploring import session_from
-    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.one_unit import alone
     from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
     counts = lattice_counts("x".join(map(str, lattice)))

@@ -109,7 +109,7 @@ def simulate(
     from vsgdesign.execution.progress import silent
     from vsgdesign.simulation.scenario import run_scenario
     from vsgdesign.verbs.pipeline.making import make_ready
-    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.one_unit import alone
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
     tell, study = progress or silent, alone(given_study(study, "simulate"), "simulate")

@@ -567,12 +567,15 @@ class VerificationTable(TypedDict, total=False):
     error_X: Quantity
     error_Z: Quantity
     silent: Quantity | Sequence[Quantity]
+    units_apart: Quantity
+    more_reactance: Quantity | Sequence[Quantity]
     step: VerificationStepTable | Mapping[str, Any]
     grid: VerificationGridTable | Mapping[str, Any]
     phase: VerificationPhaseTable | Mapping[str, Any]
     sag: VerificationSagTable | Mapping[str, Any]
     ramp: VerificationRampTable | Mapping[str, Any]
     reference: VerificationReferenceTable | Mapping[str, Any]
+    loss: VerificationLossTable | Mapping[str, Any]
     voltage_set_point: VerificationVoltageSetPointTable | Mapping[str, Any]
 
 class VerificationStepTable(TypedDict, total=False):
@@ -611,6 +614,11 @@ class VerificationRampTable(TypedDict, total=False):
 
 class VerificationReferenceTable(TypedDict, total=False):
     """The fields of [verification.reference]."""
+
+    weight: Quantity
+
+class VerificationLossTable(TypedDict, total=False):
+    """The fields of [verification.loss]."""
 
     weight: Quantity
 

@@ -131,7 +131,7 @@ def design_table(
     [specification], and the errors of :func:`vsgdesign.verbs.pipeline.table.build_table_file`.
     """
     from vsgdesign.artifacts import read_table_file
-    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.table import build_table_file
 
     study = as_unit(given_study(study, "design_table"), "design_table")
@@ -171,7 +171,7 @@ def certify(
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import certify as prove
     from vsgdesign.certificate import on_basis_of_table, region_of, with_steps
-    from vsgdesign.verbs.pipeline.plant import as_unit
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
     study = as_unit(given_study(study, "certify"), "certify")
@@ -210,7 +210,7 @@ def export_c(
     if isinstance(source, Study):
         from vsgdesign.export.c_code import export_unit_c
         from vsgdesign.verbs.pipeline.export import unit_of_study
-        from vsgdesign.verbs.pipeline.plant import as_unit
+        from vsgdesign.verbs.pipeline.one_unit import as_unit
 
         given = options.pop("table", None)
         table = given.table if isinstance(given, DesignedTable) else given

@@ -18,7 +18,6 @@ from vsgdesign.simulation.scenario import ScenarioResult
 from vsgdesign.simulation.units.scenario import PlantController, PlantRest, PlantResult, run_plant
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
-from vsgdesign.study.parameters.power_plant import behind_its_path, one_converter
 from vsgdesign.verbs.pipeline.run import results_document, write_asked_comtrade
 from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
@@ -139,50 +138,3 @@ def _rest(rest: PlantRest) -> dict[str, Any]:
 
 def _mode(mode: Mode | PlantMode) -> dict[str, float]:
     return {"real": mode.s.real, "imag": mode.s.imag, "damping_ratio": mode.damping}
-
-
-def as_unit(study: Study, what: str) -> Study:
-    """A plant of equal units at one node as one unit: x_t belongs to its filter, and its grids are those that it sees
-    where all units on line move alike. Their differential mode is that of the same unit on a stiff node. Any other
-    study is returned as it is. Raises InfeasibleStudyError for a plant with more than equal units and a grid; ``what``
-    asks for it."""
-    plant = study.plant
-    if plant is None:
-        return study
-    if not plant.equal or plant.elements or plant.sources or plant.opened:
-        raise InfeasibleStudyError(
-            f"{what} knows equal units at one node that sample together, as [plant] describes them, with nothing but "
-            "the grid there. vsgdesign simulate gives the modes of any plant."
-        )
-    if not study.network.plain or any(event.network is not None for event in study.events):
-        raise InfeasibleStudyError(
-            f"{what} knows the units of a plant and their grid alone: take load, fault and breaker out of [network] "
-            "and of the events. vsgdesign simulate runs it with its modes."
-        )
-    return replace(plant_timeline(study).units[0], name=study.name)
-
-
-def alone(study: Study, what: str) -> Study:
-    """A study for ``what``, which knows one converter on a grid. Raises InfeasibleStudyError for any other plant than
-    :func:`as_one_converter`."""
-    found = as_one_converter(study)
-    one_converter(found, what)
-    return found
-
-
-def as_one_converter(study: Study) -> Study:
-    """A plant of one unit with nothing but the grid at its node as one converter, with x_t in its filter; any other
-    study as it is."""
-    plant = study.plant
-    if plant is None or len(plant.units) != 1 or plant.elements or plant.sources or plant.opened:
-        return study
-    if plant.inverters:
-        return study
-    unit = plant.units[0]
-    if unit.case is not None or unit.offset or any(event.element is not None for event in study.events):
-        return study
-    if not study.network.plain or any(event.network is not None for event in study.events):
-        return study  # load, fault and breaker are behind x_t
-
-    simulation = replace(study.simulation, P_ref=unit.P_ref, Q_ref=unit.Q_ref)
-    return replace(behind_its_path(study, unit), plant=None, simulation=simulation)

@@ -184,12 +184,43 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
     if not study.network.plain:
         advice = "Verify a study without [network]; vsgdesign simulate runs with it."
         faults.append(Fault("network", "", "random cases have nothing but the grid at the PCC", advice))
+    faults += _faults_of_plant(study, spec, asked)
     if study.grid_source.components:
         advice = "Verify a study without them."
         faults.append(Fault("grid.components", "", "random cases have a source without harmonics", advice))
     if faults or spec is None:
         raise StudyError(study.name, faults)
     return spec
+
+
+def _faults_of_plant(study: Study, spec: ControllerSpec | None, asked: Asked) -> list[Fault]:
+    """What random cases of a plant cannot have; of one converter, what is asked of a plant alone."""
+    from vsgdesign.identification.registry import samples_itself
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
+
+    faults, plant, given = [], study.plant, study.verification
+    if plant is None:
+        for name in ("units_apart", "more_reactance"):
+            if given is not None and name in given.given:
+                faults.append(Fault(f"verification.{name}", "", "the study has no plant", "Leave it out."))
+        return faults
+    as_unit(study, "vsgdesign verify")
+    if asked.bridge == "pwm":
+        faults.append(Fault("bridge", "pwm", "the bridges of a plant are averaged", "Leave --bridge pwm out."))
+    if spec is not None and spec.kind == "scheduled" and samples_itself(spec.estimate):
+        advice = 'Give estimate = "truth" with [controllers.knowledge]; vsgdesign simulate runs it as it is.'
+        problem = "random cases of a plant are told their grid, late and with errors"
+        faults.append(Fault(f"controllers.{spec.name}.estimate", spec.estimate, problem, advice))
+    if study.protection is not None:
+        advice = "Take it out; vsgdesign simulate judges it in a plant."
+        faults.append(Fault("survival.protection", "", "random cases of a plant have no protection", advice))
+    if study.background is not None or study.sensors is not None:
+        advice = "Take [background] and [sensors] out; vsgdesign simulate runs with them."
+        faults.append(Fault("background", "", "random cases of a plant have a clean grid and exact sensors", advice))
+    if given is not None and given.families["ramp"].weight:
+        advice = "Leave it out; the source of a plant has no ramps."
+        faults.append(Fault("verification.ramp.weight", "", "a plant has no frequency ramps", advice))
+    return faults
 
 
 def _faults_around(study: Study, spec: ControllerSpec | None) -> list[Fault]:
@@ -233,11 +264,12 @@ def prepared_job(
     """The job of a study and the confidence of its bounds. A gain table without a file is designed first and kept
     beside ``out`` until the verification is complete."""
     from vsgdesign.execution.journal import kept_folder
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.survival import survival_tables
 
-    spec = check_verifiable(study, asked)
+    spec, own = check_verifiable(study, asked), as_unit(study, "vsgdesign verify")
     ready = survival_tables(
-        replace(study, controllers=(spec,)), kept_folder(out, WORK), workers=workers, progress=progress
+        replace(own, controllers=(spec,)), kept_folder(out, WORK), workers=workers, progress=progress
     )
     return job_of(study, spec, ready, asked)
 
@@ -248,6 +280,7 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
     from vsgdesign.campaigns.verification.counting import MapAxes
     from vsgdesign.campaigns.verification.draws import families, verification_of
     from vsgdesign.campaigns.verification.emt import EMT
+    from vsgdesign.campaigns.verification.plants import PLANTS
     from vsgdesign.campaigns.verification.promises import verified_promises
     from vsgdesign.simulation.lanes.telling import told_controller
 
@@ -266,8 +299,8 @@ def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tu
         axes=MapAxes(scr=drawn.scr, x_over_r=drawn.x_over_r, scr_basis=drawn.scr_basis),
         runs=drawn.runs,
         bridge=asked.bridge,
-        strict=asked.strict,
-        batch=EMT,
+        strict=asked.strict or study.plant is not None,
+        batch=EMT if study.plant is None else PLANTS,
     )
     return job, drawn.confidence
 
@@ -392,7 +425,7 @@ def _concluded(
     document = plain(document)
     own = replace(job.study, controllers=tuple(one for one in job.study.controllers if one.name == job.spec.name))
     begun = nullcontext()
-    if asked.explorer:
+    if asked.explorer and job.study.plant is None:
         begun = live_begun(own, job.ready, 1, executor=executor, cases=_replayed(document, folder, job))
     with begun as live:
         write_verification_report(document, folder, None if live is None else waited_for(live, progress or silent))

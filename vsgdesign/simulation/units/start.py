@@ -1,0 +1,140 @@
+"""Where a plant begins: at the rest of what is connected, and waiting at nominal voltage for the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.linear.operating_point.circuit_of_units import Topology
+from vsgdesign.linear.operating_point.rest_of_units import (
+    InverterAsked,
+    Situation,
+    UnitAsked,
+    UnitsAtRest,
+    rest_of_units,
+)
+from vsgdesign.linear.operating_point.sampled import cold_start
+from vsgdesign.simulation.units.body import AXES, PlantKind
+from vsgdesign.simulation.units.timeline import PlantSegment, PlantTimeline
+from vsgdesign.study.parameters.inverter_kinds import Phasors
+from vsgdesign.study.parameters.power_plant import Inverter
+from vsgdesign.study.parameters.study import Study
+
+Array = NDArray[np.float64]
+
+
+class StartOfPlant:
+    """Puts the start of a run into its numbers."""
+
+    def __init__(
+        self,
+        at: Callable[[str], Array],
+        kind: PlantKind,
+        study: Study,
+        timeline: PlantTimeline,
+        gains: Sequence[PowerLoopGains],
+    ) -> None:
+        """``at``: the numbers of a record or of one number by its name, as an array that moves with the run."""
+        self._at, self.kind, self.study, self.timeline, self._gains = at, kind, study, timeline, gains
+
+    def put(self, rest: UnitsAtRest | None = None) -> None:
+        """Puts it. ``rest``: that at which the run begins, where it is known. Raises InfeasibleStudyError where there
+        is none."""
+        phase = self.timeline.segments[0].source.phase
+        for k, one in enumerate(self.timeline.units):
+            state, held, waits = cold_start(one, phase).controller, 0j, 0j
+            self._put_unit(k, state, held, waits)
+        for j, one in enumerate(self.timeline.plant.inverters):
+            self._put_inverter(j, _waiting(one, self.timeline.segments[0].source.omega, phase), 0j, 0j)
+        if self.study.simulation.start != "cold":
+            self._put_rest(self.rest() if rest is None else rest, phase)
+
+    def rest(self) -> UnitsAtRest:
+        """The steady state of the units that are connected at the start."""
+        on_line, others = self._on_line()
+        if not on_line and not others:
+            raise InfeasibleStudyError("the start: no unit is connected. Close a breaker, or start cold.")
+        situation = situation_at(self.study, self.timeline, self.timeline.segments[0], self._gains, on_line)
+        try:
+            return rest_of_units(situation)
+        except InfeasibleStudyError as error:
+            error.args = (f"the start: {error}",)
+            raise
+
+    def _on_line(self) -> tuple[list[int], list[int]]:
+        """The units and the inverters that are connected at the start."""
+        plant, opened = self.timeline.plant, self.timeline.segments[0].topology.opened
+        on_line = [k for k, unit in enumerate(plant.units) if unit.name not in opened]
+        return on_line, [j for j, one in enumerate(plant.inverters) if one.name not in opened]
+
+    def _put_rest(self, rest: UnitsAtRest, phase: float) -> None:
+        """The others wait at nominal voltage, in phase."""
+        (on_line, others), plant, omega = self._on_line(), self.timeline.plant, rest.model.situation.omega
+        y = rest.circuit(phase)
+        for name, value in zip(rest.model.network.names, y.tolist(), strict=True):
+            self._at(f"alpha.{name}")[:], self._at(f"beta.{name}")[:] = value.real, value.imag
+        for at, k in enumerate(on_line):
+            self._put_unit(k, *rest.controller(at, phase))
+            # What a unit says that has not sampled yet.
+            self._at(f"u{k}.last")[:] = *rest.model.powers(rest.z, at), omega, 0.0
+        for at, j in enumerate(others):
+            self._put_inverter(j, *rest.inverter(at, phase))
+            P, Q = rest.model.powers(rest.z, len(on_line) + at)
+            self._at(f"u{len(plant.units) + j}.last")[:] = P, Q, omega, 0.0, 0.0, 0.0, 0.0
+
+    def _put_unit(self, k: int, state: ControllerState, held: complex, waits: complex) -> None:
+        self._at(f"u{k}.state")[:] = flat_state(state)
+        self._put_bridge(k, held, waits)
+
+    def _put_inverter(self, j: int, state: Any, held: complex, waits: complex) -> None:
+        k = len(self.timeline.units) + j
+        self._at(f"u{k}.state")[:] = state
+        self._put_bridge(k, held, waits)
+
+    def _put_bridge(self, k: int, held: complex, waits: complex) -> None:
+        for axis, value, waiting in zip(AXES, (held.real, held.imag), (waits.real, waits.imag), strict=True):
+            self._at(f"{axis}.held.{k}")[:] = value
+            if self.kind.delayed(k):
+                self._at(f"u{k}.pending.{axis}")[:] = waiting
+
+
+def _waiting(one: Inverter, omega: float, phase: float) -> Any:
+    """The state of an inverter that waits at nominal voltage in phase with the grid's source, without current."""
+    v = complex(rms_to_peak(one.V_rated_rms) * np.exp(1j * phase))
+    return one.kind.at_rest(Phasors(v, 0j, 0j, v, omega), one.settings)
+
+
+def situation_at(
+    study: Study,
+    timeline: PlantTimeline,
+    segment: PlantSegment,
+    gains: Sequence[PowerLoopGains],
+    on_line: Sequence[int],
+    at_s: float | None = None,
+) -> Situation:
+    """The plant in a segment with the units that are on line, with what they are asked for at an instant (None: when
+    the segment begins)."""
+    plant, t_s = timeline.plant, segment.t_s if at_s is None else at_s
+    others = [j for j, one in enumerate(plant.inverters) if one.name not in segment.topology.opened]
+    inverters = tuple(InverterAsked(plant.inverters[j], timeline.asked_at(j, t_s)) for j in others)
+    units = tuple(plant.units[k] for k in on_line)
+    some = replace(plant, units=units, inverters=tuple(one.inverter for one in inverters))
+    opened = segment.topology.opened - {one.name for one in plant.converters}
+    topology: Topology = segment.topology._replace(opened=frozenset(opened))
+    asked = tuple(
+        UnitAsked(
+            timeline.units[k], gains[k], timeline.timelines[k].references_at(t_s), timeline.timelines[k].grid_at(t_s)
+        )
+        for k in on_line
+    )
+    sources = ((segment.source.V_g_rms, 0.0), *((one.V_rms, one.phase) for one in plant.sources))
+    return Situation(replace(study, plant=some), topology, asked, segment.source.omega, sources, inverters)
