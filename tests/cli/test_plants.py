@@ -11,6 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from tests.simulation.test_plants import STUDY
+from vsgdesign.report.drawing.sketch import Stroke, Words
+from vsgdesign.report.network_drawing import network_sketch
 from vsgdesign.study.parameters import load_study
 from vsgdesign.verbs.cli.program import main
 from vsgdesign.verbs.pipeline.one_unit import as_one_converter
@@ -124,11 +126,79 @@ def test_a_load_is_behind_the_reactance_of_one_unit(tmp_path: Path) -> None:
     assert found.filter.L_2 > alone.filter.L_2
 
 
-@pytest.mark.parametrize("verb", ["run", "report", "survive"])
+@pytest.mark.parametrize("verb", ["survive", "comply", "compare"])
 def test_other_verbs_refuse_a_plant(tmp_path: Path, verb: str) -> None:
     done = CliRunner().invoke(main, [verb, str(study_file(tmp_path, PLANT)), "--out", str(tmp_path / "out")])
     assert done.exit_code != 0
     assert f"vsgdesign {verb} knows one converter on a grid, and this study has a plant of 2" in done.output
+
+
+def test_a_run_of_a_plant_has_a_page(tmp_path: Path) -> None:
+    """The answer, the network, the figures, both impedances, and margins of both modes."""
+    axes = "[stability]\nscr = [3.0]\nx_over_r = [2.0]\nP = [2000.0]\nQ = [500.0]\n"
+    file = study_file(tmp_path, PLANT + LOSS + axes)
+    done = CliRunner().invoke(main, ["run", str(file), "--out", str(tmp_path / "out"), "--workers", "1"])
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for said in (
+        "The two impedances of a unit",
+        "All units move together",
+        "Units against each other",
+        ">unit2, 2 kW<",
+    ):
+        assert said in page
+    assert (tmp_path / "out" / "figures" / "units_fixed.svg").exists()
+    found = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    (apart,) = found["margins"]["differential"]
+    assert apart["real"] < 0.0
+    report = ["report", str(file), "--out", str(tmp_path / "margins")]
+    done = CliRunner().invoke(main, report)
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "margins" / "report.html").read_text(encoding="utf-8")
+    assert "Units against each other" in page
+    assert ">unit2, 2 kW<" in page
+
+
+def test_the_drawing_of_a_network_has_everything(tmp_path: Path) -> None:
+    """Every name once, the ring that a branch closes, and what begins open as a broken line."""
+    network = """[[network.nodes]]
+name = "pcc"
+[[network.nodes]]
+name = "far"
+[[network.branches]]
+name = "cable"
+from = "pcc"
+to = "far"
+X_pu = 0.02
+B_pu = 0.05
+[[network.branches]]
+name = "tie"
+from = "pcc"
+to = "far"
+X_pu = 0.1
+breaker = "open"
+[[network.units]]
+name = "one"
+node = "far"
+reactance = 0.06
+[[network.loads]]
+name = "works"
+node = "pcc"
+P = "1 kW"
+[[network.inverters]]
+name = "pv"
+node = "far"
+S_rated = "2 kVA"
+P_ref = "1 kW"
+"""
+    sketch = network_sketch(load_study(study_file(tmp_path, network)))
+    texts = [one.text for one in sketch.parts if isinstance(one, Words)]
+    for name in ("pcc", "far", "one", "works", "pv", "grid", "cable", "tie"):
+        assert sum(text.partition(",")[0].partition(" ")[0] == name for text in texts) == 1, name
+    assert sum(bool(one.dashes) for one in sketch.parts if isinstance(one, Stroke)) == 1
+    assert all(
+        0.0 <= one.x <= sketch.width and 0.0 <= one.y <= sketch.height for one in sketch.parts if isinstance(one, Words)
+    )
 
 
 def test_what_random_cases_of_a_plant_cannot_have(tmp_path: Path) -> None:

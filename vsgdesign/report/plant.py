@@ -31,6 +31,7 @@ def _units(one: PlantController) -> Table:
         numbers = tuple(plain(float(value), 4) for value in end)
         shown = plain(float(peak), 3) if math.isfinite(peak) else DASH
         status = found.outcome.status if found.survival is None else found.survival.status
+        status = status if unit.name in one.rests[-1].on_line else "off line"
         rows.append((unit.name, status, *numbers, shown))
     return Table(f"{one.spec.name}: {one.outcome.status}, at the end of the run", head, tuple(rows), on=Where.TERMINAL)
 

@@ -30,6 +30,8 @@ class StabilityResult:
     """The gain tables that the controllers were assessed with."""
     differential: tuple[DifferentialWorst, ...] = ()
     """Of each controller, where the study is one of several equal units."""
+    whole: Study | None = None
+    """The study with their plant."""
 
 
 def slug(label: str) -> str:

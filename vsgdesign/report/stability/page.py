@@ -13,6 +13,7 @@ from markupsafe import Markup
 from vsgdesign.linear.stability.verdict import FAIL
 from vsgdesign.report.drawing.figure_types import ExplorerFile, NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, plain_quantity
+from vsgdesign.report.network_drawing import network_block
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -107,6 +108,7 @@ def stability_page(
         words(_ABOUT_CLAUSES),
         _clauses(result),
         *_identity(result),
+        None if result.whole is None else network_block(result.whole),
         Heading("Margins over the grids", numbered=True),
         *drawings(rest, 3),
         *(made.worst_table(result, a) for a in result.assessments),

@@ -197,7 +197,7 @@ def one_converter(study: Study, what: str) -> None:
     if study.plant is not None:
         raise InfeasibleStudyError(
             f"{what} knows one converter on a grid, and this study has a plant of {len(study.plant.units)}: take "
-            "[plant] and the lists of [network] out of the study. vsgdesign simulate runs it with its modes, and of "
+            "[plant] and the lists of [network] out of the study. vsgdesign run and simulate take it as it is, and of "
             "equal units vsgdesign table build, margins, certify and verify do the gains."
         )
 

@@ -120,12 +120,10 @@ def _run(
     from vsgdesign.verbs.pipeline.run import Told, what_is_there
 
     report, left_out = what != "-simulation", list[str]()
-    study = load(study_file, left_tables=bool(what), plants="refused" if report else "whole")
-    if study.plant is not None:
-        folder = Path("out") / f"{study.name}{what}" if out is None else Path(out)
-        _run_plant(study, folder, bridge, as_json, comtrade)
-        return
-    study = study.made_strict() if strict else study
+    study = load(study_file, left_tables=bool(what), plants="whole")
+    if sheet is not None and study.plant is not None:
+        raise click.UsageError("--sheet is a page of one converter: leave it out for a plant")
+    study = study.made_strict() if strict and study.plant is None else study
     if sheet is not None:
         check_new(sheet)
     if what == "-quick":
@@ -133,6 +131,9 @@ def _run(
         for sentence in left_out:
             _say(sentence)
     folder = Path("out") / f"{study.name}{what}" if out is None else Path(out)
+    if study.plant is not None:
+        _run_plant(study, folder, bridge, as_json, comtrade, report=report, workers=workers)
+        return
     blocks: list[Block] = []
 
     def done(result: ScenarioResult, document: dict[str, Any]) -> None:
@@ -171,7 +172,16 @@ def _run(
     _refuse_divergence(results)
 
 
-def _run_plant(study: Study, folder: Path, bridge: str | None, as_json: bool, comtrade: str | None) -> None:
+def _run_plant(
+    study: Study,
+    folder: Path,
+    bridge: str | None,
+    as_json: bool,
+    comtrade: str | None,
+    *,
+    report: bool,
+    workers: int | None,
+) -> None:
     """A plant of several converters."""
     from vsgdesign.report.page.terminal import print_terminal
     from vsgdesign.report.plant import plant_blocks
@@ -181,12 +191,21 @@ def _run_plant(study: Study, folder: Path, bridge: str | None, as_json: bool, co
         raise click.UsageError("the bridges of a plant are averaged: leave --bridge pwm out")
     with keeping(folder):
         with progress(quiet=as_json) as tell:
-            result, document = run_plant_study(study, folder, progress=tell, warn=_warn, comtrade=comtrade)
+            result, document = run_plant_study(
+                study,
+                folder,
+                report=report,
+                workers=workers,
+                progress=tell,
+                warn=_warn,
+                say=_say if report else None,
+                comtrade=comtrade,
+            )
         if as_json:
             print_json(document)
         else:
             print_terminal(plant_blocks(result))
-            click.echo(f"results: {folder / 'results.json'}")
+            click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
     _refuse_divergence(document)
 
 

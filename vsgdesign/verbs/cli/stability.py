@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,14 +100,22 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
     which one drags the grid.
     """
     from vsgdesign.verbs.pipeline import report_stability
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
 
-    study = _on_the_grid_alone(load(study_file, left_tables=True))
+    whole = load(study_file, left_tables=True, plants="whole")
+    study = replace(_on_the_grid_alone(as_unit(whole, "vsgdesign report")), controllers=whole.controllers)
     folder = Path("out") / f"{study.name}-stability" if out is None else Path(out)
     blocks: list[Block] = []
     with results_at(folder):
         with progress(quiet=as_json) as tell:
             document = report_stability(
-                study, folder, pdf=pdf, explorer=explorer, progress=tell, show=None if as_json else blocks.extend
+                study,
+                folder,
+                pdf=pdf,
+                explorer=explorer and whole.plant is None,
+                whole=whole,
+                progress=tell,
+                show=None if as_json else blocks.extend,
             )
         if as_json:
             print_json(document)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,10 +87,12 @@ def report_stability(
     pdf: bool = False,
     explorer: bool = True,
     workers: int | None = None,
+    whole: Study | None = None,
     progress: Progress | None = None,
     show: Callable[[list[Block]], None] | None = None,
 ) -> dict[str, Any]:
-    """Assesses a study and writes figures, CSV files, results.json and report.html to ``out``.
+    """Assesses a study and writes figures, CSV files, results.json and report.html to ``out``. ``whole``: the study
+    with the plant of which ``study`` is one of several equal units.
 
     With ``pdf`` it also writes report.pdf. With ``explorer`` it also writes explorer.html, the page of ``vsgdesign
     explore --page``, which the report shows in a frame. Another process makes it while the figures are drawn, unless
@@ -100,7 +102,9 @@ def report_stability(
     """
     tell = progress or silent
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
-        result = assess_study(study, progress=progress)
+        plant = None if whole is None else whole.plant
+        several = plant is not None and len(plant.units) > 1
+        result = replace(assess_study(study, several=several, progress=progress), whole=whole)
         document = _write(result, folder, pdf, explorer, workers, tell)
         if show is not None:
             from vsgdesign.report.stability.page import terminal_blocks

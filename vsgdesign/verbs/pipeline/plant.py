@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ from vsgdesign.simulation.scenario import ScenarioResult
 from vsgdesign.simulation.units.scenario import PlantController, PlantRest, PlantResult, run_plant
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
-from vsgdesign.verbs.pipeline.run import results_document, write_asked_comtrade
+from vsgdesign.verbs.pipeline.making import Made, made, nothing_to_make
+from vsgdesign.verbs.pipeline.run import export_tables, results_document, write_asked_comtrade
 from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
 _OF_UNIT = ("operating_points", "gains", "promises", "controllers")
@@ -29,6 +31,8 @@ def run_plant_study(
     study: Study,
     out: str | Path,
     *,
+    report: bool = False,
+    workers: int | None = None,
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
     say: Callable[[str], None] | None = None,
@@ -36,15 +40,21 @@ def run_plant_study(
 ) -> tuple[PlantResult, dict[str, Any]]:
     """Simulates every controller of a study in all units of its plant, and writes ``CONTROLLER.NAME.npz`` of each unit
     and inverter, the same as CSV and, in the form ``comtrade`` if one is given, as COMTRADE, and results.json to
-    ``out``, which appears when everything is done. Returns the result and the content of results.json. Raises
+    ``out``, which appears when everything is done. With ``report`` also figures, report.html, margins of both modes
+    where the units are equal, and the gain tables with their C; tables that are designed are kept cell by cell, so that
+    the same call continues after an interruption. Returns the result and the content of results.json. Raises
     InfeasibleStudyError and ArtifactError."""
-    tell, verb = progress or silent, "vsgdesign simulate"
-    with room_for(out, verb, inputs=study.input_files), staged_folder(out, verb, inputs=study.input_files) as folder:
-        begin = time.perf_counter()
-        ready = plant_tables(study, progress=progress, say=say)
+    tell, verb = progress or silent, "vsgdesign run" if report else "vsgdesign simulate"
+    with (
+        room_for(out, verb, inputs=study.input_files),
+        _made(study, out, report=report, workers=workers, progress=progress, say=say) as have,
+        staged_folder(out, verb, inputs=study.input_files) as folder,
+    ):
+        begin, timing = time.perf_counter(), have.timing_s
+        ready = have.ready if have.late is None else have.late()
         duration = study.simulation.duration
         result = run_plant(study, ready, warn=warn, progress=lambda name, t_s: tell(f"simulate {name}", t_s / duration))
-        timing = {"simulate": time.perf_counter() - begin}
+        timing["simulate"] = time.perf_counter() - begin
         for controller in result.controllers:
             for unit, one in zip(controller.timeline.plant.units, controller.units, strict=True):
                 name = f"{controller.spec.name}.{unit.name}"
@@ -58,8 +68,55 @@ def run_plant_study(
                 write_npz(folder / f"{name}.npz", series)
                 write_csv(folder / f"{name}.csv", series, study.simulation.csv_interval)
                 write_asked_comtrade(study, folder / name, series, comtrade)
-        document = plant_document(result, timing)
+        more = _report(result, folder, have.verified(), tell, warn) if report else {}
+        document = plant_document(result, timing) | more
         return result, write_record(folder, document, verb)
+
+
+@contextmanager
+def _made(
+    study: Study,
+    out: str | Path,
+    *,
+    report: bool,
+    workers: int | None,
+    progress: Progress | None,
+    say: Callable[[str], None] | None,
+) -> Iterator[Made]:
+    """The tables of a plant. For a report those of equal units are designed as those of one converter are
+    (:func:`vsgdesign.verbs.pipeline.making.made`)."""
+    designed = any(one.schedule == "table" and one.table_file is None for one in study.controllers)
+    if report and designed and study.plant is not None and study.plant.equal:
+        own = replace(plant_timeline(study).units[0], name=study.name)
+        with made(own, out, workers=workers, progress=progress, say=say) as have:
+            yield have
+        return
+    yield nothing_to_make(plant_tables(study, progress=progress, say=say))
+
+
+def _report(
+    result: PlantResult, folder: Path, ready: Ready, tell: Progress, warn: Callable[[str], None] | None
+) -> dict[str, Any]:
+    """Figures, page, tables and their C. Returns what results.json has of the margins."""
+    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.plant_page import plant_figures, write_plant_page
+    from vsgdesign.verbs.pipeline.margins import assess_study, stability_document
+
+    study, margins = result.study, None
+    first = result.controllers[0].timeline
+    if ready.tables:
+        export_tables(first.units[0], ready, folder, warn=warn)
+    if first.plant.equal and not first.plant.elements and not first.plant.sources and study.network.plain:
+        own = replace(first.units[0], name=study.name)
+        margins = assess_study(own, ready, evidence=False, several=len(first.plant.units) > 1, progress=tell)
+    tell("draw figures", 0.0)
+    figures = write_all(plant_figures(result), folder / "figures")
+    write_plant_page(result, figures, folder / "report.html", margins)
+    tell("draw figures", 1.0)
+    if margins is None:
+        return {}
+    document = stability_document(margins)
+    return {"margins": {name: document[name] for name in ("controllers", "differential", "axes") if name in document}}
 
 
 def plant_tables(study: Study, *, progress: Progress | None = None, say: Callable[[str], None] | None = None) -> Ready:
