@@ -16,7 +16,7 @@ def plant_blocks(result: PlantResult) -> list[Block]:
     """One table of units, one of inverters and one of modes for each controller."""
     blocks: list[Block] = []
     for one in result.controllers:
-        blocks += [_units(one), *_inverters(one), _modes(one), words(*_reasons(one), on=Where.TERMINAL)]
+        blocks += [_units(one), *_inverters(one), *_islands(one), _modes(one), words(*_reasons(one), on=Where.TERMINAL)]
     return blocks
 
 
@@ -31,6 +31,7 @@ def _units(one: PlantController) -> Table:
         numbers = tuple(plain(float(value), 4) for value in end)
         shown = plain(float(peak), 3) if math.isfinite(peak) else DASH
         status = found.outcome.status if found.survival is None else found.survival.status
+        status = _in_island(one, unit.name) or status
         status = status if unit.name in one.rests[-1].on_line else "off line"
         rows.append((unit.name, status, *numbers, shown))
     return Table(f"{one.spec.name}: {one.outcome.status}, at the end of the run", head, tuple(rows), on=Where.TERMINAL)
@@ -47,6 +48,31 @@ def _inverters(one: PlantController) -> list[Table]:
         rows.append((name, *(plain(float(value), 4) for value in end), plain(peak, 3)))
     title = f"{one.spec.name}: inverters at the end of the run"
     return [Table(title, head, tuple(rows), on=Where.TERMINAL)] if rows else []
+
+
+def _in_island(one: PlantController, unit: str) -> str:
+    """What became of a unit where no source is connected at the end; empty where one is."""
+    at_end = [own for own in one.sharing if own.unit == unit and own.t_s == one.rests[-1].t_s]
+    return ("settled" if at_end[0].fault is None else "not settled") if at_end else ""
+
+
+def _islands(one: PlantController) -> list[Table]:
+    """How the units share the load where no source is connected."""
+    head = ("from [s]", "after", "unit", "P [kW]", "its droop", "Q [kvar]", "its droop", "V [pu]", "at rest after [s]")
+    rows, flagged = [], set()
+    for own in one.sharing:
+        if own.fault is not None:
+            flagged.add(len(rows))
+        powers = (plain(value / 1e3, 4) for value in (own.P, own.P_droop, own.Q, own.Q_droop))
+        settled = DASH if own.settled_s is None else plain(own.settled_s, 3)
+        rows.append((plain(own.t_s, 4), own.name, own.unit, *powers, plain(own.V_pu, 4), settled))
+    if not rows:
+        return []
+    hertz = {own.name: plain(own.f_hz, 5) for own in one.sharing}
+    note = "Frequency: " + ", ".join(f"{value} Hz after {name}" for name, value in hertz.items()) + "."
+    bad = [f"{own.unit}, after {own.name}: {own.fault}." for own in one.sharing if own.fault is not None]
+    title = f"{one.spec.name}: sharing without a source"
+    return [Table(title, head, tuple(rows), notes=(note, *bad), flagged=frozenset(flagged), on=Where.TERMINAL)]
 
 
 def _modes(one: PlantController) -> Table:
@@ -82,6 +108,7 @@ def _row(rest: PlantRest) -> tuple[str, ...]:
 
 def _reasons(one: PlantController) -> list[str]:
     """Why there is no rest, or what an outcome is."""
-    found = [f"{rest.name}: {rest.obstacle}." for rest in one.rests if rest.obstacle is not None]
+    obstacles = ((rest.name, rest.obstacle) for rest in one.rests if not rest.islanded or not one.sharing)
+    found = [f"{name}: {obstacle}." for name, obstacle in obstacles if obstacle is not None]
     outcome = one.outcome
     return found + ([] if outcome.reason is None else [f"{one.spec.name}, {outcome.reason}."])

@@ -43,6 +43,7 @@ from vsgdesign.simulation.units.inverters import (
     terminals_at_rest,
 )
 from vsgdesign.simulation.units.run import PlantRun, UnitRun, check_start, simulate_plant
+from vsgdesign.simulation.units.sharing import Sharing, sharing_of
 from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of
 from vsgdesign.simulation.units.windows import Follows, Schedule
@@ -79,6 +80,8 @@ class PlantRest:
     """Of those that are connected, where there is a rest."""
     expected: tuple[ExpectedRest, ...] = ()
     """What a disturbance of each unit is judged by."""
+    islanded: bool = False
+    """Whether no source is connected, and no fault is there."""
 
     @property
     def stable(self) -> bool:
@@ -98,10 +101,16 @@ class PlantController:
     inverters: tuple[tuple[str, dict[str, Array]], ...]
     """Names and series of the inverters."""
     loop_seconds: float
+    sharing: tuple[Sharing, ...] = ()
+    """Of each unit in each stretch without a source."""
 
     @property
     def outcome(self) -> Outcome:
         """The worst one of its units that are connected at the end, with the name of the unit."""
+        if self.rests[-1].islanded and self.sharing:
+            at_end = [one for one in self.sharing if one.t_s == self.rests[-1].t_s]
+            bad = next((one for one in at_end if one.fault is not None), None)
+            return Outcome("settled") if bad is None else Outcome("not settled", f"{bad.unit}: {bad.fault}")
         order = ("diverged", "blocked", "unstable", "infeasible", "limited", "not settled", "not known", "settled")
         names, rest = [unit.name for unit in self.timeline.plant.units], self.rests[-1]
         last = [name for name in names if name in rest.on_line]
@@ -154,6 +163,7 @@ def run_plant(
                 units=units,
                 inverters=inverters,
                 loop_seconds=run.loop_seconds,
+                sharing=sharing_of(run, rests, settling_time_of(spec, ready)),
             )
         )
     return PlantResult(study=study, controllers=tuple(found), ready=ready)
@@ -311,6 +321,7 @@ def _rest(
         units=tuple(units),
         inverters=() if rest is None else inverters_at_rest(rest),
         expected=tuple(expected),
+        islanded=not segment.topology.faults and sources <= segment.topology.opened,
     )
 
 

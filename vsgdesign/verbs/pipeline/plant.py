@@ -169,6 +169,7 @@ def _controller(study: Study, one: PlantController) -> dict[str, Any]:
         "kind": one.spec.kind,
         "outcome": asdict(one.outcome),
         "rests": [_rest(rest) for rest in one.rests],
+        **({"sharing": [asdict(own) for own in one.sharing]} if one.sharing else {}),
         "loop_s": one.loop_seconds,
         "real_time_factor": study.simulation.duration / max(one.loop_seconds, 1e-9),
     }

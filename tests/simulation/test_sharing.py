@@ -1,0 +1,88 @@
+"""Units of a plant without a source share its load by their droops, whatever their ratings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vsgdesign.simulation.units.scenario import PlantController, run_plant
+from vsgdesign.study.parameters import load_study
+
+RATINGS, DROOPS = {"large": 12.5e3, "small": 8e3}, {"large": 0.02, "small": 0.03}
+
+SMALL = """
+base = "case:lab_12kva_lcl"
+converter = { S_rated = "8 kVA" }
+power_loops = { structure = "angle_damped", P_droop = "3 %", Q_droop = "8 %", settling_time = "0.4 s" }
+"""
+
+ISLAND = """
+base = "case:lab_12kva_lcl"
+grid = { scr = 5, x_over_r = 4 }
+power_loops = { structure = "angle_damped", P_droop = "2 %", Q_droop = "5 %", settling_time = "0.4 s" }
+simulation = { duration = "3.6 s", P_ref = "6 kW", Q_ref = "1 kvar" }
+controllers = [{ name = "vsg", kind = "fixed" }]
+
+[network]
+nodes = [{ name = "pcc" }]
+loads = [
+    { name = "works", node = "pcc", P = "7 kW", Q = "LOAD kvar" },
+    { name = "kiln", node = "pcc", P = "2 kW", breaker = "open" },
+]
+units = [
+    { name = "large", node = "pcc", reactance = 0.06 },
+    { name = "small", node = "pcc", reactance = 0.08, case = "small.toml", P_ref = "2 kW", Q_ref = "0 var" },
+]
+
+[[events]]
+time = "0.1 s"
+element = "grid"
+breaker = "open"
+
+[[events]]
+time = "1.6 s"
+element = "kiln"
+breaker = "closed"
+
+[[events]]
+time = "2.6 s"
+element = "small"
+breaker = "open"
+"""
+
+
+def run_of(folder: Path, load: str) -> PlantController:
+    (folder / "small.toml").write_text(SMALL, encoding="utf-8")
+    (folder / "island.toml").write_text(ISLAND.replace("LOAD", load), encoding="utf-8")
+    return run_plant(load_study(folder / "island.toml")).controllers[0]
+
+
+def test_unequal_units_share_a_load_as_their_droops_say(tmp_path: Path) -> None:
+    """The load that both carry together, on the two lines P_ref + S (f_0 - f) / (droop f_0): where they cross."""
+    found = run_of(tmp_path, "2")
+    assert found.outcome.status == "settled"
+    names = ("grid: breaker opens", "kiln: breaker closes", "small: breaker opens")
+    assert tuple(dict.fromkeys(one.name for one in found.sharing)) == names
+    slopes = {name: RATINGS[name] / DROOPS[name] for name in RATINGS}
+    for event in names[:2]:
+        own = {one.unit: one for one in found.sharing if one.name == event}
+        asked = {"large": 6e3, "small": 2e3}
+        down = (sum(one.P for one in own.values()) - sum(asked.values())) / sum(slopes.values())
+        for unit, one in own.items():
+            assert one.fault is None
+            assert pytest.approx(asked[unit] + slopes[unit] * down, abs=0.01 * RATINGS[unit]) == one.P
+            assert one.f_hz == pytest.approx(50.0 * (1.0 - down), abs=0.02)
+            assert 0.0 < one.settled_s < 1.0
+    (last,) = (one for one in found.sharing if one.name == names[2])
+    loads = sum(one.P for one in found.sharing if one.name == names[1])
+    assert pytest.approx(loads, rel=0.03) == last.P
+    assert found.rests[1].obstacle is not None
+    assert np.isfinite([one.V_pu for one in found.sharing]).all()
+
+
+def test_an_island_beyond_its_voltage_limits_is_not_settled(tmp_path: Path) -> None:
+    found = run_of(tmp_path, "60")
+    assert found.outcome.status == "not settled"
+    assert any(one.fault is not None and "pu, outside of" in one.fault for one in found.sharing)
