@@ -29,10 +29,13 @@ def write_report(
     of results.json.
     """
     if isinstance(what, Study):
-        from vsgdesign.verbs.pipeline.one_unit import alone
+        from vsgdesign.verbs.pipeline.one_unit import as_one_converter
+        from vsgdesign.verbs.pipeline.plant import run_plant_study
         from vsgdesign.verbs.pipeline.run import run_study
 
-        what = alone(what, "write_report")
+        what = as_one_converter(what)
+        if what.plant is not None:
+            return run_plant_study(what, out, report=True, progress=progress)[1]
         return run_study(what, out, report=explorer or "still", progress=progress)
     if isinstance(what, Run):
         from vsgdesign.verbs.pipeline.run import write_run
