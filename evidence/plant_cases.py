@@ -155,20 +155,24 @@ def main(folder: Path) -> None:
     for case in CASES:
         own = [one for one in rows if one["case"] == case]
         asked = [one for one in own if one["status"] not in ("no start", "no rest", "rest over limit")]
-        lost = [one for one in asked if one["status"] != "survived"]
+        grow = [one for one in asked if one["slowest"] > 0.0]
+        lost = [one for one in asked if one["status"] != "survived" or one in grow]
         valid = [one["valid"] for one in asked if np.isfinite(one["valid"])]
         rest_s = sum(one["rest_s"] for one in asked)
         cells.append(
             (
                 case,
                 f"{len(asked)} of {len(own)}",
-                f"{len(asked) - len(lost)}",
+                f"{sum(one['status'] == 'survived' for one in asked)}",
+                f"{len(grow)}",
                 f"{100.0 * float(np.mean(valid)):.1f} %" if valid else "–",
                 f"{sum(one['false_changes'] for one in asked)} in {rest_s / 60.0:.1f} min",
             )
         )
-        bad += [f"- {case}: {one['words']}: {one['status']}. {one['reason']}" for one in lost]
+        for one in lost:
+            bad.append(f"- {case}: {one['words']}: {one['status']}; mode {one['slowest']:+.2f} 1/s. {one['reason']}")
     why = Counter(one["status"] for one in rows if one["status"] in ("no start", "no rest", "rest over limit"))
-    head = ("converter", "cases with a rest", "at rest in time", "valid from 0.5 s after the event on", "false changes")
+    valid_from = "valid from 0.5 s after the event on"
+    head = ("converter", "cases with a rest", "at rest in time", "a mode grows", valid_from, "false changes")
     said = f"Not asked: {dict(why)}." if why else ""
     leave(folder, "plant_cases", rows, [*table(head, cells), "", said, "", *bad])

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from tests.simulation.test_plants import STUDY
 from vsgdesign.report.drawing.sketch import Stroke, Words
-from vsgdesign.report.network_drawing import network_sketch
+from vsgdesign.report.page.network import network_sketch
 from vsgdesign.study.parameters import load_study
 from vsgdesign.verbs.cli.program import main
 from vsgdesign.verbs.pipeline.one_unit import as_one_converter

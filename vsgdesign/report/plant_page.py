@@ -11,9 +11,9 @@ from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import number, plain
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import mark_events, time_unit
-from vsgdesign.report.network_drawing import network_block
 from vsgdesign.report.page.blocks import HEADLINE, SOURCE, Block, Box, Heading, Page, Table, Where, drawings, words
 from vsgdesign.report.page.html import print_html
+from vsgdesign.report.page.network import network_block
 from vsgdesign.report.plant import plant_blocks
 from vsgdesign.report.stability import tables as made
 from vsgdesign.simulation.stability_result import StabilityResult

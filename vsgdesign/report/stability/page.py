@@ -13,7 +13,6 @@ from markupsafe import Markup
 from vsgdesign.linear.stability.verdict import FAIL
 from vsgdesign.report.drawing.figure_types import ExplorerFile, NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, plain_quantity
-from vsgdesign.report.network_drawing import network_block
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -35,6 +34,7 @@ from vsgdesign.report.page.blocks import (
 )
 from vsgdesign.report.page.converter import converter_table, filter_table, specs_table
 from vsgdesign.report.page.html import print_html, text_file
+from vsgdesign.report.page.network import network_block
 from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.report.stability import tables as made
 from vsgdesign.report.stability.frequency import frequency_figures
