@@ -170,9 +170,11 @@ def main(folder: Path) -> None:
             )
         )
         for one in lost:
-            bad.append(f"- {case}: {one['words']}: {one['status']}; mode {one['slowest']:+.2f} 1/s. {one['reason']}")
+            words = f"- {case}: {one['words']}: {one['status']}; mode {one['slowest']:+.2f} 1/s. {one['reason']}"
+            bad.append(words.rstrip())
     why = Counter(one["status"] for one in rows if one["status"] in ("no start", "no rest", "rest over limit"))
     valid_from = "valid from 0.5 s after the event on"
     head = ("converter", "cases with a rest", "at rest in time", "a mode grows", valid_from, "false changes")
     said = f"Not asked: {dict(why)}." if why else ""
-    leave(folder, "plant_cases", rows, [*table(head, cells), "", said, "", *bad])
+    said = [f"{count} draws each. {said}".rstrip(), ""]
+    leave(folder, "plant_cases", rows, [*said, *table(head, cells), *([""] if bad else []), *bad])
