@@ -575,8 +575,8 @@ class VerificationTable(TypedDict, total=False):
     sag: VerificationSagTable | Mapping[str, Any]
     ramp: VerificationRampTable | Mapping[str, Any]
     reference: VerificationReferenceTable | Mapping[str, Any]
-    loss: VerificationLossTable | Mapping[str, Any]
     voltage_set_point: VerificationVoltageSetPointTable | Mapping[str, Any]
+    loss: VerificationLossTable | Mapping[str, Any]
 
 class VerificationStepTable(TypedDict, total=False):
     """The fields of [verification.step]."""
@@ -617,16 +617,16 @@ class VerificationReferenceTable(TypedDict, total=False):
 
     weight: Quantity
 
-class VerificationLossTable(TypedDict, total=False):
-    """The fields of [verification.loss]."""
-
-    weight: Quantity
-
 class VerificationVoltageSetPointTable(TypedDict, total=False):
     """The fields of [verification.voltage_set_point]."""
 
     weight: Quantity
     size: Quantity | Sequence[Quantity]
+
+class VerificationLossTable(TypedDict, total=False):
+    """The fields of [verification.loss]."""
+
+    weight: Quantity
 
 class BackgroundTable(TypedDict, total=False):
     """The fields of [background]."""
