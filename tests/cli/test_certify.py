@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -93,3 +94,36 @@ def test_wrong_options_are_all_named_at_once() -> None:
     for part in ("no such scheduled controller", "error = nan", "scr = 5 2", "rate = -1"):
         assert part in text
     assert all(line.endswith(".") for line in text.splitlines() if line.startswith("  - "))
+
+
+LABORATORY = ("studies/laboratory/study.toml", "--model", "full", "--scr", "6", "12", "--x-over-r", "3", "3.2")
+POWERS = ("--p-pu", "0.32", "0.64", "--q-pu", "0", "0.16", "--workers", "1")
+
+
+def test_the_sampled_full_order_loop_is_proved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of the region, with half of the least decay that was found; nothing is left in the folder."""
+    study = Path(LABORATORY[0]).resolve()
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(main, ["certify", str(study), *LABORATORY[1:], *POWERS, "--json"])
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.output)
+    assert found["model"] == "full"
+    assert found["certified"] is True
+    assert found["left"] == []
+    assert found["proved"] == 1.0
+    assert found["decay"] == pytest.approx(0.5 * found["slowest"]["decay"])
+    assert found["states"] == 15
+    assert found["boxes"] > 0
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_more_than_the_loop_decays_is_refused() -> None:
+    result = CliRunner().invoke(main, ["certify", *LABORATORY, *POWERS, "--decay", "50"])
+    assert result.exit_code == 1
+    assert "decay = 50 1/s does not hold in the sampled full-order model" in result.output
+
+
+def test_the_full_order_proof_says_what_it_does_not_know() -> None:
+    result = CliRunner().invoke(main, ["certify", *LABORATORY, *POWERS, "--rate", "1"])
+    assert result.exit_code == 2
+    assert "rate = 1: the proof of the full-order model is one of grids that rest" in result.output

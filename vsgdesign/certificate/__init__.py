@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from vsgdesign.certificate.asked import beyond_table, on_basis_of_table, region_of
     from vsgdesign.certificate.certifying import apart_or_why, certify, largest_rate
+    from vsgdesign.certificate.full_order.statement import FullOrderProof, prove_full_order
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
         Certificate,
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Certificate": "results",
     "Counterexample": "results",
+    "FullOrderProof": "full_order.statement",
     "Gap": "results",
     "MeasuredSchedule": "region",
     "NoFunctionError": "results",
@@ -35,6 +37,7 @@ _HOMES = {
     "certify": "certifying",
     "largest_rate": "certifying",
     "on_basis_of_table": "asked",
+    "prove_full_order": "full_order.statement",
     "refusal_record": "results",
     "region_of": "asked",
     "step_budget": "step_certificates",
@@ -51,6 +54,7 @@ def __getattr__(name: str) -> Any:
 __all__ = [
     "Certificate",
     "Counterexample",
+    "FullOrderProof",
     "Gap",
     "MeasuredSchedule",
     "NoFunctionError",
@@ -62,6 +66,7 @@ __all__ = [
     "certify",
     "largest_rate",
     "on_basis_of_table",
+    "prove_full_order",
     "refusal_record",
     "region_of",
     "step_budget",

@@ -95,7 +95,7 @@ def survey(
                         applies[case, start + lane] = False
                     if signs[case, n] > 0 and most[lane] < 0.0:
                         applies[case, start + lane] = False
-        _none_within(registers, outputs[carried + between :], conditions, beyond, crossed, nothing, mean, d)
+        none_within(registers, outputs[carried + between :], conditions, beyond, crossed, nothing, mean, d)
         # By element here, too: assigned as parts, it is the words of an error about shapes that are compiled.
         for lane in range(width):
             empty[start + lane] |= nothing[lane]
@@ -105,7 +105,7 @@ def survey(
 
 
 @_compiled
-def _none_within(
+def none_within(
     registers: Any, outputs: Any, conditions: Any, beyond: Any, crossed: Any, nothing: Any, mean: Any, d: int
 ) -> None:
     """Boxes without a point that keeps all ``conditions``, ``nothing`` (LANES,): one limit leaves none, or two."""

@@ -215,11 +215,11 @@ def parameters_of(system: System, boxes: Boxes, pieces: Boxes) -> Array:
         return np.concatenate([errors, more])
     x = 0.5 * (1.0 / pieces.low[:, 0] + 1.0 / pieces.high[:, 0])
     y = 1.0 / np.tan(0.5 * (pieces.low[:, 1] + pieces.high[:, 1]))
-    columns = [_bilinear(schedule, column, x, y) for column in schedule.columns]
+    columns = [bilinear(schedule, column, x, y) for column in schedule.columns]
     return np.concatenate([errors, *(column[:, boxes.piece] for column in columns), more])
 
 
-def _bilinear(schedule: TableSchedule, values: Array, x: Array, y: Array) -> Array:
+def bilinear(schedule: TableSchedule, values: Array, x: Array, y: Array) -> Array:
     """c_0 … c_3, (4, N), of a column in the cells that hold (x, y); beyond an axis the edge is held."""
     (i, x_0, x_1, flat_x), (j, y_0, y_1, flat_y) = _cell(schedule.scr, x), _cell(schedule.r_over_x, y)
     i_2, j_2 = np.minimum(i + 1, len(schedule.scr) - 1), np.minimum(j + 1, len(schedule.r_over_x) - 1)

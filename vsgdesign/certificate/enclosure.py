@@ -67,7 +67,7 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
         conditions += _within_errors_of_Z(system, region, tracer, here, (true_r, true_x))
     carried = [inverse_V, weakness, r_over_x] if len(P) > 1 else [inverse_V]
     choices = [here.scheduled(p, q, first)[1] for first in PIECES]
-    asked = _distinct(choices)
+    asked = distinct_choices(choices)
     situation = program_of(tracer, [*carried, *asked, *(value for value, _, _ in conditions)])
     between = np.array([[low, high] for _, low, high in conditions])
     # From here on errors act through the polygon, and on V as one quantity of its own between bounds.
@@ -80,7 +80,7 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
         functions, ways = weights(*(grid or (0.0, 0.0)))
         outputs = [entry for A in matrices for way in ways for entry in _inequality(A, functions, way, P, decay)]
         inequalities.append(program_of(tracer, outputs))
-    return BoxPrograms(situation, between, tuple(inequalities), _signs(choices, asked), P.shape[1])
+    return BoxPrograms(situation, between, tuple(inequalities), signs_of(choices, asked), P.shape[1])
 
 
 PIECES = tuple((drawn_in, *side) for drawn_in in (False, True) for side in ((True, True), (True, False), (False, True)))
@@ -92,7 +92,7 @@ _FREE = 0, 3
 """The pieces on which every choice has its say: on a limit, the other limit has none."""
 
 
-def _distinct(choices: Sequence[Sequence[Symbol]]) -> list[Symbol]:
+def distinct_choices(choices: Sequence[Sequence[Symbol]]) -> list[Symbol]:
     """What tells the pieces apart, each once."""
     found: list[Symbol] = []
     for k in _FREE:
@@ -100,7 +100,7 @@ def _distinct(choices: Sequence[Sequence[Symbol]]) -> list[Symbol]:
     return found
 
 
-def _signs(choices: Sequence[Sequence[Symbol]], asked: Sequence[Symbol]) -> NDArray[np.int64]:
+def signs_of(choices: Sequence[Sequence[Symbol]], asked: Sequence[Symbol]) -> NDArray[np.int64]:
     """(pieces, outputs): −1 where an output is negative on a piece, 1 where it is positive, 0 where it has no say."""
     signs = np.zeros((len(choices), len(asked)), dtype=np.int64)
     for piece, own in enumerate(choices):
@@ -143,16 +143,36 @@ class Estimate:
         return cls._with(system, size, direction, (r, x), size_sq, first)
 
     @classmethod
-    def about(cls, system: System, size: Symbol, direction: tuple[Symbol, Symbol]) -> Estimate:
-        """An estimate R̂ + jX̂ = ``direction`` in units of any impedance of ``size`` (pu), such as the true grid's."""
+    def about(
+        cls,
+        system: System,
+        size: Symbol,
+        direction: tuple[Symbol, Symbol],
+        first: Symbol | None = None,
+        slope: Symbol | None = None,
+    ) -> Estimate:
+        """An estimate R̂ + jX̂ = ``direction`` in units of any impedance of ``size`` (pu), such as the true grid's.
+
+        ``first`` and ``slope``: the estimate's first coordinate and R̂/X̂, where they are symbols of their own.
+        """
         r, x = _grid_side(system, size)
         along, across = direction[0] + r, direction[1] + x
         size_sq = along * along + across * across
-        return cls._with(system, size, direction, (r, x), size_sq, basis_of(system).counted(*direction) * size)
+        first = basis_of(system).counted(*direction) * size if first is None else first
+        return cls._with(system, size, direction, (r, x), size_sq, first, slope)
 
     @classmethod
-    def _with(cls, system: System, size: Symbol, direction: Any, fixed: Any, size_sq: Any, first: Symbol) -> Estimate:
-        schedule, slope = system.schedule, direction[0] / direction[1]
+    def _with(
+        cls,
+        system: System,
+        size: Symbol,
+        direction: Any,
+        fixed: Any,
+        size_sq: Any,
+        first: Symbol,
+        slope: Symbol | None = None,
+    ) -> Estimate:
+        schedule, slope = system.schedule, direction[0] / direction[1] if slope is None else slope
 
         def normalised(tracer: Tracer) -> NormalisedGains:
             if not isinstance(schedule, TableSchedule):
@@ -191,14 +211,14 @@ def _grid_side(system: System, size: Symbol) -> tuple[Any, Any]:
 
 
 def voltage_conditions(
-    system: System, region: Region, p: Symbol, q: Symbol, path: Any, base: Symbol
+    system: System, region: Region, p: Symbol, q: Symbol, path: Any, base: Symbol, drop: Symbol | None = None
 ) -> tuple[Symbol, list[tuple[Any, float, float]]]:
     """1/V per unit within the static limits, and the conditions for those and for P and Q (:eq:`box-coordinates`,
-    :eq:`static-limits`): each a quantity with its limits."""
+    :eq:`static-limits`): each a quantity with its limits. ``drop``: (V_g/V)², where it is not that of the path."""
     c = system.study.converter
     V_g = system.study.grid_source.V_g_rms / c.V_rated_rms
     r, x = path
-    drop = drop_sq(r, x, p, q)
+    drop = drop_sq(r, x, p, q) if drop is None else drop
     reach = (r * r + x * x) * (p * p + q * q) * (1.0 / PHASES**2)
     least, most = (V_g / c.V_max_pu) ** 2, (V_g / c.V_min_pu) ** 2
     conditions: list[tuple[Any, float, float]] = [(reach, -np.inf, POWER_MARGIN**-2), (drop, least, most)]

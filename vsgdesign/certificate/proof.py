@@ -32,15 +32,18 @@ def worst_points(
     A: Array,
     rng: np.random.Generator,
     begin: int = 0,
+    kept: int = _KEPT,
+    tries: int = _TRIES,
 ) -> tuple[Array, Array]:
-    """The points (_KEPT, 6) of largest ``shortfall`` near the worst of ``points`` (N, 6), the worst first, and it.
+    """The points (``kept``, 6) of largest ``shortfall`` near the worst of ``points`` (N, 6), the worst first, and it;
+    ``tries`` steps from each.
 
     ``shortfall``: points and their state matrices to a number each. Steps in ln SCR, ln X/R, P, Q and the errors get
     smaller from round to round; what leaves the region ends on its limit. ``begin``: rounds that are left out, where
     the points are known to lie near the worst.
     """
     worth = shortfall(points, A)
-    best = np.argsort(-worth)[:_KEPT]
+    best = np.argsort(-worth)[:kept]
     points, worth = points[best], worth[best]
     low, high = region.limits
     low[:2], high[:2] = np.log([[region.scr[0], region.x_over_r[0]], [region.scr[1], region.x_over_r[1]]])
@@ -51,7 +54,7 @@ def worst_points(
         return point_of(columns, region)
 
     for turn in range(begin, _ROUNDS):
-        columns = with_shares(np.repeat(points, _TRIES, axis=0), region)
+        columns = with_shares(np.repeat(points, tries, axis=0), region)
         columns[:, 0], columns[:, 1] = -np.log(columns[:, 0]), np.log(np.tan(columns[:, 1]))
         # Some coordinates at a time: the worst is often on a limit of the others.
         moved = rng.random(columns.shape) < 0.5
@@ -62,7 +65,7 @@ def worst_points(
             step[beyond] *= 0.5
         tried, A = system.matrices(point(columns + step))
         points, worth = np.concatenate([points, tried]), np.concatenate([worth, shortfall(tried, A)])
-        best = np.argsort(-worth)[:_KEPT]
+        best = np.argsort(-worth)[:kept]
         points, worth = points[best], worth[best]
     return points, worth
 

@@ -16,6 +16,8 @@ from vsgdesign.verbs.cli.common import (
     JSON,
     STUDY,
     echo_aside,
+    in_blocks,
+    kept_words,
     load,
     print_json,
     progress,
@@ -24,6 +26,7 @@ from vsgdesign.verbs.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from vsgdesign.execution.executors import How
     from vsgdesign.report.page.blocks import Block
 
 
@@ -127,7 +130,18 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
 
 
 @click.command()
-@STUDY
+@click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
+@click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
+)
+@click.option(
+    "--model",
+    type=click.Choice(["reduced", "full"]),
+    default="reduced",
+    show_default=True,
+    help="What is proved: the power loops with ideal inner loops while the grid moves, or the sampled full-order loop "
+    "on every grid that rests.",
+)
 @click.option(
     "--controller", default=None, metavar="NAME", help="The scheduled controller to prove.  [default: the last one]"
 )
@@ -181,12 +195,15 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
     type=click.IntRange(0),
     default=1_500_000,
     show_default=True,
-    help="Largest number of boxes for the proof.",
+    help="Largest number of boxes for the proof of the reduced model.",
 )
+@in_blocks
 @JSON
 @verb
 def certify(
-    study_file: str,
+    file: str,
+    study_file: str | None,
+    model: str,
     controller: str | None,
     scr: tuple[float, float] | None,
     x_over_r: tuple[float, float] | None,
@@ -197,6 +214,7 @@ def certify(
     rate: float,
     decay: float | None,
     boxes: int,
+    how: How,
     as_json: bool,
 ) -> None:
     """Prove stability on a range of grids, or refute it.
@@ -205,6 +223,9 @@ def certify(
     no limit of the controller acts and, for an angle-damped controller with the limiter "projection", on which grids
     the angle returns while the current is limited. Of a plant of equal units there is a second proof, of the units
     against each other.
+
+    With --model full it is the sampled full-order loop that is proved, on every grid that rests: processes share the
+    work, and an interrupted proof goes on from its finished parts.
     """
     from dataclasses import replace
 
@@ -222,12 +243,20 @@ def certify(
     from vsgdesign.certificate.swing import large_signal
     from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
+    from vsgdesign.verbs.pipeline.verify import with_table
 
-    whole = load(study_file, plants="whole")
-    study = with_left_tables(_on_the_grid_alone(as_unit(whole, "vsgdesign certify")), say=echo_aside)
+    whole = load(file if study_file is None else study_file, plants="whole")
+    unit = _on_the_grid_alone(as_unit(whole, "vsgdesign certify"))
+    if study_file is None:
+        study = with_left_tables(unit, say=echo_aside)
+    else:
+        study, controller = with_table(unit, file, controller)
     named = Ready(tables=read_tables(study))
     study = on_basis_of_table(study, controller, named)
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
+    if model == "full":
+        _certify_full(study, spec, region, decay, how, as_json)
+        return
     with progress(quiet=as_json) as tell:
         ready = study_tables(replace(study, controllers=(spec,)), progress=tell).ready
         found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
@@ -256,6 +285,22 @@ def certify(
             click.echo("Units against each other, with the gains of these grids:")
             click.echo(apart if isinstance(apart, str) else certificate_text(apart))
     if not isinstance(found, Certificate) or not isinstance(apart, Certificate | None):
+        sys.exit(EXIT_IMPOSSIBLE)
+
+
+def _certify_full(study: Any, spec: Any, region: Any, decay: float | None, how: How, as_json: bool) -> None:
+    """Proves the sampled full-order loop, and ends with exit code 1 where a part of the region is not proved."""
+    from vsgdesign.report.gain_table.full_order import full_order_text
+    from vsgdesign.verbs.pipeline.full_order import WORK, place_of, prove_full
+
+    place = place_of(study, spec)
+    with results_at(place, lambda: kept_words(place, WORK, "part")), progress(quiet=as_json) as tell:
+        found = prove_full(study, spec, region, decay, progress=tell, **how)
+    if as_json:
+        print_json(found.as_document())
+    else:
+        click.echo(full_order_text(found))
+    if not found.complete:
         sys.exit(EXIT_IMPOSSIBLE)
 
 

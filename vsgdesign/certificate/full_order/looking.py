@@ -1,0 +1,185 @@
+"""One look at many boxes: which are empty, on which f has no zero on the circle, and where the others should be cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.certificate.full_order.boxes import NATURAL, Part, Pieces, error_parameters
+from vsgdesign.certificate.full_order.cells import Cell
+from vsgdesign.certificate.full_order.kernel import exclude, gains_of, survey
+from vsgdesign.certificate.full_order.programs import COORDINATES, DIMENSIONS, FullOrderPrograms
+from vsgdesign.certificate.proof import arrays
+from vsgdesign.certificate.region import Region
+from vsgdesign.certificate.taylor_kernel import rows
+
+Array = NDArray[np.float64]
+
+UNDECIDED, PROVED, EMPTY = 0, 1, 2
+
+_PARTS = 17
+"""Numbers that the power loops are made of, in the order of ``programs._gains``."""
+
+
+_WEIGHT = np.array([0.5, 0.5, 1.0, 1.0, 1.0, 1.0])
+"""Of the coordinates in the choice of where to cut: to cut a cell of grids takes longer than to cut a box."""
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Of N boxes: ``state``, the ``dimension`` to cut where undecided, the place of the arc to ``begin`` with in its
+    halves; and how many values of f were enclosed."""
+
+    state: NDArray[np.int64]
+    dimension: NDArray[np.intp]
+    begin: NDArray[np.int64]
+    values: int
+
+
+@dataclass(frozen=True)
+class CellGroup:
+    """Cells side by side, as the kernel takes them."""
+
+    cells: tuple[Cell, ...]
+    rest: Any
+    functions: Any
+    first: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    order: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, cells: list[Cell]) -> CellGroup:
+        """Arcs near 2 rad/s come first: there f is smallest."""
+        counts = np.array([len(cell.functions) for cell in cells], dtype=np.int64)
+        order = []
+        for cell in cells:
+            middle = np.maximum(cell.functions[:, 0, 0].imag, 0.01)
+            order.append(np.argsort(np.abs(np.log(middle / 2.0)), kind="stable"))
+        return cls(
+            tuple(cells),
+            np.ascontiguousarray(np.stack([cell.rest for cell in cells])),
+            np.ascontiguousarray(np.concatenate([cell.functions for cell in cells])),
+            np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64),
+            counts,
+            np.concatenate(order).astype(np.int64),
+        )
+
+
+def look_at(programs: FullOrderPrograms, region: Region, pieces: Pieces, group: CellGroup, part: Part) -> Looks:
+    """For each box of cells that are good; ``part.cell`` is the place of the cell in the group."""
+    count, size = len(part), rows(DIMENSIONS)
+    low, high = part.low, part.high
+    empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(programs.signs), count), dtype=np.bool_)
+    inverse = np.zeros((count, size))
+    parameters = error_parameters(region, part, pieces)
+    situation = arrays(programs.situation)
+    boxes = (low, high, part.cell, group.rest, parameters)
+    survey(boxes, situation, programs.conditions, programs.signs, DIMENSIONS, (empty, applies, inverse))
+    columns = pieces.columns[:, part.piece]
+    state = np.where(empty, EMPTY, PROVED).astype(np.int64)
+    score = np.zeros((count, DIMENSIONS))
+    begin = part.begin.copy()
+    values = 0
+    widest = int(group.counts.max())
+    for case in range(len(programs.signs)):
+        some = np.flatnonzero(applies[case] & (state == PROVED))
+        if len(some) == 0:
+            continue
+        own_low, own_high, cell = low[some], high[some], part.cell[some]
+        program = programs.gains[case]
+        gains = np.zeros((len(some), len(program.outputs), size))
+        gains_of(
+            own_low, own_high, inverse[some], np.ascontiguousarray(columns[:, some]), arrays(program), DIMENSIONS, gains
+        )
+        held, where = np.zeros(len(some), dtype=np.int64), np.zeros(len(some), dtype=np.int64)
+        pull, middle = np.zeros((len(some), DIMENSIONS)), np.ones((len(some), widest), dtype=complex)
+        good = _high(programs, case, group, own_low, own_high, cell, gains)
+        pull[~good] = np.nan
+        tried = np.flatnonzero(good)
+        if len(tried):
+            found = (held[tried], where[tried], pull[tried], middle[tried])
+            own = np.minimum(begin[some][tried], group.counts[cell[tried]] - 1)
+            limits = (own_low[tried], own_high[tried], cell[tried], own)
+            arcs = (group.functions, group.first, group.counts, group.order)
+            values += exclude(limits, gains[tried], arcs, arrays(programs.arcs[case]), DIMENSIONS, found)
+            held[tried], where[tried], pull[tried], middle[tried] = found
+        for n in np.flatnonzero(held):
+            if not _turns_as_stable(group.cells[cell[n]], middle[n, : group.counts[cell[n]]]):
+                held[n] = 0
+        failed = some[held == 0]
+        state[failed] = UNDECIDED
+        begin[failed] = where[held == 0]
+        score[failed] = pull[held == 0]
+    return Looks(state, _to_cut(part, score), begin, values)
+
+
+def _high(
+    programs: FullOrderPrograms, case: int, group: CellGroup, low: Array, high: Array, cell: Any, gains: Array
+) -> NDArray[np.bool_]:
+    """Whether \\|det M/s³ − 1\\| < 1 on every high arc, by sizes alone (:eq:`full-order-high`)."""
+    sizes = _part_sizes(programs, case, gains)
+    kap_d, iota_d, nu_d, kap_V, iota_V, nu_V, slope, k_P, k_Q, K_ip, K_pq, K_qp, K_iq, A, B, C, D = (
+        sizes[:, k, None] for k in range(_PARTS)
+    )
+    p, q = (np.maximum(np.abs(low[:, k]), np.abs(high[:, k])) for k in (4, 5))
+    y = (np.hypot(p, q) / 3.0 * (1.0 + 1e-12))[:, None]
+    good = np.zeros(len(low), dtype=np.bool_)
+    for k in np.unique(cell):
+        own = cell == k
+        s, a_1, a_2, b_1, b_2, c, e, ratio = (column[None] for column in group.cells[k].sizes.T)
+        at = y[own]
+        P_d = 2.0 * ((a_1 + a_2 * at) * at + b_1 + b_2 * at)
+        P_V = 2.0 * (c * at + e)
+        Q_d, Q_V = ratio * P_d, ratio * P_V
+        P_d, Q_d, P_V, Q_V = P_d + A[own], Q_d + C[own], P_V + B[own], Q_V + D[own]
+        first, second = (k_P[own] + K_ip[own] / s) / s, (k_Q[own] + K_pq[own] / s) / s
+        with np.errstate(invalid="ignore", over="ignore"):
+            e_11 = kap_d[own] / s + iota_d[own] / s**2 + first * P_d + second * Q_d
+            e_12 = kap_V[own] / s + iota_V[own] / s**2 + first * P_V + second * Q_V
+            e_21 = slope[own] + (nu_d[own] + K_qp[own] * P_d + K_iq[own] * Q_d) / s
+            e_22 = (nu_V[own] + K_qp[own] * P_V + K_iq[own] * Q_V) / s
+            total = e_11 + e_22 + e_11 * e_22 + e_12 * e_21
+            good[own] = ((total < 1.0 - 1e-9) & (s > 0.0)).all(axis=1)
+    return good
+
+
+def _part_sizes(programs: FullOrderPrograms, case: int, gains: Array) -> Array:
+    """Bounds of what the power loops are made of, (N, _PARTS)."""
+    d = DIMENSIONS
+    last = 1 + d + d * (d + 1) // 2
+    bounds = np.abs(gains[:, :, 0]) + np.abs(gains[:, :, 1:last]).sum(axis=2) + gains[:, :, last : last + d].sum(axis=2)
+    found = np.empty((len(gains), _PARTS))
+    k = 0
+    for n, number in enumerate(programs.numbers[case]):
+        if number is None:
+            found[:, n] = bounds[:, k] * (1.0 + 1e-12)
+            k += 1
+        else:
+            found[:, n] = abs(number)
+    return found
+
+
+def _turns_as_stable(cell: Cell, middle: Any) -> bool:
+    """Whether det M turns about zero as often as that of a stable loop: three times, as s³ does
+    (:eq:`full-order-winding`)."""
+    if middle[0].real <= 0.0:
+        return False
+    angle = float(np.angle(middle[0]) + np.angle(middle[1:] / middle[:-1]).sum())
+    return abs(angle - cell.switch.imag) < np.pi * (1.0 - 1e-9)
+
+
+def _to_cut(part: Part, score: Array) -> NDArray[np.intp]:
+    """The coordinate that leaves most unknown; the widest one where there is no bound."""
+    half = 0.5 * (part.high - part.low)
+    width = half * NATURAL
+    width[:, 0] = half[:, 0] / (0.5 * (part.high[:, 0] + part.low[:, 0])) * NATURAL[0]
+    own = score[:, :COORDINATES]
+    finite = np.isfinite(own).all(axis=1, keepdims=True) & (own.sum(axis=1, keepdims=True) > 0.0)
+    chosen = np.where(finite, own, width) * _WEIGHT
+    return np.argmax(np.where(half > 0.0, chosen, -1.0), axis=1)
+
+
+__all__ = ["EMPTY", "PROVED", "UNDECIDED", "CellGroup", "Looks", "look_at"]

@@ -1,0 +1,266 @@
+"""The power loops around the inner loops as programs for boxes: what is at rest, the gains, and det M on an arc.
+
+A box is one of true grids and of estimates. Nothing of the schedule, its structure or the law of the power loops is
+written a second time: the equations run on symbols, as in :mod:`vsgdesign.certificate.enclosure`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.certificate.enclosure import (
+    PIECES,
+    Estimate,
+    Loops,
+    distinct_choices,
+    signs_of,
+    voltage_conditions,
+)
+from vsgdesign.certificate.full_order.inner import FUNCTIONS
+from vsgdesign.certificate.region import AtDesignPoint, Region, System
+from vsgdesign.certificate.tracing import Program, Symbol, Tracer, program_of
+from vsgdesign.equations.frames import PHASES
+from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point_discriminant
+from vsgdesign.equations.power_loops import References, power_loops
+from vsgdesign.equations.sampled_path import Phasor, product, scaled_sum
+from vsgdesign.runtime.table import TableSchedule
+
+Array = NDArray[np.float64]
+
+COORDINATES = 6
+"""Of a box: first coordinate and angle of the true grid; of the estimate, or its two errors; p and q."""
+
+DIMENSIONS = 7
+"""Of a form: the coordinates, and the frequency on an arc."""
+
+AT_REST = 4
+"""Real numbers of a cell beside the coordinates: of V_g/V as first + second·i_g\\|Z\\|/V."""
+
+ERRORS = 6
+"""Parameters of a piece that say which estimates belong to a true grid, see :func:`_in_error_set`."""
+
+
+@dataclass(frozen=True)
+class FullOrderPrograms:
+    """``situation``: coordinates and the rest's numbers to 1/V, what tells the pieces of the schedule apart, and the
+    ``conditions``. ``gains``: for each piece, coordinates and 1/V to what the power loops are made of. ``arc``: for
+    each piece, p, q, s, 1/(s + divisor)³, the functions of an arc and the numbers of ``gains`` to Re f and Im f."""
+
+    situation: Program
+    conditions: Array
+    signs: NDArray[np.int64]
+    gains: tuple[Program, ...]
+    arcs: tuple[Program, ...]
+    numbers: tuple[tuple[float | None, ...], ...]
+    """For each piece, which of what the power loops are made of are numbers; None: an output of ``gains``."""
+
+
+class _Chart:
+    """The symbols of a box and what follows from them."""
+
+    def __init__(self, system: System, region: Region, tracer: Tracer, errors: bool) -> None:
+        first, angle, one, other, self.p, self.q = tracer.symbols()[:COORDINATES]
+        self.along, self.across = np.cos(angle), np.sin(angle)
+        self.size = SCR_BASES[system.study.scr_basis].magnitude(first, self.across)
+        self.conditions: list[tuple[Any, float, float]] = []
+        if errors:
+            direction = (self.along * (1.0 + one), self.across * (1.0 + other))
+            self.here = Estimate.about(system, self.size, direction)
+        else:
+            basis = SCR_BASES[_schedule(system).scr_basis] if _is_table(system) else SCR_BASES[system.study.scr_basis]
+            along, across = np.cos(other), np.sin(other)
+            ratio = basis.magnitude(one, across) / self.size
+            direction = (along * ratio, across * ratio)
+            self.here = Estimate.about(system, self.size, direction, one, along / across)
+            self.conditions += _in_error_set(
+                region, tracer, (self.along, self.across), direction, ratio, basis.counts_resistance
+            )
+
+    def path(self) -> tuple[Any, Any]:
+        """From the control point to the source, in \\|Z_g\\|."""
+        fixed, share = self.here.fixed, self.here.share
+        return self.along + fixed[0], (self.across + fixed[1]) * share
+
+
+def full_order_programs(system: System, region: Region, errors: bool, ratio: bool) -> FullOrderPrograms:
+    """The programs of a study's loops in a region; ``ratio``: whether the filters of P and Q differ."""
+    tracer = Tracer(COORDINATES + AT_REST)
+    chart = _Chart(system, region, tracer, errors)
+    rest = tracer.symbols()[COORDINATES:]
+    y = Phasor(chart.p * (1.0 / PHASES), chart.q * (-1.0 / PHASES))
+    V_g = scaled_sum(1.0, Phasor(rest[0], rest[1]), 1.0, product(Phasor(rest[2], rest[3]), y))
+    drop = V_g.re * V_g.re + V_g.im * V_g.im
+    inverse_V, conditions = voltage_conditions(system, region, chart.p, chart.q, chart.path(), chart.here.base, drop)
+    conditions = [*chart.conditions, *conditions]
+    pieces = PIECES if not isinstance(system.schedule, AtDesignPoint) else (PIECES[0],)
+    choices: list[list[Symbol]] = []
+    if len(pieces) > 1:
+        choices = [chart.here.scheduled(chart.p, chart.q, first)[1] for first in pieces]
+    asked = distinct_choices(choices) if choices else []
+    situation = program_of(tracer, [inverse_V, *asked, *(value for value, _, _ in conditions)])
+    between = np.array([[low, high] for _, low, high in conditions])
+    signs = signs_of(choices, asked) if choices else np.zeros((1, 0), dtype=np.int64)
+    gains, arcs, numbers = [], [], []
+    for piece in pieces:
+        parts, program = _gains(system, region, errors, piece)
+        gains.append(program)
+        arcs.append(_arc(parts, ratio))
+        numbers.append(tuple(parts))
+    return FullOrderPrograms(situation, between, signs, tuple(gains), tuple(arcs), tuple(numbers))
+
+
+def _in_error_set(
+    region: Region, tracer: Tracer, truth: Any, estimate: Any, ratio: Any, counts_resistance: bool
+) -> list[tuple[Any, float, float]]:
+    """What an estimate in the error set keeps (:eq:`error-set`), all in \\|Z_g\\|. The parameters of a piece are: for
+    R, X, the size and the angle whether they are asked for, 1 or 0, then the half-widths in R and in X.
+
+    An estimate beyond a table's axes is drawn to their edge: there the size is kept, or the angle, and the rest is not.
+    """
+    e, e_Z = region.error, region.error_Z
+    one = tracer.constant(1.0)
+    most = max(e, float(np.hypot(e_Z, max(e, e_Z)))) if e_Z else e
+    kept_R, kept_X, kept_size, kept_angle = range(4)
+    found = []
+    for k, kept in ((0, kept_R), (1, kept_X)):
+        off, width = estimate[k] - truth[k], tracer.blend((4 + k,), (one,))
+        for value in (off, -off):
+            found.append((tracer.blend((kept,), (value - width,)), -np.inf, 0.0))
+    if counts_resistance:  # else what is kept is X
+        for value in (ratio - (1.0 + most), (1.0 - most) - ratio):
+            found.append((tracer.blend((kept_size,), (value,)), -np.inf, 0.0))
+    width_R, width_X = (tracer.blend((4 + k,), (one,)) for k in range(2))
+    # X̂/R̂ lies between (X − w_X)/(R + w_R) and (X + w_X)/(R − w_R).
+    low = (truth[1] - width_X) * estimate[0] - estimate[1] * (truth[0] + width_R)
+    high = estimate[1] * (truth[0] - width_R) - (truth[1] + width_X) * estimate[0]
+    for value in (low, high):
+        found.append((tracer.blend((kept_angle,), (value,)), -np.inf, 0.0))
+    return found
+
+
+def _gains(system: System, region: Region, errors: bool, piece: Sequence[bool]) -> tuple[list[float | None], Program]:
+    """What the power loops are made of, as a program: of each the number where it is one, None where it is a form."""
+    tracer = Tracer(COORDINATES + 1)
+    chart = _Chart(system, region, tracer, errors)
+    inverse_V = tracer.symbols()[-1]
+    p, q, here = chart.p, chart.q, chart.here
+    schedule = system.schedule
+    plain = system
+    if isinstance(schedule, AtDesignPoint):
+        plain = replace(system, schedule=schedule.schedule)
+        J = _at_design_point(plain, here, inverse_V)
+        normalised = schedule.schedule.normalised(0.0, 0.0)
+    else:
+        J, _ = here.scheduled(p, q, piece)
+        normalised = here.normalised(tracer)
+    loops = Loops.of(plain, normalised, J, inverse_V, here.base)
+    algebra, gains = loops.algebra, loops.gains
+    A, B, C, D = loops.J
+    none = References(0.0, 0.0, 0.0, 0.0)
+    values: list[Any] = []
+    # Per unit of δ and of ln V: ω less that of the integrator, then both rates where ω is held
+    # (:eq:`full-order-loops`).
+    for V, P, Q in ((0.0, A, C), (1.0, B, D)):
+        omega, _, _ = power_loops(0.0, V, P, Q, none, gains)
+        still, rate, slope = power_loops(-omega, V, P, Q, none, gains)
+        if algebra.value(still).terms:
+            raise ValueError("the law's frequency is not the integrator and a part of the powers")
+        values += [-omega, -rate, -slope]
+    # The droop acts on the whole frequency, which is sδ; with what the angle path damps, most of it cancels.
+    _, rate, slope = power_loops(1.0, 0.0, 0.0, 0.0, none, gains)
+    values[0] = values[0] - rate
+    values.append(-slope)
+    values += [gains.k_P, gains.k_Q, gains.K_ip, gains.K_pq, gains.K_qp, gains.K_iq, A, B, C, D]
+    outputs: list[Any] = []
+    parts: list[float | None] = []
+    for value in values:
+        terms = algebra.value(value).terms
+        if not terms or set(terms) == {()}:
+            parts.append(terms.get((), 0.0))
+            continue
+        parts.append(None)
+        outputs.append(algebra.symbol(algebra.value(value)).whole())
+    return parts, program_of(tracer, outputs)
+
+
+def _at_design_point(system: System, here: Estimate, inverse_V: Symbol) -> tuple[Any, Any, Any, Any]:
+    """The Jacobian of the design point on the estimated grid, in units of the true one: V is 1, and \\|Z_g\\|."""
+    s: Any = system.schedule
+    c = system.study.converter
+    powers = here.base * (inverse_V * inverse_V) * (1.0 / c.S_rated)
+    P, Q = powers * s.P, powers * s.Q
+    V_g = inverse_V * (s.V_g_rms / c.V_rated_rms)
+    r, x = here.direction[0] + here.fixed[0], here.direction[1] + here.fixed[1]
+    b_0, discriminant = operating_point_discriminant(P, Q, V_g, r, x)
+    V = ((b_0 + discriminant.sqrt()) * 0.5).sqrt()
+    return jacobian_from_powers(P, Q, V, r, x)
+
+
+def _arc(parts: Sequence[float | None], ratio: bool) -> Program:
+    """Re f and Im f, f = det M/(s + divisor)³ (:eq:`full-order-determinant`)."""
+    own = sum(part is None for part in parts)
+    more = 2 if ratio else 0
+    tracer = Tracer(2 + 4 + 2 * FUNCTIONS + more + own)
+    symbols = iter(tracer.symbols())
+    p, q = next(symbols), next(symbols)
+    s, divided = (Phasor(next(symbols), next(symbols)) for _ in range(2))
+    functions = [Phasor(next(symbols), next(symbols)) for _ in range(FUNCTIONS)]
+    of_Q = Phasor(next(symbols), next(symbols)) if ratio else None
+    kap_d, iota_d, nu_d, kap_V, iota_V, nu_V, slope, *rest = (next(symbols) if part is None else part for part in parts)
+    k_P, k_Q, K_ip, K_pq, K_qp, K_iq, A, B, C, D = rest
+    y = Phasor(p * (1.0 / PHASES), q * (-1.0 / PHASES))
+    y_c = Phasor(y.re, -y.im)
+
+    def plus(a: Phasor, b: Phasor) -> Phasor:
+        return scaled_sum(1.0, a, 1.0, b)
+
+    def minus(a: Phasor, b: Phasor) -> Phasor:
+        return scaled_sum(1.0, a, -1.0, b)
+
+    def times(real: Any, a: Phasor) -> Phasor:
+        return Phasor(real * a.re, real * a.im)
+
+    a_1, a_2, b_1, b_2, c, e = functions[:6]
+    o_1, o_2, n_1, n_2, g, h = functions[6:]
+    # (v ī_g + v̄' ...): the signal's own voltage with the current at rest, and the conjugate signal's current.
+    S_d = plus(product(plus(a_1, product(a_2, y)), y_c), plus(n_1, product(n_2, y_c)))
+    T_d = plus(product(plus(o_1, product(o_2, y_c)), y), plus(b_1, product(b_2, y)))
+    S_V, T_V = plus(product(c, y_c), h), plus(product(g, y), e)
+    off: list[Phasor] = []
+    for S, T, of_P, of_other in ((S_d, T_d, A, C), (S_V, T_V, B, D)):
+        both, apart = plus(S, T), minus(S, T)
+        P, Q = both, Phasor(apart.im, -apart.re)
+        Q = Q if of_Q is None else product(Q, of_Q)
+        off += [Phasor(P.re - of_P, P.im), Phasor(Q.re - of_other, Q.im)]
+
+    def acts(first: Any, second: Any, P: Phasor, Q: Phasor) -> Phasor:
+        return plus(times(first, P), times(second, Q))
+
+    d_P, d_Q, V_P, V_Q = off
+    s_sq = product(s, s)
+    m_11 = plus(
+        plus(s_sq, product(s, plus(Phasor(kap_d, 0.0), acts(k_P, k_Q, d_P, d_Q)))),
+        plus(Phasor(iota_d, 0.0), acts(K_ip, K_pq, d_P, d_Q)),
+    )
+    m_12 = plus(
+        product(s, plus(Phasor(kap_V, 0.0), acts(k_P, k_Q, V_P, V_Q))),
+        plus(Phasor(iota_V, 0.0), acts(K_ip, K_pq, V_P, V_Q)),
+    )
+    m_21 = plus(times(slope, s), plus(Phasor(nu_d, 0.0), acts(K_qp, K_iq, d_P, d_Q)))
+    m_22 = plus(s, plus(Phasor(nu_V, 0.0), acts(K_qp, K_iq, V_P, V_Q)))
+    f = product(minus(product(m_11, m_22), product(m_12, m_21)), divided)
+    return program_of(tracer, [f.re, f.im])
+
+
+def _schedule(system: System) -> Any:
+    return system.schedule
+
+
+def _is_table(system: System) -> bool:
+    return isinstance(system.schedule, TableSchedule)

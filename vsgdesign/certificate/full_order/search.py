@@ -1,0 +1,190 @@
+"""The region cut into cells and boxes until f has no zero on the circle over any of them
+(:eq:`full-order-exclusion`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.certificate.full_order.boxes import Part, Pieces, by_errors, pieces_of, whole
+from vsgdesign.certificate.full_order.cells import GOOD, INNER_UNSTABLE, Arcs, Cell, cells_of
+from vsgdesign.certificate.full_order.inner import InnerLoop, InnerTapes, fastest_step
+from vsgdesign.certificate.full_order.looking import EMPTY, PROVED, UNDECIDED, CellGroup, look_at
+from vsgdesign.certificate.full_order.programs import FullOrderPrograms, full_order_programs
+from vsgdesign.certificate.full_order.rows import inner_rows, power_filter
+from vsgdesign.certificate.region import Region, System
+from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.study.parameters.study import Study
+
+Array = NDArray[np.float64]
+
+_AT_ONCE = 32
+"""Cells whose boxes go through the kernel together."""
+
+_BOXES_OF_CELL = 600
+"""Boxes that are looked at in a cell before it is cut itself."""
+
+_DEEPEST = 20
+"""Cuts of a cell after which what is left of it is not decided."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be proved: a study's loops in a region, and the circle."""
+
+    system: System
+    region: Region
+    loop: InnerLoop
+    tapes: InnerTapes
+    programs: FullOrderPrograms
+    pieces: Pieces
+
+    @classmethod
+    def of(cls, study: Study, system: System, region: Region, alpha: float) -> Problem:
+        """With the circle \\|z\\| = exp(−alpha T_s); alpha in 1/s."""
+        filters = power_filter(study, True), power_filter(study, False)
+        fastest = fastest_step(study.circuit(), study.converter.T_s, *_corners(study, region))
+        loop = InnerLoop.of(study, inner_rows(study), filters, alpha, max(4.0, 3.0 * alpha), fastest)
+        programs = full_order_programs(system, region, by_errors(system, region), filters[0] != filters[1])
+        return cls(system, region, loop, InnerTapes.of(loop), programs, pieces_of(system, region))
+
+
+def _corners(study: Study, region: Region) -> tuple[Array, Array]:
+    """R_g (Ω) and L_g (H) at the corners of the region."""
+    c = study.converter
+    scr, ratio = (np.array(axis) for axis in (np.repeat(region.scr, 2), np.tile(region.x_over_r, 2)))
+    return SCR_BASES[study.scr_basis].grid(scr, ratio, c.Z_base, c.omega_n)
+
+
+@dataclass
+class Waiting:
+    """A cell whose functions are not known yet, with its boxes."""
+
+    low: Array
+    high: Array
+    depth: int
+    boxes: Part
+
+
+@dataclass
+class Found:
+    """What a search has found so far. ``cells`` (limits) and, for each, its edges of arcs and proved boxes."""
+
+    cells: list[tuple[Array, Array, Array]] = field(default_factory=list)
+    boxes: list[Part] = field(default_factory=list)
+    proved: float = 0.0
+    empty: float = 0.0
+    left: list[tuple[Waiting, str]] = field(default_factory=list)
+    values: int = 0
+    looked: int = 0
+
+    @property
+    def unproved(self) -> float:
+        """Share of the boxes' volume, of what is not empty."""
+        left = sum(float(waiting.boxes.share.sum()) for waiting, _ in self.left)
+        return left / max(self.proved + left, 1e-300)
+
+
+def beginning(problem: Problem) -> list[Waiting]:
+    """All of the region."""
+    low, high, boxes = whole(problem.system, problem.region, problem.pieces)
+    return [Waiting(low[k], high[k], 0, boxes.take(boxes.cell == k)) for k in range(len(low))]
+
+
+def search(
+    problem: Problem,
+    waiting: list[Waiting],
+    found: Found,
+    most_looks: float = np.inf,
+) -> list[Waiting]:
+    """Goes on with what is waiting until nothing is or so many boxes were looked at; returns what then still waits."""
+    coarsest = Arcs.coarsest(problem.loop.T_s)
+    stack = list(reversed(waiting))
+    while stack and found.looked < most_looks:
+        now = [stack.pop() for _ in range(min(_AT_ONCE, len(stack)))]
+        ready: list[tuple[Waiting, Cell]] = []
+        cells = cells_of(
+            problem.tapes, np.array([one.low for one in now]), np.array([one.high for one in now]), coarsest
+        )
+        for one, cell in zip(now, cells, strict=True):
+            if cell.state == GOOD:
+                ready.append((one, cell))
+            elif cell.state == INNER_UNSTABLE:  # on the whole cell: a smaller one is no better
+                found.left.append((one, "inner"))
+            elif one.depth >= _DEEPEST:
+                found.left.append((one, "functions"))
+            else:
+                stack.extend(_halved(one, one.boxes, None))
+        if ready:
+            stack.extend(_look(problem, ready, found))
+    return list(reversed(stack))
+
+
+def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> list[Waiting]:
+    """The boxes of some cells, cut until each is decided or asks for a smaller cell; returns the smaller cells."""
+    group = CellGroup.of([cell for _, cell in ready])
+    count = len(ready)
+    parts = [
+        Part(b.low, b.high, np.full(len(b), k), b.piece, b.begin, b.share)
+        for k, b in enumerate(one.boxes for one, _ in ready)
+    ]
+    part = Part.joined(parts)
+    wanting: list[Part] = []
+    asks = np.zeros((count, 2))
+    looked = np.zeros(count, dtype=np.int64)
+    kept: list[Part] = []
+    while len(part):
+        looks = look_at(problem.programs, problem.region, problem.pieces, group, part)
+        found.values += looks.values
+        found.looked += len(part)
+        np.add.at(looked, part.cell, 1)
+        found.empty += float(part.share[looks.state == EMPTY].sum())
+        proved = looks.state == PROVED
+        found.proved += float(part.share[proved].sum())
+        if proved.any():
+            kept.append(part.take(proved))
+        undecided = looks.state == UNDECIDED
+        part = Part(part.low, part.high, part.cell, part.piece, looks.begin, part.share).take(undecided)
+        dimension = looks.dimension[undecided]
+        cut_cell = (dimension < 2) | (looked[part.cell] > _BOXES_OF_CELL)
+        np.add.at(asks, (part.cell[dimension < 2], dimension[dimension < 2]), part.share[dimension < 2])
+        if cut_cell.any():
+            wanting.append(part.take(cut_cell))
+        part = part.take(~cut_cell).halves(dimension[~cut_cell])
+    first = len(found.cells)
+    found.cells += [(cell.low, cell.high, cell.edges) for _, cell in ready]
+    for one in kept:
+        found.boxes.append(Part(one.low, one.high, one.cell + first, one.piece, one.begin, one.share))
+    smaller: list[Waiting] = []
+    if wanting:
+        left = Part.joined(wanting)
+        for k, (one, _) in enumerate(ready):
+            own = left.take(left.cell == k)
+            if len(own) == 0:
+                continue
+            if one.depth >= _DEEPEST:
+                found.left.append((Waiting(one.low, one.high, one.depth, own), "boxes"))
+                continue
+            smaller += _halved(one, own, asks[k] if asks[k].any() else None)
+    return smaller
+
+
+def _halved(one: Waiting, boxes: Part, asks: Any) -> list[Waiting]:
+    """A cell cut in the dimension that most of its boxes ask for; else in the wider one."""
+    half = 0.5 * (one.high - one.low)
+    width = np.array([1.5 * half[0] / (0.5 * (one.low[0] + one.high[0])), 2.0 * half[1]])
+    ratio = width if asks is None else np.where(half > 0.0, asks, -1.0)
+    k = int(np.argmax(ratio))
+    middle = 0.5 * (one.low[k] + one.high[k])
+    found = []
+    for side in range(2):
+        low, high = one.low.copy(), one.high.copy()
+        (high if side == 0 else low)[k] = middle
+        own_low, own_high = boxes.low.copy(), boxes.high.copy()
+        (own_high if side == 0 else own_low)[:, k] = middle
+        part = Part(own_low, own_high, boxes.cell, boxes.piece, boxes.begin, 0.5 * boxes.share)
+        found.append(Waiting(low, high, one.depth + 1, part))
+    return found

@@ -1,0 +1,269 @@
+"""What is proved of the sampled full-order loop in a region: the search in blocks that are kept, and its statement."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.certificate_record import CertificateCell, StaticLimits
+from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.certificate.asked import beyond_table
+from vsgdesign.certificate.certifying import prepared
+from vsgdesign.certificate.full_order.points import least_decay
+from vsgdesign.certificate.full_order.rows import inner_rows
+from vsgdesign.certificate.full_order.search import Found, Problem, Waiting, beginning, search
+from vsgdesign.certificate.region import Region, System
+from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
+from vsgdesign.execution.executors import executor_of, worker_count
+from vsgdesign.execution.jobs import Job
+from vsgdesign.execution.journal import Journal, journal_at, run_job
+from vsgdesign.execution.progress import Progress
+from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+Array = NDArray[np.float64]
+
+_BLOCK = 4
+"""Cells of the beginning that are a block of the work."""
+
+_MOST_LOOKS = 400_000
+"""Boxes that a block looks at before the rest of it is not decided."""
+
+_SHARE = 0.5
+"""Of the least decay that is found, what is proved where no decay is asked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftPart:
+    """A part of the region that is not proved: its limits, its share of the boxes' volume, and why."""
+
+    scr: tuple[float, float]
+    x_over_r: tuple[float, float]
+    share: float
+    reason: str
+    """``inner``: the inner loops alone are not inside the circle; ``functions``: they are not enclosed well enough;
+    ``boxes``: the power loops are not enclosed well enough."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FullOrderProof:
+    """All eigenvalues of the sampled full-order loop lie inside \\|z\\| = exp(−``decay``·T_s) on the share ``proved``
+    of the region; of all of it where ``left`` is empty.
+
+    ``slowest``: the point of least decay that a search found. ``cells`` and ``boxes``: how many the proof has.
+    """
+
+    controller: str
+    region: Region
+    limits: StaticLimits
+    decay: float
+    slowest: CertificateCell
+    proved: float
+    left: tuple[LeftPart, ...]
+    cells: int
+    boxes: int
+    values: int
+    states: int
+    inner_gains: dict[str, float]
+    delay: int
+
+    @property
+    def complete(self) -> bool:
+        """Whether the whole region is proved."""
+        return not self.left
+
+    @property
+    def unstable(self) -> bool:
+        """Whether the slowest point is a counterexample."""
+        return not (self.slowest.decay or 0.0) > 0.0
+
+    @property
+    def inner_hash(self) -> str:
+        """Of the inner gains that it holds for."""
+        return hashlib.sha256(repr(sorted(self.inner_gains.items())).encode()).hexdigest()[:16]
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON's types."""
+        return plain(
+            {
+                "model": "full",
+                "certified": self.complete,
+                "controller": self.controller,
+                "region": self.region.as_document(),
+                "static_limits": asdict(self.limits),
+                "decay": self.decay,
+                "slowest": {name: value for name, value in asdict(self.slowest).items() if value is not None},
+                "proved": self.proved,
+                "left": [asdict(part) for part in self.left],
+                "cells": self.cells,
+                "boxes": self.boxes,
+                "values": self.values,
+                "states": self.states,
+                "inner_gains": self.inner_gains,
+                "inner_hash": self.inner_hash,
+                "delay_samples": self.delay,
+            }
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FullOrderJob(Job[int, dict[str, Any]]):
+    """The proof in blocks of cells. A part has, by the number of its block, what was found there."""
+
+    study: Study
+    spec: ControllerSpec
+    tables: Mapping[str, GainTable]
+    region: Region
+    decay: float
+
+    what = "full-order proof"
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that a part depends on."""
+        tables = {name: table.sha256 for name, table in self.tables.items()}
+        asked = (self.study.hash, self.study.scr_basis, repr(self.spec), tables, repr(self.region), self.decay)
+        return hashlib.sha256(repr((asked, package_hash())).encode()).hexdigest()
+
+    @functools.cached_property
+    def problem(self) -> Problem:
+        """What is to be proved."""
+        system, _ = prepared(self.study, self.spec, self.region, Ready(tables=dict(self.tables)), None, self.decay)
+        return Problem.of(self.study.with_limit_of(self.spec), system, self.region, self.decay)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "problem"}
+
+    @functools.cached_property
+    def _beginning(self) -> list[Waiting]:
+        return beginning(self.problem)
+
+    @property
+    def blocks(self) -> range:
+        """Numbers of all blocks."""
+        return range(-(-len(self._beginning) // _BLOCK))
+
+    def run(self, block: int) -> dict[str, Any]:
+        """What a search finds in some cells."""
+        found = Found()
+        waiting = search(
+            self.problem, self._beginning[_BLOCK * block : _BLOCK * (block + 1)], found, most_looks=_MOST_LOOKS
+        )
+        left = [*found.left, *((one, "boxes") for one in waiting)]
+        return {
+            str(block): {
+                "proved": found.proved,
+                "empty": found.empty,
+                "values": found.values,
+                "cells": len(found.cells),
+                "boxes": sum(map(len, found.boxes)),
+                "left": [
+                    [*one.low.tolist(), *one.high.tolist(), float(one.boxes.share.sum()), why] for one, why in left
+                ],
+            }
+        }
+
+
+def prove_full_order(
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    *,
+    ready: Ready = NOTHING,
+    decay: float | None = None,
+    kept: Callable[[FullOrderJob], AbstractContextManager[Journal[Any]]] | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    progress: Progress | None = None,
+    seed: int = 0,
+) -> FullOrderProof:
+    """The statement over a region.
+
+    ``decay`` in 1/s; None: half of the least one that a search finds. ``kept`` opens the journal in which finished
+    blocks are kept. Raises StudyError where the region or the decay is wrong, InfeasibleStudyError where the
+    region is empty, where the loop has something that the proof does not know, or where a point decays more slowly than
+    is asked.
+    """
+    _known(study, spec, region, ready)
+    system, _ = prepared(study, spec, region, ready, None, decay)
+    own = study.with_limit_of(spec)
+    slowest = least_decay(own, system, region, seed)
+    least = slowest.decay or 0.0
+    if least <= 0.0:
+        return _statement(own, spec, region, system, 0.0, slowest, {})
+    if decay is not None and decay >= least:
+        raise InfeasibleStudyError(
+            f"controller {spec.name}: decay = {decay:g} 1/s does not hold in the sampled full-order model; at most "
+            f"{least:.3g} 1/s does. Ask for less, or shrink the region or the error."
+        )
+    tables = {spec.name: table} if (table := ready.tables.get(spec.name)) is not None else {}
+    goal = _SHARE * least if decay is None else decay
+    job = FullOrderJob(study=study, spec=spec, tables=tables, region=region, decay=goal)
+    with journal_at(job, None) if kept is None else kept(job) as journal:
+        left = len(job.left(journal.whole))
+        with executor_of(min(worker_count(workers), max(left, 1)), cluster) as executor:
+            parts = run_job(job, journal, executor=executor, progress=progress)
+    return _statement(own, spec, region, system, goal, slowest, parts)
+
+
+def _known(study: Study, spec: ControllerSpec, region: Region, ready: Ready) -> None:
+    """Raises StudyError where the proof does not know what the loop does."""
+    faults = []
+    if np.isfinite(region.rate):
+        faults.append(Fault("rate", f"{region.rate:g}", "the proof of the full-order model is one of grids that rest"))
+    for sentence in beyond_table(region, ready.tables.get(spec.name)):
+        faults.append(Fault("region", "", f"goes beyond the table, whose scheduler would draw it in. {sentence}"))
+    if faults:
+        raise StudyError(study.name, faults)
+
+
+def _statement(
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    system: System,
+    decay: float,
+    slowest: CertificateCell,
+    parts: Mapping[str, Any],
+) -> FullOrderProof:
+    every = [parts[name] for name in sorted(parts, key=int)]
+    proved = sum(part["proved"] for part in every)
+    rest = [row for part in every for row in part["left"]]
+    open_share = sum(row[4] for row in rest)
+    total = max(proved + open_share, 1e-300)
+    left = [
+        LeftPart(
+            scr=(1.0 / row[2], 1.0 / row[0]),
+            x_over_r=(float(np.tan(row[1])), float(np.tan(row[3]))),
+            share=row[4] / total,
+            reason=row[5],
+        )
+        for row in sorted(rest, key=lambda row: -row[4])
+    ]
+    if not parts:
+        left = [LeftPart(scr=region.scr, x_over_r=region.x_over_r, share=1.0, reason="boxes")]
+    filters = (study.tau_P > 0.0) + (study.tau_Q > 0.0) + 4 * study.has_notch
+    return FullOrderProof(
+        controller=spec.name,
+        region=region,
+        limits=system.static,
+        decay=decay,
+        slowest=slowest,
+        proved=proved / total if parts else 0.0,
+        left=tuple(left),
+        cells=sum(part["cells"] for part in every),
+        boxes=sum(part["boxes"] for part in every),
+        values=sum(part["values"] for part in every),
+        states=2 * inner_rows(study).states + 3 + filters,
+        inner_gains=study.inner_gains._asdict(),
+        delay=study.converter.delay_samples,
+    )

@@ -1,0 +1,75 @@
+"""The proof of the sampled full-order loop in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vsgdesign.artifacts.certificate_record import CertificateCell
+from vsgdesign.certificate import FullOrderProof
+
+MODEL = (
+    "the sampled full-order model: filter, inner loops, power filters, transient impedance, delay and sampling, with "
+    "an ideal dc link and without limits"
+)
+"""What was proved of, in every text."""
+
+_REASONS = {
+    "inner": "the inner loops alone decay more slowly, or not at all",
+    "functions": "the inner loops are not enclosed well enough",
+    "boxes": "the loop is not enclosed well enough",
+}
+
+_SHOWN = 5
+
+
+def full_order_text(found: FullOrderProof) -> str:
+    """What is proved of the full-order model, and what is not."""
+    head = f"{found.controller}: "
+    worst = f"{_where(found.slowest)}"
+    if found.unstable:
+        growth = -(found.slowest.decay or 0.0)
+        return f"{head}Not stable: {worst}, the slowest mode grows at {growth:.3g} 1/s. Model: {MODEL}."
+    inner = f"{found.states} states, inner gains {found.inner_hash}"
+    circle = f"|z| = exp(−{found.decay:.4g} s⁻¹·T_s)"
+    loop = f"every eigenvalue of the loop lies inside {circle}, without a gap between the points"
+    region = found.region
+    grids = f"SCR {region.scr[0]:.4g} to {region.scr[1]:.4g}, X/R {region.x_over_r[0]:.4g} to {region.x_over_r[1]:.4g}"
+    P, Q = ([value / 1e3 for value in limits] for limits in (region.P, region.Q))
+    powers = f"P {P[0]:.4g} to {P[1]:.4g} kW, Q {Q[0]:.4g} to {Q[1]:.4g} kvar"
+    errors = f"errors of ±{100.0 * region.error:.4g} %"
+    if region.error_Z:
+        errors += f" or {100.0 * region.error_Z:.4g} % of |Z_g|"
+    size = f"Proved on {found.boxes} boxes in {found.cells} cells of grids, with rounding enclosed."
+    least = f"The least decay that a search found is {found.slowest.decay:.4g} 1/s, {worst}."
+    model = f"Model: {MODEL} ({inner})."
+    if found.complete:
+        return f"{head}Proved. Over {grids}, {powers} and {errors}, {loop}.\n{size} {least}\n{model}"
+    lines = [
+        f"{head}Not proved everywhere. On {_share(found.proved)} of {grids}, {powers} and {errors}, {loop}.",
+        f"{size} {least}",
+        "Not decided, the largest parts first:",
+    ]
+    for part in found.left[:_SHOWN]:
+        lines.append(
+            f"  SCR {part.scr[0]:.4g} to {part.scr[1]:.4g}, X/R {part.x_over_r[0]:.4g} to {part.x_over_r[1]:.4g}: "
+            f"{_share(part.share)}, {_REASONS[part.reason]}"
+        )
+    if len(found.left) > _SHOWN:
+        rest = sum(part.share for part in found.left[_SHOWN:])
+        lines.append(f"  and {len(found.left) - _SHOWN} more: {_share(rest)}")
+    return "\n".join([*lines, model])
+
+
+def _share(share: float) -> str:
+    """A share that is not rounded to all or nothing."""
+    digits = 2
+    while digits < 9 and 0.0 < share < 1.0 and float(np.round(100.0 * share, digits)) in (0.0, 100.0):
+        digits += 1
+    return f"{100.0 * share:.{digits}f} %"
+
+
+def _where(cell: CertificateCell) -> str:
+    return (
+        f"at SCR {cell.scr:.4g}, X/R {cell.x_over_r:.4g}, P {cell.P / 1e3:.4g} kW, Q {cell.Q / 1e3:.4g} kvar, with an "
+        f"estimate of R_g that is off by {100.0 * cell.error_R:+.3g} % and of L_g by {100.0 * cell.error_L:+.3g} %"
+    )

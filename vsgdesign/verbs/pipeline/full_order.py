@@ -1,0 +1,44 @@
+"""The proof of a study's sampled full-order loop: its table first, then the proof in parts that are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from vsgdesign.certificate import FullOrderProof, Region, prove_full_order
+from vsgdesign.execution.journal import journal_of
+from vsgdesign.execution.progress import Progress
+from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.verbs.pipeline.study_tables import study_tables
+
+WORK = "full-order"
+"""Of the folder with the finished parts."""
+
+
+def place_of(study: Study, spec: ControllerSpec) -> Path:
+    """Beside what the finished parts of a proof are kept until all are done."""
+    return Path("out") / f"{study.name}-{spec.name}"
+
+
+def prove_full(
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    decay: float | None = None,
+    *,
+    workers: int | None = None,
+    cluster: str | None = None,
+    fresh: bool = False,
+    say: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+) -> FullOrderProof:
+    """The statement of :func:`vsgdesign.certificate.prove_full_order`, whose errors it raises. An interrupted call
+    goes on from its finished parts; ``fresh`` begins again. ``say`` takes a sentence where what is kept is of other
+    work."""
+    ready = study_tables(replace(study, controllers=(spec,)), progress=progress).ready
+    kept = partial(journal_of, out=place_of(study, spec), work=WORK, fresh=fresh, say=say)
+    return prove_full_order(
+        study, spec, region, ready=ready, decay=decay, kept=kept, workers=workers, cluster=cluster, progress=progress
+    )
