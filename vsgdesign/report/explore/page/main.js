@@ -1,7 +1,6 @@
 // The explorer's page. It computes nothing of the physics: every number is an answer of the package's own functions.
-// Order: svg draw slices notice state words live columns cells live_map transport map modes bode response units fields event table save actions main
+// Order: svg draw notice state words live columns cells live_map transport map modes bode response units fields event table save actions main
 import { onThemeChange } from "./draw.js";
-import { atOnce, soon } from "./slices.js";
 import { Store, framed, linkOf, stateOfLink } from "./state.js";
 import { Transport, loadInfo, serverAsk, waitAfter } from "./transport.js";
 import { GridMap, figureText, paintScale } from "./map.js";
@@ -174,7 +173,6 @@ class Page {
     segment(byId("loop"), "loop", { P: "P", Q: "Q" }, (value) => {
       this.bode.loop = value;
       this.showLinear();
-      atOnce();
     });
   }
 
@@ -267,11 +265,14 @@ class Page {
     if (answer.header.more && this.store.state.figure === answer.header.figure)
       this.transport.wish(kind, this.store.state, wish.since);
     // The time until the frame with this answer is on the screen, for whoever measures.
-    const tell = () => {
-      const detail = { kind, seq: wish.seq, ms: performance.now() - wish.since, server: answer.header.ms };
-      document.dispatchEvent(new CustomEvent("drawn", { detail }));
-    };
-    soon({}, () => requestAnimationFrame(() => soon({}, tell)));
+    requestAnimationFrame(() => {
+      const channel = new MessageChannel();
+      channel.port1.onmessage = () => {
+        const detail = { kind, seq: wish.seq, ms: performance.now() - wish.since, server: answer.header.ms };
+        document.dispatchEvent(new CustomEvent("drawn", { detail }));
+      };
+      channel.port2.postMessage(0);
+    });
   }
 
   // Controllers of an answer that are still shown, with their place in the study (for the marker's shape).
@@ -306,11 +307,11 @@ class Page {
       };
     });
     byId("loop").hidden = !Object.keys(arrays).some((name) => name.endsWith("bode_Q_mag_db"));
-    soon("modes", () => this.modes.show(shown, words));
-    soon("bode", () => this.bode.show(curves, words));
+    this.modes.show(shown, words);
+    this.bode.show(curves, words);
     const { event } = this.store.state;
     const drawn = (this.store.state.case ?? null) === null && event.kind === "step";
-    soon("linear", () => this.response.showLinear(drawn ? curves : [], drawn ? event.signal : null, words));
+    this.response.showLinear(drawn ? curves : [], drawn ? event.signal : null, words);
     this.showTable();
     const last = shown[shown.length - 1];
     this.fields.offerGains(last && last.gains && Object.keys(last.gains).length ? last.gains : null);
@@ -323,15 +324,11 @@ class Page {
       for (const name of Object.keys(SHOWN)) curve[name] = curve.t && arrays[`${c.index}/${name}`];
       return curve;
     });
-    soon("emt", () => this.response.showEmt(curves, header.bands, header.words));
+    this.response.showEmt(curves, header.bands, header.words);
     this.showTable();
   }
 
   showTable() {
-    soon("table", () => this.fillTable());
-  }
-
-  fillTable() {
     const { linear, emt } = this.answers;
     this.table.show(linear ? linear.header.controllers : [], emt ? emt.header.controllers : []);
   }
@@ -340,8 +337,8 @@ class Page {
     const { answers, info } = this;
     const known = info.figures.find((f) => f.name === answers.map.header.figure) || {};
     Object.assign(answers.map.header, { ...known, ...answers.map.header });
-    soon("map", () => this.map.show(answers.map));
-    soon("scale", () => paintScale(byId("scale"), answers.map.header));
+    this.map.show(answers.map);
+    paintScale(byId("scale"), answers.map.header);
     const { promise, unit, label, controller } = answers.map.header;
     const promised =
       promise === null || promise === undefined ? "" : ` The line is at the promised ${figureText(promise, unit)}.`;
