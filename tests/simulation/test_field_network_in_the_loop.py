@@ -81,7 +81,9 @@ def test_plain_python_and_the_run_agree() -> None:
     built = build_estimator("field_network", replace(at, weights=weights))
     assert built.first().gate == FIRST_GATE
     seen = FieldFeatures(*np.zeros(len(FieldFeatures._fields)).tolist())
-    answer = FieldAnswer(**(dict.fromkeys(FieldAnswer._fields, 0.0) | {"R_g": 1.0, "L_g": 2e-3, "mode": 2.0}))
+    answer = FieldAnswer(
+        **(dict.fromkeys(FieldAnswer._fields, 0.0) | {"R_g": 1.0, "L_g": 2e-3, "mode": 2.0, "passive": 1.0})
+    )
     gate, said = network.behind(FIRST_GATE, seen, answer, settings)
     assert (gate.since, said) == (LONG_AGO, answer)
     gate, said = network.behind(gate, seen, answer._replace(event=1.0), settings)
