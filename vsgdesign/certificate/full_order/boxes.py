@@ -28,6 +28,9 @@ NATURAL = np.array([1.5, 2.0, 1.0, 1.0, 0.35, 0.35])
 """How much a coordinate's half-width counts where nothing better is known; that of the first one relative to itself."""
 
 
+DrawnTo = tuple[tuple[float, float], tuple[float, float]]
+
+
 @dataclass(frozen=True)
 class Pieces:
     """Of K pieces of the estimates: limits (K, 2) of the third and fourth coordinate; ``kept`` (K, 4): what an estimate
@@ -83,8 +86,9 @@ def by_errors(system: System, region: Region) -> bool:
     return not isinstance(system.schedule, TableSchedule) and not region.error_Z
 
 
-def pieces_of(system: System, region: Region) -> Pieces:
-    """The pieces of a schedule: cells of a table, its edges for estimates that are drawn to them, else one."""
+def pieces_of(system: System, region: Region, drawn_to: DrawnTo | None = None) -> Pieces:
+    """The pieces of a schedule: cells of a table, the edges that estimates are drawn to, else one. ``drawn_to``: the
+    limits of SCR and R/X of a table's scheduler; None: its axes."""
     if by_errors(system, region):
         e = np.full((1, 2), region.error)
         return Pieces(-e, e, np.zeros((1, 4)), np.zeros((0, 1)))
@@ -95,7 +99,10 @@ def pieces_of(system: System, region: Region) -> Pieces:
         return Pieces(
             np.array([[size[0], angle[0]]]), np.array([[size[1], angle[1]]]), np.ones((1, 4)), np.zeros((0, 1))
         )
-    axes = 1.0 / schedule.scr[::-1], np.arctan(1.0 / schedule.r_over_x[::-1])
+    axes = [1.0 / schedule.scr[::-1], np.arctan(1.0 / schedule.r_over_x[::-1])]
+    if drawn_to is not None:
+        ends = [1.0 / np.array(drawn_to[0][::-1]), np.arctan(1.0 / np.array(drawn_to[1][::-1]))]
+        axes = [_cut(axis, low, high) for axis, (low, high) in zip(axes, ends, strict=True)]
     # With an error of |Z_g| a certificate holds for the estimates within the axes, as that of the power loops does.
     drawn = not region.error_Z
     first, second = (_intervals(axis, limits, drawn) for axis, limits in zip(axes, (size, angle), strict=True))
@@ -147,6 +154,11 @@ def _within_reach(pieces: Pieces, limits: tuple[Array, Array]) -> tuple[Array, A
     return low[index], high[index], index
 
 
+def _cut(axis: Array, low: float, high: float) -> Array:
+    """An axis between two limits."""
+    return np.array([low, *axis[(axis > low) & (axis < high)], high])
+
+
 def _intervals(axis: Array, limits: Array, drawn: bool) -> list[tuple[float, float, bool]]:
     """The intervals of an axis that estimates between limits meet, and the edges that those beyond are drawn to."""
     low, high = (float(v) for v in np.clip(limits, axis[0], axis[-1]))
@@ -177,7 +189,7 @@ def whole(system: System, region: Region, pieces: Pieces) -> tuple[Array, Array,
     counts = [max(math.ceil(width / most), 1) for width, most in zip(
         (math.log(high_1 / low_1), angle[1] - angle[0]), _WIDEST, strict=True
     )]  # fmt: skip
-    first, second = np.geomspace(low_1, high_1, counts[0] + 1), np.linspace(*angle, counts[1] + 1)
+    first, second = np.geomspace(low_1, high_1, counts[0] + 1), np.linspace(angle[0], angle[1], counts[1] + 1)
     first[[0, -1]], second[[0, -1]] = (low_1, high_1), angle
     cells = np.array([[[a, c], [b, d]] for a, b in pairwise(first) for c, d in pairwise(second)])
     lows, highs, of_cell, of_piece = [], [], [], []

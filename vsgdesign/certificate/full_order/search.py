@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.full_order.boxes import Part, Pieces, by_errors, pieces_of, whole
+from vsgdesign.certificate.full_order.boxes import DrawnTo, Part, Pieces, by_errors, pieces_of, whole
 from vsgdesign.certificate.full_order.cells import GOOD, INNER_UNSTABLE, Arcs, Cell, cells_of
 from vsgdesign.certificate.full_order.inner import InnerLoop, InnerTapes, fastest_step
 from vsgdesign.certificate.full_order.looking import EMPTY, PROVED, UNDECIDED, CellGroup, look_at
@@ -43,13 +43,13 @@ class Problem:
     pieces: Pieces
 
     @classmethod
-    def of(cls, study: Study, system: System, region: Region, alpha: float) -> Problem:
-        """With the circle \\|z\\| = exp(−alpha T_s); alpha in 1/s."""
+    def of(cls, study: Study, system: System, region: Region, alpha: float, drawn_to: DrawnTo | None = None) -> Problem:
+        """With the circle \\|z\\| = exp(−alpha T_s); alpha in 1/s. ``drawn_to``: limits of a table's scheduler."""
         filters = power_filter(study, True), power_filter(study, False)
         fastest = fastest_step(study.circuit(), study.converter.T_s, *_corners(study, region))
         loop = InnerLoop.of(study, inner_rows(study), filters, alpha, max(4.0, 3.0 * alpha), fastest)
         programs = full_order_programs(system, region, by_errors(system, region), filters[0] != filters[1])
-        return cls(system, region, loop, InnerTapes.of(loop), programs, pieces_of(system, region))
+        return cls(system, region, loop, InnerTapes.of(loop), programs, pieces_of(system, region, drawn_to))
 
 
 def _corners(study: Study, region: Region) -> tuple[Array, Array]:

@@ -28,6 +28,7 @@ from vsgdesign.execution.executors import executor_of, worker_count
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, journal_at, run_job
 from vsgdesign.execution.progress import Progress
+from vsgdesign.runtime.guards import settings_of
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -138,7 +139,10 @@ class FullOrderJob(Job[int, dict[str, Any]]):
     def problem(self) -> Problem:
         """What is to be proved."""
         system, _ = prepared(self.study, self.spec, self.region, Ready(tables=dict(self.tables)), None, self.decay)
-        return Problem.of(self.study.with_limit_of(self.spec), system, self.region, self.decay)
+        table = self.tables.get(self.spec.name)
+        box = None if table is None else settings_of(table)
+        drawn_to = None if box is None else (box.scr, box.r_over_x)
+        return Problem.of(self.study.with_limit_of(self.spec), system, self.region, self.decay, drawn_to)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "problem"}
@@ -220,10 +224,27 @@ def _known(study: Study, spec: ControllerSpec, region: Region, ready: Ready) -> 
     faults = []
     if np.isfinite(region.rate):
         faults.append(Fault("rate", f"{region.rate:g}", "the proof of the full-order model is one of grids that rest"))
-    for sentence in beyond_table(region, ready.tables.get(spec.name)):
+    table = ready.tables.get(spec.name)
+    for sentence in beyond_table(region, table):
         faults.append(Fault("region", "", f"goes beyond the table, whose scheduler would draw it in. {sentence}"))
+    if table is not None:
+        faults += _drawn_in(study, region, table)
     if faults:
         raise StudyError(study.name, faults)
+
+
+def _drawn_in(study: Study, region: Region, table: GainTable) -> list[Fault]:
+    """Where a table's scheduler limits P, Q or V of the region: the proof makes gains of them as they are."""
+    box, faults = settings_of(table), []
+    for name, own, asked in (
+        ("P", box.P, region.P),
+        ("Q", box.Q, region.Q),
+        ("V_rms", box.V_rms, study.converter.V_limits_rms),
+    ):
+        if asked[0] < own[0] - 1e-9 * abs(own[0]) or asked[1] > own[1] + 1e-9 * abs(own[1]):
+            limit = f"must hold {asked[0]:g} to {asked[1]:g}: gains are made of the values as they are"
+            faults.append(Fault(f"table's box of {name}", f"{own[0]:g} to {own[1]:g}", limit))
+    return faults
 
 
 def _statement(
