@@ -104,6 +104,13 @@ class CertificateRecord:
     """Of a failed proof."""
     reason: str | None = None
     """Of a failed proof without a counterexample."""
+    places: int | None = None
+    """How many parts of the grids have a function of their own; None: one function for all."""
+    move: tuple[float, float] | None = None
+    """By how much a move of the grid between two places multiplies the function at most, and the time in s between two
+    moves from which on it falls."""
+    differential: CertificateRecord | None = None
+    """The same of equal units against each other; None where there are none, or it was not sought."""
     steps: StepStatement | None = None
     """Where no limit acts; None where the document does not say."""
     document: Mapping[str, Any] = field(repr=False)
@@ -141,6 +148,9 @@ def certificate_record(document: Any) -> CertificateRecord:
         points=sum(counts) if counts else None,
         cell=None if certified else _cell(reader),
         reason=reader.text("reason"),
+        places=_count_of(reader, "places"),
+        move=_move(reader),
+        differential=_differential(reader),
         steps=_steps(reader),
         document=reader.document,
     )
@@ -156,6 +166,29 @@ def _static_limits(reader: _Reader) -> StaticLimits | None:
     for name in limits.document.keys() - set(known):
         limits.fault(name, "is not a static limit")
     return StaticLimits(**{name: limits.number(name) for name in known})
+
+
+def _count_of(reader: _Reader, name: str) -> int | None:
+    value = reader.document.get(name)
+    if value is None or (isinstance(value, list) and value):
+        return None if value is None else len(value)
+    return reader.fault(name, "must be a list")
+
+
+def _move(reader: _Reader) -> tuple[float, float] | None:
+    if reader.document.get("move") is None:
+        return None
+    factor, dwell_s = _needed(reader.table("move"), ("factor", "dwell_s"))
+    return factor, dwell_s
+
+
+def _differential(reader: _Reader) -> CertificateRecord | None:
+    if reader.document.get("differential") is None:
+        return None
+    try:
+        return certificate_record(reader.document["differential"])
+    except ValueError as error:
+        return reader.fault("differential", str(error))
 
 
 def _steps(reader: _Reader) -> StepStatement | None:

@@ -31,9 +31,19 @@ Document = Mapping[str, Any]
 
 
 def certificate_sentence(certificate: CertificateRecord | None) -> str:
-    """The sentence of a certificate: what it proves, or why there is none."""
+    """The sentence of a certificate: what it proves, or why there is none; of a plant, also of its units against each
+    other."""
     if certificate is None:
         return "There is no certificate: no proof was made for this table."
+    if certificate.differential is None:
+        return _one_sentence(certificate)
+    return (
+        f"{_one_sentence(certificate)} Units against each other, with the gains of these grids: "
+        f"{_one_sentence(certificate.differential)}"
+    )
+
+
+def _one_sentence(certificate: CertificateRecord) -> str:
     over = _region(certificate.region)
     if not certificate.certified:
         return f"Not certified over {over}, within {_limits(certificate.region)}: {_defeat(certificate)}"
@@ -43,6 +53,15 @@ def certificate_sentence(certificate: CertificateRecord | None) -> str:
         speed = (
             f"while SCR and X/R change by no more than {_text(100.0 * certificate.region.rate, 3)} % per second each"
         )
+    if certificate.places is not None:
+        what = f"a quadratic Lyapunov function for each of {certificate.places} places of the grid decays"
+        speed = "while the grid stays in a place, whatever estimate and powers do"
+        if certificate.move is not None:
+            factor, dwell_s = certificate.move
+            speed += (
+                f"; a move to another place multiplies its value by at most {_text(factor, 3)}, so it falls if moves "
+                f"are {_text(dwell_s, 2)} s or more apart on average"
+            )
     decay = certificate.decay
     at = "at a rate that the certificate does not state" if decay is None else f"at {_text(decay, 3)} 1/s or faster"
     return (
@@ -53,7 +72,9 @@ def certificate_sentence(certificate: CertificateRecord | None) -> str:
 
 def certificate_failed(certificate: CertificateRecord | None) -> bool:
     """Whether a proof was sought and not found: then the sentence about it comes first."""
-    return certificate is not None and not certificate.certified
+    if certificate is None:
+        return False
+    return not certificate.certified or certificate_failed(certificate.differential)
 
 
 def certificate_summary(certificate: CertificateRecord | None) -> dict[str, Any]:

@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from vsgdesign.certificate.asked import beyond_table, on_basis_of_table, region_of
-    from vsgdesign.certificate.certifying import apart_or_why, certify, largest_rate
+    from vsgdesign.certificate.certifying import certify, largest_rate
     from vsgdesign.certificate.full_order.statement import FullOrderProof, prove_full_order
+    from vsgdesign.certificate.places import by_place, of_a_pair
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
         Certificate,
         Counterexample,
         Gap,
         NoFunctionError,
+        Places,
         Trajectory,
         refusal_record,
     )
@@ -29,13 +31,15 @@ _HOMES = {
     "Gap": "results",
     "MeasuredSchedule": "region",
     "NoFunctionError": "results",
+    "Places": "results",
     "Region": "region",
     "Trajectory": "results",
-    "apart_or_why": "certifying",
     "beyond_table": "asked",
+    "by_place": "places",
     "certified_steps": "step_certificates",
     "certify": "certifying",
     "largest_rate": "certifying",
+    "of_a_pair": "places",
     "on_basis_of_table": "asked",
     "prove_full_order": "full_order.statement",
     "refusal_record": "results",
@@ -58,13 +62,15 @@ __all__ = [
     "Gap",
     "MeasuredSchedule",
     "NoFunctionError",
+    "Places",
     "Region",
     "Trajectory",
-    "apart_or_why",
     "beyond_table",
+    "by_place",
     "certified_steps",
     "certify",
     "largest_rate",
+    "of_a_pair",
     "on_basis_of_table",
     "prove_full_order",
     "refusal_record",

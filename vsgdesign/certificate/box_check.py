@@ -35,7 +35,7 @@ _STILL = 1e-12
 _OFF = 1e-14
 """Of the size of a sum of a few bounds: more than what floating-point is off by."""
 
-KERNEL = "89c67b213b0ffc70"
+KERNEL = "af83d2862730ffb4"
 """Fingerprint of ``taylor_kernel.py``. Numba keeps the machine code of the functions here with all that they call, and
 makes it again when this file changes, and this one alone: so this file has to change with the other."""
 
@@ -50,7 +50,7 @@ def compile_ahead() -> None:
     forms = np.zeros((0, 0, rows(FOLLOWED + 1)))
     signs = np.zeros((0, 0), dtype=np.int64)
     survey(boxes, boxes, parameters, program, np.zeros((0, 2)), signs, truth, np.zeros((0, 0), np.bool_), forms)
-    judge(boxes, boxes, parameters, program, forms, 3, truth, np.zeros((0, FOLLOWED + 1)))
+    judge(boxes, boxes, parameters, program, forms, 3, False, truth, np.zeros((0, FOLLOWED + 1)))
 
 
 @_compiled
@@ -166,13 +166,21 @@ def _none_in_common(beyond: Any, crossed: Any, nothing: Any, mean: Any, d: int) 
 
 @_compiled
 def judge(
-    low: Any, high: Any, parameters: Any, inequality: Any, forms: Any, order: int, proved: Any, score: Any
+    low: Any,
+    high: Any,
+    parameters: Any,
+    inequality: Any,
+    forms: Any,
+    order: int,
+    weighed: bool,
+    proved: Any,
+    score: Any,
 ) -> None:
     """Whether the matrices of an ``inequality`` (``order`` rows each) are negative definite on each of N boxes,
     ``proved`` (N,), and what each dimension adds to what is not known, ``score`` (N, 5) (:eq:`box-bound`).
 
     The program is over the first four coordinates and the ``forms`` of :func:`survey`; its outputs are matrices by
-    their entries on and above the diagonal.
+    their entries on and above the diagonal. ``weighed``: entries count as they do in the least definite direction.
     """
     code, number, places, factors, outputs, count = inequality
     d = FOLLOWED + 1
@@ -180,7 +188,7 @@ def judge(
     size = order * (order + 1) // 2
     entries = np.zeros((size, rows(d), LANES))
     own = np.zeros((len(parameters), LANES))
-    held, pull = np.empty(LANES, dtype=np.bool_), np.empty((d, LANES))
+    held, pull, weight = np.empty(LANES, dtype=np.bool_), np.empty((d, LANES)), np.empty((size, LANES))
     for start in range(0, len(low), LANES):
         width = min(LANES, len(low) - start)
         load_boxes(registers, own, low, high, parameters, start, d - 1, d)
@@ -192,14 +200,15 @@ def judge(
             sum_up(registers[FOLLOWED + n], d)
         run_program(code, number, places, factors, registers, own, d)
         pull[:] = 0.0
+        weight[:] = 0.0
         held[:] = True
         for n in range(0, len(outputs), size):
             for m in range(size):
                 for k in range(entries.shape[1]):
                     for lane in range(LANES):
                         entries[m, k, lane] = registers[outputs[n + m], k, lane]
-            negative(entries, d, held, pull)
-        _add_spread(pull[FOLLOWED], registers, outputs, size)
+            negative(entries, d, held, pull, weight, weighed)
+        _add_spread(pull[FOLLOWED], weight, registers, outputs, size)
         for lane in range(width):
             proved[start + lane] = held[lane]
             for k in range(d):
@@ -258,7 +267,7 @@ def _carry(target: Any, source: Any, as_one: bool) -> None:
 
 
 @_compiled
-def _add_spread(score: Any, registers: Any, outputs: Any, size: int) -> None:
+def _add_spread(score: Any, weight: Any, registers: Any, outputs: Any, size: int) -> None:
     """How far the matrices of the polygon's corners lie apart: what smaller errors would buy."""
     for m in range(size):
         for lane in range(LANES):
@@ -266,7 +275,7 @@ def _add_spread(score: Any, registers: Any, outputs: Any, size: int) -> None:
             for n in range(m, len(outputs), size):
                 value = registers[outputs[n], 0, lane]
                 least, most = min(least, value), max(most, value)
-            score[lane] += SEEN * 0.5 * (most - least)
+            score[lane] += SEEN * 0.5 * weight[m, lane] * (most - least)
 
 
 Array = NDArray[np.float64]

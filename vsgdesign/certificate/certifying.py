@@ -73,6 +73,8 @@ def certify(
     schedule: MeasuredSchedule | None = None,
     decay: float | None = None,
     apart: bool = False,
+    placed: bool = False,
+    shares: Sequence[float] = _SHARES,
     nodes_per_axis: int = 15,
     fresh: int = 20_000,
     seed: int = 0,
@@ -84,14 +86,16 @@ def certify(
 
     ``ready`` has the controller's gain table, where it takes its gains from one; ``schedule``: other gains to prove
     than the controller's. ``apart``: what is proved are the loops of equal units against each other in this region
-    (:eq:`plant-certificate`). An infinite ``region.rate`` asks for one function for all (:eq:`certificate`), a finite
-    one for P(ρ) (:eq:`affine-lyapunov`). Points outside the static limits (:eq:`static-limits`) are not part of the
-    region. A counterexample is returned where a cell is unstable by itself. Raises StudyError where the region or the
-    decay is wrong, InfeasibleStudyError where the region is empty, where the controller is not scheduled or its table
-    is not there, or where every cell that was looked at is stable but no function of the kind exists.
+    (:eq:`plant-certificate`). ``placed``: it is the proof of one place of the grid. ``shares``: of the decay at the
+    points, which are tried one after another between them. An infinite ``region.rate`` asks for one function for all
+    (:eq:`certificate`), a finite one for P(ρ) (:eq:`affine-lyapunov`). Points outside the static limits
+    (:eq:`static-limits`) are not part of the region. A counterexample is returned where a cell is unstable by itself.
+    Raises StudyError where the region or the decay is wrong, InfeasibleStudyError where the region is empty, where the
+    controller is not scheduled or its table is not there, or where every cell that was looked at is stable but no
+    function of the kind exists.
     """
     system, motion = prepared(study, spec, region, ready, schedule, decay)
-    system = replace(system, apart=apart)
+    system = replace(system, apart=apart, placed=placed)
     rng = np.random.default_rng(seed)
     points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
     if (why := system.emptiness(points)) is not None:
@@ -113,7 +117,7 @@ def certify(
         # Where it holds worst is looked for, and joins in.
         if attempt < _HARDENINGS:
             attempt += 1
-            P, goal = found.P, decay or _SHARES[0] * found.decay
+            P, goal = found.P, decay or shares[0] * found.decay
             worst, worth = worst_points(
                 system, region, lambda at, A, P=P, goal=goal: residual(A, motion.family(at), P, goal), points, A, rng
             )
@@ -131,7 +135,7 @@ def certify(
         if not boxes:
             outcome = None
             break
-        decays = [share * sampled for share in _SHARES] if decay is None else [decay]
+        decays = [share * sampled for share in shares] if decay is None else [decay]
         outcome = proved_between(system, motion, found.P, decays, region, boxes, progress, seed + proofs)
         boxes -= outcome.seen
         proofs += 1
@@ -165,17 +169,6 @@ def certify(
         vertices=len(found.active),
         largest=largest,
     )
-
-
-def apart_or_why(
-    study: Study, spec: ControllerSpec, region: Region, **options: Any
-) -> Certificate | Counterexample | str:
-    """What is proved of equal units against each other, or why there is no function for it. ``options`` are those of
-    :func:`certify`."""
-    try:
-        return certify(study, spec, region, apart=True, **options)
-    except NoFunctionError as error:
-        return str(error)
 
 
 def _verified(A: Array, family: Family, found: Fit, name: str) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.certificate_record import CertificateRecord, StaticLimits, StepRow, StepStatement
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.guarded_file import is_number
-from vsgdesign.certificate.lyapunov import Motion, residual
+from vsgdesign.certificate.lyapunov import Motion, move_factor, residual
 from vsgdesign.certificate.region import Region, System, nodes, point_of, random_points, region_faults
 from vsgdesign.certificate.results import GAP_FREE, GRIDDED
 from vsgdesign.certificate.step_terms import STEPS, ActingLimits, LevelShape, rest_current_pu, step_sizes
@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 _NODES = 15
 """Nodes per axis at which a certificate was verified when it was made (:func:`vsgdesign.certificate.certify`)."""
+_PLACE_NODES = 5
+"""The same of a place of the grid with a function of its own."""
 _RANDOM = 2000
 _STEP_NODES = 5
 _ROUNDING = 1e-6
@@ -82,26 +84,36 @@ def check_certificate(table: GainTable) -> CertificateCheck:
         return CertificateCheck((), ("certificate (the table does not keep the filter)",))
     system = System(ground, table_schedule(table), region, limits)
     if record.certified:
-        return _proof_check(table, record, system)
+        found = _proof_check(table, record, system)
+        if record.differential is None or not record.differential.certified:
+            return found
+        apart = _proof_check(table, record.differential, replace(system, apart=True), "certificate.differential")
+        return CertificateCheck(found.faults + apart.faults, found.carried + apart.carried)
     return CertificateCheck(tuple(_cell_faults(system, record)), ("certificate.reason",) * (record.cell is None))
 
 
-def _proof_check(table: GainTable, record: CertificateRecord, system: System) -> CertificateCheck:
+def _proof_check(
+    table: GainTable, record: CertificateRecord, system: System, path: str = "certificate"
+) -> CertificateCheck:
     """The inequality of a certificate, and its steps."""
     region, document = system.region, record.document
-    if region is None or record.decay is None or "P" not in document:
-        return CertificateCheck((), ("certificate (it does not state its function)",))
+    if region is None or record.decay is None or not {"P", "places"} & set(document):
+        return CertificateCheck((), (f"{path} (it does not state its function)",))
     points, A = system.matrices(_points(table, region, record.proof == GAP_FREE), partial=True)
     if not len(points):
         return CertificateCheck(("certificate.region has no cell within certificate.static_limits",), ())
     made = {"scale": system.scale.tolist(), "states": list(system.states)}
     faults = [
-        f"certificate.{name} is {document[name]}, the function is over {value}"
+        f"{path}.{name} is {document[name]}, the function is over {value}"
         for name, value in made.items()
         if document.get(name) not in (None, value)
     ]
-    faults += _decay_faults(record, Motion(region, bool(np.isfinite(region.rate))), points, A)
-    carried = [f"certificate between {counted(len(points), 'point')}"]
+    motion = Motion(region, bool(np.isfinite(region.rate)))
+    if record.places is None:
+        faults += _decay_faults(document, motion, points, A, path)
+    else:
+        faults += _place_faults(table, record, replace(system, region=region), motion, path)
+    carried = [f"{path} between {counted(len(points), 'point')}"]
     if record.steps is not None and record.steps.rows:
         if system.study.filter.C > 0.0:
             system = replace(system, region=replace(region, rate=np.inf), transient=False)
@@ -150,7 +162,7 @@ def _section(kept: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return found if isinstance(found, Mapping) else {}
 
 
-def _points(table: GainTable, region: Region, anywhere: bool) -> Array:
+def _points(table: GainTable, region: Region, anywhere: bool, count: int = _NODES) -> Array:
     low, high = region.limits
     axes = [table.scr, table.x_over_r, *(np.linspace(low[k], high[k], 3) for k in range(2, 6))]
     mesh = np.meshgrid(*(np.unique(axis) for axis in axes), indexing="ij")
@@ -159,7 +171,7 @@ def _points(table: GainTable, region: Region, anywhere: bool) -> Array:
     for k, (least, most) in enumerate((region.scr, region.x_over_r)):
         inside &= (own[:, k] >= least) & (own[:, k] <= most)
     fresh = random_points(region, _RANDOM if anywhere else 0, np.random.default_rng(0))
-    return np.concatenate([point_of(own[inside], region), nodes(region, _NODES), fresh])
+    return np.concatenate([point_of(own[inside], region), nodes(region, count), fresh])
 
 
 def _word_faults(record: CertificateRecord) -> Iterator[str]:
@@ -221,27 +233,69 @@ def _shown(value: float | None) -> str:
     return "null" if value is None else f"{value:.6g}"
 
 
-def _decay_faults(record: CertificateRecord, motion: Motion, points: Array, A: Array) -> Iterator[str]:
-    P, wanted = _matrix(record.document["P"]), (3 if motion.moving else 1, *A.shape[1:])
+def _decay_faults(document: Mapping[str, Any], motion: Motion, points: Array, A: Array, path: str) -> Iterator[str]:
+    P, wanted = _matrix(document.get("P")), (3 if motion.moving else 1, *A.shape[1:])
     if P is None or P.shape != wanted:
-        yield f"certificate.P has the shape {None if P is None else P.shape}, must have {wanted}"
+        yield f"{path}.P has the shape {None if P is None else P.shape}, must have {wanted}"
         return
     family = motion.family(points)
     least = min(float(np.linalg.eigvalsh(np.tensordot(corner, P, 1))[0]) for corner in family.corners)
     if not least > 0.0 or not np.allclose(P, np.swapaxes(P, 1, 2), rtol=1e-9, atol=0.0):
-        yield f"certificate.P is not symmetric and positive definite (its least eigenvalue is {least:.3g})"
+        yield f"{path}.P is not symmetric and positive definite (its least eigenvalue is {least:.3g})"
         return
     found = residual(A, family, P, 0.0)
-    stated = {name: record.document.get(name) for name in ("decay", "sampled", "largest")}
+    stated = {name: document.get(name) for name in ("decay", "sampled", "largest")}
     for name, value in stated.items():
         if value is not None and not is_number(value):
-            yield f"certificate.{name} is {value!r}, must be a number"
+            yield f"{path}.{name} is {value!r}, must be a number"
             return
     for name in ("decay", "sampled"):
-        yield from _too_fast(f"certificate.{name}", stated[name], found, points)
-    largest, worst = stated["largest"], float(found.max()) + 2.0 * (record.decay or 0.0)
+        yield from _too_fast(f"{path}.{name}", stated[name], found, points)
+    largest, worst = stated["largest"], float(found.max()) + 2.0 * (stated["decay"] or 0.0)
     if largest is not None and not worst <= largest + _ROUNDING * abs(largest) + 1e-9:
-        yield f"certificate.largest is {largest:.6g} 1/s, at these points it is {worst:.6g} 1/s"
+        yield f"{path}.largest is {largest:.6g} 1/s, at these points it is {worst:.6g} 1/s"
+
+
+def _place_faults(
+    table: GainTable, record: CertificateRecord, system: System, motion: Motion, path: str
+) -> Iterator[str]:
+    """The functions of places: that their places cover the region, each holds in its own, and what a move costs."""
+    region, found, covered = motion.region, [], 0.0
+    for k, place in enumerate(record.document["places"]):
+        name = f"{path}.places[{k}]"
+        limits = _limits_of(place)
+        if limits is None or not all(
+            whole[0] * (1.0 - 1e-9) <= own[0] < own[1] <= whole[1] * (1.0 + 1e-9)
+            for own, whole in zip(limits, (region.scr, region.x_over_r), strict=True)
+        ):
+            yield f"{name} is no place of certificate.region"
+            return
+        covered += float(np.prod([np.log(high / low) for low, high in limits]))
+        part = replace(region, scr=limits[0], x_over_r=limits[1])
+        points, A = system.matrices(_points(table, part, record.proof == GAP_FREE, _PLACE_NODES), partial=True)
+        stated = {one: place.get(one) for one in ("P", "decay", "sampled")}
+        stated["decay"] = max(record.decay or 0.0, stated["decay"] or 0.0)
+        faults = list(_decay_faults(stated, replace(motion, region=part), points, A, name))
+        yield from faults
+        if faults:
+            return
+        found.append(np.asarray(place["P"], dtype=float)[0])
+    whole = float(np.prod([np.log(high / low) for low, high in (region.scr, region.x_over_r)]))
+    if covered < whole * (1.0 - 1e-9):
+        yield f"{path}.places cover {100.0 * covered / whole:.4g} % of certificate.region"
+    if record.move is not None and (most := move_factor(found)) > record.move[0] * (1.0 + _ROUNDING):
+        yield f"{path}.move.factor is {record.move[0]:.6g}, its functions have {most:.6g}"
+
+
+def _limits_of(place: Any) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """SCR and X/R of a place; None where they are no limits."""
+    found = []
+    for name in ("scr", "x_over_r"):
+        pair = place.get(name) if isinstance(place, Mapping) else None
+        if not (isinstance(pair, list) and len(pair) == 2 and all(map(is_number, pair)) and 0.0 < pair[0] < pair[1]):
+            return None
+        found.append((float(pair[0]), float(pair[1])))
+    return found[0], found[1]
 
 
 def _matrix(value: Any) -> Array | None:

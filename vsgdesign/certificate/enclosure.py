@@ -49,6 +49,9 @@ class BoxPrograms:
     signs: NDArray[np.int64]
     order: int
     """Rows of the matrices."""
+    placed: bool
+    """Whether they are about a place of the grid: then boxes are cut along what counts in the least definite direction,
+    and an impedance by its ratio."""
 
 
 def programs(system: System, region: Region, weights: Weights, P: Array, decay: float) -> BoxPrograms:
@@ -80,7 +83,7 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
         functions, ways = weights(*(grid or (0.0, 0.0)))
         outputs = [entry for A in matrices for way in ways for entry in _inequality(A, functions, way, P, decay)]
         inequalities.append(program_of(tracer, outputs))
-    return BoxPrograms(situation, between, tuple(inequalities), signs_of(choices, asked), P.shape[1])
+    return BoxPrograms(situation, between, tuple(inequalities), signs_of(choices, asked), P.shape[1], system.placed)
 
 
 PIECES = tuple((drawn_in, *side) for drawn_in in (False, True) for side in ((True, True), (True, False), (False, True)))

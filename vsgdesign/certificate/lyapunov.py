@@ -8,6 +8,7 @@ changes while the grid moves, and the function whose sublevel sets reach furthes
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -246,6 +247,12 @@ class Motion:
 
         corners = np.array([[1.0, a, b] for a in (-1.0, 1.0) for b in (-1.0, 1.0)]) if self.moving else np.ones((1, 1))
         return Family(column(here), np.stack([column(way) for way in ways], axis=1), corners)
+
+
+def move_factor(functions: Sequence[Array]) -> float:
+    """The largest μ ≥ 1 by which the value of one function (n, n) may exceed that of another (:eq:`place-move`)."""
+    halves = [np.linalg.inv(np.linalg.cholesky(P)) for P in functions]
+    return max(1.0, *(float(np.linalg.eigvalsh(half @ P @ half.T)[-1]) for half in halves for P in functions))
 
 
 _SET_ROUNDS, _SET_STRICT = 30, 1e-7

@@ -197,17 +197,20 @@ def _look(ready: BoxPrograms, low: Array, high: Array, parameters: Array) -> tup
             arrays(inequality),
             forms[some],
             ready.order,
+            ready.placed,
             held,
             pull,
         )
         proved[some] &= held
         score[some] = np.maximum(score[some], pull)  # NaN stays
-    return np.where(empty, EMPTY, np.where(proved, PROVED, UNDECIDED)), to_cut(low, high, score)
+    return np.where(empty, EMPTY, np.where(proved, PROVED, UNDECIDED)), to_cut(low, high, score, ready.placed)
 
 
-def to_cut(low: Array, high: Array, score: Array) -> NDArray[np.intp]:
+def to_cut(low: Array, high: Array, score: Array, by_ratio: bool = False) -> NDArray[np.intp]:
     """The coordinate that leaves most unknown; the widest where there is no bound at all. Of the errors, the wider."""
     width = (high - low) / UNIT
+    if by_ratio:
+        width[:, 0] = np.log(high[:, 0] / low[:, 0])  # a strong grid is a small impedance
     errors = np.where(width[:, 4] >= width[:, 5], 4, 5)
     followed = np.column_stack([width[:, :FOLLOWED], np.maximum(width[:, 4], width[:, 5])])
     finite = np.isfinite(score).all(axis=1, keepdims=True)

@@ -200,6 +200,8 @@ class System:
     apart: bool = False
     """Whether the loops are those of equal units against each other: with the gains, the powers and the voltage that
     they have on the grid, on their own path alone (:eq:`differential-mode`)."""
+    placed: bool = False
+    """Whether the proof is one of a place of the grid."""
 
     @cached_property
     def static(self) -> StaticLimits:

@@ -70,6 +70,8 @@ class Certificate:
     largest: float
     steps: StepStatement | None = None
     """Where no limit acts (:func:`vsgdesign.certificate.certified_steps`); None where that was not asked."""
+    differential: CertificateRecord | None = None
+    """What is proved of equal units against each other; None where that was not asked."""
 
     def as_record(self) -> CertificateRecord:
         """What a gain table keeps."""
@@ -96,8 +98,83 @@ class Certificate:
                 "vertices": self.vertices,
                 "largest": self.largest,
             }
-            | ({} if self.steps is None else {"steps": self.steps.as_document()})
+            | _beside(self)
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Places:
+    """V_k = xᵀP_k x of place k decays at least as e^{−2·decay·t} while the grid is in that place
+    (:eq:`place-certificate`).
+
+    ``parts``: the certificate of each place, a part of ``region`` each; they cover it. A move of the grid from any
+    place to any other leaves V at no more than ``factor`` times its value.
+    """
+
+    region: Region
+    parts: tuple[Certificate, ...]
+    factor: float
+    steps: StepStatement | None = None
+    """As of a :class:`Certificate`."""
+    differential: CertificateRecord | None = None
+    """As of a :class:`Certificate`."""
+
+    @property
+    def controller(self) -> str:
+        """Its name."""
+        return self.parts[0].controller
+
+    @property
+    def decay(self) -> float:
+        """The slowest of all places, 1/s."""
+        return min(part.decay for part in self.parts)
+
+    @property
+    def proof(self) -> str:
+        """``gap-free`` where that of every place is."""
+        return GAP_FREE if all(part.proof == GAP_FREE for part in self.parts) else GRIDDED
+
+    @property
+    def dwell_s(self) -> float:
+        """Time between two moves from which on, on average, V falls."""
+        return float(np.log(self.factor)) / (2.0 * self.decay)
+
+    def as_record(self) -> CertificateRecord:
+        """What a gain table keeps."""
+        return certificate_record(self.as_document())
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON's types, the same for the same inputs."""
+        documents = [part.as_document() for part in self.parts]
+        first = documents[0]
+        slowest = max(documents, key=lambda one: one["gap"]["share"])
+        return plain(
+            {name: first[name] for name in ("certified", "controller", "static_limits", "scale", "states")}
+            | {name: sum(one[name] for one in documents) for name in ("checked", "fresh", "boxes", "vertices")}
+            | {
+                "region": self.region.as_document(),
+                "decay": self.decay,
+                "sampled": min(part.sampled for part in self.parts),
+                "largest": max(part.largest for part in self.parts),
+                "proof": self.proof,
+                "gap": slowest["gap"],
+                "places": [
+                    {name: one["region"][name] for name in ("scr", "x_over_r")} | _own(one) for one in documents
+                ],
+                "move": {"factor": self.factor, "dwell_s": self.dwell_s},
+            }
+            | _beside(self)
+        )
+
+
+def _own(document: dict[str, Any]) -> dict[str, Any]:
+    return {name: document[name] for name in ("decay", "sampled", "proof", "boxes", "P")}
+
+
+def _beside(found: Certificate | Places) -> dict[str, Any]:
+    """What a proof may have beside it."""
+    steps = {} if found.steps is None else {"steps": found.steps.as_document()}
+    return steps | ({} if found.differential is None else {"differential": found.differential.document})
 
 
 def refusal_record(

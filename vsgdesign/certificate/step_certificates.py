@@ -18,7 +18,7 @@ from vsgdesign.certificate.certifying import prepared, proved_between
 from vsgdesign.certificate.lyapunov import Motion, largest_level_set, residual
 from vsgdesign.certificate.proof import worst_points
 from vsgdesign.certificate.region import MeasuredSchedule, Region, System, nodes, random_points
-from vsgdesign.certificate.results import GAP_FREE, GRIDDED, Certificate, Counterexample
+from vsgdesign.certificate.results import GAP_FREE, GRIDDED, Certificate, Counterexample, Places
 from vsgdesign.certificate.step_proof import prove_steps
 from vsgdesign.certificate.step_terms import ActingLimits, LevelShape, acting_limits, rest_current_pu, step_sizes
 from vsgdesign.execution.executors import Each
@@ -59,7 +59,7 @@ _MARGIN = 0.8
 def certified_steps(
     study: Study,
     spec: ControllerSpec,
-    certificate: Certificate,
+    certificate: Certificate | Places,
     *,
     ready: Ready = NOTHING,
     schedule: MeasuredSchedule | None = None,
@@ -112,9 +112,9 @@ def step_budget(boxes: int) -> int:
     return boxes // _OF_PROOF
 
 
-def with_steps(study: Study, spec: ControllerSpec, found: Certificate | Counterexample, **options: Any) -> Any:
+def with_steps(study: Study, spec: ControllerSpec, found: Certificate | Places | Counterexample, **options: Any) -> Any:
     """A certificate with its certified steps; a counterexample as it is. ``options``: of :func:`certified_steps`."""
-    if not isinstance(found, Certificate):
+    if isinstance(found, Counterexample):
         return found
     return replace(found, steps=certified_steps(study, spec, found, **options))
 

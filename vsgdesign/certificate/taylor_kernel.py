@@ -237,10 +237,11 @@ def _apply(target: Any, source: Any, operation: int, least: float, scratch: Any,
 
 
 @_compiled
-def negative(entries: Any, d: int, proved: Any, score: Any) -> None:
+def negative(entries: Any, d: int, proved: Any, score: Any, weight: Any, weighed: bool) -> None:
     """Whether a symmetric n × n matrix of registers (n(n + 1)/2, rows(d), LANES; 11, 22, 33, …, 12, 13, …, 23, …) is
     negative definite on the whole box, ``proved`` (LANES,) and-ed; ``score`` (d, LANES) is raised to what each
-    dimension leaves unknown (:eq:`box-bound`).
+    dimension leaves unknown (:eq:`box-bound`), ``weight`` (n(n + 1)/2, LANES) to how much an entry counts in that,
+    where they are ``weighed``.
 
     t_k² is 1/2 ± 1/2; without that, and without the rest, the matrix is affine in each t_k, and definite where it is
     at all corners. What is left is an interval of every entry: definite where four sign patterns are (Rohn, 1994), or,
@@ -251,21 +252,30 @@ def negative(entries: Any, d: int, proved: Any, score: Any) -> None:
     middle, unknown, corner = np.empty((size, LANES)), np.empty((size, LANES)), np.empty((size, LANES))
     linear, cross = np.empty((size, d, LANES)), np.empty((size, d * (d - 1) // 2, LANES))
     live = np.zeros(d, dtype=np.bool_)
-    pull = np.zeros((d, LANES))
+    pull, counts = np.zeros((d, LANES)), np.ones((size, LANES))
     for m in range(size):
         form = entries[m]
         for lane in range(LANES):
             middle[m, lane] = form[0, lane]
+        k = 1 + d
+        for i in range(d):
+            for lane in range(LANES):
+                middle[m, lane] += 0.5 * form[k, lane]
+            k += d - i
+    if weighed:
+        _weigh(middle, counts)
+    for m in range(size):
+        form = entries[m]
+        for lane in range(LANES):
             unknown[m, lane] = 0.0
+            weight[m, lane] = max(weight[m, lane], counts[m, lane])
         k, n = 1 + d, 0
         for i in range(d):
             for lane in range(LANES):
-                own = 0.5 * form[k, lane]
-                middle[m, lane] += own
-                left = abs(own) + form[last + i, lane]
+                left = abs(0.5 * form[k, lane]) + form[last + i, lane]
                 unknown[m, lane] += left
                 linear[m, i, lane] = form[1 + i, lane]
-                pull[i, lane] += left + SEEN * abs(form[1 + i, lane])
+                pull[i, lane] += counts[m, lane] * (left + SEEN * abs(form[1 + i, lane]))
                 live[i] |= form[1 + i, lane] != 0.0
             k += 1
             for j in range(i + 1, d):
@@ -282,7 +292,9 @@ def negative(entries: Any, d: int, proved: Any, score: Any) -> None:
                 score[i, lane] = pull[i, lane]
     signs = np.ones(d)
     for index in range(2**d):
-        skip = False
+        skip = True
+        for lane in range(LANES):  # where no box can be proved any more, there is nothing to look at
+            skip &= not proved[lane]
         for i in range(d):
             up = (index >> i) & 1 == 1
             skip |= up and not live[i]
@@ -342,26 +354,11 @@ def _definite_by_rows(centre: Any, radius: Any, proved: Any) -> None:
     the roots of the inverse's diagonal: with w their ratio, a fast state carries most of what is not known of its
     coupling to a slow one.
     """
-    n = 3
-    while n * (n + 1) // 2 < len(centre):
-        n += 1
-    pivots, inverse = np.zeros((n, n, LANES)), np.zeros((n, n, LANES))
-    good = np.ones(LANES, dtype=np.bool_)
+    n = _rows_of(len(centre))
+    pivots = np.zeros((n, n, LANES))
+    reach, good = np.zeros((n, LANES)), np.ones(LANES, dtype=np.bool_)
     _fill(pivots, centre)
-    _eliminate(pivots, good)
-    # The columns of the inverse of the unit lower factor; the diagonal of the inverse follows from them.
-    for i in range(n):
-        for lane in range(LANES):
-            inverse[i, i, lane] = 1.0
-        for j in range(i + 1, n):
-            for k in range(i, j):
-                for lane in range(LANES):
-                    inverse[j, i, lane] -= pivots[j, k, lane] / pivots[k, k, lane] * inverse[k, i, lane]
-    reach = np.zeros((n, LANES))
-    for i in range(n):
-        for j in range(i, n):
-            for lane in range(LANES):
-                reach[i, lane] += inverse[j, i, lane] * inverse[j, i, lane] / pivots[j, j, lane]
+    _reach(pivots, reach, good)
     _fill(pivots, centre)
     m = n
     for i in range(n):
@@ -384,6 +381,56 @@ def _definite_by_rows(centre: Any, radius: Any, proved: Any) -> None:
     for lane in range(LANES):
         if not good[lane]:
             proved[lane] = False
+
+
+@_compiled
+def _weigh(centre: Any, counts: Any) -> None:
+    """How much what is not known of each entry (n(n + 1)/2, LANES) counts beside how definite −centre is: the size of
+    the entry's two elements in the least definite direction. Where −centre is not definite, of its diagonal."""
+    n = _rows_of(len(centre))
+    pivots, reach, good = np.zeros((n, n, LANES)), np.zeros((n, LANES)), np.ones(LANES, dtype=np.bool_)
+    _fill(pivots, centre)
+    _reach(pivots, reach, good)
+    for i in range(n):
+        for lane in range(LANES):
+            own = abs(centre[i, lane])
+            reach[i, lane] = math.sqrt(reach[i, lane] if good[lane] else (1.0 / own if own > 0.0 else 1.0))
+    m = n
+    for i in range(n):
+        for lane in range(LANES):
+            counts[i, lane] = reach[i, lane] * reach[i, lane]
+        for j in range(i + 1, n):
+            for lane in range(LANES):
+                counts[m, lane] = 2.0 * reach[i, lane] * reach[j, lane]
+            m += 1
+
+
+@_compiled
+def _rows_of(size: int) -> int:
+    """Rows of a symmetric matrix with so many entries on and above its diagonal."""
+    n = 3
+    while n * (n + 1) // 2 < size:
+        n += 1
+    return n
+
+
+@_compiled
+def _reach(pivots: Any, reach: Any, good: Any) -> None:
+    """The diagonal of the inverse, (n, LANES), of a matrix by its lower triangle (n, n, LANES), which is eliminated."""
+    n = len(pivots)
+    inverse = np.zeros((n, n, LANES))
+    _eliminate(pivots, good)
+    # The columns of the inverse of the unit lower factor; the diagonal of the inverse follows from them.
+    for i in range(n):
+        for lane in range(LANES):
+            inverse[i, i, lane] = 1.0
+        for j in range(i + 1, n):
+            for k in range(i, j):
+                for lane in range(LANES):
+                    inverse[j, i, lane] -= pivots[j, k, lane] / pivots[k, k, lane] * inverse[k, i, lane]
+        for j in range(i, n):
+            for lane in range(LANES):
+                reach[i, lane] += inverse[j, i, lane] * inverse[j, i, lane] / pivots[j, j, lane]
 
 
 @_compiled

@@ -13,7 +13,7 @@ import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.certificate import Certificate, Counterexample, NoFunctionError, Region, refusal_record
+from vsgdesign.certificate import Certificate, Counterexample, NoFunctionError, Places, Region, refusal_record
 from vsgdesign.design.between import POINTS, BetweenCheck, between_document
 from vsgdesign.design.causes import Cause, explain_pair, explained_between
 from vsgdesign.design.evaluation import law_of
@@ -54,7 +54,7 @@ _CERTIFICATES = ((np.inf, 1_500_000), (0.05, 150_000))
 """Relative change of SCR and X/R per second that a certificate is asked for, the second where no common function
 exists; and boxes that it may take: some ten seconds on two cores."""
 
-Proved = Certificate | Counterexample | CertificateRecord | None
+Proved = Certificate | Places | Counterexample | CertificateRecord | None
 """A certificate, a counterexample, or the record of why there is neither."""
 
 
@@ -198,15 +198,17 @@ def compiled_ahead() -> None:
 
 
 def proved_over_box(study: Study, controller: ControllerSpec, table: GainTable) -> Proved:
-    """The proof of decay over the table's box without the certified steps, which a scheduler does not need."""
-    from vsgdesign.certificate import certify
+    """The proof of decay over the table's box without the certified steps, which a scheduler does not need. Of gains
+    that are designed for a pair of impedances, it is one for both."""
+    from vsgdesign.certificate import certify, of_a_pair
 
-    box = table.validity
+    box, asked = table.validity, study.specification
+    prove = of_a_pair if asked is not None and asked.differential_decay > 0.0 else certify
     refused = None
     for rate, boxes in _CERTIFICATES:
         region = Region(box.scr, box.x_over_r, box.P, box.Q, box.error, rate, box.error_Z)
         try:
-            return certify(_on_basis(study), controller, region, schedule=table_schedule(table), budget=boxes)
+            return prove(_on_basis(study), controller, region, schedule=table_schedule(table), budget=boxes)
         except (InfeasibleStudyError, StudyError) as fault:  # no such function, or a box that is not asked for
             slowest = fault.slowest if isinstance(fault, NoFunctionError) else None
             refused = refusal_record(str(fault), region, slowest, static_limits(study))
@@ -218,7 +220,7 @@ def stepped_record(
 ) -> CertificateRecord | None:
     """The record of the proof. If there is a certificate, the record has certified steps too, whose proof takes
     longer."""
-    if isinstance(found, Certificate):
+    if isinstance(found, Certificate | Places):
         from vsgdesign.certificate import with_steps
 
         # A box that steps cannot be asked for leaves the certificate without them.

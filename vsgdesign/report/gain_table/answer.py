@@ -84,10 +84,14 @@ def _proof(table: GainTable) -> Cell:
     found = table.certificate
     if found is None:
         return Cell(OPEN, "none made")
-    if not found.certified:
+    if certificate_failed(found):
         return Cell(MISSED, "failed", "where and why: in part 5")
     decay = "" if found.decay is None else f"decay {number(found.decay)} 1/s or faster"
-    return Cell(MET, f"certified, {found.proof}", decay)
+    apart = found.differential
+    if apart is not None and apart.decay is not None:
+        decay += f", {number(apart.decay)} 1/s between units"
+    proof = found.proof if apart is None or apart.proof == found.proof else f"{found.proof} and {apart.proof}"
+    return Cell(MET, f"certified, {proof}", decay)
 
 
 def _verified(table: GainTable) -> Cell:

@@ -21,7 +21,7 @@ from vsgdesign.artifacts.table_text import (
     step_lines,
 )
 from vsgdesign.artifacts.verification_text import table_verification
-from vsgdesign.certificate import Certificate, Counterexample
+from vsgdesign.certificate import Certificate, Counterexample, Places
 from vsgdesign.certificate.swing import SwingStatement
 from vsgdesign.certificate.swing.statement import EMPTY, RETURNS
 from vsgdesign.equations.structures import STRUCTURES
@@ -142,17 +142,28 @@ def _value(value: Any, scale: float = 1.0) -> str:
     return f"{scale * value:.4g}" if number else str(value)
 
 
-def certificate_text(found: Certificate | Counterexample) -> str:
+def certificate_text(found: Certificate | Places | Counterexample) -> str:
     """The result of the proof, or the cell for which it fails, and how it was verified."""
     text = f"{found.controller}: {certificate_sentence(found.as_record())}"
-    if not isinstance(found, Certificate):
+    if isinstance(found, Counterexample):
         return text
     steps = "" if found.steps is None else "\n" + "\n".join(step_lines(found.steps))
-    boxes = f"Proved on {found.boxes} {'box' if found.boxes == 1 else 'boxes'}. " if found.boxes else ""
-    spare = "" if found.proof == "gap-free" else f", the slowest of which has {found.gap.decay:.2g} 1/s to spare"
+    document = found.as_document()
+    text += f"\n{_verified(document)}"
+    if (other := document.get("differential")) is not None and other["certified"]:
+        text += f"\nUnits against each other: {_verified(other)}"
+    return text + steps
+
+
+def _verified(document: Mapping[str, Any]) -> str:
+    """How a certificate was verified."""
+    count = document["boxes"]
+    boxes = f"Proved on {count} {'box' if count == 1 else 'boxes'}. " if count else ""
+    gap_free = document["proof"] == "gap-free"
+    spare = "" if gap_free else f", the slowest of which has {document['gap']['decay']:.2g} 1/s to spare"
     return (
-        f"{text}\n{boxes}Verified at {found.checked} cells and {found.fresh} fresh random points{spare}; "
-        f"{found.vertices} vertices decide.{steps}"
+        f"{boxes}Verified at {document['checked']} cells and {document['fresh']} fresh random points{spare}; "
+        f"{document['vertices']} vertices decide."
     )
 
 

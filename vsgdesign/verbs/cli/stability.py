@@ -221,8 +221,8 @@ def certify(
 
     The proof is one Lyapunov function for a range of grids, powers and estimate errors. It also says after which steps
     no limit of the controller acts and, for an angle-damped controller with the limiter "projection", on which grids
-    the angle returns while the current is limited. Of a plant of equal units there is a second proof, of the units
-    against each other.
+    the angle returns while the current is limited. Of a plant of equal units there are two proofs, of the units
+    together and against each other, each with a function for every place of the grid.
 
     With --model full it is the sampled full-order loop that is proved, on every grid that rests: processes share the
     work, and an interrupted proof goes on from its finished parts.
@@ -231,10 +231,10 @@ def certify(
 
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import (
-        Certificate,
-        apart_or_why,
+        Counterexample,
         beyond_table,
         certify,
+        of_a_pair,
         on_basis_of_table,
         region_of,
         step_budget,
@@ -259,19 +259,14 @@ def certify(
         return
     with progress(quiet=as_json) as tell:
         ready = study_tables(replace(study, controllers=(spec,)), progress=tell).ready
-        found = certify(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
+        prove = of_a_pair if whole.plant is not None and len(whole.plant.units) > 1 else certify
+        found = prove(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
         found = with_steps(study, spec, found, ready=ready, budget=step_budget(boxes), progress=tell)
         swing = large_signal(study, spec, region, ready=ready, budget=boxes, progress=tell)
-        apart = None
-        if whole.plant is not None and len(whole.plant.units) > 1:
-            apart = apart_or_why(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
     if as_json:
         more = {} if swing is None else {"large_signal": swing.as_document()}
         beyond = list(beyond_table(region, ready.tables.get(spec.name)))
         more |= {"beyond_table": beyond} if beyond else {}
-        if apart is not None:
-            why = {"certified": False, "reason": apart}
-            more |= {"differential": why if isinstance(apart, str) else apart.as_document()}
         print_json(found.as_document() | more)
     else:
         from vsgdesign.report.gain_table.words import certificate_text, swing_text
@@ -281,10 +276,8 @@ def certify(
         click.echo(certificate_text(found))
         if swing is not None:
             click.echo(swing_text(swing))
-        if apart is not None:
-            click.echo("Units against each other, with the gains of these grids:")
-            click.echo(apart if isinstance(apart, str) else certificate_text(apart))
-    if not isinstance(found, Certificate) or not isinstance(apart, Certificate | None):
+    apart = None if isinstance(found, Counterexample) else found.differential
+    if isinstance(found, Counterexample) or (apart is not None and not apart.certified):
         sys.exit(EXIT_IMPOSSIBLE)
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from vsgdesign.certificate import Certificate, Counterexample
+    from vsgdesign.certificate import Certificate, Counterexample, Places
     from vsgdesign.export import ExportedC
     from vsgdesign.report.drawing.figure_types import NamedFigure
 
@@ -87,7 +87,7 @@ class Proof(Shown):
     It is true for a certificate.
     """
 
-    found: Certificate | Counterexample
+    found: Certificate | Places | Counterexample
 
     @property
     def title(self) -> str:
@@ -169,12 +169,13 @@ def certify(
     says after which steps no limit acts. Raises the errors of :func:`vsgdesign.certificate.certify`.
     """
     from vsgdesign.artifacts.ready import Ready, read_tables
-    from vsgdesign.certificate import certify as prove
-    from vsgdesign.certificate import on_basis_of_table, region_of, with_steps
+    from vsgdesign.certificate import certify as of_one
+    from vsgdesign.certificate import of_a_pair, on_basis_of_table, region_of, with_steps
     from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
-    study = as_unit(given_study(study, "certify"), "certify")
+    whole = given_study(study, "certify")
+    study = as_unit(whole, "certify")
     given = table.table if isinstance(table, DesignedTable) else table
     study = study if given is not None else with_left_tables(study)
     tables = read_tables(study)
@@ -186,6 +187,7 @@ def certify(
     if spec.name not in tables:
         tables |= study_tables(replace(study, controllers=(spec,)), progress=progress).tables
     ready = Ready(tables=tables)
+    prove = of_a_pair if whole.plant is not None and len(whole.plant.units) > 1 else of_one
     found = prove(study, spec, chosen, ready=ready, decay=decay, progress=progress)
     return Proof(with_steps(study, spec, found, ready=ready, progress=progress))
 
