@@ -6,8 +6,9 @@ import multiprocessing
 import signal
 import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -44,6 +45,15 @@ def test_a_signal_before_and_after_the_results_are_in_place(
     assert (result.exit_code, result.stderr) == (130, f"interrupted: {said}\n")
 
 
+@dataclass(frozen=True)
+class Assessed:
+    """What the report needs of an assessment before it writes anything."""
+
+    study: Any
+    ready: Any = None
+    whole: Any = None
+
+
 @pytest.mark.parametrize("later_s", [0.0, 1.0])
 def test_a_signal_while_another_process_makes_the_explorer(
     later_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
@@ -53,7 +63,7 @@ def test_a_signal_while_another_process_makes_the_explorer(
     def interrupt(*_: object) -> None:
         threading.Timer(later_s, signal.pthread_kill, (threading.get_ident(), signal.SIGINT)).start()
 
-    monkeypatch.setattr(margins, "assess_study", lambda study, **_: SimpleNamespace(study=study, ready=None))
+    monkeypatch.setattr(margins, "assess_study", lambda study, **_: Assessed(study))
     monkeypatch.setattr(live_part, "worker_count", lambda _: 2)
     monkeypatch.setattr(live_part, "begun", lambda executor, *_, **__: begun(executor, time.sleep, 60.0))
     monkeypatch.setattr(margins, "write_stability_tables", interrupt)

@@ -126,7 +126,7 @@ def test_the_page_and_its_files_are_served(served: ExplorerServer) -> None:
 
 OF_A_FILE = (
     *("file.js", "cells.js", "columns.js", "live.js", "live_map.js", "worker.js"),
-    *("engine.js", "verdict.js", "words.js", "modes_of_rest.js", "linear.js"),
+    *("engine.js", "loops.js", "verdict.js", "rests.js", "words.js", "modes_of_rest.js", "linear.js"),
 )
 
 

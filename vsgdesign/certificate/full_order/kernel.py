@@ -14,7 +14,7 @@ from numba import njit
 from vsgdesign.certificate.box_check import load_boxes, none_within
 from vsgdesign.certificate.taylor_kernel import LANES, limits, rows, run_program, sum_up
 
-KERNEL = "eab617879fe965d5"
+KERNEL = "48c844b8eb630f4b"
 """Fingerprint of ``taylor_kernel.py`` and ``box_check.py``, whose functions are compiled into those here: Numba makes
 them again when this file changes, and this one alone."""
 

@@ -61,7 +61,7 @@ def size(
     one). ``capacitor``: the one with which the least power is found, F. Raises the errors of
     :func:`vsgdesign.verbs.pipeline.sizing.size_study`.
     """
-    from vsgdesign.verbs.pipeline.plant import alone
+    from vsgdesign.verbs.pipeline.one_unit import alone
     from vsgdesign.verbs.pipeline.sizing import WORK, size_study
 
     study = alone(given_study(study, "size"), "size")
