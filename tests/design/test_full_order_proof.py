@@ -75,7 +75,7 @@ def test_operations_hold_every_point() -> None:
     for kind in (GRID, ARC, GRID):
         own = rng.normal(size=(2, len(ROWS[kind]), count)) * 0.004
         own[:, 0] = rng.uniform(-0.8, 0.8, (2, count))
-        given.append(Values(*own, np.full(count, 1e-3), kind))
+        given.append(Values(own[0], own[1], np.full(count, 1e-3), kind))
     found = run(program, given, count)
     exponents = np.array(EXPONENTS)
     outside = 0
@@ -163,7 +163,8 @@ def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> Non
     good &= (points[:, 3] >= region.Q[0]) & (points[:, 3] <= region.Q[1])
     chosen = np.flatnonzero(good)[:24]
     assert len(chosen) == 24
-    start, end, cell, arc, t, points = (value[chosen] for value in (start, end, cell, arc, t, points))
+    start, end, t, points = start[chosen], end[chosen], t[chosen], points[chosen]
+    cell, arc = cell[chosen], arc[chosen]
     rest = at_rest(study, problem.system, points)
     edges = np.array([[cells[k].edges[n], cells[k].edges[n + 1]] for k, n in zip(cell, arc, strict=True)])
     omega = edges.mean(axis=1) + 0.5 * (edges[:, 1] - edges[:, 0]) * t[:, 6]

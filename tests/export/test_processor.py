@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import vsgdesign as vd
 from tests.compilers import require_compiler
 from tests.export.unit_loop import study_with, unit_with
 from vsgdesign.errors import ArtifactError
@@ -60,6 +61,8 @@ def test_what_is_missing_is_said_with_its_package(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(ArtifactError, match=r"not installed: arm-none-eabi-gcc, qemu-system-arm, make, gcc\..*apt-get"):
         processor_in_the_loop(unit_with(1), study_with(1))
+    with pytest.raises(ArtifactError, match="not installed"):
+        vd.pil(study_with(1))
 
 
 @pytest.mark.parametrize(

@@ -74,6 +74,7 @@ def test_unequal_units_share_a_load_as_their_droops_say(tmp_path: Path) -> None:
             assert one.fault is None
             assert pytest.approx(asked[unit] + slopes[unit] * down, abs=0.01 * RATINGS[unit]) == one.P
             assert one.f_hz == pytest.approx(50.0 * (1.0 - down), abs=0.02)
+            assert one.settled_s is not None
             assert 0.0 < one.settled_s < 1.0
     (last,) = (one for one in found.sharing if one.name == names[2])
     loads = sum(one.P for one in found.sharing if one.name == names[1])

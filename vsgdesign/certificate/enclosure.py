@@ -161,8 +161,8 @@ class Estimate:
         r, x = _grid_side(system, size)
         along, across = direction[0] + r, direction[1] + x
         size_sq = along * along + across * across
-        first = basis_of(system).counted(*direction) * size if first is None else first
-        return cls._with(system, size, direction, (r, x), size_sq, first, slope)
+        own: Symbol = basis_of(system).counted(*direction) * size if first is None else first
+        return cls._with(system, size, direction, (r, x), size_sq, own, slope)
 
     @classmethod
     def _with(
@@ -175,13 +175,14 @@ class Estimate:
         first: Symbol,
         slope: Symbol | None = None,
     ) -> Estimate:
-        schedule, slope = system.schedule, direction[0] / direction[1] if slope is None else slope
+        schedule = system.schedule
+        ratio: Symbol = direction[0] / direction[1] if slope is None else slope
 
         def normalised(tracer: Tracer) -> NormalisedGains:
             if not isinstance(schedule, TableSchedule):
                 return schedule.normalised(0.0, 0.0)  # type: ignore[attr-defined]
             x_axis = first.reciprocal()
-            terms = [tracer.constant(1.0), x_axis, slope, x_axis * slope]
+            terms = [tracer.constant(1.0), x_axis, ratio, x_axis * ratio]
             found = []
             for k, values in enumerate(schedule.columns):
                 if np.ptp(values) == 0.0:  # a constant column needs no parameters
@@ -192,7 +193,7 @@ class Estimate:
 
         # Z_base·S = PHASES·V_rated²
         share = system.study.grid_source.omega_g / system.study.converter.omega_n
-        return cls(size, direction, fixed, share, size * PHASES, size_sq, normalised, first, slope)
+        return cls(size, direction, fixed, share, size * PHASES, size_sq, normalised, first, ratio)
 
     def scheduled(self, p: Symbol, q: Symbol, first: Sequence[bool]) -> tuple[tuple[Any, ...], list[Symbol]]:
         """The Jacobian that gains are made of (:func:`~vsgdesign.equations.power_flow.scheduled_jacobian`) on one of
@@ -221,18 +222,18 @@ def voltage_conditions(
     c = system.study.converter
     V_g = system.study.grid_source.V_g_rms / c.V_rated_rms
     r, x = path
-    drop = drop_sq(r, x, p, q) if drop is None else drop
+    loss: Symbol = drop_sq(r, x, p, q) if drop is None else drop
     reach = (r * r + x * x) * (p * p + q * q) * (1.0 / PHASES**2)
     least, most = (V_g / c.V_max_pu) ** 2, (V_g / c.V_min_pu) ** 2
-    conditions: list[tuple[Any, float, float]] = [(reach, -np.inf, POWER_MARGIN**-2), (drop, least, most)]
+    conditions: list[tuple[Any, float, float]] = [(reach, -np.inf, POWER_MARGIN**-2), (loss, least, most)]
     # V²/|Ẑ| is V² over the base, and V² is V_g² over the drop.
-    unit = base * base * drop * V_g**-2
+    unit = base * base * loss * V_g**-2
     conditions += [(one, -np.inf, 0.0) for one in system.beyond_converter(p, q, base, unit)]
     for power, (low, high) in ((p, region.P), (q, region.Q)):
         # P = p V²/|Ẑ|, and V² is V_g² over the drop.
-        own, scale = power * V_g**2, base * drop
+        own, scale = power * V_g**2, base * loss
         conditions += [(own - scale * (high / c.S_rated), -np.inf, 0.0), (own - scale * (low / c.S_rated), 0.0, np.inf)]
-    return drop.sqrt(least) * (1.0 / V_g), conditions
+    return loss.sqrt(least) * (1.0 / V_g), conditions
 
 
 def _state_matrices(

@@ -195,7 +195,8 @@ def cases_of(
         fault = Fault("verification.loss.weight", "", "there is no unit to lose", "Leave it out, or give a [plant].")
         raise StudyError(study.name, [fault])
     around = Around.drawn(study, [] if study.undisturbed is study else _seeds(u))
-    shares = (np.ones(len(kind)),) * 2 if share_of is None else share_of(kind)
+    whole = np.ones(len(kind))
+    shares = (whole, whole) if share_of is None else share_of(kind)
     draw = _Draw(study, asked, u, kind, rests_at_limit(study), around, shares)
     return _with_references(draw, _starts(draw), spec, gain_law(study, spec, ready)), kind
 

@@ -5,8 +5,10 @@ how many units are on line, how they differ, and which of them has the event.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -136,7 +138,7 @@ def plants_of(
 
 
 def _apart(
-    unit: Study, share: float, cases: LaneCases, units: NDArray[np.int64], most: int, u: dict[str, Array]
+    unit: Study, share: float, cases: LaneCases, units: NDArray[np.int64], most: int, u: Mapping[Any, Array]
 ) -> tuple[Array, Array]:
     """By how much P and Q of each unit differ from their mean. The differences of a case add up to zero, and what they
     ask of a unit is within its current limit."""

@@ -107,7 +107,7 @@ def recovered(part: Watched, rests: Rests, demand: SurvivalDemand) -> Array:
         rest = averaged[:, lanes].copy()
         for k in range(width):
             own = log[ends[k] - (OWN_REST_CYCLES - 1) * cycle : ends[k], :, k].mean(axis=0) / cycle
-            rest[:, k] = own_powers(*own, *rest[:, k], S)
+            rest[:, k] = own_powers(own[0], own[1], rest[0, k], rest[1, k], S)
 
         def error(sums: Array, rest: Array = rest) -> Array:
             return np.abs(sums / cycle - rest).max(axis=-2) / S

@@ -65,8 +65,8 @@ def pil(
     errors of :func:`vsgdesign.export.unit_of`.
     """
     from vsgdesign.verbs.facade.exports import unit_given
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.pil import run_processor
-    from vsgdesign.verbs.pipeline.plant import as_unit
 
     given = as_unit(given_study(study, "pil"), "pil")
     unit = unit_given(given, controller, table)
