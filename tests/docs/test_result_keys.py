@@ -24,7 +24,7 @@ x_over_r = [2, 4]
 P = ["1 kW", "4 kW"]
 Q = ["0 var", "1 kvar"]
 """
-SOMETIMES = {"estimator", "passivity", "phase_jumps", "controllers.knowledge", "controllers.survival"}
+SOMETIMES = {"controllers.dc", "estimator", "passivity", "phase_jumps", "controllers.knowledge", "controllers.survival"}
 """Keys that the page names and that this study does not ask for."""
 
 

@@ -23,6 +23,7 @@ from vsgdesign.report.page.blocks import (
     Where,
     words,
 )
+from vsgdesign.report.page.converter import dc_link_text
 from vsgdesign.report.page.live import StaticPage, linked_to_case, try_it, way_to_it
 
 _SHOWN = 8
@@ -32,7 +33,7 @@ _ON_PAGE = 100
 LIMITS = (
     "The systematic disturbances are a fixed set, so that their share is no probability; vsgdesign verify bounds one.",
     "A disturbance without a rest within the current limit, before or after it, is left out: nothing could survive it.",
-    "The dc link is stiff, and devices are ideal.",
+    "Devices are ideal.",
 )
 
 
@@ -76,7 +77,12 @@ def survival_page(document: Mapping[str, Any], live: StaticPage | None = None) -
         *([] if lost else [words("Nothing was lost.")]),
         *([Heading("More current than hardware carries"), words(*beyond)] if beyond else []),
         Heading("Limits of validity"),
-        words(*LIMITS, f"The bridge is {_BRIDGES[document['bridge']]}.", style=BULLETS),
+        words(
+            *LIMITS,
+            dc_link_text(document.get("dc_source")),
+            f"The bridge is {_BRIDGES[document['bridge']]}.",
+            style=BULLETS,
+        ),
         words(("Every case is a row of ", Span("cases.csv", link="cases.csv"), ".")),
     ]
     origin = ("Study ", Span(document["study"], code=True), f", seed {document['seed']}.")

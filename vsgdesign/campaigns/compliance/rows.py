@@ -157,6 +157,7 @@ def identity_of(study: Study) -> dict[str, Any]:
         "Z_base_ohm": c.Z_base,
         "I_rated_pk_a": c.I_rated_pk,
         "V_dc_v": c.V_dc,
+        **({} if study.dc is None else {"dc_source": study.dc.source}),
         "f_sw_hz": c.f_sw,
         "T_s_s": c.T_s,
         "delay_samples": c.delay_samples,

@@ -7,6 +7,7 @@ from typing import Any
 
 from vsgdesign.report.drawing.quantities import plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
+from vsgdesign.report.page.converter import dc_link_text
 
 Document = Mapping[str, Any]
 
@@ -16,8 +17,6 @@ VALIDITY = (
     "Active and reactive power are those at the filter's capacitor, as the controller measures them.",
     "The converter and the grid have three wires. There is no zero sequence, and a fault to ground has no current "
     "through the ground.",
-    "The dc link is ideal: its voltage does not move, whatever power is drawn. The power and the energy that storage "
-    "would have to give are measured, and they limit nothing.",
     "The grid is one resistance and one inductance behind an ideal source, with the load and the faults that a test "
     "names. Saturation of transformers, protection relays and other converters are not there.",
     "Every number that is asked for has a source and a confidence. “read” was read in its source, “secondary” is told "
@@ -26,6 +25,7 @@ VALIDITY = (
     "A pass says that this one test was kept from one operating point. It says nothing about tests that were not run.",
 )
 
+_MEASURED = "The power and the energy that storage would have to give are measured"
 _AVERAGED = "The bridge is averaged over a sampling period: it has no switching ripple and no dead time."
 _SWITCHED = "The bridge is switched ideally: it has no dead time and no voltage drop."
 
@@ -37,8 +37,11 @@ _FILTER = (
 
 def validity(document: Document) -> tuple[str, ...]:
     """Sentences that say where the model ends."""
-    bridge = (document.get("converter") or {}).get("bridge")
-    return (*VALIDITY[:1], *([{"averaged": _AVERAGED}.get(bridge, _SWITCHED)] if bridge else []), *VALIDITY[1:])
+    converter = document.get("converter") or {}
+    bridge, source = converter.get("bridge"), converter.get("dc_source")
+    link = f"{dc_link_text(source)} {_MEASURED}{', and they limit nothing' if source is None else ''}."
+    said = [{"averaged": _AVERAGED}.get(bridge, _SWITCHED)] if bridge else []
+    return (*VALIDITY[:1], *said, *VALIDITY[1:3], link, *VALIDITY[3:])
 
 
 def identity_tables(document: Document) -> list[Table]:

@@ -255,3 +255,14 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
         )
     head = ("Controller", "Power-loop gains", "Target settling time", "ξ", "D_q/D", "Design P", "Design Q")
     return Table("Controllers", head, tuple(rows), texts=2)
+
+
+def dc_link_text(source: str | None) -> str:
+    """What feeds the bridge in the runs of a page. ``source``: of the study's [dc]; None: an ideal link."""
+    if source is None:
+        return "The dc link is ideal: its voltage does not move, whatever power is drawn."
+    return (
+        f"The dc link is a capacitor with the source {source}, and a run in which its voltage leaves its limits is "
+        "lost. The bridge makes the commanded voltage exactly as long as the link allows it. After the bridge has "
+        "blocked, nothing is simulated."
+    )

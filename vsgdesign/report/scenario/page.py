@@ -31,7 +31,7 @@ from vsgdesign.report.page.blocks import (
     opening,
     words,
 )
-from vsgdesign.report.page.converter import converter_table, filter_table, known_grid
+from vsgdesign.report.page.converter import converter_table, dc_link_text, filter_table, known_grid
 from vsgdesign.report.page.html import print_html
 from vsgdesign.report.page.live import StaticPage, try_it, way_to_it
 from vsgdesign.report.page.phase_jumps import phase_jump_blocks
@@ -147,7 +147,7 @@ def terminal_blocks(result: ScenarioResult) -> list[Block]:
     responses = tables.responses_table(result)
     found = [
         words(*lines_of_tables(result), on=Where.TERMINAL),
-        tables.dc_table(result),
+        tables.dc_table(result, Where.TERMINAL),
         responses if responses.rows else words(f"{result.study.title}: no event to measure", on=Where.TERMINAL),
         words(*survived, *held, on=Where.TERMINAL),
     ]
@@ -247,11 +247,8 @@ def _said_of_link(study: Study) -> str:
     V_dc = plain_quantity(study.converter.V_dc, "V")
     if study.dc is None:
         return f"The dc link is an ideal source of {V_dc}, nothing behind it."
-    return (
-        f"The dc link is a capacitor with the source {study.dc.source}, of {V_dc} nominal. The bridge makes the "
-        "commanded voltage exactly as long as the link allows it. Margins, modes and proofs are those of an ideal "
-        "link. After the bridge has blocked, nothing is simulated: the diodes are left out."
-    )
+    nominal = f"The nominal voltage is {V_dc}. Margins, modes and proofs are those of an ideal link."
+    return f"{dc_link_text(study.dc.source)} {nominal}"
 
 
 def _said_of_grid(result: ScenarioResult) -> list[str]:

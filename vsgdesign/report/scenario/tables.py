@@ -128,7 +128,7 @@ def gains_table(result: ScenarioResult, controller: ControllerResult) -> Table:
     return Table(f"Gains of {controller.spec.name}", head, rows, notes=notes)
 
 
-def dc_table(result: ScenarioResult) -> Table | None:
+def dc_table(result: ScenarioResult, on: Where = Where.PAGE) -> Table | None:
     """What each controller asked of its dc link; None where it is ideal."""
     link = result.study.dc
     if link is None:
@@ -164,7 +164,7 @@ def dc_table(result: ScenarioResult) -> Table | None:
         "sampling period, and the energy is what the source has given up to the end."
     )
     title = f"The dc link: {link.source}, {quantity(link.C, 'F')}"
-    return Table(title, head, tuple(rows), notes=(note,), texts=2)
+    return Table(title, head, tuple(rows), notes=(note,), texts=2, on=on)
 
 
 def plain_kilo(value: float) -> str:

@@ -336,7 +336,8 @@ def limits_of_validity(result: StabilityResult) -> list[str]:
         "bridge is averaged over a sampling period.",
         "Frequencies end below half the sampling rate. Between the samples the admittance keeps only the component at "
         "the perturbation's own frequency.",
-        f"The dc link is an ideal source of {plain_quantity(c.V_dc, 'V')}; the grid is an ideal source behind one "
+        f"The dc link is an ideal source of {plain_quantity(c.V_dc, 'V')}"
+        f"{'' if study.dc is None else ', without the [dc] of the study'}; the grid is an ideal source behind one "
         "balanced R–L branch, and no other converter or load is near.",
         "Inductors do not saturate; capacitors and measurements are ideal.",
     ]

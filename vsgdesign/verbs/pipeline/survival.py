@@ -227,6 +227,7 @@ def survival_document(
         "title": study.title,
         "limit_pu": study.converter.current_limit_pu,
         "seed": study.survival.seed,
+        **({} if study.dc is None else {"dc_source": study.dc.source}),
         "variants": {name: _variant(subjects[name], results[name]) for name in results},
     }
 
