@@ -105,7 +105,9 @@ def test_the_equation_of_the_link_alone_is_that_of_the_whole_run(small: Path) ->
 
 def test_what_it_refuses(small: Path) -> None:
     assert "--capacitor" in failure(2, "size", small, "--capacitor", "2 mH")
-    assert "outside" in failure(2, "size", small, "--capacitor", "1 kF")
+    assert "100 nF to 100 F" in failure(2, "size", small, "--capacitor", "1 kF")
+    with pytest.raises(vd.VsgDesignError, match="capacitor = nan F: must be a capacitance"):
+        vd.size(small, capacitor=float("nan"))
     assert "larger" in failure(1, "size", small, "--capacitor", "1 uF")
     small.write_text(TEXT.replace('"small"', '"small"\n[simulation.x]'), encoding="utf-8")
     assert "small.toml" in failure(2, "size", small)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.codegen.flat import flat_block
 from vsgdesign.codegen.llvm import Loop, LoopSpec, compiled_loop, empty_rows
-from vsgdesign.codegen.records import numbers_of
+from vsgdesign.codegen.records import numbers_of, zero_record
 from vsgdesign.equations.dc_link import DcSettings, DcState, link_step
 from vsgdesign.equations.dc_sources.converter import UNLIMITED_J
 from vsgdesign.errors import InfeasibleStudyError
@@ -148,11 +148,6 @@ class Sizing:
     energy_given: Array
     """What the source has given up to each sample of the sized run, J, thinned (n, 2) with the time, s."""
 
-    @property
-    def confirmed(self) -> bool:
-        """Whether the full simulation with the sizes survives."""
-        return self.trials[0].survived
-
 
 def size_dc_side(
     study: Study,
@@ -276,7 +271,8 @@ def profile_of(study: Study, spec: ControllerSpec, ready: Ready, link: DcLink) -
     own = _every_sample(study.with_limit_of(spec), wide)
     run = simulate(own, feed_of(own, spec, build_timeline(own), ready), finds=spec)
     if run.divergence is not None or run.dc_log is None:
-        raise InfeasibleStudyError(f"{spec.name} does not survive its events with an ideal dc side: {run.divergence}.")
+        why = "" if run.divergence is None else run.divergence.reason
+        raise InfeasibleStudyError(f"{spec.name} does not survive its events with an ideal dc side: {why}.")
     names = dc_columns(own)
     p, needs = (np.ascontiguousarray(run.dc_log[:, names.index(name)]) for name in ("p", "needs"))
     cycle = max(round(2.0 * math.pi / c.omega_n / c.T_s), 1)
@@ -356,10 +352,7 @@ def _column(run: Simulation, study: Study, name: str) -> Array:
 def by_hand(study: Study, link: DcLink, profile: Profile) -> dict[str, float]:
     """Sums for comparison: the largest change of the power within the lag of the stage, W, and the capacitor whose
     energy from V_dc down to V_low gives it for this time, F (:eq:`dc-capacitor-by-hand`)."""
-    V, tau = (
-        study.converter.V_dc,
-        dict(link_with(study, link, Size(p_max=1.0, p_charge_max=1.0, C=link.C)).given)["tau"],
-    )
+    V, tau = study.converter.V_dc, link_with(study, link, Size(p_max=1.0, p_charge_max=1.0, C=link.C)).values["tau"]
     late = max(round(tau / profile.T_s), 1)
     steps = np.abs(profile.p[late:] - profile.p[:-late]) if len(profile.p) > late else np.zeros(1)
     step, room = float(steps.max()), V * V - link.V_low**2
@@ -388,7 +381,7 @@ class _Search:
         self._loop: Loop = compiled_loop(self._spec)
 
     def survives(self, sizes: list[Size]) -> list[bool]:
-        """Whether each candidate keeps the link within its limits and above what the bridge needs."""
+        """Whether each candidate keeps the link within its limits."""
         low, high = self._link.V_low, self._link.V_high
         return [one is not None and one.lowest >= low and one.highest <= high for one in self.moved(sizes)]
 
@@ -422,7 +415,7 @@ class _Search:
                 except InfeasibleStudyError:
                     state = None
                 starts.append(state)
-                begin = one_that_stands(settings, self._kind) if state is None else state
+                begin = _one_that_stands(settings, self._kind) if state is None else state
                 rows[0, :, lane] = [*numbers_of(begin), *numbers_of(settings)]
             self._run(rows)
             for lane, start in enumerate(starts[: len(some)]):
@@ -440,10 +433,8 @@ class _Search:
             self._loop(begin, end, rows, np.zeros(0), fed=fed)
 
 
-def one_that_stands(settings: DcSettings, kind: DcKind) -> DcState:
+def _one_that_stands(settings: DcSettings, kind: DcKind) -> DcState:
     """A state in place of one that there is not."""
-    from vsgdesign.codegen.records import zero_record
-
     V: Any = settings.V_dc
     memory = zero_record(kind.memory)
     return DcState(

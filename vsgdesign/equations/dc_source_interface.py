@@ -97,11 +97,9 @@ class DcParameter:
     low: float
     high: float
     meaning: str
-    default: float | Callable[[DcRatings, Mapping[str, Any]], float] | None = None
+    default: float | Callable[[DcRatings, Mapping[str, Any]], Any] | None = None
     shown: str = ""
     """The default in words, where it is no number."""
-    changes: bool = False
-    """Whether an event may change it."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +116,6 @@ class DcSource:
     parameters: tuple[DcParameter, ...] = ()
     check: Callable[[DcRatings, Mapping[str, Any]], Mapping[str, str]] | None = None
     """Faults of several parameters together: {name: what is wrong}."""
-    most: Callable[[DcRatings, Mapping[str, Any]], tuple[float, float]] | None = None
-    """The powers that it can take and give, W, at the start."""
 
     def values(self, ratings: DcRatings, given: Mapping[str, Any]) -> dict[str, Any]:
         """Every parameter in SI: as given, else its default; NaN where it has to be given and is not."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.dc_link import DcSettings, DcState
-from vsgdesign.linear.operating_point.dc_rest import bridge_power
+from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.simulation.dc_parts import dc_kind
 from vsgdesign.study.parameters.dc_link import DcLink
@@ -29,8 +29,7 @@ def dc_at_start(study: Study, start: SampledState) -> DcStart:
     """The link at the start of a run. Raises InfeasibleStudyError where its source cannot give the power."""
     if study.dc is None:
         raise ValueError("the dc link is ideal.")
-    i_s, v_c, i_g = (complex(*start.plant[k : k + 2]) for k in (0, 2, 4))
-    p = float(bridge_power(study, v_c + study.filter.R_c * (i_s - i_g), i_s))
+    p = float(power_of_plant(study, start.plant))
     return DcStart(study.dc.settings(study.converter, study.filter), study.dc.at_rest(p, study.converter, study.filter))
 
 
@@ -75,7 +74,7 @@ def dc_series(study: Study, rows: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class DcFigures:
-    """What a run asked of its dc link, of every sample up to its end."""
+    """What a run asked of its dc link, of every sample up to its last logged one."""
 
     lowest_v: float
     highest_v: float

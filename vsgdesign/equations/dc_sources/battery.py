@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -135,7 +136,7 @@ def battery_rest(
     root = b * b - 4.0 * a * p
     if root < 0.0:
         raise ValueError(f"a battery of {e:.5g} V and {1e3 / c.over_R:.4g} mΩ gives at most {b * b / (4.0 * a):.4g} W")
-    v = (b + root**0.5) / (2.0 * a)
+    v = (b + math.sqrt(root)) / (2.0 * a)
     current = (e - v) * c.over_R
     low = c.i_min if charge < 1.0 else 0.0
     high = c.i_max if charge > 0.0 else 0.0
@@ -145,15 +146,6 @@ def battery_rest(
             f"{low:.4g} to {high:.4g} A"
         )
     return v, BatteryMemory(charge=charge)
-
-
-def _most(ratings: DcRatings, values: Mapping[str, Any]) -> tuple[float, float]:
-    """What it can take and give at the start."""
-    c = battery_constants(ratings, values)
-    e, R, charge = float(open_voltage(values["charge"], c.open)), values["R_i"], values["charge"]
-    high = min(c.i_max, 0.5 * e / R) if charge > 0.0 else 0.0
-    low = c.i_min if charge < 1.0 else 0.0
-    return low * (e - R * low), high * (e - R * high)
 
 
 def _check(ratings: DcRatings, values: Mapping[str, Any]) -> Mapping[str, str]:
@@ -171,7 +163,7 @@ _PARAMETERS = (
         1e6,
         "open-circuit voltage at 0, 20, 40, 60, 80 and 100 % of the charge",
         shown="`V_dc`, from 94 to 106 %",
-        default=lambda ratings, _: tuple(ratings.V_dc * (0.94 + 0.024 * k) for k in range(POINTS)),  # type: ignore[arg-type, return-value]
+        default=lambda ratings, _: tuple(ratings.V_dc * (0.94 + 0.024 * k) for k in range(POINTS)),
     ),
     DcParameter("R_i", "ohm", 1e-6, 1e4, "inner resistance"),
     DcParameter("i_max", "A", 1e-3, 1e6, "largest current that it gives"),
@@ -195,6 +187,5 @@ BATTERY = DcSource(
     battery_rest,
     _PARAMETERS,
     _check,
-    _most,
 )
 """A battery without a dc–dc stage."""

@@ -129,8 +129,8 @@ CONVERTER = DcSource(
     stage_constants,
     stage_rest,
     (
-        DcParameter("p_max", "W", 1.0, 1e10, "largest power that it gives", changes=True),
-        DcParameter("p_charge_max", "W", 0.0, 1e10, "largest power that it takes", default=0.0, changes=True),
+        DcParameter("p_max", "W", 1.0, 1e10, "largest power that it gives"),
+        DcParameter("p_charge_max", "W", 0.0, 1e10, "largest power that it takes", default=0.0),
         DcParameter("tau", "s", 1e-5, 1.0, "time constant of its power", default=0.005),
         DcParameter("ramp", "W/s", 1.0, 1e14, "largest rate of its power", default=1e14, shown="no limit"),
         DcParameter("feed_forward", "1", 0.0, 1.0, "share of the bridge's power that is fed forward", default=1.0),
@@ -146,6 +146,5 @@ CONVERTER = DcSource(
         DcParameter("energy", "J", 1e-3, UNLIMITED_J, "usable energy", default=UNLIMITED_J, shown="no limit"),
         DcParameter("charge", "1", 0.0, 1.0, "share of the usable energy at the start", default=0.5),
     ),
-    most=lambda _, values: (-values["p_charge_max"], values["p_max"]),
 )
 """A stage that holds the voltage of the link."""

@@ -124,11 +124,6 @@ def array_rest(p: float, ratings: DcRatings, c: ArrayConstants, values: Mapping[
     return float(low), ArrayMemory(u=u)
 
 
-def _most(ratings: DcRatings, values: Mapping[str, Any]) -> tuple[float, float]:
-    v, current = array_curve(array_constants(ratings, values))
-    return 0.0, float(np.max(v * current)) if v.size else 0.0
-
-
 PHOTOVOLTAIC = DcSource(
     "photovoltaic",
     DcSourceLaw(array_flow, array_remembers),
@@ -137,7 +132,7 @@ PHOTOVOLTAIC = DcSource(
     (
         DcParameter("modules", "1", 1.0, 1e4, "modules in series"),
         DcParameter("strings", "1", 1.0, 1e6, "strings in parallel"),
-        DcParameter("irradiance", "W/m^2", 1.0, 2000.0, "irradiance", default=1000.0, changes=True),
+        DcParameter("irradiance", "W/m^2", 1.0, 2000.0, "irradiance", default=1000.0),
         DcParameter("temperature", "degC", -60.0, 120.0, "temperature of the cells", default=25.0),
         DcParameter("I_L", "A", 0.01, 100.0, "photocurrent of a module at 1,000 W/m² and 25 °C", default=5.114),
         DcParameter("I_0", "A", 1e-16, 1e-3, "saturation current of a module at 25 °C", default=8.196e-10),
@@ -146,6 +141,5 @@ PHOTOVOLTAIC = DcSource(
         DcParameter("R_sh", "ohm", 1.0, 1e6, "shunt resistance of a module at 1,000 W/m²", default=381.68),
         DcParameter("alpha_sc", "A/K", -0.1, 0.1, "change of the photocurrent with the temperature", default=0.004539),
     ),
-    most=_most,
 )
 """An array without a dc–dc stage. The default module is the CS5P-220M of the database of the CEC."""

@@ -23,6 +23,12 @@ def bridge_power(study: Study, v: Any, i_s: Any) -> Any:
     return SPACE_VECTOR_POWER * ((v * np.conj(i_s)).real + study.filter.R_1 * np.abs(i_s) ** 2)
 
 
+def power_of_plant(study: Study, plant: Array) -> Any:
+    """The same from the circuit's states at rest: i_s, v_c and i_g as (α, β), peak; (6,) or (6, N)."""
+    i_s, v_c, i_g = (plant[k] + 1j * plant[k + 1] for k in (0, 2, 4))
+    return bridge_power(study, v_c + study.filter.R_c * (i_s - i_g), i_s)
+
+
 def links_at_rest(study: Study, link: DcLink, p: Array) -> Array:
     """(N,): voltages of the dc link while the bridge takes these powers (W), V; NaN where its source cannot give them,
     and where the power is NaN."""

@@ -14,7 +14,7 @@ from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller_data import ControllerState
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import References
-from vsgdesign.linear.operating_point.dc_rest import bridge_power
+from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.linear.operating_point.many import ManyStates
 from vsgdesign.metrics.events import late_rows
 from vsgdesign.metrics.step_response import SETTLING_BAND
@@ -313,8 +313,7 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
 def _rest_link(part: Part, link: DcLink, start: ManyStates) -> None:
     """The dc links of the lanes at rest."""
     study = part.study
-    i_s, v_c, i_g = (start.plant[k] + 1j * start.plant[k + 1] for k in (0, 2, 4))
-    powers = bridge_power(study, v_c + study.filter.R_c * (i_s - i_g), i_s).tolist()
+    powers = power_of_plant(study, start.plant).tolist()
     rows = [numbers_of(link.at_rest(p, study.converter, study.filter)) for p in powers]
     part.put(part.span("dc").start, np.array(rows).T)
     constants = numbers_of(link.settings(study.converter, study.filter))

@@ -36,8 +36,6 @@ def size(study_file: str, out: str | None, controller: str | None, capacitor: st
         C = None if capacitor is None else parse_quantity(capacitor, "F")
     except UnitError as error:
         raise click.UsageError(f'--capacitor "{capacitor}": {error}') from None
-    if C is not None and not 1e-7 <= C <= 100.0:
-        raise click.UsageError(f'--capacitor "{capacitor}": outside 100 nF to 100 F')
     study = load(study_file, left_tables=True)
     folder = Path("out") / f"{study.name}-{WORK}" if out is None else Path(out)
     with keeping(folder):

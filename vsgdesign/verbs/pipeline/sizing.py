@@ -10,11 +10,15 @@ from typing import Any
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
 VERB = "vsgdesign size"
+LEAST_C, MOST_C = 1e-7, 100.0
+"""Limits of a capacitor, F, as in [dc]."""
+
 WORK = "dc-side"
 
 
@@ -35,14 +39,13 @@ def size_study(
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.sizing import sizing_page
 
+    if C is not None and not LEAST_C <= C <= MOST_C:  # NaN as well
+        limits = f"must be a capacitance from {LEAST_C * 1e9:g} nF to {MOST_C:g} F"
+        raise StudyError(study.name, [Fault("capacitor", f"{C:g} F", limits, "Give it in F.")])
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
         spec = controller_named(study, controller)
-        tables = (
-            kept_tables(replace(study, controllers=(spec,)), progress=progress, say=say).tables
-            if spec.kind == "scheduled"
-            else {}
-        )
-        ready = Ready(tables=tables)
+        alone = replace(study, controllers=(spec,))
+        ready = Ready(tables=kept_tables(alone, progress=progress, say=say).tables)
         found = size_dc_side(study, spec, ready, C=C, progress=progress or silent)
         document = {
             "study": study.name,
