@@ -52,6 +52,7 @@ def rich() -> GainTable:
     assert not made.valid.all()
     margins = nominal_margins(made)
     margins["worst_overshoot_P_pct"] = 1.3 * margins["overshoot_P_pct"]
+    margins["worst_differential_decay_1_s"] = np.where(made.valid, 3.1, np.nan)
     margins["mine"] = np.where(made.valid, 3.0, np.nan)
     status, active = made.status.copy(), made.active.astype("U20")
     status[1, 1], active[1, 1], active[2, 0] = "relaxed", "overshoot", "disk margin"
@@ -109,6 +110,7 @@ def test_which_figures_there_are() -> None:
         "table_settling_P_s",
         "table_overshoot_Q_pct",
         "table_settling_Q_s",
+        "table_differential_decay_1_s",
         "table_mine",
         "table_disk_margin_output",
         "table_disk_margin_input",

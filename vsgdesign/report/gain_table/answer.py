@@ -115,7 +115,7 @@ def _margins(table: GainTable) -> list[tuple[str, Cell]]:
         if limit is None:
             continue
         figure = figure_of(name)
-        nominal, worst = (np.asarray(table.figures.get(key, np.nan)) for key in margin_keys(name))
+        nominal, worst = (np.asarray(table.figures.get(key, np.nan)) for key in margin_keys(table, name))
         values = worst if np.isfinite(worst).any() else nominal
         known = values[np.isfinite(values)]
         if not known.size:

@@ -59,15 +59,22 @@ def in_order(table: GainTable) -> list[str]:
     return [name for name in FIGURES if name in names] + sorted(names - FIGURES.keys())
 
 
-def margin_keys(name: str) -> tuple[str, str]:
-    """The place of a margin: at the design point, or at the worst point of the box."""
-    return (name, WORST + name) if figure_of(name).at_design_point else ("", name)
+def margin_keys(table: GainTable, name: str) -> tuple[str, str]:
+    """Under which names a table has a margin: at the design point, and at the worst point of the box.
+
+    A margin that is taken over the whole box alone has no first name, and the table may store it with ``worst_`` or
+    without.
+    """
+    worst = WORST + name
+    if figure_of(name).at_design_point:
+        return name, worst
+    return "", worst if worst in table.figures else name
 
 
 def margin_figures(table: GainTable) -> Iterator[NamedFigure]:
     """A figure for each margin at the design point, with the worst of the box beside it if it is known."""
     for name in in_order(table):
-        kinds = zip(margin_keys(name), ("design point", "worst of the box"), strict=True)
+        kinds = zip(margin_keys(table, name), ("design point", "worst of the box"), strict=True)
         shown = [(key, kind) for key, kind in kinds if key in table.figures]
         cells = [table_cells(table, table.figures[key]) for key, _ in shown]
         known = np.concatenate([c.values[np.isfinite(c.values) & ~c.unstable] for c in cells])

@@ -284,7 +284,7 @@ def margins_table(table: GainTable) -> Table:
     for name in in_order(table):
         figure, limit = figure_of(name), limit_of(table, name)
         asked = DASH if limit is None else f"{'≤' if figure.smaller_is_better else '≥'} {plain(limit)}"
-        ranges = [_limits(table, key) for key in margin_keys(name)]
+        ranges = [_limits(table, key) for key in margin_keys(table, name)]
         rows.append((f"{figure.title} [{figure.unit}]", asked, *ranges[0], *ranges[1]))
     head = ("Margin", "Asked for", "least", "median", "largest", "least", "median", "largest")
     groups = (("", 2), ("design point", 3), (f"worst of the box ({CARRIED})", 3))
