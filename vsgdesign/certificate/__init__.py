@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from vsgdesign.certificate.asked import beyond_table, on_basis_of_table, region_of
     from vsgdesign.certificate.certifying import certify, largest_rate
-    from vsgdesign.certificate.full_order.statement import FullOrderProof, prove_full_order
+    from vsgdesign.certificate.full_order.statement import FullOrderProof, proof_file, prove_full_order
     from vsgdesign.certificate.places import by_place, of_a_pair
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
@@ -41,6 +41,7 @@ _HOMES = {
     "largest_rate": "certifying",
     "of_a_pair": "places",
     "on_basis_of_table": "asked",
+    "proof_file": "full_order.statement",
     "prove_full_order": "full_order.statement",
     "refusal_record": "results",
     "region_of": "asked",
@@ -72,6 +73,7 @@ __all__ = [
     "largest_rate",
     "of_a_pair",
     "on_basis_of_table",
+    "proof_file",
     "prove_full_order",
     "refusal_record",
     "region_of",

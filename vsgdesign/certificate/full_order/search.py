@@ -75,6 +75,8 @@ class Found:
 
     cells: list[tuple[Array, Array, Array]] = field(default_factory=list)
     boxes: list[Part] = field(default_factory=list)
+    nothing: list[Part] = field(default_factory=list)
+    """Boxes without a point that counts."""
     proved: float = 0.0
     empty: float = 0.0
     left: list[tuple[Waiting, str]] = field(default_factory=list)
@@ -141,7 +143,10 @@ def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> 
         found.values += looks.values
         found.looked += len(part)
         np.add.at(looked, part.cell, 1)
-        found.empty += float(part.share[looks.state == EMPTY].sum())
+        nothing = looks.state == EMPTY
+        found.empty += float(part.share[nothing].sum())
+        if nothing.any():
+            found.nothing.append(part.take(nothing))
         proved = looks.state == PROVED
         found.proved += float(part.share[proved].sum())
         if proved.any():

@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.certificate_record import CertificateCell, StaticLimits
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.proof_file import ProofFile, packed, proved_table
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.asked import beyond_table
 from vsgdesign.certificate.certifying import prepared
+from vsgdesign.certificate.full_order.cells import Arcs
 from vsgdesign.certificate.full_order.points import least_decay
+from vsgdesign.certificate.full_order.record import arrays_of
 from vsgdesign.certificate.full_order.rows import inner_rows
 from vsgdesign.certificate.full_order.search import Found, Problem, Waiting, beginning, search
 from vsgdesign.certificate.region import Region, System
@@ -76,6 +79,8 @@ class FullOrderProof:
     states: int
     inner_gains: dict[str, float]
     delay: int
+    blocks: tuple[dict[str, str], ...] = ()
+    """The tree of boxes and the arcs, as a proof's file keeps them (:mod:`vsgdesign.artifacts.proof_file`)."""
 
     @property
     def complete(self) -> bool:
@@ -156,12 +161,18 @@ class FullOrderJob(Job[int, dict[str, Any]]):
         """Numbers of all blocks."""
         return range(-(-len(self._beginning) // _BLOCK))
 
+    def _cells(self, block: int) -> list[Waiting]:
+        return self._beginning[_BLOCK * block : _BLOCK * (block + 1)]
+
+    def size(self, block: int, /) -> int:
+        """A millionth of the volume counts as one."""
+        return 1 + round(1e6 * sum(float(one.boxes.share.sum()) for one in self._cells(block)))
+
     def run(self, block: int) -> dict[str, Any]:
         """What a search finds in some cells."""
         found = Found()
-        waiting = search(
-            self.problem, self._beginning[_BLOCK * block : _BLOCK * (block + 1)], found, most_looks=_MOST_LOOKS
-        )
+        begin, coarse = self._cells(block), Arcs.coarsest(self.problem.loop.T_s)
+        waiting = search(self.problem, begin, found, most_looks=_MOST_LOOKS)
         left = [*found.left, *((one, "boxes") for one in waiting)]
         return {
             str(block): {
@@ -173,6 +184,7 @@ class FullOrderJob(Job[int, dict[str, Any]]):
                 "left": [
                     [*one.low.tolist(), *one.high.tolist(), float(one.boxes.share.sum()), why] for one, why in left
                 ],
+                "record": packed(arrays_of(begin, self.problem.pieces, found, coarse.edges)),
             }
         }
 
@@ -287,4 +299,18 @@ def _statement(
         states=2 * inner_rows(study).states + 3 + filters,
         inner_gains=study.inner_gains._asdict(),
         delay=study.converter.delay_samples,
+        blocks=tuple(part["record"] for part in every),
+    )
+
+
+def proof_file(study: Study, proof: FullOrderProof, table: GainTable | None) -> ProofFile:
+    """The file of a proof of a study's loops, with their gain table if they have one."""
+    return ProofFile(
+        study=study.name,
+        study_hash=study.hash,
+        scr_basis=study.scr_basis,
+        table=proved_table(table),
+        statement=proof.as_document(),
+        coarse_arcs=tuple(Arcs.coarsest(study.converter.T_s).edges.tolist()),
+        blocks=proof.blocks,
     )

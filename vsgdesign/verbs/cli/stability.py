@@ -197,6 +197,12 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
     show_default=True,
     help="Largest number of boxes for the proof of the reduced model.",
 )
+@click.option(
+    "--proof",
+    default=None,
+    metavar="FILE.proof",
+    help="File for the boxes and arcs of --model full.  [default: beside the table, none for a study]",
+)
 @in_blocks
 @JSON
 @verb
@@ -214,6 +220,7 @@ def certify(
     rate: float,
     decay: float | None,
     boxes: int,
+    proof: str | None,
     how: How,
     as_json: bool,
 ) -> None:
@@ -225,10 +232,12 @@ def certify(
     together and against each other, each with a function for every place of the grid.
 
     With --model full it is the sampled full-order loop that is proved, on every grid that rests: processes share the
-    work, and an interrupted proof goes on from its finished parts.
+    work, and an interrupted proof goes on from its finished parts. Its boxes and arcs are kept in a file that "table
+    check --proof" checks.
     """
     from dataclasses import replace
 
+    from vsgdesign.artifacts.proof_file import proof_of
     from vsgdesign.artifacts.ready import Ready, read_tables
     from vsgdesign.certificate import (
         Counterexample,
@@ -255,7 +264,9 @@ def certify(
     study = on_basis_of_table(study, controller, named)
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
     if model == "full":
-        _certify_full(study, spec, region, decay, how, as_json)
+        if proof is None and study_file is not None:
+            proof = str(proof_of(file))
+        _certify_full(study, spec, region, decay, proof, how, as_json)
         return
     with progress(quiet=as_json) as tell:
         ready = study_tables(replace(study, controllers=(spec,)), progress=tell).ready
@@ -281,18 +292,22 @@ def certify(
         sys.exit(EXIT_IMPOSSIBLE)
 
 
-def _certify_full(study: Any, spec: Any, region: Any, decay: float | None, how: How, as_json: bool) -> None:
+def _certify_full(
+    study: Any, spec: Any, region: Any, decay: float | None, proof: str | None, how: How, as_json: bool
+) -> None:
     """Proves the sampled full-order loop, and ends with exit code 1 where a part of the region is not proved."""
     from vsgdesign.report.gain_table.full_order import full_order_text
     from vsgdesign.verbs.pipeline.full_order import WORK, place_of, prove_full
 
     place = place_of(study, spec)
     with results_at(place, lambda: kept_words(place, WORK, "part")), progress(quiet=as_json) as tell:
-        found = prove_full(study, spec, region, decay, progress=tell, **how)
+        found = prove_full(study, spec, region, decay, proof=proof, progress=tell, **how)
     if as_json:
         print_json(found.as_document())
     else:
         click.echo(full_order_text(found))
+        if proof is not None and not found.unstable:
+            click.echo(f"proof: {proof}")
     if not found.complete:
         sys.exit(EXIT_IMPOSSIBLE)
 

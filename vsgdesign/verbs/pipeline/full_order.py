@@ -7,7 +7,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from vsgdesign.certificate import FullOrderProof, Region, prove_full_order
+from vsgdesign.artifacts.proof_file import PROOF_FILE
+from vsgdesign.certificate import FullOrderProof, Region, proof_file, prove_full_order
 from vsgdesign.execution.journal import journal_of
 from vsgdesign.execution.progress import Progress
 from vsgdesign.study.parameters.study import ControllerSpec, Study
@@ -28,6 +29,7 @@ def prove_full(
     region: Region,
     decay: float | None = None,
     *,
+    proof: str | Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
     fresh: bool = False,
@@ -35,10 +37,15 @@ def prove_full(
     progress: Progress | None = None,
 ) -> FullOrderProof:
     """The statement of :func:`vsgdesign.certificate.prove_full_order`, whose errors it raises. An interrupted call
-    goes on from its finished parts; ``fresh`` begins again. ``say`` takes a sentence where what is kept is of other
-    work."""
+    goes on from its finished parts; ``fresh`` begins again. ``proof`` is the file for the boxes and arcs; its
+    place is looked at before the work. ``say`` takes a sentence where what is kept is of other work."""
+    if proof is not None:
+        PROOF_FILE.check_target(proof)
     ready = study_tables(replace(study, controllers=(spec,)), progress=progress).ready
     kept = partial(journal_of, out=place_of(study, spec), work=WORK, fresh=fresh, say=say)
-    return prove_full_order(
+    found = prove_full_order(
         study, spec, region, ready=ready, decay=decay, kept=kept, workers=workers, cluster=cluster, progress=progress
     )
+    if proof is not None and not found.unstable:
+        PROOF_FILE.write(proof_file(study, found, ready.tables.get(spec.name)), proof)
+    return found

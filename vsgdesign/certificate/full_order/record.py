@@ -1,0 +1,124 @@
+"""What a search has decided, as trees of cuts and arcs that a proof's file keeps.
+
+A tree is written level by level: for each box that is open, the coordinate in which it is cut, or what it is. Both
+halves of a cut come next to each other in the following level, the lower one first.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.proof_file import EMPTY, LEFT, PROVED
+from vsgdesign.certificate.full_order.boxes import Part, Pieces
+from vsgdesign.certificate.full_order.search import Found, Waiting
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+_MOST_CUTS = 48
+
+
+def arrays_of(roots: list[Waiting], pieces: Pieces, found: Found, coarse: Array) -> dict[str, NDArray[Any]]:
+    """The arrays of a block (:data:`vsgdesign.artifacts.proof_file.COLUMNS`) that began with some cells."""
+    low, high = (np.concatenate([getattr(one.boxes, name) for one in roots]) for name in ("low", "high"))
+    piece = np.concatenate([one.boxes.piece for one in roots])
+    own_cell = np.repeat(np.arange(len(roots)), [len(one.boxes) for one in roots])
+    leaves, label = _leaves(found)
+    root = np.zeros(0, dtype=np.int64)
+    depths = places = np.zeros((0, low.shape[1]), dtype=np.int64)
+    if len(label):
+        root = _roots_of(leaves, low, high, piece)
+        depths, places = _cuts(low[root], high[root], leaves.low, leaves.high)
+    tree = _tree(len(low), root, depths, places, label)
+    proved = label == PROVED
+    # The grids of a box are those of its cell.
+    keys = np.column_stack([own_cell[root], depths[:, 0], places[:, 0], depths[:, 1], places[:, 1]])[proved]
+    cells, first = np.unique(keys, axis=0, return_index=True) if len(keys) else (np.zeros((0, 5)), np.zeros(0, int))
+    arcs = [_halvings(found.cells[k][2], coarse) for k in leaves.cell[proved][first]]
+    return {
+        "roots": np.concatenate([low, high], axis=1),
+        "kept": pieces.kept[piece],
+        "tree": tree,
+        "cells": cells,
+        "arcs": np.concatenate([np.zeros(0, dtype=np.uint8), *arcs]),
+    }
+
+
+def _leaves(found: Found) -> tuple[Part, Counts]:
+    """All boxes that are decided, and as what."""
+    parts = [*found.boxes, *found.nothing]
+    label = [np.full(len(part), PROVED if k < len(found.boxes) else EMPTY) for k, part in enumerate(parts)]
+    if not parts:
+        none = np.zeros((0, 6))
+        count = np.zeros(0, dtype=np.int64)
+        return Part(none, none, count, count, count, np.zeros(0)), count
+    return Part.joined(parts), np.concatenate(label)
+
+
+def _roots_of(leaves: Part, low: Array, high: Array, piece: Counts) -> Counts:
+    """The box of the beginning that holds each leaf."""
+    middle = 0.5 * (leaves.low + leaves.high)
+    root = np.full(len(leaves), -1)
+    for k in range(len(low)):
+        inside = (leaves.piece == piece[k]) & ((middle >= low[k]) & (middle <= high[k])).all(axis=1)
+        root[inside] = k
+    if (root < 0).any():
+        raise ValueError("a box lies outside of those of the beginning")
+    return root
+
+
+def _cuts(low: Array, high: Array, own_low: Array, own_high: Array) -> tuple[Counts, Counts]:
+    """How often a box (N, 6) was halved in each coordinate to give another one, and at which of the places that is."""
+    width, own = high - low, own_high - own_low
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depths = np.where(width > 0.0, np.round(np.log2(width / own)), 0.0)
+        places = np.where(width > 0.0, np.round((own_low - low) / width * 2.0**depths), 0.0)
+    again = low + width * places / 2.0**depths
+    if (np.abs(again - own_low) > 1e-9 * np.maximum(width, 1e-300)).any():
+        raise ValueError("a box is not made by halving one of the beginning")
+    return depths.astype(np.int64), places.astype(np.int64)
+
+
+def _tree(roots: int, root: Counts, depths: Counts, places: Counts, label: Counts) -> NDArray[np.uint8]:
+    """The symbols of all trees, from the leaves' roots and cuts."""
+    symbols: list[NDArray[np.uint8]] = []
+    nodes, node = roots, root.copy()
+    done = np.zeros_like(depths)
+    for _ in range(_MOST_CUTS * depths.shape[1]):
+        if nodes == 0:
+            return np.concatenate(symbols) if symbols else np.zeros(0, dtype=np.uint8)
+        order = np.argsort(node, kind="stable")
+        node, depths, places, label, done = (value[order] for value in (node, depths, places, label, done))
+        own = np.full(nodes, LEFT, dtype=np.uint8)
+        begin = np.flatnonzero(np.diff(node, prepend=-1))
+        if len(node):
+            whole = (depths == done).all(axis=1)
+            own[node[whole]] = label[whole]
+            least = np.minimum.reduceat(depths - done, begin, axis=0)
+            dimension = np.argmax(least > 0, axis=1)
+            open_ = own[node[begin]] == LEFT
+            if not (least[open_] > 0).any(axis=1).all():
+                raise ValueError("boxes overlap")
+            own[node[begin][open_]] = dimension[open_]
+        symbols.append(own)
+        cut = own < depths.shape[1]
+        child = np.cumsum(cut) - 1
+        go = cut[node]
+        node, depths, places, label, done = (value[go] for value in (node, depths, places, label, done))
+        if len(node):
+            k, rows = own[node].astype(np.intp), np.arange(len(node))
+            done = done.copy()
+            done[rows, k] += 1
+            side = (places[rows, k] >> (depths[rows, k] - done[rows, k])) & 1
+            node = 2 * child[node] + side
+        nodes = 2 * int(cut.sum())
+    raise ValueError("boxes were cut too often")
+
+
+def _halvings(edges: Array, coarse: Array) -> NDArray[np.uint8]:
+    """How often each arc of a cell was halved."""
+    of = np.clip(np.searchsorted(coarse, 0.5 * (edges[:-1] + edges[1:])) - 1, 0, len(coarse) - 2)
+    return np.round(np.log2((coarse[of + 1] - coarse[of]) / np.diff(edges))).astype(np.uint8)
