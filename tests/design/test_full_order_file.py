@@ -58,8 +58,10 @@ def test_the_tree_has_every_box_of_the_search_and_the_rest_is_left() -> None:
 
 
 def a_file() -> ProofFile:
-    arrays = {"roots": np.zeros((1, 12)), "kept": np.ones((1, 4)), "tree": [PROVED], "cells": np.zeros((1, 5))}
-    block = packed({name: np.array(value) for name, value in (arrays | {"arcs": [0, 0]}).items()})
+    arrays = {"roots": np.zeros((1, 12)), "estimates": np.ones((1, 4)), "tree": [PROVED]}
+    block = packed(
+        {name: np.array(value) for name, value in (arrays | {"cells": np.zeros((1, 5)), "arcs": [0, 0]}).items()}
+    )
     return ProofFile(
         study="s",
         study_hash="h",

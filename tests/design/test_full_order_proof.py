@@ -6,16 +6,21 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.gain_tables import table
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.certificate import box_check, region_of, taylor_kernel
 from vsgdesign.certificate.certifying import prepared
-from vsgdesign.certificate.full_order.boxes import Part, error_parameters, whole
+from vsgdesign.certificate.full_order.boxes import Part, Pieces, whole
 from vsgdesign.certificate.full_order.cells import GOOD, INNER_UNSTABLE, Arcs, cells_of
 from vsgdesign.certificate.full_order.forms import ARC, EXPONENTS, GRID, ROWS, Tape, Values
 from vsgdesign.certificate.full_order.kernel import KERNEL, enclosed, gains_of, survey
@@ -35,19 +40,20 @@ from vsgdesign.study.parameters.grid import Grid
 ALPHA = 0.5
 
 
-def problem_of(name: str, controller: str, region: Region, alpha: float = ALPHA, basis: str = "impedance") -> Any:
+def problem_of(
+    name: str,
+    controller: str,
+    region: Region,
+    alpha: float = ALPHA,
+    basis: str = "impedance",
+    tables: Mapping[str, GainTable] = MappingProxyType({}),
+) -> Any:
     """A study with the limit of a controller, and its problem over a region."""
-    study = replace(load_study(f"studies/{name}/study.toml"), scr_basis=basis)
-    spec, _ = region_of(study, controller, None, None)
-    system, _ = prepared(study, spec, region, _nothing(), None, None)
+    study, ready = replace(load_study(f"studies/{name}/study.toml"), scr_basis=basis), Ready(tables=tables)
+    spec, _ = region_of(study, controller, None, None, ready=ready)
+    system, _ = prepared(study, spec, region, ready, None, None)
     study = study.with_limit_of(spec)
     return study, Problem.of(study, system, region, alpha)
-
-
-def _nothing() -> Any:
-    from vsgdesign.artifacts.ready import NOTHING
-
-    return NOTHING
 
 
 @functools.cache
@@ -60,6 +66,17 @@ def laboratory() -> Any:
 def closed_form() -> Any:
     """Transient impedance, power filters, the angle-damped structure at the measured powers, an LC filter."""
     return problem_of("table", "closed_form", Region((2.0, 20.0), (0.3, 20.0), (-4500.0, 4500.0), (-2e3, 2e3), 0.2))
+
+
+@functools.cache
+def with_table(error_Z: float = 0.0) -> Any:
+    """Columns that are not flat, and estimates beyond the axes."""
+    scr, ratio = np.array([1.5, 2.0, 4.2, 9.0]), np.array([0.3, 1.1, 2.6, 10.0])
+    slope = 1.0 + 0.1 * np.log(scr[:, None] / 3.0) - 0.05 * np.log(ratio[None, :])
+    columns = {"k_1": 15.8 * slope, "d_1": 6.6 / slope, "k_2": 4.0 * slope, "share_Q": 0.9 * slope}
+    tables = {"table": table("angle_damped", "poles", scr, ratio, columns, D_q=9.09)}
+    region = Region((2.0, 9.0), (0.3, 10.0), (-4500.0, 4500.0), (-2e3, 2e3), 0.2, error_Z=error_Z)
+    return problem_of("table", "table", region, tables=tables)
 
 
 def test_operations_hold_every_point() -> None:
@@ -130,19 +147,41 @@ def determinants(study: Any, problem: Problem, points: Any, gains: Any, V: Any, 
     return np.array(found)
 
 
-@pytest.mark.parametrize("made", [laboratory, closed_form], ids=["laboratory", "closed form"])
+def of_table(problem: Problem, x: Any, basis: str = "impedance") -> Any:
+    """The piece of each place (N, 6), by the definitions of SCR and X/R alone; −1 where there is none."""
+    pieces: Pieces = problem.pieces
+    R, X = np.cos(x[:, 1]), np.sin(x[:, 1])
+    w_R, w_X = (1.0, 1.0) if not problem.region.error_Z else problem.region.error_scales(x[:, 1])
+    R, X = R * (1.0 + w_R * x[:, 2]), X * (1.0 + w_X * x[:, 3])
+    first = x[:, 0] * (np.hypot(R, X) if basis == "impedance" else X / np.sin(x[:, 1]))
+    every = np.stack([x[:, 1], first, R / X], axis=1)[:, None]
+    low = np.stack([pieces.angle[:, 0], pieces.first[:, 0], pieces.slope[:, 0]], axis=1)
+    high = np.stack([pieces.angle[:, 1], pieces.first[:, 1], pieces.slope[:, 1]], axis=1)
+    within = ((every >= low) & (every <= high)).all(axis=2)
+    return np.where(within.any(axis=-1), within.argmax(axis=-1), -1)
+
+
+MADE = {
+    "laboratory": laboratory,
+    "closed form": closed_form,
+    "table": with_table,
+    "table, error of Z": functools.partial(with_table, 0.1),
+}
+
+
+@pytest.mark.parametrize("made", MADE.values(), ids=list(MADE))
 def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> None:
     """Random places in random boxes and on random arcs of two cells, with the gains that the estimate leads to."""
     study, problem = made()
     rng = np.random.default_rng(5)
     d, c = DIMENSIONS, study.converter
-    low = np.array([[1 / 4.0, np.arctan(2.5)], [1 / 9.0, np.arctan(3.0)]])
+    low = np.array([[1 / 4.0, np.arctan(2.5)], [1 / 9.0, np.arctan(9.0 if made is with_table else 3.0)]])
     cells = cells_of(problem.tapes, low, low * [1.02, 1.01], Arcs.coarsest(c.T_s))
     assert [cell.state for cell in cells] == [GOOD, GOOD]
     group = CellGroup.of(cells)
     number = 1000
     cell = rng.integers(0, 2, number)
-    start = np.column_stack([low[cell], rng.uniform(-0.2, 0.15, (number, 2)), rng.uniform(-0.6, 0.6, (number, 2))])
+    start = np.column_stack([low[cell], rng.uniform(-0.2, 0.18, (number, 2)), rng.uniform(-0.6, 0.6, (number, 2))])
     start[:, 4:] *= low[cell, :1] * 3.0
     end = start + np.array([0.0, 0.0, 0.02, 0.02, 0.02, 0.02])
     end[:, :2] = (low * [1.02, 1.01])[cell]
@@ -150,7 +189,8 @@ def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> Non
     t = rng.uniform(-1.0, 1.0, (number, d))
     x = 0.5 * (start + end) + 0.5 * (end - start) * t[:, :6]
     # The rest of the place: V from y of the cell's own forms is not taken; it is solved with the product's circuit.
-    points = np.column_stack([x[:, 0], x[:, 1], x[:, 4], x[:, 5], x[:, 2], x[:, 3]])
+    errors = x[:, 2:4] * np.stack(problem.region.error_scales(x[:, 1]), axis=1)
+    points = np.column_stack([x[:, 0], x[:, 1], x[:, 4], x[:, 5], errors])
     V = before = np.full(number, c.V_rated_rms)
     Z = x[:, 0] * c.Z_base
     for _ in range(30):
@@ -161,23 +201,25 @@ def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> Non
     region = problem.region
     good &= (points[:, 2] >= region.P[0]) & (points[:, 2] <= region.P[1])
     good &= (points[:, 3] >= region.Q[0]) & (points[:, 3] <= region.Q[1])
-    chosen = np.flatnonzero(good)[:24]
+    piece = of_table(problem, x)
+    chosen = np.flatnonzero(good & (piece >= 0))[:24]
     assert len(chosen) == 24
+    assert len(np.unique(piece[chosen])) >= min(len(problem.pieces), 4)
     start, end, t, points = start[chosen], end[chosen], t[chosen], points[chosen]
     cell, arc = cell[chosen], arc[chosen]
     rest = at_rest(study, problem.system, points)
     edges = np.array([[cells[k].edges[n], cells[k].edges[n + 1]] for k, n in zip(cell, arc, strict=True)])
     omega = edges.mean(axis=1) + 0.5 * (edges[:, 1] - edges[:, 0]) * t[:, 6]
     f = determinants(study, problem, points, rest.gains, rest.V_rms, np.exp((-ALPHA + 1j * omega) * c.T_s))
-    part = Part(start, end, cell, np.zeros(24, np.int64), np.zeros(24, np.int64), np.ones(24))
+    part = Part(start, end, cell, piece[chosen], np.zeros(24, np.int64), np.ones(24))
     programs = problem.programs
     empty, applies = np.zeros(24, dtype=np.bool_), np.zeros((len(programs.signs), 24), dtype=np.bool_)
     inverse = np.zeros((24, rows(d)))
-    boxes = (start, end, cell, group.rest, error_parameters(region, part, problem.pieces))
+    columns = np.ascontiguousarray(problem.pieces.columns[:, part.piece])
+    boxes = (start, end, cell, group.rest, columns)
     survey(boxes, arrays(programs.situation), programs.conditions, programs.signs, d, (empty, applies, inverse))
     assert not empty.any()
     held = np.zeros(24, dtype=np.bool_)
-    columns = np.ascontiguousarray(problem.pieces.columns[:, part.piece])
     near = []
     for case, program in enumerate(programs.gains):
         gains = np.zeros((24, len(program.outputs), rows(d)))

@@ -28,7 +28,7 @@ PROVED, EMPTY, LEFT = 6, 7, 8
 
 COLUMNS: dict[str, tuple[str, int]] = {
     "roots": ("<f8", 12),
-    "kept": ("u1", 4),
+    "estimates": ("<f8", 4),
     "tree": ("u1", 1),
     "cells": ("<i4", 5),
     "arcs": ("u1", 1),

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.boxes import ERROR_PARAMETERS, bilinear
-from vsgdesign.certificate.error_bounds import angles, reach
-from vsgdesign.certificate.full_order.programs import ERRORS
+from vsgdesign.certificate.boxes import basis_of, bilinear
+from vsgdesign.certificate.error_bounds import error_segments
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import SCR_BASES, ScrBasis
@@ -28,22 +28,30 @@ NATURAL = np.array([1.5, 2.0, 1.0, 1.0, 0.35, 0.35])
 """How much a coordinate's half-width counts where nothing better is known; that of the first one relative to itself."""
 
 
+_SLACK = 1e-12
+"""Relative: pieces of a table overlap by so much."""
+
 DrawnTo = tuple[tuple[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """Of K pieces of the estimates: limits (K, 2) of the third and fourth coordinate; ``kept`` (K, 4): what an estimate
-    there has in common with the one that was drawn in (R, X, size, angle); ``columns`` (m, K): the parameters of a
-    table."""
+    """K pieces of the true grids and of the schedule: on each the same kind of error is the larger one, and all
+    estimates lie in one cell of the table, or are drawn to the same edge.
 
-    low: Array
-    high: Array
-    kept: Array
+    ``angle``, ``first``, ``slope``: limits (K, 2) of the true angle in rad, and of the estimate's first coordinate and
+    R̂/X̂; ``errors``: the coordinates of the errors run to so much on both sides. ``columns`` (m, K): the parameters of
+    the programs. ``drawn``: whether there are edges."""
+
+    angle: Array
+    first: Array
+    slope: Array
+    errors: float
     columns: Array
+    drawn: bool = False
 
     def __len__(self) -> int:
-        return len(self.low)
+        return len(self.angle)
 
 
 @dataclass(frozen=True)
@@ -81,77 +89,56 @@ class Part:
         return cls(*(np.concatenate(columns) for columns in zip(*(vars(p).values() for p in parts), strict=True)))
 
 
-def by_errors(system: System, region: Region) -> bool:
-    """Whether the third and fourth coordinate are the errors: where no table is, and no error of \\|Z_g\\|."""
-    return not isinstance(system.schedule, TableSchedule) and not region.error_Z
-
-
 def pieces_of(system: System, region: Region, drawn_to: DrawnTo | None = None) -> Pieces:
     """The pieces of a schedule: cells of a table, the edges that estimates are drawn to, else one. ``drawn_to``: the
     limits of SCR and R/X of a table's scheduler; None: its axes."""
-    if by_errors(system, region):
-        e = np.full((1, 2), region.error)
-        return Pieces(-e, e, np.zeros((1, 4)), np.zeros((0, 1)))
-    schedule = system.schedule
-    basis = _basis_of_estimates(system)
-    size, angle = estimates_of(system, region)
+    low, high, rows = error_segments(region) if region.error_Z else (*np.arctan(region.x_over_r), np.zeros((4, 1)))
+    angles = np.stack(np.broadcast_arrays(low, high), axis=-1).reshape(-1, 2)
+    schedule, most = system.schedule, region.largest_error
     if not isinstance(schedule, TableSchedule):
-        return Pieces(
-            np.array([[size[0], angle[0]]]), np.array([[size[1], angle[1]]]), np.ones((1, 4)), np.zeros((0, 1))
-        )
-    axes = [1.0 / schedule.scr[::-1], np.arctan(1.0 / schedule.r_over_x[::-1])]
+        every = np.broadcast_to([0.0, np.inf], angles.shape)
+        return Pieces(angles, every, every * [-1.0, 1.0], most, rows)
+    axes = [1.0 / schedule.scr[::-1], schedule.r_over_x]
     if drawn_to is not None:
-        ends = [1.0 / np.array(drawn_to[0][::-1]), np.arctan(1.0 / np.array(drawn_to[1][::-1]))]
+        ends = [1.0 / np.array(drawn_to[0][::-1]), np.array(drawn_to[1])]
         axes = [_cut(axis, low, high) for axis, (low, high) in zip(axes, ends, strict=True)]
     # With an error of |Z_g| a certificate holds for the estimates within the axes, as that of the power loops does.
     drawn = not region.error_Z
-    first, second = (_intervals(axis, limits, drawn) for axis, limits in zip(axes, (size, angle), strict=True))
-    low, high, kept = [], [], []
-    for a, b, inside in first:
-        for c, d, within in second:
-            low.append([a, c])
-            high.append([b, d])
-            kept.append([inside and within, inside and within, inside, within])
-    limits = np.array(low), np.array(high)
-    x, y = 0.5 * (1.0 / limits[0][:, 0] + 1.0 / limits[1][:, 0]), 1.0 / np.tan(0.5 * (limits[0] + limits[1])[:, 1])
-    columns = np.zeros((ERROR_PARAMETERS + 4 * len(schedule.columns), len(low)))
-    for k, values in enumerate(schedule.columns):
-        columns[ERROR_PARAMETERS + 4 * k : ERROR_PARAMETERS + 4 * k + 4] = bilinear(schedule, values, x, y)
-    kept_array = np.array(kept, dtype=float)
-    if not basis.counts_resistance:  # the size that an estimate keeps at an edge of X/R is then X
-        kept_array[:, 1] = np.maximum(kept_array[:, 1], kept_array[:, 2])
-    return Pieces(*limits, kept_array, columns)
+    cells = [(a, b) for a in _intervals(axes[0], drawn) for b in _intervals(axes[1], drawn)]
+    first, slope = (np.array([cell[k].limits for cell in cells]) for k in range(2))
+    x, y = (np.array([cell[k].middle for cell in cells]) for k in range(2))
+    columns = [bilinear(schedule, values, 1.0 / x, y) for values in schedule.columns]
+    count = len(angles)
+    parameters = [np.repeat(rows, len(cells), axis=1)]
+    own = np.concatenate([*columns, _of_place(basis_of(system), cells)])
+    parameters.append(np.tile(own, count))
+    return Pieces(
+        np.repeat(angles, len(cells), axis=0),
+        np.tile(first, (count, 1)),
+        np.tile(slope, (count, 1)),
+        most,
+        np.concatenate(parameters),
+        drawn,
+    )
 
 
-def _basis_of_estimates(system: System) -> ScrBasis:
-    schedule = system.schedule
-    return SCR_BASES[schedule.scr_basis if isinstance(schedule, TableSchedule) else system.study.scr_basis]
+class _Interval(NamedTuple):
+    """Of an axis: the limits of what lies there, where its values are taken, and the edge that all is drawn to."""
+
+    limits: tuple[float, float]
+    middle: float
+    edge: float | None = None
 
 
-def estimates_of(system: System, region: Region) -> tuple[Array, Array]:
-    """Least and largest first coordinate and angle of the estimates of a region's grids, (2,) each."""
-    basis, own = _basis_of_estimates(system), SCR_BASES[system.study.scr_basis]
-    counted = np.array([1.0 / region.scr[1], 1.0 / region.scr[0]])
-    if basis.name != own.name:
-        sines = np.sin(np.arctan(region.x_over_r))
-        counted = counted * (1.0 / sines[::-1] if basis.counts_resistance else sines)
-    slack = np.array([1.0 - 1e-12, 1.0 + 1e-12])
-    return counted * np.array(reach(region, basis)) * slack, np.array(angles(region)) * slack
-
-
-def _within_reach(pieces: Pieces, limits: tuple[Array, Array]) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Limits (M, 2) of those of the pieces, by their numbers, that estimates between limits meet or are drawn to."""
-    low, high = pieces.low.copy(), pieces.high.copy()
-    meets = np.ones(len(pieces), dtype=np.bool_)
-    for k, (least, most) in enumerate(limits):
-        edge = (low[:, k] == high[:, k]) & (pieces.kept.sum(axis=1) < pieces.kept.shape[1])
-        lower = low[:, k] <= pieces.low[:, k].min()
-        meets &= np.where(edge, np.where(lower, least < low[:, k], most > high[:, k]), True)
-        low[:, k] = np.where(edge, low[:, k], np.maximum(low[:, k], least))
-        high[:, k] = np.where(edge, high[:, k], np.minimum(high[:, k], most))
-        meets &= low[:, k] <= high[:, k]
-    index = np.flatnonzero(meets)
-    return low[index], high[index], index
+def _intervals(axis: Array, drawn: bool) -> list[_Interval]:
+    """The intervals of an axis and, where estimates are drawn in, what lies beyond."""
+    found = [_Interval((float(a), float(b)), float(0.5 * (a + b))) for a, b in pairwise(axis)]
+    low, high = float(axis[0]), float(axis[-1])
+    if len(axis) == 1 and not drawn:
+        found.append(_Interval((low, high), low))
+    if drawn:
+        found = [_Interval((-np.inf, low), low, low), *found, _Interval((high, np.inf), high, high)]
+    return found
 
 
 def _cut(axis: Array, low: float, high: float) -> Array:
@@ -159,27 +146,62 @@ def _cut(axis: Array, low: float, high: float) -> Array:
     return np.array([low, *axis[(axis > low) & (axis < high)], high])
 
 
-def _intervals(axis: Array, limits: Array, drawn: bool) -> list[tuple[float, float, bool]]:
-    """The intervals of an axis that estimates between limits meet, and the edges that those beyond are drawn to."""
-    low, high = (float(v) for v in np.clip(limits, axis[0], axis[-1]))
-    cuts = [low, *(float(node) for node in axis if low < node < high), high]
-    found = [(a, b, True) for a, b in pairwise(cuts)]
-    if drawn and limits[0] < axis[0]:
-        found.insert(0, (float(axis[0]), float(axis[0]), False))
-    if drawn and limits[1] > axis[-1]:
-        found.append((float(axis[-1]), float(axis[-1]), False))
-    return found
+def _of_place(basis: ScrBasis, cells: Sequence[tuple[_Interval, _Interval]]) -> Array:
+    """The parameters of pieces of a table by which an estimate is told to lie there, and drawn to their edges,
+    (WITHIN + DRAWN, K)."""
+    found = []
+    for first, slope in cells:
+        (low, high), (least, most) = first.limits, slope.limits
+        row = [-1.0, low * (1.0 - _SLACK)] if np.isfinite(low) else [0.0, 0.0]
+        row += [1.0, -high * (1.0 + _SLACK)] if np.isfinite(high) else [0.0, 0.0]
+        row += [-1.0, least * (1.0 - _SLACK)] if np.isfinite(least) else [0.0, 0.0]
+        row += [1.0, -most * (1.0 + _SLACK)] if np.isfinite(most) else [0.0, 0.0]
+        row += [1.0, 0.0] if first.edge is None else [0.0, first.edge]
+        if slope.edge is None:
+            row += [1.0, 0.0, 0.0, 0.0]
+        else:
+            along, across = slope.edge / np.hypot(slope.edge, 1.0), 1.0 / np.hypot(slope.edge, 1.0)
+            counted = basis.counted(along, across)
+            row += [0.0, slope.edge, along / counted, across / counted]
+        found.append(row)
+    return np.array(found).T
 
 
-def error_parameters(region: Region, part: Part, pieces: Pieces) -> Array:
-    """What the programs' ``situation`` needs of each box, (ERRORS, N): what its piece keeps, and the half-widths of the
-    error set in R and X, in \\|Z_g\\|, at the grid of its cell where they are largest."""
-    found = np.empty((ERRORS, len(part)))
-    found[:4] = pieces.kept[part.piece].T
-    e, e_Z = region.error, region.error_Z
-    found[4] = np.maximum(e * np.cos(part.low[:, 1]), e_Z) * (1.0 + 1e-12)
-    found[5] = np.maximum(e * np.sin(np.minimum(part.high[:, 1], 0.5 * np.pi)), e_Z) * (1.0 + 1e-12)
-    return found
+def _estimates_of(system: System, pieces: Pieces, k: int, low: Array, high: Array) -> tuple[Any, Any]:
+    """Least and largest first coordinate and R̂/X̂ of the estimates of a cell of grids, (2,) each, with the errors of
+    piece ``k``."""
+    study, basis = SCR_BASES[system.study.scr_basis], basis_of(system)
+    angle = np.array([low[1], high[1]])
+    a_R, b_R, a_X, b_X = pieces.columns[:4, k]
+    if not (a_R or b_R or a_X or b_X):
+        a_R = a_X = 1.0
+    c = np.array([-pieces.errors, pieces.errors])
+    R = np.cos(angle[::-1]) * (1.0 + a_R * c) + b_R * c
+    X = np.sin(angle) * (1.0 + a_X * c) + b_X * c
+    sizes = [float(study.magnitude(first, np.sin(one))) for first in (low[0], high[0]) for one in angle]
+    least = basis.counted(max(R[0], 0.0), X[0]) * min(sizes)
+    most = basis.counted(max(abs(R[0]), R[1]), X[1]) * max(sizes)
+    slopes = [r / x for r in R for x in X]
+    return (float(least), float(most)), (min(slopes), max(slopes))
+
+
+def _within_reach(system: System, pieces: Pieces, low: Array, high: Array) -> NDArray[np.intp]:
+    """The pieces that the estimates of a cell of grids may meet."""
+    found = []
+    for k in range(len(pieces)):
+        if not pieces.angle[k, 0] <= 0.5 * (low[1] + high[1]) <= pieces.angle[k, 1]:
+            continue
+        if not isinstance(system.schedule, TableSchedule):
+            found.append(k)
+            continue
+        meets = True
+        for (least, most), (start, end) in zip(
+            _estimates_of(system, pieces, k, low, high), (pieces.first[k], pieces.slope[k]), strict=True
+        ):
+            meets &= least * (1.0 - 1e-9) <= end and most * (1.0 + 1e-9) >= start
+        if meets:
+            found.append(k)
+    return np.array(found, dtype=np.intp)
 
 
 def whole(system: System, region: Region, pieces: Pieces) -> tuple[Array, Array, Part]:
@@ -191,30 +213,21 @@ def whole(system: System, region: Region, pieces: Pieces) -> tuple[Array, Array,
     )]  # fmt: skip
     first, second = np.geomspace(low_1, high_1, counts[0] + 1), np.linspace(angle[0], angle[1], counts[1] + 1)
     first[[0, -1]], second[[0, -1]] = (low_1, high_1), angle
+    second = np.unique([*second, *pieces.angle[:, 0], *pieces.angle[:, 1]])
     cells = np.array([[[a, c], [b, d]] for a, b in pairwise(first) for c, d in pairwise(second)])
     lows, highs, of_cell, of_piece = [], [], [], []
+    e = pieces.errors
     for k, (cell_low, cell_high) in enumerate(cells):
         p, q = _powers(system, region, cell_low, cell_high)
-        if by_errors(system, region):
-            low_2, high_2, index = pieces.low, pieces.high, np.arange(len(pieces))
-        else:
-            scr, ratio = (1.0 / cell_high[0], 1.0 / cell_low[0]), (np.tan(cell_low[1]), np.tan(cell_high[1]))
-            limits = estimates_of(system, replace(region, scr=scr, x_over_r=ratio))
-            low_2, high_2, index = _within_reach(pieces, limits)
+        index = _within_reach(system, pieces, cell_low, cell_high)
         count = len(index)
-        shared = (
-            np.tile([*cell_low, 0.0, 0.0, p[0], q[0]], (count, 1)),
-            np.tile([*cell_high, 0.0, 0.0, p[1], q[1]], (count, 1)),
-        )
-        shared[0][:, 2:4], shared[1][:, 2:4] = low_2, high_2
-        lows.append(shared[0])
-        highs.append(shared[1])
+        lows.append(np.tile([*cell_low, -e, -e, p[0], q[0]], (count, 1)))
+        highs.append(np.tile([*cell_high, e, e, p[1], q[1]], (count, 1)))
         of_cell.append(np.full(count, k))
         of_piece.append(index)
     low, high = np.concatenate(lows), np.concatenate(highs)
-    # An edge that estimates are drawn to has no width; it counts as a thousandth of its axis.
-    span = high.max(axis=0) - low.min(axis=0)
-    volume = np.maximum(high - low, 1e-3 * np.where(span > 0.0, span, 1.0)).prod(axis=1)
+    width = high - low
+    volume = np.where(width > 0.0, width, 1.0).prod(axis=1)
     part = Part(
         low,
         high,
@@ -246,4 +259,4 @@ def _powers(system: System, region: Region, low: Array, high: Array) -> tuple[li
     return found[0], found[1]
 
 
-__all__ = ["Part", "Pieces", "by_errors", "error_parameters", "pieces_of", "whole"]
+__all__ = ["Part", "Pieces", "pieces_of", "whole"]

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.full_order.boxes import NATURAL, Part, Pieces, error_parameters
+from vsgdesign.certificate.full_order.boxes import NATURAL, Part, Pieces
 from vsgdesign.certificate.full_order.cells import Cell
 from vsgdesign.certificate.full_order.kernel import exclude, gains_of, survey
 from vsgdesign.certificate.full_order.programs import COORDINATES, DIMENSIONS, FullOrderPrograms
 from vsgdesign.certificate.proof import arrays
-from vsgdesign.certificate.region import Region
 from vsgdesign.certificate.taylor_kernel import rows
 
 Array = NDArray[np.float64]
@@ -68,17 +67,16 @@ class CellGroup:
         )
 
 
-def look_at(programs: FullOrderPrograms, region: Region, pieces: Pieces, group: CellGroup, part: Part) -> Looks:
+def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part: Part) -> Looks:
     """For each box of cells that are good; ``part.cell`` is the place of the cell in the group."""
     count, size = len(part), rows(DIMENSIONS)
     low, high = part.low, part.high
     empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(programs.signs), count), dtype=np.bool_)
     inverse = np.zeros((count, size))
-    parameters = error_parameters(region, part, pieces)
+    columns = np.ascontiguousarray(pieces.columns[:, part.piece])
     situation = arrays(programs.situation)
-    boxes = (low, high, part.cell, group.rest, parameters)
+    boxes = (low, high, part.cell, group.rest, columns)
     survey(boxes, situation, programs.conditions, programs.signs, DIMENSIONS, (empty, applies, inverse))
-    columns = pieces.columns[:, part.piece]
     state = np.where(empty, EMPTY, PROVED).astype(np.int64)
     score = np.zeros((count, DIMENSIONS))
     begin = part.begin.copy()

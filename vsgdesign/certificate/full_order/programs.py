@@ -1,7 +1,7 @@
 """The power loops around the inner loops as programs for boxes: what is at rest, the gains, and det M on an arc.
 
-A box is one of true grids and of estimates. Nothing of the schedule, its structure or the law of the power loops is
-written a second time: the equations run on symbols, as in :mod:`vsgdesign.certificate.enclosure`.
+A box is one of true grids and of the errors of their estimates. Nothing of the schedule, its structure or the law of
+the power loops is written a second time: the equations run on symbols, as in :mod:`vsgdesign.certificate.enclosure`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.certificate.boxes import basis_of, first_extra
 from vsgdesign.certificate.enclosure import (
     PIECES,
     Estimate,
@@ -34,7 +35,7 @@ from vsgdesign.runtime.table import TableSchedule
 Array = NDArray[np.float64]
 
 COORDINATES = 6
-"""Of a box: first coordinate and angle of the true grid; of the estimate, or its two errors; p and q."""
+"""Of a box: first coordinate and angle of the true grid; the two errors of the estimate; p and q."""
 
 DIMENSIONS = 7
 """Of a form: the coordinates, and the frequency on an arc."""
@@ -42,8 +43,9 @@ DIMENSIONS = 7
 AT_REST = 4
 """Real numbers of a cell beside the coordinates: of V_g/V as first + second·i_g\\|Z\\|/V."""
 
-ERRORS = 6
-"""Parameters of a piece that say which estimates belong to a true grid, see :func:`_in_error_set`."""
+WITHIN, DRAWN = 8, 6
+"""Parameters of a piece of a table: what says that an estimate lies in it, and where it is drawn to; see
+:class:`_Place`."""
 
 
 @dataclass(frozen=True)
@@ -64,23 +66,20 @@ class FullOrderPrograms:
 class _Chart:
     """The symbols of a box and what follows from them."""
 
-    def __init__(self, system: System, region: Region, tracer: Tracer, errors: bool) -> None:
-        first, angle, one, other, self.p, self.q = tracer.symbols()[:COORDINATES]
+    def __init__(self, system: System, region: Region, tracer: Tracer, drawn: bool) -> None:
+        first, angle, *errors, self.p, self.q = tracer.symbols()[:COORDINATES]
         self.along, self.across = np.cos(angle), np.sin(angle)
         self.size = SCR_BASES[system.study.scr_basis].magnitude(first, self.across)
         self.conditions: list[tuple[Any, float, float]] = []
-        if errors:
-            direction = (self.along * (1.0 + one), self.across * (1.0 + other))
+        direction = _estimate(region, tracer, (self.along, self.across), errors)
+        if not isinstance(system.schedule, TableSchedule):
             self.here = Estimate.about(system, self.size, direction)
-        else:
-            basis = SCR_BASES[_schedule(system).scr_basis] if _is_table(system) else SCR_BASES[system.study.scr_basis]
-            along, across = np.cos(other), np.sin(other)
-            ratio = basis.magnitude(one, across) / self.size
-            direction = (along * ratio, across * ratio)
-            self.here = Estimate.about(system, self.size, direction, one, along / across)
-            self.conditions += _in_error_set(
-                region, tracer, (self.along, self.across), direction, ratio, basis.counts_resistance
-            )
+            return
+        place = _Place.of(system, self.size, direction)
+        self.conditions += place.within(tracer)
+        if drawn:
+            place = place.drawn(tracer)
+        self.here = Estimate.about(system, self.size, place.direction, place.first, place.slope)
 
     def path(self) -> tuple[Any, Any]:
         """From the control point to the source, in \\|Z_g\\|."""
@@ -88,10 +87,58 @@ class _Chart:
         return self.along + fixed[0], (self.across + fixed[1]) * share
 
 
-def full_order_programs(system: System, region: Region, errors: bool, ratio: bool) -> FullOrderPrograms:
-    """The programs of a study's loops in a region; ``ratio``: whether the filters of P and Q differ."""
+def _estimate(region: Region, tracer: Tracer, truth: tuple[Symbol, Symbol], errors: Sequence[Symbol]) -> Any:
+    """R̂ and X̂ in \\|Z_g\\|, by the coordinates of their errors (:eq:`error-set`): R(1 + a c) + b c\\|Z_g\\|."""
+    if not region.error_Z:
+        return tuple(value * (1.0 + c) for value, c in zip(truth, errors, strict=True))
+    found = []
+    for k, (value, c) in enumerate(zip(truth, errors, strict=True)):
+        found.append(value + tracer.blend((2 * k, 2 * k + 1), (value * c, c)))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """An estimate in \\|Z_g\\| and its place in a table; ``more``: the first of the parameters that its piece has
+    beside those of the errors and the columns."""
+
+    direction: tuple[Symbol, Symbol]
+    counted: Symbol
+    first: Symbol
+    slope: Symbol
+    more: int
+
+    @classmethod
+    def of(cls, system: System, size: Symbol, direction: tuple[Symbol, Symbol]) -> _Place:
+        counted = basis_of(system).counted(*direction)
+        return cls(direction, counted, counted * size, direction[0] / direction[1], first_extra(system))
+
+    def within(self, tracer: Tracer) -> list[tuple[Any, float, float]]:
+        """What says that it lies in the piece: limits of the first coordinate, and of R̂/X̂."""
+        one = tracer.constant(1.0)
+        every = [tracer.blend((self.more + k, self.more + k + 1), (self.first, one)) for k in (0, 2)]
+        every += [tracer.blend((self.more + k, self.more + k + 1), self.direction) for k in (4, 6)]
+        return [(value, -np.inf, 0.0) for value in every]
+
+    def drawn(self, tracer: Tracer) -> _Place:
+        """As the scheduler draws it in: at an edge of the SCR with its R̂/X̂, at one of R/X with its SCR."""
+        one = tracer.constant(1.0)
+        keeps, edge, keeps_slope, edge_slope, along, across = range(self.more + WITHIN, self.more + WITHIN + DRAWN)
+        scale = tracer.blend((keeps, edge), (one, self.first.reciprocal()))
+        direction = tuple(
+            tracer.blend((keeps_slope, unit), (own, self.counted)) * scale
+            for own, unit in zip(self.direction, (along, across), strict=True)
+        )
+        first = tracer.blend((keeps, edge), (self.first, one))
+        slope = tracer.blend((keeps_slope, edge_slope), (self.slope, one))
+        return _Place((direction[0], direction[1]), self.counted, first, slope, self.more)
+
+
+def full_order_programs(system: System, region: Region, drawn: bool, ratio: bool) -> FullOrderPrograms:
+    """The programs of a study's loops in a region; ``drawn``: whether estimates are drawn to a table's edges;
+    ``ratio``: whether the filters of P and Q differ."""
     tracer = Tracer(COORDINATES + AT_REST)
-    chart = _Chart(system, region, tracer, errors)
+    chart = _Chart(system, region, tracer, drawn)
     rest = tracer.symbols()[COORDINATES:]
     y = Phasor(chart.p * (1.0 / PHASES), chart.q * (-1.0 / PHASES))
     V_g = scaled_sum(1.0, Phasor(rest[0], rest[1]), 1.0, product(Phasor(rest[2], rest[3]), y))
@@ -108,46 +155,17 @@ def full_order_programs(system: System, region: Region, errors: bool, ratio: boo
     signs = signs_of(choices, asked) if choices else np.zeros((1, 0), dtype=np.int64)
     gains, arcs, numbers = [], [], []
     for piece in pieces:
-        parts, program = _gains(system, region, errors, piece)
+        parts, program = _gains(system, region, drawn, piece)
         gains.append(program)
         arcs.append(_arc(parts, ratio))
         numbers.append(tuple(parts))
     return FullOrderPrograms(situation, between, signs, tuple(gains), tuple(arcs), tuple(numbers))
 
 
-def _in_error_set(
-    region: Region, tracer: Tracer, truth: Any, estimate: Any, ratio: Any, counts_resistance: bool
-) -> list[tuple[Any, float, float]]:
-    """What an estimate in the error set keeps (:eq:`error-set`), all in \\|Z_g\\|. The parameters of a piece are: for
-    R, X, the size and the angle whether they are asked for, 1 or 0, then the half-widths in R and in X.
-
-    An estimate beyond a table's axes is drawn to their edge: there the size is kept, or the angle, and the rest is not.
-    """
-    e, e_Z = region.error, region.error_Z
-    one = tracer.constant(1.0)
-    most = max(e, float(np.hypot(e_Z, max(e, e_Z)))) if e_Z else e
-    kept_R, kept_X, kept_size, kept_angle = range(4)
-    found = []
-    for k, kept in ((0, kept_R), (1, kept_X)):
-        off, width = estimate[k] - truth[k], tracer.blend((4 + k,), (one,))
-        for value in (off, -off):
-            found.append((tracer.blend((kept,), (value - width,)), -np.inf, 0.0))
-    if counts_resistance:  # else what is kept is X
-        for value in (ratio - (1.0 + most), (1.0 - most) - ratio):
-            found.append((tracer.blend((kept_size,), (value,)), -np.inf, 0.0))
-    width_R, width_X = (tracer.blend((4 + k,), (one,)) for k in range(2))
-    # X̂/R̂ lies between (X − w_X)/(R + w_R) and (X + w_X)/(R − w_R).
-    low = (truth[1] - width_X) * estimate[0] - estimate[1] * (truth[0] + width_R)
-    high = estimate[1] * (truth[0] - width_R) - (truth[1] + width_X) * estimate[0]
-    for value in (low, high):
-        found.append((tracer.blend((kept_angle,), (value,)), -np.inf, 0.0))
-    return found
-
-
-def _gains(system: System, region: Region, errors: bool, piece: Sequence[bool]) -> tuple[list[float | None], Program]:
+def _gains(system: System, region: Region, drawn: bool, piece: Sequence[bool]) -> tuple[list[float | None], Program]:
     """What the power loops are made of, as a program: of each the number where it is one, None where it is a form."""
     tracer = Tracer(COORDINATES + 1)
-    chart = _Chart(system, region, tracer, errors)
+    chart = _Chart(system, region, tracer, drawn)
     inverse_V = tracer.symbols()[-1]
     p, q, here = chart.p, chart.q, chart.here
     schedule = system.schedule
@@ -256,11 +274,3 @@ def _arc(parts: Sequence[float | None], ratio: bool) -> Program:
     m_22 = plus(s, plus(Phasor(nu_V, 0.0), acts(K_qp, K_iq, V_P, V_Q)))
     f = product(minus(product(m_11, m_22), product(m_12, m_21)), divided)
     return program_of(tracer, [f.re, f.im])
-
-
-def _schedule(system: System) -> Any:
-    return system.schedule
-
-
-def _is_table(system: System) -> bool:
-    return isinstance(system.schedule, TableSchedule)

@@ -40,7 +40,7 @@ def arrays_of(roots: list[Waiting], pieces: Pieces, found: Found, coarse: Array)
     arcs = [_halvings(found.cells[k][2], coarse) for k in leaves.cell[proved][first]]
     return {
         "roots": np.concatenate([low, high], axis=1),
-        "kept": pieces.kept[piece],
+        "estimates": np.concatenate([pieces.first, pieces.slope], axis=1)[piece],
         "tree": tree,
         "cells": cells,
         "arcs": np.concatenate([np.zeros(0, dtype=np.uint8), *arcs]),

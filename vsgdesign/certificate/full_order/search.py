@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.full_order.boxes import DrawnTo, Part, Pieces, by_errors, pieces_of, whole
+from vsgdesign.certificate.full_order.boxes import DrawnTo, Part, Pieces, pieces_of, whole
 from vsgdesign.certificate.full_order.cells import GOOD, INNER_UNSTABLE, Arcs, Cell, cells_of
 from vsgdesign.certificate.full_order.inner import InnerLoop, InnerTapes, fastest_step
 from vsgdesign.certificate.full_order.looking import EMPTY, PROVED, UNDECIDED, CellGroup, look_at
@@ -48,8 +48,9 @@ class Problem:
         filters = power_filter(study, True), power_filter(study, False)
         fastest = fastest_step(study.circuit(), study.converter.T_s, *_corners(study, region))
         loop = InnerLoop.of(study, inner_rows(study), filters, alpha, max(4.0, 3.0 * alpha), fastest)
-        programs = full_order_programs(system, region, by_errors(system, region), filters[0] != filters[1])
-        return cls(system, region, loop, InnerTapes.of(loop), programs, pieces_of(system, region, drawn_to))
+        pieces = pieces_of(system, region, drawn_to)
+        programs = full_order_programs(system, region, pieces.drawn, filters[0] != filters[1])
+        return cls(system, region, loop, InnerTapes.of(loop), programs, pieces)
 
 
 def _corners(study: Study, region: Region) -> tuple[Array, Array]:
@@ -139,7 +140,7 @@ def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> 
     looked = np.zeros(count, dtype=np.int64)
     kept: list[Part] = []
     while len(part):
-        looks = look_at(problem.programs, problem.region, problem.pieces, group, part)
+        looks = look_at(problem.programs, problem.pieces, group, part)
         found.values += looks.values
         found.looked += len(part)
         np.add.at(looked, part.cell, 1)
