@@ -26,15 +26,21 @@ from vsgdesign.simulation.units.scenario import PlantController, run_plant
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.study import Study
 
-CASES = {
-    "12.5 kVA": "case:lab_12kva_lcl",
-    "5 kVA": "case:hoang2025_5kva",
-    "1 MVA": "case:utility_1mva_60hz",
-    "12.5 kVA of studies/plant": (Path(__file__).resolve().parents[1] / "studies" / "plant" / "study.toml").as_posix(),
+STUDIES = Path(__file__).resolve().parents[1] / "studies"
+PACKAGED = {"12.5 kVA": "case:lab_12kva_lcl", "5 kVA": "case:hoang2025_5kva", "1 MVA": "case:utility_1mva_60hz"}
+CASES = PACKAGED | {
+    "12.5 kVA of studies/plant": (STUDIES / "plant" / "study.toml").as_posix(),
+    "5 kVA of studies/survival": (STUDIES / "survival" / "study.toml").as_posix(),
+    "1 MVA of studies/survival, with X_t": (STUDIES / "survival" / "utility.toml").as_posix(),
 }
-"""Three packaged converters, and the first one with the transient reactance of ``studies/plant``."""
+"""Three packaged converters, and the same with inner loops that are designed."""
 
-DRAWS = 100
+INNER = {
+    "1 MVA of studies/survival, with X_t": 'inner_loops = { transient_reactance_pu = 0.3, transient_corner = "5.5 Hz" }'
+}
+"""What lies between the units and the design does not have yet, as in ``studies/plant``."""
+
+DRAWS, DRAWS_OF_PACKAGED = 100, 30
 LEARNT_S, EVENT_S, DURATION_S = 2.0, 4.0, 7.5
 AFTER_S = 0.5
 """Later than this after an event an estimate should be valid."""
@@ -45,6 +51,7 @@ STUDY = """
 base = "{case}"
 converter = {{ current_limit_pu = 1.2, current_limiter = "projection" }}
 power_loops = {{ structure = "angle_damped", settling_time = "1 s" }}
+{inner}
 grid = {{ scr = {scr}, x_over_r = {x_over_r} }}
 plant = {{ units = {units}, reactance = {reactance}, resistance = {resistance} }}
 simulation = {{ duration = {duration}, P_ref = "{P} W", Q_ref = "{Q} var" }}
@@ -90,6 +97,7 @@ def drawn(case: str, seed: int) -> tuple[Study, str]:
     text = STUDY.format(
         case=CASES[case], scr=scr, x_over_r=x_over_r, units=units, reactance=reactance, resistance=0.12 * reactance,
         duration=DURATION_S, P=P * S, Q=Q * S, seed=seed, event=EVENT_S, happens=happens, still=still(),
+        inner=INNER.get(case, ""),
     )  # fmt: skip
     return study_from_text(text), f"{units} units, SCR {scr:.3g}, X/R {x_over_r:.3g}, x_t {reactance:.3f} pu, {event}"
 
@@ -136,11 +144,12 @@ def judged(study: Study, found: PlantController) -> dict[str, Any]:
         changes += int(log.cycles.changed[rows].sum())
         rest_s += EVENT_S - LEARNT_S
     worst = next((one for one in statuses if one != "survived"), "survived")
-    mode = last.modes[0].s.real if last.modes else float("nan")
+    mode = last.modes[0].s if last.modes else complex("nan")
     return {
         "status": worst,
         "reason": next((one for one in reasons if one), ""),
-        "slowest": float(mode),
+        "slowest": float(mode.real),
+        "hertz": float(abs(mode.imag) / (2.0 * np.pi)),
         "valid": float(np.mean(valid)) if valid else float("nan"),
         "false_changes": changes,
         "rest_s": rest_s,
@@ -148,8 +157,8 @@ def judged(study: Study, found: PlantController) -> dict[str, Any]:
 
 
 def main(folder: Path) -> None:
-    count = max(round(share() * DRAWS), 1)
-    tasks = [(case, seed) for seed in range(count) for case in CASES]
+    counts = {case: max(round(share() * (DRAWS_OF_PACKAGED if case in PACKAGED else DRAWS)), 1) for case in CASES}
+    tasks = [(case, seed) for seed in range(max(counts.values())) for case in CASES if seed < counts[case]]
     rows = kept_runs(one_case, tasks, folder / "plant_cases.jsonl", "plant_cases")
     cells, bad = [], []
     for case in CASES:
@@ -170,11 +179,12 @@ def main(folder: Path) -> None:
             )
         )
         for one in lost:
-            words = f"- {case}: {one['words']}: {one['status']}; mode {one['slowest']:+.2f} 1/s. {one['reason']}"
+            mode = f"mode {one['slowest']:+.2f} 1/s at {one['hertz']:.0f} Hz"
+            words = f"- {case}: {one['words']}: {one['status']}; {mode}. {one['reason']}"
             bad.append(words.rstrip())
     why = Counter(one["status"] for one in rows if one["status"] in ("no start", "no rest", "rest over limit"))
     valid_from = "valid from 0.5 s after the event on"
     head = ("converter", "cases with a rest", "at rest in time", "a mode grows", valid_from, "false changes")
     said = f"Not asked: {dict(why)}." if why else ""
-    said = [f"{count} draws each. {said}".rstrip(), ""]
+    said = [said, ""] if said else []
     leave(folder, "plant_cases", rows, [*said, *table(head, cells), *([""] if bad else []), *bad])
