@@ -90,6 +90,29 @@ def test_units_on_their_own_lines_do_not_hear_each_other() -> None:
         assert not found.changed.any()
 
 
+def test_one_estimate_for_all_units() -> None:
+    """Six units, more than there are pairs, find the grid of the common mode, and that of five after the first is
+    lost: within 3 % of x_t + n Z_g. Of one unit it is what this unit finds by itself, to the digit."""
+    common = 'plant = {{ units = {n}, reactance = 0.06, resistance = 0.01, estimators = "{kind}" }}\n'
+    lost = 'events = [{ time = 0.8, element = "unit1", breaker = "open" }]'
+    study = study_with(common.format(n=6, kind="common") + lost, "1.6 s")
+    unit = run_plant(study, NOTHING).controllers[0].units[-1]
+    found, t_s = answers_of(unit.estimates), unit.estimates.t_s if unit.estimates is not None else np.zeros(0)
+    c = study.converter
+    for units, begin, end in ((6, 0.5, 0.8), (5, 1.3, 1.6)):
+        rows = (t_s > begin) & (t_s < end)
+        Z = units * complex(study.grid.R_g, c.omega_n * study.grid.L_g)
+        error = np.abs(found.R_g + 1j * c.omega_n * found.L_g - Z)[rows] / abs(Z + complex(0.01, 0.06) * c.Z_base)
+        assert error.max() < 0.03
+        assert found.valid[rows].all()
+    assert found.changed[t_s > 0.8].sum() == 1
+    own, shared = (
+        answers_of(run_plant(study_with(common.format(n=1, kind=kind), "0.4 s")).controllers[0].units[0].estimates)
+        for kind in ("own", "common")
+    )
+    np.testing.assert_array_equal(own, shared)
+
+
 def test_units_on_one_pair_hear_each_other_and_say_so() -> None:
     """With other sign codes; the answers are then not valid."""
     units = plant(3, (1, 1, 1), duration="2 s").controllers[0].units

@@ -208,7 +208,10 @@ class FieldScheduler(RunFeed):
 
     def conclude(self, sample: int, present: PowerLoopGains, state: ControllerState) -> PowerLoopGains:
         """Ends the estimator's cycle before a sample. Returns the gains from this sample on."""
-        answer = self._concluded()
+        return self.take(self.concluded(), sample, present, state)
+
+    def take(self, answer: FieldAnswer, sample: int, present: PowerLoopGains, state: ControllerState) -> PowerLoopGains:
+        """The gains from a sample on, after an answer of this estimator or of one that several converters share."""
         T_s = self._study.converter.T_s
         measured = MeasuredCycle(sample * T_s, state.P_f, state.Q_f, state.V, int(answer.limited > 0.0))
         gains, held_back = self._followed(answer, measured)
@@ -218,7 +221,7 @@ class FieldScheduler(RunFeed):
         self.changes.append(GainChange(measured.t_s, gains, self.grid(sample)))
         return gains
 
-    def _concluded(self) -> FieldAnswer:
+    def concluded(self) -> FieldAnswer:
         """The answer of the cycle, with the network behind the recursions if there is one."""
         answer = self._memory.conclude()
         if self._network is None:

@@ -148,6 +148,19 @@ def hearing(
     """The field estimator takes in a sample, in which the limiter acted or not. Returns (heard, closed): its lock-in,
     and whether its cycle has ended."""
     sent_alpha, sent_beta = rotate(u_d, u_q, np.cos(theta), np.sin(theta))
+    lock_in, closed = taken_in(lock, measured, sent_alpha, sent_beta, acted, field)
+    return lock_in, closed
+
+
+def sent_at(theta: Any, u_d: Any, u_q: Any) -> Any:
+    """The probe of a unit on the axes of the network. Returns (turned_x, turned_y): α and β."""
+    return rotate(u_d, u_q, np.cos(theta), np.sin(theta))
+
+
+def taken_in(
+    lock: LockIn, measured: Measurement, sent_alpha: Any, sent_beta: Any, acted: Any, field: FieldSettings
+) -> Any:
+    """:func:`hearing` where the probe is on the axes of the network. Returns (heard, closed)."""
     lock_in = listen(
         lock,
         measured.v_alpha,

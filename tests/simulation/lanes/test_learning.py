@@ -177,7 +177,7 @@ def test_answers_are_followed_as_in_a_single_run(schedule: str, ready: Ready, mo
         gains, grid = learning.update(said, samples, P, Q, V_rms), learning.estimate()
         for lane, one in enumerate(singles):
             own = FieldAnswer(*(float(values[lane]) for values in said))
-            monkeypatch.setattr(one, "_concluded", lambda own=own: own)
+            monkeypatch.setattr(one, "concluded", lambda own=own: own)
             state: Any = type("State", (), {"P_f": float(P[lane]), "Q_f": float(Q[lane]), "V": float(V_rms[lane])})
             present[lane] = one.conclude(int(samples[lane]), present[lane], state)
             assert tuple(gain[lane] for gain in gains) == pytest.approx(tuple(present[lane]), rel=LAST_BITS)

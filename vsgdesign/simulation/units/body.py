@@ -17,7 +17,7 @@ from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.loop_spec import LoopSpec, Product
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import LockIn
-from vsgdesign.simulation import circuit_sample, watched_sample
+from vsgdesign.simulation import circuit_sample, sample, watched_sample
 from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.bodies import control, watch
 from vsgdesign.simulation.loop import ALONE, Build, watched_names
@@ -62,6 +62,8 @@ class PlantKind(NamedTuple):
     """Behind the units."""
     added: bool = False
     """Whether the grid's source has more than its fundamental, which is then fed."""
+    common: bool = False
+    """Whether all units share the field estimator of the first one, which hears the mean of those on line."""
 
     @property
     def converters(self) -> int:
@@ -186,7 +188,7 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
         own = [*unit.names(ControllerState, "state"), "limited", *(f"last.{name}" for name in SAID)]
         own += [f"pending.{axis}" for axis in AXES] if unit.bridge.delayed else []
         own += names_of(Measurement, "before") if unit.sensors else []
-        own += names_of(LockIn, "lock") if unit.field else []
+        own += names_of(LockIn, "lock") if unit.field and (k == 0 or not kind.common) else []
         own += watched_names(unit)
         found += [f"u{k}.{name}" for name in own]
     for k, other in enumerate(kind.others, len(kind.units)):
@@ -200,6 +202,7 @@ def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]
     """One instant at which some converters sample."""
     parts = [Part(_arrived(kind))] if kind.added else []
     parts += [Part(renamed(_sampled(kind, k), lambda name, k=k: _called(kind, k, name))) for k in sampling]
+    parts += _heard_in_common(kind) if kind.common else []
     after: dict[str, str] = {}
     for axis in AXES:
         after |= {f"{axis}.{name}": f"now.{axis}.{name}" for name in kind.moved}
@@ -219,7 +222,7 @@ def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]
     if kind.listens:
         ended: Expression = line.does("*", Number(0.0), line.input("V_g"))
         for k in (k for k in sampling if k < len(kind.units) and kind.units[k].field):
-            ended = line.does("max", ended, line.input(f"u{k}.closed"))
+            ended = line.does("max", ended, line.input("common.closed" if kind.common else f"u{k}.closed"))
         line.output(ENDS, ended)
     return joined(*parts, Part(line.block()))
 
@@ -245,6 +248,29 @@ def _sampled(kind: PlantKind, k: int) -> Block:
     return joined(Part(measured), Part(headed(own, following="following", said="said")))
 
 
+def _heard_in_common(kind: PlantKind) -> list[Part]:
+    """The one estimator of all units hears the means of the units on line (:eq:`plant-common-estimate`)."""
+    parts, line = [], Writer()
+    measured = [f"{name}_{axis}" for name in ("v", "i_s", "i_g") for axis in AXES]
+    of_units = range(len(kind.units))
+    for k in of_units:
+        called = {"theta": f"u{k}.commanded_theta", "u_d": f"u{k}.u_d", "u_q": f"u{k}.u_q"}
+        sent = headed(flat_block(sample.sent_at), turned_x=f"u{k}.sent_alpha", turned_y=f"u{k}.sent_beta")
+        parts.append(Part(sent, called))
+    for name in (*(f"measured.{one}" for one in measured), *(f"sent_{axis}" for axis in AXES)):
+        terms = (line.does("*", line.input(f"share.{k}"), line.input(f"u{k}.{name}")) for k in of_units)
+        line.output(f"common.{name}", line.sum_of(*terms))
+    acted = [line.does("*", line.input(f"share.{k}"), line.input(f"u{k}.said.limited")) for k in of_units]
+    any_acted = line.does(">", line.sum_of(*acted), Number(0.0))
+    line.output("common.acted", line.does("select", any_acted, Number(1.0), Number(0.0)))
+    heard = headed(flat_block(sample.taken_in), heard="common.heard", closed="common.closed")
+    called = {name: name.replace("lock.", "u0.lock.", 1) for name in names_of(LockIn, "lock")}
+    called |= {name: f"common.{name}" for name in (*(f"measured.{one}" for one in measured), "acted")}
+    called |= {f"sent_{axis}": f"common.sent_{axis}" for axis in AXES}
+    called |= {name: name.replace("field.", "u0.field.", 1) for name in heard.inputs if name.startswith("field.")}
+    return [*parts, Part(line.block()), Part(heard, called)]
+
+
 def _watched_step() -> Block:
     """What is watched of a step: the power at the terminals, whose voltage a product gives."""
     at_terminals = {f"true.v_{axis}": f"terminal.{axis}" for axis in AXES}
@@ -260,6 +286,8 @@ def _called(kind: PlantKind, unit: int, name: str) -> str:
         at = states.index(name.removeprefix("x."))
         return f"{kind.arrives}.{AXES[at % 2]}.{kind.states[3 * unit + at // 2]}"
     shared = {"source.cosine": "now.alpha.source0.along", "source.sine": "now.beta.source0.along", "V_g": "V_g"}
+    if kind.common and name.startswith(("lock.", "field.", "allowed")):
+        return f"u0.{name}"
     shared |= {"k": "k"} | {f"terminal.{axis}": f"now.{axis}.terminal{unit}" for axis in AXES}
     return shared.get(name, f"u{unit}.{name}")
 
@@ -269,6 +297,8 @@ def _following(kind: PlantKind, k: int) -> dict[str, str]:
     found = {}
     if k < len(kind.units):
         found |= _following_of_unit(kind.units[k], k)
+        if kind.common:
+            found |= {name: name.replace(f"u{k}.lock", "common.heard", 1) for name in found if ".lock." in name}
     else:
         state = kind.others[k - len(kind.units)].kind.state
         found |= {

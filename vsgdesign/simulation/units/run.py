@@ -142,8 +142,9 @@ class _Run:
         sampling = tuple(one.units for one in self.clock.instants)
         turns = 1 if self.clock.equal_gaps else len(sampling)
         others = tuple(OtherKind(one.kind, one.delay_samples > 0) for one in timeline.plant.inverters)
+        self.common = timeline.plant.common_estimate and all(memory is not None for memory in memories)
         self.kind = PlantKind(
-            kinds, timeline.names, 1 + len(timeline.plant.sources), sampling, turns, others, adds(timeline)
+            kinds, timeline.names, 1 + len(timeline.plant.sources), sampling, turns, others, adds(timeline), self.common
         )
         spec = spec_of_plant(self.kind)
         self.loop, self.rows, self.spans = compiled_loop(spec), empty_rows(spec, 1), spans_of(spec.rows)
@@ -165,7 +166,7 @@ class _Run:
         StartOfPlant(self._at, self.kind, self.study, self.timeline, self._gains).put()
         for k, given in enumerate(self.given):
             self._put_gains(k, given.known[0])
-            if given.memory is not None:
+            if given.memory is not None and (k == 0 or not self.common):
                 given.memory.moves_in(self._at(f"u{k}.lock"))
             axes = [self._at(f"{axis}.{name}") for name in self.kind.states[3 * k : 3 * k + 3] for axis in AXES]
             self.sensors[k] = sensors_of(
@@ -174,6 +175,11 @@ class _Run:
             put_sensors(self._at, k, self.sensors[k])
         writer = ProgramWriter()
         self.program.write(writer, self.spans[self.kind.matrix[0]].start, self.spans["V_g"].start)
+        for segment in self.timeline.segments if self.common else ():
+            at = 0 if segment.t_s == 0.0 else self.program.sample_from(segment.t_s)
+            there = [one.name not in segment.topology.opened for one in self.timeline.plant.units]
+            for k, one in enumerate(there):
+                writer.put([0], [at], self.spans[f"share.{k}"].start, np.array([[one / max(sum(there), 1)]]))
         for k, timeline in enumerate(self.timeline.timelines):
             for t_s, refs in timeline.references:
                 at = 0 if t_s == 0.0 else self.program.sample_from(t_s, k)
@@ -276,11 +282,12 @@ class _Run:
 
     def _conclude(self, done: int) -> None:
         """Ends the cycles of field estimators that end before a sample of the loop."""
-        t_s = self.program.time(done)
+        t_s, first = self.program.time(done), self.given[0].field if self.given else None
+        shared = first.concluded() if self.common and first is not None and first.closed else None
         for k, given in enumerate(self.given):
-            if given.field is not None and given.field.closed:
+            if given.field is not None and (given.field.closed or shared is not None):
                 sample = round(t_s / self.timeline.units[k].converter.T_s)
-                change = given.concluded(t_s, sample, self._gains[k], self._state(k))
+                change = given.concluded(t_s, sample, self._gains[k], self._state(k), shared)
                 if change is not None:
                     self._change(k, change)
 

@@ -157,10 +157,10 @@ def _alone(study: Study, plant: PowerPlant, k: int, segments: Sequence[PlantSegm
             told.append(Event(one.t_s, names.get(one.t_s, ""), grid=seen))
             grid = seen
     own = [_as_of_unit(one, unit.name) for one in study.events]
-    first = told[0].grid
+    first, shared = told[0].grid, plant.common_estimate
     base = replace(behind_its_path(study, unit), estimator=study.estimator)
     return replace(
-        with_pair(base, unit.pair, k, neighbours=len(plant.units) > 1) if unit.pair > 0 else base,
+        with_pair(base, unit.pair, k, neighbours=len(plant.units) > 1) if unit.pair > 0 and not shared else base,
         name=f"{study.name}.{unit.name}",
         plant=None,
         sensors=sensors if sensors is None or k == 0 else sensors.redrawn(sensors.seed + k),

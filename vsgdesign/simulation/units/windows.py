@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.simulation.feeds import LateSchedule
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -47,11 +48,20 @@ class UnitGains:
         """The numbers of its field estimator; None without one."""
         return None if self.field is None else self.field.memory
 
-    def concluded(self, t_s: float, sample: int, present: PowerLoopGains, state: ControllerState) -> GainChange | None:
-        """What the schedule says where a cycle of its field estimator has ended before a sample of the unit."""
-        if self.field is None or not self.field.closed:
+    def concluded(
+        self,
+        t_s: float,
+        sample: int,
+        present: PowerLoopGains,
+        state: ControllerState,
+        shared: FieldAnswer | None = None,
+    ) -> GainChange | None:
+        """What the schedule says where a cycle of its field estimator has ended before a sample of the unit.
+        ``shared``: the answer of the estimator that all units have together."""
+        if self.field is None or not (self.field.closed or shared is not None):
             return None
-        found = self.field.conclude(sample, present, state)
+        answer = self.field.concluded() if shared is None else shared
+        found = self.field.take(answer, sample, present, state)
         change = GainChange(t_s, found, self.field.grid(sample))
         if found != present:
             self.changes.append(change)

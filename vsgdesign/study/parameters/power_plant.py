@@ -115,6 +115,8 @@ class PowerPlant:
     """The least number of units on line for which gains are designed; None: all of them."""
     inverters: tuple[Inverter, ...] = ()
     """Converters of other kinds."""
+    common_estimate: bool = False
+    """Whether the units, which are equal, share one field estimator at their node."""
 
     @property
     def converters(self) -> tuple[Unit | Inverter, ...]:

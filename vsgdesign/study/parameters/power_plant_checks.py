@@ -24,8 +24,9 @@ def check_estimators(root: TableReader, plant: PowerPlant, probe: ProbeSpec | No
             f"there are {len(PAIRS)} pairs of lines for the probes of {len(plant.units)} units: {', '.join(without)} "
             "would have none"
         )
-        root.fault("plant.units", len(plant.units), problem, 'Give four units at most, or estimate = "truth".')
-    if probe is not None and probe.pair != 1:
+        advice = 'Give four units at most, plant.estimators = "common", or estimate = "truth".'
+        root.fault("plant.units", len(plant.units), problem, advice)
+    if probe is not None and probe.pair != 1 and not plant.common_estimate:
         advice = "Leave it out, or give pair in [[network.units]]."
         root.fault("estimator.probe.pair", probe.pair, "each unit of a plant has a pair of its own", advice)
 

@@ -69,6 +69,7 @@ if TYPE_CHECKING:
 
 MOST_UNITS = 32
 TOGETHER, SPREAD = "together", "spread"
+OWN, COMMON = "own", "common"
 _MOST_PU = 1e3
 
 
@@ -84,6 +85,9 @@ class PlantFields:
     """Its resistance, pu of one unit."""
     sampling: str = word((TOGETHER, SPREAD), default=TOGETHER)
     """All units sample at the same instants, or one after the other, spread over a sampling period."""
+    estimators: str = word((OWN, COMMON), default=OWN)
+    """With `estimate = "field"`: each unit has an estimator with a probe of its own, for four units at most, or all of
+    them share [one at the node](theory/plants.md#one-estimate-for-all-units)."""
 
 
 class _Named:
@@ -257,7 +261,11 @@ def _short(table: TableReader, around: Around) -> PowerPlant:
     least, count = found["units"]
     each = found["resistance"] * c.Z_base, found["reactance"] * c.Z_base / c.omega_n
     spread = c.T_s / count if found["sampling"] == SPREAD else 0.0
-    pairs = pairs_of_units([None] * count)
+    common = found["estimators"] == COMMON
+    if common and spread > 0.0:
+        problem = "one estimator for all units needs units that sample together"
+        table.fault("estimators", COMMON, problem, f'Give sampling = "{TOGETHER}", or estimators = "{OWN}".')
+    pairs = [1] * count if common else pairs_of_units([None] * count)
     units = tuple(
         Unit(
             name=f"unit{k + 1}",
@@ -271,7 +279,9 @@ def _short(table: TableReader, around: Around) -> PowerPlant:
         )
         for k in range(count)
     )
-    return PowerPlant(nodes=("pcc",), elements=(), sources=(), units=units, pcc="pcc", least=least)
+    return PowerPlant(
+        nodes=("pcc",), elements=(), sources=(), units=units, pcc="pcc", least=least, common_estimate=common
+    )
 
 
 class _Reader:
