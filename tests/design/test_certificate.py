@@ -176,6 +176,34 @@ def test_what_is_claimed_holds_where_boxes_broke_it(study: Study, monkeypatch: p
     assert shortfall(found.P, found.decay, there).max() < 0.0
 
 
+def test_a_claim_without_boxes_was_attacked(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A claim that rests on 22 points is wrong at 202 of 4,000 others; the last search finds where, and what
+    it leaves of the claim holds at all of them."""
+    module: Any = importlib.import_module("vsgdesign.certificate.certifying")
+    spec = controller(study, "angle_damped", Q_droop=0.5)
+    system = System(study, closed_form_schedule(study, spec.target))
+    points, A = system.matrices(random_points(PUBLISHED_BOX, 4000, np.random.default_rng(5)))
+    one = np.ones((len(points), 1))
+
+    def strong(region: Region, _: int) -> NDArray[np.float64]:
+        return random_points(replace(region, scr=(15.0, 20.0), x_over_r=(5.0, 20.0)), 20, np.random.default_rng(1))
+
+    def wrong() -> tuple[int, float]:
+        found = certify(study, spec, PUBLISHED_BOX, fresh=2, budget=0)
+        assert isinstance(found, Certificate)
+        worst = residual(A, Family(one, 0.0 * one[:, :, None], np.ones((1, 1))), found.P, found.decay)
+        return int(np.count_nonzero(worst >= 0.0)), found.decay
+
+    monkeypatch.setattr(module, "nodes", strong)
+    monkeypatch.setattr(module, "_HARDENINGS", 0)
+    searched = wrong()
+    monkeypatch.setattr(module, "_LAST_SEARCHES", 0)
+    believed = wrong()
+    assert believed[0] > 100
+    assert searched[0] == 0
+    assert searched[1] < believed[1]
+
+
 def test_boxes_hold_every_point_of_a_slow_grid(study: Study) -> None:
     """At 80 % of the rated frequency the path's reactance is 20 % less than the estimate at the rated one says: more
     power passes the static limit, and the boxes reach as far."""

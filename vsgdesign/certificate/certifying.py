@@ -60,6 +60,9 @@ _ATTEMPTS = 12
 _HARDENINGS = 6
 """Number of searches for points at which a function does not hold, before it is tried on boxes."""
 
+_LAST_SEARCHES = 4
+"""Number of such searches that follow where the boxes leave gaps, so that the claim rests on points alone."""
+
 _NEAR = 6
 """Rounds of such a search that are left out among undecided boxes: its steps begin with a fortieth of the region."""
 
@@ -126,12 +129,7 @@ def certify(
                 continue
         # Verified where nothing was fitted: new points, and a decay that gives way until it holds there.
         every, matrices = np.concatenate([points, verify]), np.concatenate([A, A_fresh])
-        sampled, largest = _verified(matrices, motion.family(every), found, spec.name)
-        if decay is not None and decay > sampled:
-            raise InfeasibleStudyError(
-                f"controller {spec.name}: decay = {decay:g} 1/s does not hold; at most {sampled:.3g} 1/s does. Ask for "
-                "less, or shrink the region, the error or the rate."
-            )
+        sampled, largest = _verified(matrices, motion.family(every), found, spec.name, decay)
         if not boxes:
             outcome = None
             break
@@ -149,7 +147,10 @@ def certify(
         progress("certificate", 1.0)
     complete = outcome is not None and len(outcome.left) == 0
     claimed = outcome.decay if outcome is not None and complete else sampled if decay is None else decay
-    if claimed != sampled:
+    if not complete:
+        every, claim = (every, matrices), (claimed, sampled)
+        claimed, sampled, largest = _attacked(system, motion, found, spec.name, every, claim, decay, rng)
+    elif claimed != sampled:
         largest = float(residual(matrices, motion.family(every), found.P, claimed).max())
     gap = Gap() if complete else _gap(outcome, largest)
     return Certificate(
@@ -171,8 +172,38 @@ def certify(
     )
 
 
-def _verified(A: Array, family: Family, found: Fit, name: str) -> tuple[float, float]:
-    """A decay that holds at all cells, at most _ROOM of the fitted one, and the largest eigenvalue there."""
+def _attacked(
+    system: System,
+    motion: Motion,
+    fit: Fit,
+    name: str,
+    every: tuple[Array, Array],
+    claim: tuple[float, float],
+    asked: float | None,
+    rng: np.random.Generator,
+) -> tuple[float, float, float]:
+    """What is left of a claim that rests on points (their matrices beside them) after a search for worse ones, what
+    holds at all of them, and the largest eigenvalue there."""
+    points, A = every
+    claimed, sampled = claim
+    for _ in range(_LAST_SEARCHES):
+
+        def shortfall(at: Array, A: Array, goal: float = claimed) -> Array:
+            return residual(A, motion.family(at), fit.P, goal)
+
+        worst, worth = worst_points(system, motion.region, shortfall, points, A, rng)
+        if worth[0] < 0.0:
+            break
+        worst, A_worst = system.matrices(worst[worth >= 0.0])
+        points, A = np.concatenate([points, worst]), np.concatenate([A, A_worst])
+        claimed = sampled = _verified(A, motion.family(points), fit, name, asked)[0]
+    return claimed, sampled, float(residual(A, motion.family(points), fit.P, claimed).max())
+
+
+def _verified(A: Array, family: Family, found: Fit, name: str, asked: float | None) -> tuple[float, float]:
+    """A decay that holds at all cells, at most _ROOM of the fitted one, and the largest eigenvalue there.
+
+    Raises InfeasibleStudyError where none holds, or less than the decay that is ``asked`` for."""
     decay = _ROOM * found.decay
     largest = float(residual(A, family, found.P, decay).max())
     while largest >= 0.0 and decay > 1e-3:
@@ -181,6 +212,11 @@ def _verified(A: Array, family: Family, found: Fit, name: str) -> tuple[float, f
     if largest >= 0.0:
         raise InfeasibleStudyError(
             f"controller {name}: the decay at the sampled points does not hold between them. Shrink the region."
+        )
+    if asked is not None and asked > decay:
+        raise InfeasibleStudyError(
+            f"controller {name}: decay = {asked:g} 1/s does not hold; at most {decay:.3g} 1/s does. Ask for less, or "
+            "shrink the region, the error or the rate."
         )
     return decay, largest
 
