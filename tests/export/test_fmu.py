@@ -19,7 +19,7 @@ from tests.export.unit_loop import FIXED, control_of, plain_c, run_loop, simulat
 from vsgdesign.export import Exported, export_fmu
 from vsgdesign.export.c_code import export_unit_c
 from vsgdesign.export.fmu import HEADERS, references, stubs, token_of
-from vsgdesign.export.wrapping import Builder, wrapped
+from vsgdesign.export.wrapping import Builder, Wrapped, wrapped
 
 fmpy = pytest.importorskip("fmpy")
 
@@ -56,9 +56,13 @@ def exported(builder: Builder, tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def slave(unzipped: Path, delay: int, controller: str = FIXED, variant: str = "controller", **parameters: float) -> Any:
     """A unit in FMPy, initialised."""
+    return slave_of(wrapped(unit_with(delay, controller), variant), unzipped, **parameters)
+
+
+def slave_of(one: Wrapped, unzipped: Path, **parameters: float) -> Any:
+    """Any controller in FMPy, initialised."""
     from fmpy.fmi3 import FMU3Slave
 
-    one = wrapped(unit_with(delay, controller), variant)
     made = FMU3Slave(guid=token_of(one), unzipDirectory=str(unzipped), modelIdentifier=one.name, instanceName="one")
     made.instantiate()
     number = {ref.port.name: ref.number for ref in references(one)}

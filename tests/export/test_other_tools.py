@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.compilers import require_compiler
-from tests.export.unit_loop import Library, run_loop, study_with, unit_with
+from tests.export.unit_loop import Library, on_a_battery, run_loop, study_with, unit_with
 from tests.gain_tables import table
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.structures import NormalisedGains
@@ -39,12 +39,13 @@ def builder() -> Iterator[Builder]:
 
 @pytest.fixture(scope="module")
 def tabled() -> Unit:
-    """A controller with a table of 4 × 3 nodes."""
+    """A controller with a table of 4 × 3 nodes, the field estimator and a battery."""
     scr, x_over_r = np.array([1.5, 3.0, 7.0, 20.0]), np.array([0.5, 2.0, 10.0])
     bend = 1.0 + 0.2 * np.sin(np.arange(12.0)).reshape(4, 3)
     parameters = {"k_1": 15.8 * bend, "d_1": 6.6 * bend[::-1], "k_2": 4.0 * bend, "share_P": np.minimum(bend, 1.0)}
     made = table("angle_damped", "poles", scr=scr, x_over_r=x_over_r, parameters=parameters)
-    study = study_with(0, 'kind = "scheduled", schedule = "table", table = "any.json"', quiet=True)
+    controller = 'kind = "scheduled", schedule = "table", table = "any.json", estimate = "field"'
+    study = on_a_battery(study_with(0, controller, quiet=True))
     return unit_of(study, "one", Ready(tables={"one": made}))
 
 
@@ -67,6 +68,7 @@ found = interp2(vsg.r_over_x, vsg.scr, loaded.k_1_or_H, at(places(:, 2), vsg.r_o
 {name}_buses;
 [inputs, parameters] = {name}_mex();
 assert(isequal(size({name}_inputs, 1), numel(inputs)) && isequal(cell2mat({name}_parameters(:, 3)), parameters));
+at = find(strcmp({name}_parameters(:, 1), 'pair')); parameters(at) = 3;
 given = csvread('given.csv');
 state = []; told = [];
 for k = 1:size(given, 1)
@@ -80,6 +82,13 @@ catch problem
   failed = problem.message;
 end
 assert(!isempty(strfind(failed, 'inputs: give')));
+parameters(at) = 2.5;
+try
+  [out, state] = {name}_mex(inputs, parameters, []);
+catch problem
+  failed = problem.message;
+end
+assert(!isempty(strfind(failed, 'pair: no whole number from 1 to 4.')));
 fid = fopen('told.bin', 'w'); fwrite(fid, [numel(found), found(:)', told'(:)'], 'double'); fclose(fid);
 """
 
@@ -90,6 +99,7 @@ def test_octave_loads_the_table_and_runs_the_mex_function(tabled: Unit, builder:
     out = export_simulink(tabled, tmp_path / "simulink", builder=builder).folder
     one = wrapped(tabled, "controller", longest=40)
     given = reference_inputs(one)[80:140]
+    given[:, [port.name for port in one.ports.inputs].index("v_dc")] *= np.linspace(1.0, 0.8, len(given))
     np.savetxt(out / "given.csv", given, delimiter=",", fmt="%.17g")
     text = OCTAVE.format(folder=out, name=one.name, places="; ".join(f"{s!r}, {r!r}" for s, r in places(tabled)))
     (tmp_path / "run.m").write_text(text)
@@ -104,7 +114,7 @@ def test_octave_loads_the_table_and_runs_the_mex_function(tabled: Unit, builder:
     assert found[0] == wanted[0]  # a node, exactly
     assert np.max(np.abs(found / wanted - 1.0)) <= 1e-12
     library = Library(export_unit_c(tabled, tmp_path / "c").folder, tmp_path, tabled)
-    instance = library.instance()
+    instance = library.instance(pair=3)
     assert np.array_equal(told[1 + count :].reshape(len(given), -1), [instance.step(row) for row in given])
 
 
@@ -172,11 +182,19 @@ static double in_[256], out_[256], state_[1024];
 #define InputSignal(port, k) in_[k]
 #define OutputSignal(port, k) out_[k]
 #define DiscState(k) state_[k]
+static double given_[64];
+#define NumParameters 1
+#define ParamDim(i, j) ((j) == 0 ? 1 : given_count_)
+#define ParamRealData(i, j) given_[j]
+#define SetErrorMessage(text) (puts(text), exit(1))
+static int given_count_;
 {declarations}
 int main(int n, char **words)
 {{
     FILE *from = fopen(words[1], "rb"), *to = fopen(words[2], "wb");
-    (void)n;
+    for (given_count_ = 0; given_count_ < n - 3; ++given_count_) {{
+        given_[given_count_] = atof(words[3 + given_count_]);
+    }}
     {start}
     while (fread(in_, sizeof(double), VSG_INPUTS, from) == VSG_INPUTS) {{
         {output}
@@ -188,11 +206,10 @@ int main(int n, char **words)
 """
 
 
-@pytest.mark.parametrize("delay", [0, 1])
-def test_the_text_of_a_c_script_runs(delay: int, builder: Builder, tmp_path: Path) -> None:
-    """Its sections in a program of their own, with the signals and states of a block."""
-    unit = unit_with(delay, SCHEDULED)
-    out = export_plecs(unit, tmp_path / "plecs", builder=builder).folder
+def script_of(unit: Unit, place: Path, builder: Builder) -> Path:
+    """The sections of a C-Script in a program of their own, with signals, states and parameters of a block: it takes
+    the files of its inputs and of its outputs, and the vector of parameters."""
+    out = export_plecs(unit, place / "plecs", builder=builder).folder
     text = next(out.glob("*_cscript.txt")).read_text()
     parts = dict(re.findall(r"^=== (.*?)\n(.*?)(?=^=== |\Z)", text, re.MULTILINE | re.DOTALL))
     source = HOST.format(
@@ -204,13 +221,20 @@ def test_the_text_of_a_c_script_runs(delay: int, builder: Builder, tmp_path: Pat
     (out / "host.c").write_text(source)
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-O0"]
     subprocess.run(["gcc", *flags, "host.c", "-o", "host", "-lm"], cwd=out, check=True)
+    return out / "host"
+
+
+@pytest.mark.parametrize("delay", [0, 1])
+def test_the_text_of_a_c_script_runs(delay: int, builder: Builder, tmp_path: Path) -> None:
+    unit = unit_with(delay, SCHEDULED)
+    host = script_of(unit, tmp_path, builder)
     given = reference_inputs(wrapped(unit, "controller"))
-    given.tofile(out / "given.bin")
-    subprocess.run(["./host", "given.bin", "told.bin"], cwd=out, check=True)
+    given.tofile(tmp_path / "given.bin")
+    subprocess.run([host, "given.bin", "told.bin"], cwd=tmp_path, check=True)
     library = Library(export_unit_c(unit, tmp_path / "c").folder, tmp_path, unit)
     instance = library.instance()
     expected = np.array([instance.step(row) for row in given])
-    told = np.fromfile(out / "told.bin").reshape(len(given), -1)
+    told = np.fromfile(tmp_path / "told.bin").reshape(len(given), -1)
     assert np.array_equal(told[delay:], expected[: len(given) - delay])
 
 

@@ -9,10 +9,11 @@ import pytest
 
 import vsgdesign as vd
 from tests.compilers import require_compiler
-from tests.export.unit_loop import study_with, unit_with
+from tests.export.unit_loop import on_a_battery, study_with, unit_with
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export import processor
 from vsgdesign.export.processor import MATH, PER_TICK, PROGRAMS, processor_in_the_loop
+from vsgdesign.export.unit import unit_of
 from vsgdesign.report.processor import processor_sentences
 
 SCHEDULED = 'kind = "scheduled", estimate = "field"'
@@ -27,8 +28,11 @@ def installed() -> None:
 @pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize(("core", "delay", "controller"), [("m4", 1, SCHEDULED), ("m7", 0, 'kind = "fixed"')])
 def test_the_processor_has_the_bits_of_this_machine(core: str, delay: int, controller: str) -> None:
-    """Through a step, a jump of the grid and a sag in which the current is limited."""
+    """Through a step, a jump of the grid and a sag in which the current is limited; one of them on a battery."""
     study, unit = study_with(delay, controller), unit_with(delay, controller)
+    if core == "m4":
+        study = on_a_battery(study)
+        unit = unit_of(study)
     found = processor_in_the_loop(unit, study, core=core)
     assert found.differing == 0
     assert found.first_difference is None

@@ -14,10 +14,11 @@ import numpy as np
 from tests.compilers import require_compiler
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.controller import Measurement
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.export import in_the_loop
 from vsgdesign.export.compiled import CompiledControl, run_compiler
 from vsgdesign.export.in_the_loop import LoopRun, Step, phases, vector
-from vsgdesign.export.ports import PortList
+from vsgdesign.export.port_records import PortList
 from vsgdesign.export.unit import Unit, unit_of
 from vsgdesign.export.unit_content import lists_of
 from vsgdesign.simulation import GainChange, simulate
@@ -60,6 +61,15 @@ simulation = {{ duration = "1 s", P_ref = "0 W", Q_ref = "0 var" }}"""
         {"time": "0.07 s", "V_g_pu": 0.3},
         {"time": "0.1 s", "V_g_pu": 1.0},
     )
+
+
+def on_a_battery(study: Study) -> Study:
+    """On a battery with so little voltage that the bridge is at its limit from the step of the power on."""
+    c = study.converter
+    needed = rms_to_peak(c.V_rated_rms) * c.V_dc / study.controller_settings().v_max_pk
+    battery = {"R_i": 0.1 * needed**2 / c.S_rated, "i_max": 3.0 * c.S_rated / c.V_dc, "capacity_Ah": 0.5}
+    battery |= {"open_circuit": [(1.03 + 0.01 * k) * needed for k in range(6)], "charge": 0.5}
+    return study.with_changes(dc={"source": "battery", "C": "200 uF", "V_low": 0.1 * c.V_dc, "battery": battery})
 
 
 def run_loop(

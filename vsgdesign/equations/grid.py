@@ -50,6 +50,12 @@ def grid_behind_load(R_g: Any, X_g: Any, G_load: Any, B_load: Any) -> tuple[Any,
     return R_g * cosine - X_g * sine, R_g * sine + X_g * cosine, cosine, sine
 
 
+def grid_of_each(R_g: Any, L_g: Any, units: Any) -> tuple[Any, Any]:
+    """Returns (R_g, L_g) in Ω and H of the grid that each of so many equal units at one node sees, from the node's own
+    (:eq:`plant-grid`): they change their currents together."""
+    return units * R_g, units * L_g
+
+
 MOST_ERROR_Z = 0.3
 """Largest error_Z that is designed for."""
 

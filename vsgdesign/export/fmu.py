@@ -18,7 +18,7 @@ from xml.sax.saxutils import quoteattr
 from vsgdesign import __version__
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.c_code import filled
-from vsgdesign.export.ports import TUNABLE, Port
+from vsgdesign.export.port_records import TUNABLE, Port, plain_unit
 from vsgdesign.export.reference import reference_csv
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import lists_of, unit_hash
@@ -31,7 +31,6 @@ from vsgdesign.export.wrapping import (
     Wrapped,
     check_target,
     meaning_of,
-    plain_unit,
     sources_of,
     wrapped,
     write_wrapper,

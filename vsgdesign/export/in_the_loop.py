@@ -55,6 +55,8 @@ def run_loop(
         for name, value in (("v", v), ("i_s", i_s), ("i_g", i_g), ("v_grid", behind)):
             given[at_in[f"{name}_a"] : at_in[f"{name}_a"] + 3] = phases(value)
         given[at_in["closed"]] = float(closed)
+        if "v_dc" in at_in:
+            given[at_in["v_dc"]] = plant.v_dc
         for name in ("P_ref", "Q_ref", "omega_0", "V_n"):
             given[at_in[name]] = getattr(refs, name)
         if "R_g" in at_in:
@@ -62,7 +64,8 @@ def run_loop(
             known = bool(np.isfinite(grid.R_g))
             given[at_in["estimated"]] = float(known)
             if known:
-                given[at_in["R_g"]], given[at_in["L_g"]] = grid.R_g, grid.L_g
+                units = 1 if unit.on_line is None else unit.on_line.most
+                given[at_in["R_g"]], given[at_in["L_g"]] = grid.R_g / units, grid.L_g / units
         out = outputs[k] = step(given)
         figures[k] = (
             out[at_out["P"]] / S,

@@ -11,7 +11,7 @@ import numpy as np
 from vsgdesign import __version__
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.export.c_code import filled
-from vsgdesign.export.ports import Port
+from vsgdesign.export.port_records import Port, plain_unit, refusal
 from vsgdesign.export.simulink import table_arrays
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import lists_of, unit_hash
@@ -21,7 +21,6 @@ from vsgdesign.export.wrapping import (
     Wrapped,
     check_target,
     meaning_of,
-    plain_unit,
     sources_of,
     wrapped,
     write_wrapper,
@@ -122,11 +121,15 @@ def _matrix(values: np.ndarray) -> str:
     return "{" + ",\n    ".join(_row(row) for row in values) + "}"
 
 
-def _port(port: Port) -> dict[str, str]:
+def _port(port: Port) -> dict[str, Any]:
     unit = plain_unit(port.unit)
     return {
         "name": f"P_meas_{port.name}" if port.name in ("time",) else port.name,
         "meaning": meaning_of(port).replace('"', "'"),
         "unit": unit.lower() if unit == "Ohm" else unit,
         "start": repr(float(port.start)),
+        "low": repr(float(port.low)),
+        "high": repr(float(port.high)),
+        "whole": port.whole,
+        "refusal": refusal(port),
     }

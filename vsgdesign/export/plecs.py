@@ -8,6 +8,7 @@ from typing import Any
 
 from vsgdesign import __version__
 from vsgdesign.export.c_code import filled
+from vsgdesign.export.port_records import plain_unit
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import lists_of, unit_hash
 from vsgdesign.export.wrapping import (
@@ -20,7 +21,6 @@ from vsgdesign.export.wrapping import (
     check_target,
     in_one_file,
     meaning_of,
-    plain_unit,
     sources_of,
     wrapped,
     write_wrapper,

@@ -9,181 +9,31 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 from vsgdesign.codegen.described import DescribedNumber, described_numbers
 from vsgdesign.equations.controller import ControllerOutput, ControllerState, Measurement
 from vsgdesign.equations.frames import clarke_inverse
 from vsgdesign.equations.limiters import GridEstimate
-from vsgdesign.equations.notation import Count
 from vsgdesign.equations.power_loops import References
 from vsgdesign.equations.scheduler_data import SchedulerState
 from vsgdesign.equations.synchronising import GridWatch
+from vsgdesign.export.port_records import (
+    FIXED,
+    INPUT,
+    OUTPUT,
+    STATUS_MEANINGS,
+    TUNABLE,
+    Asked,
+    Port,
+    PortList,
+    Stored,
+    Told,
+    UnitMemory,
+)
 from vsgdesign.export.unit import Unit
 from vsgdesign.runtime.guards import STATUSES
-
-VARIANTS = ("controller", "reference")
-"""The whole controller, whose output is the bridge voltage, and its power loops alone, whose output is a voltage."""
-
-INPUT, OUTPUT, FIXED, TUNABLE = "input", "output", "fixed", "tunable"
-"""What a port is: an input, an output, a parameter that is read at the start, or one that may change at any time."""
-
-
-class Asked(NamedTuple):
-    """What a wrapper asks besides the measured values."""
-
-    closed: Any = 1.0
-    """1 while the breaker between the converter and the grid is closed, else 0."""
-    estimated: Any = 1.0
-    """1 while R_g and L_g are an estimate that may be followed, else 0."""
-    delta: Any = 0.0
-    """Angle of the measured voltage against a frame that turns at the nominal frequency from the start on, rad."""
-    scheduling: Any = 1.0
-    """1: the gains follow the estimate; 0: they stay as they are."""
-    probe: Any = 1.0
-    """1: the field estimator sends its probe; 0: it does not."""
-    i_max_pk: Any = 0.0
-    """Current limit, A peak."""
-    start: Any = 0.0
-    """0: the controller begins at rest at the operating point; 1: it follows the measured voltage until it is ready."""
-    P_start: Any = 0.0
-    """Active power at which it begins at rest, W."""
-    Q_start: Any = 0.0
-    """Reactive power at which it begins at rest, var."""
-    V_start: Any = 0.0
-    """Voltage of the power loops at which it begins at rest, V phase rms."""
-    theta_start: Any = 0.0
-    """Angle at which it begins at rest, rad."""
-
-
-class Told(NamedTuple):
-    """What a wrapper tells besides the controller's own output."""
-
-    used: Any
-    """1 if the sample was used; 0 if it was left out, because a number in it was no number or beyond every limit."""
-    ready: Any
-    """1 if the breaker may close, or is closed; 0 while the controller follows the measured voltage and is not in step
-    with it yet."""
-    reason: Any
-    """Number of the reason why the last estimate was not followed; 0 if it was."""
-    delta: Any
-    """Angle of the converter's voltage against a frame that turns at the nominal frequency from the start on, rad."""
-
-
-class UnitMemory(NamedTuple):
-    """What a wrapper remembers besides the controller and its scheduler."""
-
-    steps: Count
-    """Samples since the start."""
-    following: Count
-    """1 while it follows the measured voltage, else 0."""
-    seeded: Count
-    """1 if it has seen the voltage that it follows, else 0."""
-    apart: Count
-    """1 if the breaker was open in the last sample, else 0."""
-    in_step: Count
-    """Samples in which the breaker might have closed, without one between them in which it might not."""
-    limited: Count
-    """Samples since the last update of the gains in which the current limiter acted."""
-    status: Count
-    """Bits of the scheduler's last answer."""
-    reason: Count
-    """Reason of the scheduler's last answer."""
-    frame: Any
-    """Angle of the frame that turns at the nominal frequency, rad."""
-
-
-STATUS_MEANINGS = {
-    "fresh": "1 if the scheduler followed the last estimate, else 0",
-    "held": "1 if the scheduler did not follow the last estimate, else 0: see the reason",
-    "clamped": "1 if P, Q, V or the estimated grid is outside the box of the schedule, else 0",
-    "limited": "1 if the place of the gains is still on its way to the estimate, else 0",
-    "fallback": "1 if the scheduler was too long in doubt or without an estimate, and its place moves to the safe one",
-    "refused": "1 if what the scheduler was given could not be used, else 0",
-    "doubt": "1 if the grid may have changed since the last estimate that was followed, else 0",
-    "partly": "1 if the estimate is less certain than the design allows, and is followed in part, else 0",
-}
-
-
-@dataclass(frozen=True)
-class Port:
-    """One number that goes into an exported controller or comes out of it."""
-
-    name: str
-    unit: str
-    """As the records write it; 1 for a number without a unit."""
-    meaning: str
-    kind: str
-    """INPUT, OUTPUT, FIXED or TUNABLE."""
-    start: float
-    """With which it begins; of an output, its value at rest."""
-    low: float = -math.inf
-    high: float = math.inf
-
-
-@dataclass(frozen=True)
-class Stored:
-    """One number of a controller's state."""
-
-    name: str
-    """Where it is in the struct of C."""
-    unit: str
-    meaning: str
-    whole: bool
-    bits: int = 0
-    """Of a whole number; 0 for a real one."""
-
-
-@dataclass(frozen=True)
-class PortList:
-    """Everything that a wrapper is printed from."""
-
-    variant: str
-    ports: tuple[Port, ...]
-    states: tuple[Stored, ...]
-
-    def of(self, *kinds: str) -> list[Port]:
-        """The ports of some kinds, in order."""
-        return [port for port in self.ports if port.kind in kinds]
-
-    @property
-    def inputs(self) -> list[Port]:
-        """What is read in every sample."""
-        return self.of(INPUT)
-
-    @property
-    def outputs(self) -> list[Port]:
-        """What is written in every sample."""
-        return self.of(OUTPUT)
-
-    @property
-    def parameters(self) -> list[Port]:
-        """Fixed and tunable parameters."""
-        return self.of(FIXED, TUNABLE)
-
-    def document(self) -> dict[str, Any]:
-        """The list in JSON's types; a limit that is not there is None."""
-
-        def limit(value: float) -> float | None:
-            return value if math.isfinite(value) else None
-
-        return {
-            "variant": self.variant,
-            "ports": [
-                {
-                    "name": one.name,
-                    "kind": one.kind,
-                    "unit": one.unit,
-                    "meaning": one.meaning,
-                    "start": one.start,
-                    "low": limit(one.low),
-                    "high": limit(one.high),
-                }
-                for one in self.ports
-            ],
-            "states": [{"name": one.name, "unit": one.unit, "meaning": one.meaning} for one in self.states],
-        }
 
 
 def port_list(unit: Unit, variant: str, structs: Mapping[str, str]) -> PortList:
@@ -200,6 +50,8 @@ def _of_controller(unit: Unit) -> Iterator[Port]:
     yield from _abc("i_g", Measurement, "i_g_alpha", INPUT, i_g)
     grid = described_numbers(GridWatch)[0]._replace(meaning="Voltage of the grid behind the breaker")
     yield from _abc("v_grid", grid, "", INPUT, v)
+    if unit.link is not None:
+        yield _one(Asked, "v_dc", INPUT, unit.link.rest, *unit.link.limits)
     yield _one(Asked, "closed", INPUT, 1.0, 0.0, 1.0)
     yield from _references(refs, S)
     yield from _estimate(unit, not unit.has_field)
@@ -216,6 +68,7 @@ def _of_controller(unit: Unit) -> Iterator[Port]:
         yield _one(Asked, "i_max_pk", TUNABLE, asked.i_max_pk, 0.0, asked.i_max_pk, name="i_max")
     if unit.has_field:
         yield _one(Asked, "probe", TUNABLE, 1.0, 0.0, 1.0)
+        yield replace(_one(Asked, "pair", FIXED, unit.pair, 1.0, len(unit.probes)), whole=True)
     yield from _starts(unit)
 
 
@@ -253,15 +106,19 @@ def _estimate(unit: Unit, given: bool) -> Iterator[Port]:
     """What the scheduler is given by an estimator outside, and whether it is to follow it."""
     if not unit.scheduled:
         return
-    c = unit.scheduler.settings
+    c, on_line = unit.scheduler.settings, unit.on_line
+    where, least, most = ("PCC", 1, 1) if on_line is None else ("node of the plant", on_line.least, on_line.most)
     if given:
         for name, quantity, unit_of, limits in (
             ("R_g", "resistance", "Ω", c.R_g),
             ("L_g", "inductance", "H", c.L_g),
         ):
-            meaning = f"Estimated {quantity} of the grid at the PCC"
-            yield Port(name, unit_of, meaning, INPUT, getattr(unit.grid, name), *map(float, limits))
+            meaning = f"Estimated {quantity} of the grid at the {where}"
+            low, high = float(limits[0]) / most, float(limits[1]) / least
+            yield Port(name, unit_of, meaning, INPUT, getattr(unit.grid, name) / most, low, high)
         yield _one(Asked, "estimated", INPUT, 1.0, 0.0, 1.0)
+        if on_line is not None:
+            yield replace(_one(Asked, "units", INPUT, most, least, most), whole=True)
     yield _one(Asked, "scheduling", TUNABLE, 1.0, 0.0, 1.0)
 
 
@@ -293,7 +150,7 @@ def _number(record: Any, field: str) -> DescribedNumber:
 def _port(
     number: DescribedNumber, name: str, kind: str, start: float, low: float = -math.inf, high: float = math.inf
 ) -> Port:
-    return Port(name, number.unit, number.meaning, kind, float(start), low, high)
+    return Port(name, number.unit, number.meaning, kind, float(start), float(low), float(high))
 
 
 def _one(
@@ -324,6 +181,12 @@ def _phases(vector: complex) -> tuple[float, float, float]:
     """Phases of α + jβ, without a zero sequence."""
     a, b, c = clarke_inverse(vector.real, vector.imag)
     return float(a), float(b), float(c)
+
+
+def remembered(unit: Unit) -> list[DescribedNumber]:
+    """What a wrapper of this controller remembers, of UnitMemory."""
+    absent = {name for name, there in (("v_dc", unit.link is not None), ("pair", unit.has_field)) if not there}
+    return [number for number in described_numbers(UnitMemory) if number.name not in absent]
 
 
 _MEMBER = re.compile(r"^    (\w+) (\w+)(?:\[\d+\])?;", re.MULTILINE)

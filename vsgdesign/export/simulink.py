@@ -12,7 +12,7 @@ import numpy as np
 from vsgdesign import __version__
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.export.c_code import filled
-from vsgdesign.export.ports import FIXED, Port
+from vsgdesign.export.port_records import FIXED, Port, plain_unit
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import lists_of, unit_hash
 from vsgdesign.export.wrapping import (
@@ -21,7 +21,6 @@ from vsgdesign.export.wrapping import (
     Wrapped,
     check_target,
     meaning_of,
-    plain_unit,
     sources_of,
     wrapped,
     write_wrapper,

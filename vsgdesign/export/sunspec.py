@@ -16,8 +16,10 @@ from vsgdesign.equations.controller_data import ControllerSettings
 from vsgdesign.equations.frames import base_impedance, peak_to_rms, phase_to_ll, rated_current_rms
 from vsgdesign.equations.structures import effective_inertia, steady_droops
 from vsgdesign.equations.synchronising import IN_STEP
+from vsgdesign.export.port_records import FIXED, INPUT, TUNABLE
 from vsgdesign.export.sunspec_points import MODELS, WITHOUT
 from vsgdesign.export.unit import Unit
+from vsgdesign.export.unit_content import lists_of
 from vsgdesign.export.wrapping import Builder, Exported, check_target, wrapped, write_wrapper
 
 PROPOSAL = "The map to SunSpec's models is a proposal, and so is model 64416 itself (sunspec/models, pull request 277)."
@@ -162,6 +164,11 @@ def _left_over(unit: Unit) -> Iterable[str]:
         yield "schedule over R_g and L_g, with its guards and its status"
     if unit.has_field:
         yield "estimate of R_g and L_g, and its probe"
+    ports, named = (
+        lists_of(unit)["controller"],
+        {one.ours for model in _values(unit).values() for one in model.values()},
+    )
+    yield from (f"{port.name}: {port.meaning}" for port in ports.of(INPUT, FIXED, TUNABLE) if port.name not in named)
 
 
 def export_sunspec(

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.codegen.described import described_numbers
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.field import FieldAnswer, FieldTrack, LockIn
+from vsgdesign.equations.dc_link import LEAST_VOLTAGE
+from vsgdesign.equations.field import FieldAnswer, FieldSettings, FieldTrack, LockIn
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import instantaneous_power
+from vsgdesign.equations.guarded_controller import V_PLAUSIBLE
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.equations.scheduler_data import HELD
@@ -28,6 +30,7 @@ from vsgdesign.study.parameters.controllers import UPDATE_PERIOD
 from vsgdesign.study.parameters.grid import Grid
 
 if TYPE_CHECKING:
+    from vsgdesign.linear.operating_point.sampled import SampledState
     from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
@@ -40,6 +43,33 @@ class Starts:
     V_start: float
     theta_start: float
     i_max_pk: float
+
+
+@dataclass(frozen=True)
+class LinkVoltage:
+    """What the controller is told of a dc link that is not ideal."""
+
+    rest: float
+    """Voltage at rest at t = 0, V."""
+    nominal: float
+    """V."""
+    per_volt: float
+    """Largest peak voltage of the bridge over the link's."""
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Between which a voltage may be one of the link, V."""
+        return LEAST_VOLTAGE * self.nominal, V_PLAUSIBLE * self.nominal
+
+
+@dataclass(frozen=True)
+class OnLine:
+    """How many equal units of a plant may be on line."""
+
+    least: int
+    """For which the gains are made."""
+    most: int
+    """All of them, as at t = 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +106,14 @@ class Unit:
     """Whether the current limit may be lowered in operation: no constant of the limiter follows from it."""
     notes: tuple[str, ...] = ()
     """What is different from a run of the study, one sentence each."""
+    probes: tuple[FieldSettings, ...] = ()
+    """Settings of the field estimator on each pair of lines; empty without one."""
+    pair: int = 1
+    """The pair on which it sends its probe, unless it is told otherwise."""
+    link: LinkVoltage | None = None
+    """The dc link; None: it is ideal."""
+    on_line: OnLine | None = None
+    """Of the plant that the controller belongs to; None: it stands alone."""
 
     @property
     def asked(self) -> Starts:
@@ -150,6 +188,7 @@ def unit_of(study: Study, controller: str | None = None, ready: Ready = NOTHING,
     StudyError, and InfeasibleStudyError where its gain table is missing or the study has no rest at t = 0.
     """
     from vsgdesign.linear.operating_point.sampled import steady_state
+    from vsgdesign.simulation.field_feed import probe_of, settings_of_pairs
     from vsgdesign.simulation.timeline import build_timeline
     from vsgdesign.study.parameters.source import GridSource
 
@@ -207,7 +246,20 @@ def unit_of(study: Study, controller: str | None = None, ready: Ready = NOTHING,
         update_samples=every,
         limit_may_move=_limit_may_move(own),
         notes=tuple(notes),
+        probes=settings_of_pairs(own) if has_field else (),
+        pair=probe_of(own).pair,
+        link=_link(own, start),
     )
+
+
+def _link(study: Study, start: SampledState) -> LinkVoltage | None:
+    """The dc link at rest. Raises InfeasibleStudyError where its source cannot give the power."""
+    from vsgdesign.simulation.dc_start import dc_at_start
+
+    if study.dc is None:
+        return None
+    link = dc_at_start(study, start)
+    return LinkVoltage(float(link.state.v), float(link.settings.V_dc), float(link.settings.limit))
 
 
 def _scheduler(study: Study, spec: ControllerSpec, ready: Ready, changes: dict[str, Any]) -> tuple[Scheduler, Origin]:

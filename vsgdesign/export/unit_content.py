@@ -8,13 +8,15 @@ from typing import Any
 
 from vsgdesign.codegen import c_functions
 from vsgdesign.codegen.comments import ascii_text
-from vsgdesign.codegen.described import described_numbers
+from vsgdesign.equations.dc_link import bridge_limit
 from vsgdesign.equations.frames import clarke, clarke_inverse, instantaneous_power, rotate
+from vsgdesign.equations.grid import grid_of_each
 from vsgdesign.equations.integration import within_a_turn
-from vsgdesign.export.c_content import initialiser
+from vsgdesign.export.c_content import initialiser, literal
 from vsgdesign.export.field import field_laws
 from vsgdesign.export.laws import laws
-from vsgdesign.export.ports import Port, PortList, UnitMemory, port_list
+from vsgdesign.export.port_records import FIXED, TUNABLE, Port, PortList, refusal
+from vsgdesign.export.ports import port_list, remembered
 from vsgdesign.export.unit import Unit
 from vsgdesign.runtime.guards import STATUSES
 
@@ -39,7 +41,7 @@ def lists_of(unit: Unit) -> dict[str, PortList]:
     structs = dict(laws(lookup.structure, lookup.law, lookup.scr_basis, limiter).structs)
     if unit.has_field:
         structs |= field_laws(unit.constants.network is not None).structs
-    structs["vsg_unit_memory_t"] = memory_struct()
+    structs["vsg_unit_memory_t"] = memory_struct(unit)
     return {variant: port_list(unit, variant, structs) for variant in WORDS}
 
 
@@ -68,19 +70,22 @@ def unit_hash(unit: Unit, lists: dict[str, PortList]) -> str:
         "timing": repr((unit.T_s, unit.delay_samples, unit.update_samples)),
         "ports": [one.document() for one in lists.values()],
     }
+    more = {"probes": unit.probes, "link": unit.link, "on_line": unit.on_line}
+    parts |= {name: repr(value) for name, value in more.items() if value}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
 def unit_content(unit: Unit) -> dict[str, Any]:
     """What vsg_unit.h and vsg_unit.c need."""
-    lists, tick = lists_of(unit), unit.scheduler.settings.tick
-    frames = c_functions(FRAMES, prefix="unit_")
+    lists, tick, link = lists_of(unit), unit.scheduler.settings.tick, unit.link
+    needed = [*FRAMES, *([bridge_limit] if link else []), *([grid_of_each] if unit.on_line else [])]
+    frames = c_functions(needed, prefix="unit_")
     return {
         "controller_name": ascii_text(unit.controller),
         "T_s": repr(unit.T_s),
         "delay": unit.delay_samples,
         "omega_n": repr(unit.omega_n),
-        "memory_struct": memory_struct(),
+        "memory_struct": memory_struct(unit),
         "variants": [
             {"word": WORDS[variant], "title": TITLES[variant], "ports": _commented(one)}
             for variant, one in lists.items()
@@ -104,14 +109,19 @@ def unit_content(unit: Unit) -> dict[str, Any]:
         "bits": [name.upper() for name in STATUSES.values()],
         "update_text": f"{unit.update_samples * unit.T_s * 1e3:.6g} ms",
         "notes": [ascii_text(note) for note in unit.notes],
+        "probes": [initialiser(one) for one in unit.probes],
+        "per_volt": None if link is None else literal(link.per_volt),
+        "pair": unit.pair,
+        "v_dc": None if link is None else [literal(one) for one in (link.rest, *link.limits)],
+        "units": None if unit.on_line is None else [literal(one) for one in (unit.on_line.least, unit.on_line.most)],
     }
 
 
-def memory_struct() -> str:
+def memory_struct(unit: Unit) -> str:
     """What a wrapper remembers, as a struct of C."""
     lines = [
         f"    {'uint32_t' if one.whole else 'vsg_real_t'} {one.name}; /* {_comment(one.meaning, one.unit)} */"
-        for one in described_numbers(UnitMemory)
+        for one in remembered(unit)
     ]
     return "\n".join(["typedef struct {", *lines, "} vsg_unit_memory_t;"])
 
@@ -127,7 +137,10 @@ def _commented(one: PortList) -> dict[str, Any]:
 
 def _port(port: Port) -> dict[str, Any]:
     comment = _comment(port.meaning, port.unit)
-    return {"name": port.name, "comment": comment, "start": repr(float(port.start))}
+    found = {"name": port.name, "comment": comment, "start": repr(float(port.start)), "whole": port.whole}
+    if port.kind in (FIXED, TUNABLE):
+        found |= {"low": literal(port.low), "high": literal(port.high), "refusal": refusal(port)}
+    return found
 
 
 def _comment(meaning: str, unit: str) -> str:

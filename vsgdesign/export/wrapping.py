@@ -21,7 +21,7 @@ from vsgdesign.artifacts.folders import check_folder_target, staged_folder, writ
 from vsgdesign.codegen.comments import ascii_text
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.c_code import MANIFEST, render_unit
-from vsgdesign.export.ports import VARIANTS, PortList
+from vsgdesign.export.port_records import VARIANTS, PortList
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import WORDS, lists_of, unit_hash
 
@@ -89,12 +89,6 @@ def legal_name(text: str, longest: int = 50) -> str:
     return name
 
 
-def plain_unit(unit: str) -> str:
-    """A unit alone, in ASCII: without what it is a value of. Empty for none."""
-    bare = re.sub(r" (phase rms|rms|peak|\(rms\))$", "", unit)
-    return "" if bare == "1" else bare.replace("Ω", "Ohm").replace("·", ".").replace("²", "2")
-
-
 def meaning_of(port: Any) -> str:
     """What a port is, with what its unit is a value of, in ASCII."""
     extra = port.unit.removeprefix(re.sub(r" (phase rms|rms|peak|\(rms\))$", "", port.unit)).strip()
@@ -116,6 +110,12 @@ def in_one_file(sources: Mapping[str, str], folder: str = "") -> str:
     own = {name: set(_OF_FILE.findall(sources[name])) for name in names}
     headers = {name for text in sources.values() for name in _OF_FILE.findall(text)}
     shared = {word for word in headers if sum(word in words for words in own.values()) > 1}
+    of_header = {name: set(_OF_FILE.findall(text)) for name, text in sources.items() if name.endswith(".h")}
+    twice = {word for word in headers if sum(word in words for words in of_header.values()) > 1}
+    for header, words in of_header.items():
+        users = [name for name in names if f'#include "{header}"' in sources[name]]
+        if len(users) == 1:
+            own[users[0]] |= words & twice
     shared |= {
         word
         for words in own.values()

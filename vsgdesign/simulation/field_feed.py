@@ -22,7 +22,7 @@ from vsgdesign.equations.field.fusion import FIRST_GATE
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.identification.field import FieldEstimator, estimate_of, field_settings
+from vsgdesign.identification.field import PAIRS, FieldEstimator, estimate_of, field_settings
 from vsgdesign.identification.field_network import FieldNetwork, field_network
 from vsgdesign.identification.registry import estimator_kind
 from vsgdesign.runtime.of_study import follows_measured
@@ -106,6 +106,14 @@ def settings_of_study(study: Study) -> FieldSettings:
         seed=probe.code,
         pair=probe.pair,
     )._replace(neighbours=1.0 if probe.neighbours else 0.0)
+
+
+def settings_of_pairs(study: Study) -> tuple[FieldSettings, ...]:
+    """The estimator's settings on each pair of lines, from the first to the last one. The sign codes are as far apart
+    as those of a plant's units, so that these are the settings of its units, too."""
+    own = probe_of(study).pair
+    pairs = range(1, len(PAIRS) + 1)
+    return tuple(settings_of_study(with_pair(study, pair, pair - own)) for pair in pairs)
 
 
 def probe_of(study: Study) -> ProbeSpec:

@@ -12,12 +12,14 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.dc_link import ActingVoltage, FilterSide, acting_voltage, dc_step
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.linear.operating_point.plant import PlantStep, plant_step, two_axes
 from vsgdesign.simulation.added_source import on_sample
 from vsgdesign.simulation.circuit_program import SAME_INSTANT
 from vsgdesign.simulation.circuits import Circuits, Connection, connection_at, start_of
+from vsgdesign.simulation.dc_start import DcStart, dc_at_start
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import Study
@@ -26,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class PlantAlone:
-    """Filter, grid, load and source of a study with an averaged bridge, without a controller.
+    """Filter, grid, load, source and dc link of a study with an averaged bridge, without a controller.
 
     The source is the fundamental that the events say: background, record and harmonics are left out, and sensors are
     ideal. Breakers and faults change at the instants that the events give.
@@ -42,6 +44,8 @@ class PlantAlone:
         start = start_of(quiet, self.timeline, self._circuits, gains)
         self.x = start.plant
         """States of the circuit, each as (α, β), SI, peak."""
+        self._dc = None if study.dc is None else dc_at_start(study, start)
+        self._law = None if study.dc is None else study.dc.kind.law
         self.pending = complex(*start.pending)
         """Bridge voltage that is on its way at the start, V peak, as α + jβ."""
         changes = self.timeline.plant_changes()
@@ -61,6 +65,13 @@ class PlantAlone:
         """Voltage of the capacitor node, current of the bridge and of the grid now, as α + jβ, V and A peak."""
         i_s, v_c, i_g = (complex(*self.x[k : k + 2]) for k in (0, 2, 4))
         return v_c + self._R_c * (i_s - i_g), i_s, i_g
+
+    @property
+    def v_dc(self) -> float:
+        """Voltage of the dc link now, V. Raises ValueError where it is ideal."""
+        if self._dc is None:
+            raise ValueError("the dc link is ideal.")
+        return float(self._dc.state.v)
 
     @property
     def source(self) -> complex:
@@ -84,8 +95,11 @@ class PlantAlone:
         return self.timeline.true_grid_at(max(self.t_s - 0.5 * self.T_s, 0.0))
 
     def advance(self, v_b: complex) -> None:
-        """One sampling period with a bridge voltage, V peak, as α + jβ."""
-        bridge = np.array([v_b.real, v_b.imag])
+        """One sampling period with a bridge voltage, V peak, as α + jβ. A dc link that has not the voltage for it makes
+        what it can."""
+        asked, before = ActingVoltage(v_b.real, v_b.imag), self.x
+        acts = asked if self._dc is None else acting_voltage(asked, self._dc.state.v, self._dc.settings.limit)
+        bridge = np.array(acts)
         instants = [self.t_s, *self._inside.get(self.sample, []), (self.sample + 1) * self.T_s]
         for begin, end in itertools.pairwise(instants):
             h = self.T_s if len(instants) == 2 else end - begin
@@ -99,6 +113,10 @@ class PlantAlone:
                     c = size * turn
                     x += response @ np.array([c.real, c.imag])
             self.x = x
+        if self._dc is not None and self._law is not None:
+            x, after = (FilterSide(*map(float, ends[:6])) for ends in (before, self.x))
+            settings, state = self._dc
+            self._dc = DcStart(settings, dc_step(state, x, after, acts, asked, settings, self._law))
         self.sample += 1
 
     def _from(self, t_s: float) -> float:

@@ -119,20 +119,22 @@ def fault_of_rest(
         )
     if fault == NO_POINT:
         return _no_point(study, grid, source, refs, gains)
-    if fault == BRIDGE_VOLTAGE:
-        return LimitHitError(
-            f"the steady state needs a bridge voltage of {v_b:.4g} V peak, but the bridge makes at most "
-            f"{c.v_max_pk:.4g} V. Raise V_dc, or ask for less P and Q.",
-            limit="bridge voltage",
-        )
-    if fault == DC_SOURCE and study.dc is not None:
+    most, advice = c.v_max_pk, "Raise V_dc"
+    if fault in (BRIDGE_VOLTAGE, DC_SOURCE) and study.dc is not None:
         at = states.controller
-        i_s = complex(*(float(row[lane]) for row in states.plant[:2])) * np.exp(-1j * float(at.theta[lane]))
-        p = float(bridge_power(study, rms_to_peak(V) + 0j, i_s))
+        current = complex(*(float(row[lane]) for row in states.plant[:2])) * np.exp(-1j * float(at.theta[lane]))
+        p = float(bridge_power(study, rms_to_peak(V) + 0j, current))
         try:
-            study.dc.at_rest(p, c, study.filter)
+            v = float(study.dc.at_rest(p, c, study.filter).v)
         except InfeasibleStudyError as error:
             return LimitHitError(str(error), limit="dc source")
+        most, advice = c.v_max_pk * v / c.V_dc, f"The dc link rests at {v:.4g} V. Give a source with more voltage"
+    if fault == BRIDGE_VOLTAGE:
+        return LimitHitError(
+            f"the steady state needs a bridge voltage of {v_b:.4g} V peak, but the bridge makes at most {most:.4g} V. "
+            f"{advice}, or ask for less P and Q.",
+            limit="bridge voltage",
+        )
     if fault == CURRENT:
         return LimitHitError(
             f"the steady state needs {i_s:.4g} A peak, but the limit is {study.controller_settings().i_max_pk:.4g} A. "

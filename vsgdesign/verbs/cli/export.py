@@ -44,6 +44,7 @@ def unit_asked(
 ) -> tuple[Unit, Study]:
     """The controller that the arguments of a verb name, and its study."""
     from vsgdesign.verbs.pipeline.export import unit_of_files
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
 
     table = is_table(file)
     if table and study_file is None:
@@ -51,12 +52,13 @@ def unit_asked(
         raise click.UsageError(problem)
     if not table and study_file is not None:
         raise click.UsageError("--study belongs to a TABLE.json; a study is given alone")
-    study = load(file if study_file is None else study_file, left_tables=not table, plants="as one unit")
+    study = load(file if study_file is None else study_file, left_tables=not table, plants="whole")
+    alone = as_unit(study, "export")
     with progress(quiet=False) as tell:
         unit = unit_of_files(study, file if table else None, controller, rate=rate, progress=tell, say=echo_aside)
     for note in unit.notes:
         echo_aside(note)
-    return unit, study
+    return unit, alone
 
 
 @click.group()

@@ -20,10 +20,9 @@ def unit_given(study: Study, controller: str | None, table: DesignedTable | Gain
     """The controller that the arguments of a function of this room name."""
     from vsgdesign.verbs.facade.tables import DesignedTable
     from vsgdesign.verbs.pipeline.export import unit_of_study
-    from vsgdesign.verbs.pipeline.one_unit import as_unit
 
     given = table.table if isinstance(table, DesignedTable) else table
-    return unit_of_study(as_unit(study, "export"), controller, table=given)
+    return unit_of_study(study, controller, table=given)
 
 
 def export_fmu(

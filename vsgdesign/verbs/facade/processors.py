@@ -68,6 +68,7 @@ def pil(
     from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.pil import run_processor
 
-    given = as_unit(given_study(study, "pil"), "pil")
+    given = given_study(study, "pil")
     unit = unit_given(given, controller, table)
-    return ProcessorResult(run_processor(unit, given, core=core, math=math, duration=duration, progress=progress))
+    alone = as_unit(given, "pil")
+    return ProcessorResult(run_processor(unit, alone, core=core, math=math, duration=duration, progress=progress))

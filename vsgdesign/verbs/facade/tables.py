@@ -212,11 +212,10 @@ def export_c(
     if isinstance(source, Study):
         from vsgdesign.export.c_code import export_unit_c
         from vsgdesign.verbs.pipeline.export import unit_of_study
-        from vsgdesign.verbs.pipeline.one_unit import as_unit
 
         given = options.pop("table", None)
         table = given.table if isinstance(given, DesignedTable) else given
-        unit = unit_of_study(as_unit(source, "export_c"), controller, table=table, **options)
+        unit = unit_of_study(source, controller, table=table, **options)
         return export_unit_c(unit, out, inputs=source.input_files)
 
     if isinstance(source, str | Path):

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.progress import Progress
-from vsgdesign.export.unit import Unit, controller_named, unit_of
-from vsgdesign.study.parameters.dc_link import ideal_link
+from vsgdesign.export.unit import OnLine, Unit, controller_named, unit_of
 from vsgdesign.study.parameters.study import Study
 
 if TYPE_CHECKING:
@@ -29,19 +28,24 @@ def unit_of_study(
     """A controller of a study, the last one if none is named, as every wrapper takes it.
 
     ``table`` takes the place of the controller's gain table; without it the table is read, taken from below ``out``, or
-    designed once and kept there. ``rate`` is the largest rate of change of SCR and R/X of the schedule, 1/s. Raises the
-    errors of :func:`vsgdesign.export.unit.unit_of`.
+    designed once and kept there. ``rate`` is the largest rate of change of SCR and R/X of the schedule, 1/s. Of a plant
+    of equal units it is one of them. Raises the errors of :func:`vsgdesign.export.unit.unit_of`, and
+    InfeasibleStudyError for any other plant.
     """
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
-    ideal_link(study, "an exported controller")
+    plant, study = study.plant, as_unit(study, "export")
     spec = controller_named(study, controller)
     changes = {} if rate is None else {"rate": rate}
     if table is None and spec.kind == "scheduled" and spec.schedule == "table":
         alone = replace(study, controllers=(spec,))
         table = kept_tables(alone, progress=progress, say=say).tables[spec.name]
     ready = Ready(tables={} if table is None else {spec.name: table})
-    return unit_of(study, spec.name, ready, **changes)
+    found = unit_of(study, spec.name, ready, **changes)
+    if plant is None:
+        return found
+    return replace(found, on_line=OnLine(plant.least or len(plant.units), len(plant.units)))
 
 
 def unit_of_files(
