@@ -163,9 +163,12 @@ def test_the_library_of_plecs_is_the_exported_code(delay: int, builder: Builder,
         return state, arrays
 
     (one, mine), (other, theirs) = hosted(), hosted()
+    calls: list[np.ndarray] = []
 
     def step(given: np.ndarray) -> np.ndarray:
         mine[0][:], theirs[0][:] = given, given[::-1]
+        one.time = other.time = len(calls) * unit.T_s
+        calls.append(given)
         loaded.plecsOutput(ctypes.byref(other))
         loaded.plecsOutput(ctypes.byref(one))
         return mine[1].copy()
@@ -173,12 +176,15 @@ def test_the_library_of_plecs_is_the_exported_code(delay: int, builder: Builder,
     run = run_loop(study, unit, step, acts_now=True, samples=1900)
     expected = run_loop(study, unit, library.instance().step, samples=1900)
     assert np.array_equal(run.figures, expected.figures)
+    one.time += 0.5 * unit.T_s
+    loaded.plecsOutput(ctypes.byref(one))
+    assert f"has to be called every {unit.T_s!r} s" in one.errorMessage.decode()
 
 
 HOST = """
 #include <stdio.h>
 #include <stdlib.h>
-static double in_[256], out_[256], state_[1024];
+static double in_[256], out_[256], state_[1024], CurrentTime;
 #define InputSignal(port, k) in_[k]
 #define OutputSignal(port, k) out_[k]
 #define DiscState(k) state_[k]
@@ -200,15 +206,16 @@ int main(int n, char **words)
         {output}
         fwrite(out_, sizeof(double), VSG_OUTPUTS, to);
         {update}
+        CurrentTime += STEP;
     }}
     return fclose(to);
 }}
 """
 
 
-def script_of(unit: Unit, place: Path, builder: Builder) -> Path:
+def script_of(unit: Unit, place: Path, builder: Builder, step: float = 1.0) -> Path:
     """The sections of a C-Script in a program of their own, with signals, states and parameters of a block: it takes
-    the files of its inputs and of its outputs, and the vector of parameters."""
+    the files of its inputs and of its outputs, and the vector of parameters. ``step``: between its calls, in T_s."""
     out = export_plecs(unit, place / "plecs", builder=builder).folder
     text = next(out.glob("*_cscript.txt")).read_text()
     parts = dict(re.findall(r"^=== (.*?)\n(.*?)(?=^=== |\Z)", text, re.MULTILINE | re.DOTALL))
@@ -219,7 +226,7 @@ def script_of(unit: Unit, place: Path, builder: Builder) -> Path:
         update=parts["Update function code"],
     )
     (out / "host.c").write_text(source)
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-O0"]
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-O0", f"-DSTEP={step * unit.T_s}"]
     subprocess.run(["gcc", *flags, "host.c", "-o", "host", "-lm"], cwd=out, check=True)
     return out / "host"
 
@@ -236,6 +243,10 @@ def test_the_text_of_a_c_script_runs(delay: int, builder: Builder, tmp_path: Pat
     expected = np.array([instance.step(row) for row in given])
     told = np.fromfile(tmp_path / "told.bin").reshape(len(given), -1)
     assert np.array_equal(told[delay:], expected[: len(given) - delay])
+    if delay:
+        wrong = script_of(unit, tmp_path / "wrong", builder, step=0.5)
+        done = subprocess.run([wrong, "given.bin", "told.bin"], cwd=tmp_path, capture_output=True, check=False)
+        assert (done.returncode, f"has to be called every {unit.T_s!r} s" in done.stdout.decode()) == (1, True)
 
 
 def test_rumoca_finds_the_gains_of_the_table(tabled: Unit, tmp_path: Path) -> None:
