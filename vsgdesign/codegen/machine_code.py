@@ -115,18 +115,21 @@ def object_of(texts: Sequence[str], target: str, rare: Sequence[str] = ()) -> tu
     rarely: they are compiled in less time, and are slower."""
     from llvmlite import binding
 
-    (first, machine), *others = [_parsed(text, target) for text in texts]
-    for other, _ in others:
-        first.link_in(other)
-    # A host compiles the object once more and gives out its registers itself, so that LLVM's passes pay here: a fifth
-    # faster in V8. Nothing is put side by side that the text does not put there.
+    # The object is made without effort: a host compiles it once more and gives out its registers itself.
+    machine = _machine(target, 0)
+    whole = binding.parse_assembly("")
+    for text in texts:
+        whole.link_in(_verified(text))
+    # LLVM's passes pay for the same reason: a fifth faster in V8. Nothing is put side by side that the text does not
+    # put there.
     tuning = binding.create_pipeline_tuning_options(speed_level=1)
     tuning.loop_vectorization = tuning.slp_vectorization = False
     passes = binding.create_pass_builder(machine, tuning)
-    passes.getModulePassManager().run(first, passes)
+    if texts:
+        passes.getModulePassManager().run(whole, passes)
     for text in rare:
-        first.link_in(_parsed(text, target)[0])
-    return machine.emit_object(first), [one.name for one in first.functions if not one.is_declaration]
+        whole.link_in(_verified(text))
+    return machine.emit_object(whole), [one.name for one in whole.functions if not one.is_declaration]
 
 
 @functools.cache
@@ -140,6 +143,11 @@ def _start() -> None:
 
 
 def _parsed(text: str, target: str, effort: int = 2) -> tuple[Any, Any]:
+    machine = _machine(target, effort)
+    return _verified(text), machine
+
+
+def _machine(target: str, effort: int) -> Any:
     from llvmlite import binding
 
     _start()
@@ -151,10 +159,15 @@ def _parsed(text: str, target: str, effort: int = 2) -> tuple[Any, Any]:
         kind = binding.Target.from_triple(wanted.triple)
     else:
         kind = binding.Target.from_default_triple()
-    machine = kind.create_target_machine(cpu=wanted.cpu, features=wanted.features, opt=effort, jit=not wanted.triple)
+    return kind.create_target_machine(cpu=wanted.cpu, features=wanted.features, opt=effort, jit=not wanted.triple)
+
+
+def _verified(text: str) -> Any:
+    from llvmlite import binding
+
     module = binding.parse_assembly(text)
     module.verify()
-    return module, machine
+    return module
 
 
 def _build(text: str, target: str, quickly: bool) -> Any:

@@ -132,7 +132,7 @@ def live_page(
     """
     try:
         start = {} if controllers is None else {"controllers": list(controllers)}
-        text = page_of_session(Session(study, ready, start=start), lattice, tell, cases=cases)
+        text = page_of_session(Session(study, ready, start=start), lattice, tell, cases=cases, quickly=True)
     except VsgDesignError as error:
         return StaticPage(None, str(error))
     size = len(text.encode("utf-8"))
@@ -150,10 +150,11 @@ def page_of_session(
     workers: int | None = 1,
     *,
     cases: Sequence[PageCase] = (),
+    quickly: bool = False,
 ) -> str:
-    """The text of :func:`write_page`."""
+    """The text of :func:`write_page`. ``quickly`` is that of :func:`page_runs`."""
     ideal_link(session.study, "the page that simulates")
-    return page_text(_kept(session, lattice, tell, workers, cases))
+    return page_text(_kept(session, lattice, tell, workers, cases, quickly))
 
 
 def _check_known(study: Study, start: State) -> None:
@@ -184,7 +185,12 @@ def _part_of(study: Study, ready: Ready, states: Sequence[State]) -> _Part:
 
 
 def _kept(
-    session: Session, counts: tuple[int, int], tell: Progress, workers: int | None, cases: Sequence[PageCase]
+    session: Session,
+    counts: tuple[int, int],
+    tell: Progress,
+    workers: int | None,
+    cases: Sequence[PageCase],
+    quickly: bool,
 ) -> dict[str, Any]:
     """What the page holds."""
     info, start, study = session.info(), session.start, session.study_of(session.start)
@@ -214,7 +220,8 @@ def _kept(
             for held, parts in found.items()
         }
         cells = {held: (states[held], joined([part.starts for part in parts])) for held, parts in found.items()}
-        runs = page_runs(study, session.ready, lattice, cells, _models(session, study, states), texts, cases)
+        models = _models(session, study, states)
+        runs = page_runs(study, session.ready, lattice, cells, models, texts, cases, quickly=quickly)
     tell("cells of the page", 1.0)
     scene = scene_of(study, session.ready, start)
     controllers = [
