@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+import time
 
 import pytest
 
@@ -71,6 +72,27 @@ def test_a_signal_where_python_loses_the_exception(capfd: pytest.CaptureFixture[
     assert reached == ["after it"]
     assert (stops[0].number, sys.unraisablehook) == (signal.SIGINT, hook)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a thread that waits there hears no signal")
+def test_a_signal_that_does_not_meet_the_thread_that_waits() -> None:
+    """One that came in the moment before the wait, or to another thread, was noted, and the wait went on for ever."""
+    began = time.monotonic()
+
+    def block() -> None:
+        with signals_raise() as stop:
+            stops.append(stop)
+            other.start()
+            threading.Event().wait(60.0)
+
+    other = threading.Timer(0.2, lambda: signal.pthread_kill(threading.get_ident(), signal.SIGINT))
+    threads, stops = threading.active_count(), list[Stop]()
+    with pytest.raises(KeyboardInterrupt):
+        block()
+    assert time.monotonic() - began < 50.0
+    assert (stops[0].number, signal.set_wakeup_fd(-1)) == (signal.SIGINT, -1)
+    other.join()
+    assert threading.active_count() == threads
 
 
 def test_an_exception_that_is_lost_without_a_signal_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import math
 import os
 import signal
 import sys
@@ -12,7 +13,7 @@ from contextlib import contextmanager
 # Loaded before everything else, and nothing slow with it: until it is, Python answers Ctrl-C with a traceback.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Container, Iterator
     from types import FrameType
     from typing import Any
 
@@ -20,7 +21,7 @@ STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP
 _AGAIN_S = 1.0
 """A terminal that closes sends several signals at once: they are one."""
 _ONCE_MORE_S = 0.02
-"""After so long, a signal comes again whose exception was lost."""
+"""After so long, a signal comes again whose exception was lost, or whose handler has not run."""
 
 
 class Stop:
@@ -28,7 +29,8 @@ class Stop:
 
     def __init__(self, number: int | None = None) -> None:
         self.number = number
-        self.at = 0.0
+        self.at = self.heard = -math.inf
+        """When it came, and when the last one was handled."""
 
     @property
     def exit_code(self) -> int:
@@ -63,12 +65,13 @@ def signals_raise() -> Iterator[Stop]:
     """Within the block each of them raises KeyboardInterrupt: what cleans up after Ctrl-C does so after all.
 
     Where Python cannot pass on the exception, as within ``__del__``, it is raised again a moment later. Ignored ones
-    stay ignored (nohup). Off the main thread, where Python delivers no signals, nothing is changed.
+    stay ignored (nohup). Off the main thread, where Python delivers no signals, nothing is changed. A thread that waits
+    for a lock is woken as well.
     """
     stop = Stop()
 
     def stopping(number: int, _frame: FrameType | None) -> None:
-        now = time.monotonic()
+        stop.heard = now = time.monotonic()
         if stop.number is None or now - stop.at > _AGAIN_S:
             stop.number = stop.number or number
             stop.at = now
@@ -78,11 +81,11 @@ def signals_raise() -> Iterator[Stop]:
         if stop.number is None or not issubclass(unraisable.exc_type, KeyboardInterrupt):
             before(unraisable)
             return
-        stop.at = -_AGAIN_S
+        stop.at = -math.inf
         _send_again(stop.number)
 
     before = sys.unraisablehook
-    with _handled(stopping):
+    with _handled(stopping) as handled, _woken(stop, handled):
         sys.unraisablehook = lost
         try:
             yield stop
@@ -90,18 +93,55 @@ def signals_raise() -> Iterator[Stop]:
             sys.unraisablehook = before
 
 
+@contextmanager
+def _woken(stop: Stop, handled: Container[int]) -> Iterator[None]:
+    """Within the block, a signal is sent again until it has been handled.
+
+    Python handles a signal in the main thread, between two of its steps. Where it comes in the moment before that
+    thread waits for a lock, or to another thread, the wait goes on, for ever if nothing else ends it: only a signal
+    that meets a thread that already waits is seen there. A thread of its own therefore hears what is noted.
+    """
+    if sys.platform == "win32" or not handled:
+        yield
+        return
+    import threading
+
+    main, over = threading.get_ident(), threading.Event()
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+
+    def listen() -> None:
+        while noted := os.read(read, 1):
+            since, pause = time.monotonic() - _AGAIN_S, _ONCE_MORE_S
+            while noted[0] in handled and stop.heard < since and not over.wait(pause):
+                _send(noted[0], main)
+                pause = min(2.0 * pause, _AGAIN_S)
+
+    listener = threading.Thread(target=listen, name="signals", daemon=True)
+    listener.start()
+    before = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        over.set()
+        os.close(write)
+        listener.join()
+        os.close(read)
+
+
+def _send(number: int, thread: int) -> None:
+    if sys.platform != "win32":
+        signal.pthread_kill(thread, number)
+    else:
+        signal.raise_signal(number)
+
+
 def _send_again(number: int) -> None:
     """Sends a signal to the main thread, soon."""
     import threading
 
-    def send() -> None:
-        if sys.platform != "win32":
-            signal.pthread_kill(main, number)
-        else:
-            signal.raise_signal(number)
-
-    main = threading.main_thread().ident or 0
-    timer = threading.Timer(_ONCE_MORE_S, send)
+    timer = threading.Timer(_ONCE_MORE_S, _send, (number, threading.main_thread().ident or 0))
     timer.daemon = True
     timer.start()
 
@@ -144,10 +184,10 @@ def _ending(end: End) -> Callable[[int, FrameType | None], None]:
 
 
 @contextmanager
-def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[dict[int, Any]]:
     before = _handle(handler)
     try:
-        yield
+        yield before
     finally:
         for number, previous in before.items():
             signal.signal(number, previous)
