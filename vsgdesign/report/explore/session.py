@@ -79,6 +79,8 @@ class Session:
         self._colours = {spec.name: colour_of(k) for k, spec in enumerate(study.controllers)}
         self._info: dict[str, Any] | None = None
         self._apart: list[AnsweringProcess] = []
+        self._processes: list[AnsweringProcess] = []
+        """Those that answer EMT, and those that begin."""
         self.start = self.state(start or {})
 
     def info(self) -> dict[str, Any]:
@@ -189,12 +191,21 @@ class Session:
         from vsgdesign.execution.workers import AnsweringProcess
 
         ready = self.ready
-        return AnsweringProcess(_emt_of, self.study, dict(ready.tables), ready.network, STRUCTURES.added)
+        process = AnsweringProcess(_emt_of, self.study, dict(ready.tables), ready.network, STRUCTURES.added)
+        with self._lock:
+            closed = self._closed.is_set()
+            if not closed:
+                self._processes.append(process)
+        if closed:
+            process.close()
+        return process
 
     def close(self) -> None:
         """Ends the processes in which EMT is computed, and a warm-up at its next step."""
-        self._closed.set()
-        for process in self._apart:
+        with self._lock:
+            self._closed.set()
+            processes, self._processes = self._processes, []
+        for process in processes:
             process.close()
         self._apart = []
 
