@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 
 from tests.oracles.emt_circuit import Changing
 from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.event import Event
 
 Array = NDArray[np.complex128]
 
@@ -27,13 +28,19 @@ class Battery:
 
     def __init__(self, study: Study, memory: Sequence[float]) -> None:
         assert study.dc is not None
-        self.p, self.s = study.dc.values, memory[0]
+        self.p, self.nominal, self.s = study.dc.values, study.dc.values, memory[0]
 
     def decide(self, v: float, _p_b: float) -> None:
         i = (self._open(self.s) - v) / self.p["R_i"]
         high = self.p["i_max"] if self.s > 0.0 else 0.0
         low = -self.p["i_charge_max"] if self.s < 1.0 else 0.0
         self.held = None if low <= i <= high else min(max(i, low), high)
+
+    def change(self, event: Event) -> None:
+        if event.dc_power is not None:
+            self.p |= {name: event.dc_power * self.nominal[name] for name in ("i_max", "i_charge_max")}
+        if event.dc_charge is not None:
+            self.s = event.dc_charge
 
     def _open(self, charge: float) -> float:
         points = self.p["open_circuit"]
@@ -52,7 +59,11 @@ class Stage:
     def __init__(self, study: Study, memory: Sequence[float]) -> None:
         assert study.dc is not None
         self.p, self.T, self.V = study.dc.values, study.converter.T_s, study.converter.V_dc
-        self.s, self.target = memory[:2]
+        self.s, self.target, self.nominal = *memory[:2], self.p["p_max"]
+
+    def change(self, event: Event) -> None:
+        if event.dc_power is not None:
+            self.p["p_max"] = event.dc_power * self.nominal
 
     def decide(self, v: float, p_b: float) -> None:
         asked = self.p["k_p"] * (self.V - v) + self.p["feed_forward"] * p_b
@@ -76,7 +87,12 @@ class Module:
         hotter = (kelvin / 298.15) ** 3 * math.exp((1.121 / 298.15 - gap / kelvin) / 8.617333e-5)
         self.light = p["irradiance"] / 1000.0 * (p["I_L"] + p["alpha_sc"] * (kelvin - 298.15))
         self.dark, self.a = p["I_0"] * hotter, p["a"] * kelvin / 298.15
-        self.shunt = p["R_sh"] * 1000.0 / p["irradiance"]
+        self.shunt, self.clear_sky = p["R_sh"] * 1000.0 / p["irradiance"], self.light / p["irradiance"]
+
+    def change(self, event: Event) -> None:
+        if event.irradiance is not None:
+            self.light = self.clear_sky * event.irradiance
+            self.shunt = self.p["R_sh"] * 1000.0 / event.irradiance
 
     def decide(self, _v: float, _p_b: float) -> None:
         pass
@@ -104,6 +120,7 @@ class WithLink(Changing):
         self.share = 1.0 / math.sqrt(3.0) if study.converter.zero_sequence else 0.5
         self.of_link = 1e-13 * np.array([study.converter.V_dc, 1.0, study.converter.S_rated])
         self.trace: list[float] = []
+        self.events = list(study.events)
 
     def bridge_limit(self, before: float) -> float:
         del before
@@ -115,6 +132,8 @@ class WithLink(Changing):
 
     def moved(self, x: Array, pieces: Sequence[tuple], atol: NDArray[np.float64], _begin: float = 0.0) -> Any:
         """The circuit's state after a period, with that of the link, its source and the energy that the bridge took."""
+        while self.events and self.events[0].t_s <= (len(self.trace) + 1e-6) * self.T:
+            self.source.change(self.events.pop(0))
         self.source.decide(self.v, self.p_b)
         self.trace.append(self.v)
         y = np.concatenate([x.real, x.imag, [self.v, self.source.s, 0.0]])

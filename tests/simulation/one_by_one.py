@@ -20,6 +20,7 @@ from vsgdesign.simulation.scenario import derive_series
 from vsgdesign.simulation.survival.demand import settling_time_of
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
+from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import ControllerSpec, Event, Study
 
@@ -46,6 +47,7 @@ def study_of(study: Study, cases: LaneCases, k: int, T: float) -> Study:
                 phase_jump=float(e.phase_jump[k, j]),
                 P_ref=given(e.P_ref[k, j]),
                 Q_ref=given(e.Q_ref[k, j]),
+                **{name: given(getattr(e, name)[k, j]) for name in DC_QUANTITIES},
             )
         )
     omega_end = next((float(w) for w in e.omega_g[k, ::-1] if np.isfinite(w)), float(cases.omega_g[k]))

@@ -107,6 +107,35 @@ def test_against_dop853(build, text: str) -> None:
     assert max(errors.values()) < TOLERANCE, errors
 
 
+OF_SOURCE = {
+    "battery": ("dc_power = 0.1", "dc_charge = 0.95", "dc_charge = 0.0\ndc_power = 0.7"),
+    "converter": ("dc_power = 0.5", "dc_power = 0.65", "dc_power = 1.0"),
+    "photovoltaic": ("irradiance = 1050", "irradiance = 500", "irradiance = 800"),
+}
+
+
+@pytest.mark.parametrize("text", [BATTERY, STAGE, ARRAY], ids=list(OF_SOURCE))
+def test_events_of_the_source_against_dop853(text: str) -> None:
+    """Each event acts at the first sample at or after its instant, and what an event does not name stays."""
+    (name,) = [one for one in OF_SOURCE if f'"{one}"' in text]
+    times = ("4 ms", "8.01 ms", "11.03 ms")
+    events = "".join(f"[[events]]\ntime = '{t}'\n{what}\n" for t, what in zip(times, OF_SOURCE[name], strict=True))
+    study, still = (with_source(lcl_study, text, more, "15 ms") for more in (events, ""))
+    gains = [GainChange(0.0, GAINS)]
+    run, undisturbed = simulate(study, gains), simulate(still, gains)
+    assert run.dc_log is not None
+    assert undisturbed.dc_log is not None
+    names = dc_columns(study)
+    first = dict(zip(names, run.dc_log[0].tolist(), strict=True))
+    link = WithLink(study, first["v"], first["p"], [value for key, value in first.items() if key.startswith("memory.")])
+    run_reference(study, gains, False, library_start(study, gains), circuits=link)
+    v, before = (rows[:, names.index("v")] for rows in (run.dc_log, undisturbed.dc_log))
+    assert float(np.abs(v - np.array(link.trace)).max()) / study.converter.V_dc < TOLERANCE
+    begin = round(4e-3 / study.converter.T_s)
+    np.testing.assert_array_equal(v[: begin + 1], before[: begin + 1])
+    assert np.abs(v - before).max() > 1e-3 * study.converter.V_dc
+
+
 def test_the_bridge_blocks_at_the_sample_at_which_the_link_leaves_its_limits() -> None:
     """In a log of every tenth sample the run ends at the first row that is late; what is kept is sound."""
     text = STAGE.replace('C = "2 mF"', 'C = "600 uF"\nV_low = "{} V"')
@@ -167,6 +196,23 @@ def test_a_batch_has_the_links_of_single_runs() -> None:
     assert judged.sum() >= 4
     assert (results.status == BLOCKED)[judged].tolist() == (np.array(lowest) < limit)[judged].tolist()
     assert 0 < (results.status == BLOCKED).sum() < judged.sum()
+
+
+@pytest.mark.parametrize("family", ["dc_power", "dc_charge"])
+def test_a_batch_has_the_lost_sources_of_single_runs(family: str) -> None:
+    """The same verdicts; what is told beforehand of lost power is lost in a run."""
+    study, spec = study_named("survival", "decoupled")
+    stage = {"p_max": "4.5 kW", "p_charge_max": "4.5 kW", "energy": 20000}
+    study = study.with_changes(dc={"source": "converter", "C": "3 mF", "converter": stage})
+    cases = drawn(study, spec, family, 12)
+    status = lanes_run.run_lanes(study, spec, NOTHING, cases).status
+    blocks = []
+    for k in range(len(cases)):
+        run = run_one(study, spec, NOTHING, cases, k, "averaged")
+        blocks.append(run.divergence is not None and run.divergence.blocked)
+    expected = [one != JUDGED for one in status] if family == "dc_power" else [one == BLOCKED for one in status]
+    assert blocks == expected
+    assert 2 <= sum(blocks) <= 10
 
 
 _OF_BATTERY = {"R_i": "1 ohm", "i_max": 10, "capacity_Ah": 1}

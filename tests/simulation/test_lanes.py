@@ -10,7 +10,7 @@ import pytest
 
 from tests.simulation.one_by_one import numbers, run_one, step_of, verdict_of
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
+from vsgdesign.campaigns.verification.draws import cases_of, families, uniforms_of
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.survival import ExpectedRest
@@ -35,7 +35,7 @@ def study_named(name: str, controller: str) -> tuple[Study, ControllerSpec]:
 
 
 def drawn(study: Study, spec: ControllerSpec, family: str, count: int) -> LaneCases:
-    return cases_of(study, spec, uniforms_of(SEED, 0, count), FAMILIES.index(family), NOTHING)[0]
+    return cases_of(study, spec, uniforms_of(SEED, 0, count), families().index(family), NOTHING)[0]
 
 
 def rests_in(study: Study, spec: ControllerSpec, cases: LaneCases) -> Rests:

@@ -116,6 +116,11 @@ class DcSource:
     parameters: tuple[DcParameter, ...] = ()
     check: Callable[[DcRatings, Mapping[str, Any]], Mapping[str, str]] | None = None
     """Faults of several parameters together: {name: what is wrong}."""
+    lost: tuple[str, ...] = ()
+    """The parameters of which a share is left where a share of the source is lost."""
+    recharged: Callable[[float, Any], Mapping[str, float]] | None = None
+    """What the memory has at a state of charge, by its fields; the second argument are the constants. None: the source
+    has no charge."""
 
     def values(self, ratings: DcRatings, given: Mapping[str, Any]) -> dict[str, Any]:
         """Every parameter in SI: as given, else its default; NaN where it has to be given and is not."""

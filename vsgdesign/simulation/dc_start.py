@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.dc_link import DcSettings, DcState
 from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.linear.operating_point.sampled import SampledState
@@ -31,6 +33,16 @@ def dc_at_start(study: Study, start: SampledState) -> DcStart:
         raise ValueError("the dc link is ideal.")
     p = float(power_of_plant(study, start.plant))
     return DcStart(study.dc.settings(study.converter, study.filter), study.dc.at_rest(p, study.converter, study.filter))
+
+
+def dc_changed(study: Study, link: DcLink, changed: Mapping[str, float]) -> Iterator[tuple[str, Array]]:
+    """What a loop gets where events have changed the source: (name of the first number, numbers). ``link``: with all
+    changes up to now; ``changed``: those of this instant, by the names of DC_QUANTITIES."""
+    settings = link.settings(study.converter, study.filter)
+    yield "link", np.array(numbers_of(settings))
+    if "dc_charge" in changed:
+        for name, value in link.recharged(settings).items():
+            yield f"dc.memory.{name}", np.array([value])
 
 
 def dc_columns(study: Study) -> tuple[str, ...]:

@@ -131,7 +131,8 @@ def _measured_parts(
             return PowerLoopGains(*(float(value) for value in law(known.R_g, known.L_g, P, Q, V_rms)))
 
         at_end = GridSource(source.V_g_rms, source.omega)
-        found.append(_Measured(study, t_s, grid, at_end, timeline.references_at(t_s), gains_of))
+        held = replace(study, dc=timeline.link_at(t_s))
+        found.append(_Measured(held, t_s, grid, at_end, timeline.references_at(t_s), gains_of))
     return found
 
 

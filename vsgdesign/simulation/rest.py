@@ -142,7 +142,7 @@ def alike(studies: Sequence[Study]) -> list[list[int]]:
     groups: list[tuple[tuple[object, ...], list[int]]] = []
     for k, one in enumerate(studies):
         made_of = one.converter, one.filter, one.inner_gains, one.limiter, one.controller_settings(), one.notch
-        made_of += one.tau_P, one.tau_Q
+        made_of += one.tau_P, one.tau_Q, one.dc
         for known, group in groups:
             if known == made_of:
                 group.append(k)
@@ -167,7 +167,8 @@ def parts_of(asked: RestsAsked, since_s: float = 0.0) -> list[Part]:
     for t_s, end_s in zip(instants, ends, strict=True):
         source, grid = timeline.source_at(end_s - 1e-9), timeline.grid_at(t_s)
         gains = [change.gains for change in changes if change.t_s < end_s or change.t_s == 0.0][-1]
-        cell = Cell.with_references(grid, gains, timeline.references_at(t_s), GridSource(source.V_g_rms, source.omega))
+        at_end = GridSource(source.V_g_rms, source.omega)
+        cell = Cell.with_references(grid, gains, timeline.references_at(t_s), at_end, timeline.link_at(t_s))
         ramp_end = max([t_s, *(t for t in ramps if t_s < t <= end_s)])
         found.append(Part(t_s, end_s, names[t_s], source, ramp_end, cell))
     return found

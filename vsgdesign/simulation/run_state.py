@@ -20,10 +20,10 @@ from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.simulation.added_source import AddedSource, sensors_of
 from vsgdesign.simulation.batch import STANDS, Batch
-from vsgdesign.simulation.circuit_program import CircuitProgram, CutSample, ProgramWriter
+from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import Circuits, connection_at
 from vsgdesign.simulation.clearing import SLACK, SampleOfFault
-from vsgdesign.simulation.dc_start import blocked, dc_at_start
+from vsgdesign.simulation.dc_start import blocked, dc_at_start, dc_changed
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.online import Hears
@@ -321,6 +321,11 @@ class RunState:
         circuit.write()
         for one in self.search.records(self.timeline, self._circuits) if batch.kind.seeks else ():
             writer.put([number], [one.sample], spans[one.name].start, one.values[None])
+        for event in self.study.events:
+            if event.of_dc and (link := self.timeline.link_at(event.t_s)) is not None:
+                sample = [math.ceil(event.t_s / self.T_s - SAME_INSTANT)]
+                for name, values in dc_changed(self.study, link, event.of_dc):
+                    writer.put([number], sample, spans[name].start, values[None])
         marks = self.marks()[:-1]
         writer.put(np.full(len(marks), number), marks, spans["source"].start, self.phasors(marks))
         return circuit.cut

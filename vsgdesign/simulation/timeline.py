@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.equations.power_loops import References
 from vsgdesign.simulation.wander import Replay, Wander
+from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.network import PLAIN, Network
 from vsgdesign.study.parameters.source import GridSource, SourceComponent
@@ -64,6 +65,8 @@ class Timeline:
     """What the source has besides its fundamental."""
     networks: tuple[tuple[float, Network], ...] = ((0.0, PLAIN),)
     """Load, fault and breaker."""
+    links: tuple[tuple[float, DcLink], ...] = ()
+    """The dc link and what feeds it; empty where it is ideal."""
     wander: Wander | None = field(default=None, compare=False)
     """By how much the fundamental differs from ``sources``: the study's background, where it has one."""
     replay: Replay | None = field(default=None, compare=False)
@@ -88,6 +91,10 @@ class Timeline:
     def network_at(self, t_s: float) -> Network:
         """Load, fault and breaker from t_s on."""
         return _last(self.networks, t_s, lambda n: n[0])[1]
+
+    def link_at(self, t_s: float) -> DcLink | None:
+        """The dc link from t_s on; None where it is ideal."""
+        return _last(self.links, t_s, lambda one: one[0])[1] if self.links else None
 
     @property
     def islanded(self) -> bool:
@@ -188,7 +195,20 @@ def build_timeline(study: Study) -> Timeline:
         if changed != now:
             present = changed
             sources = [s for s in sources if s.t_s < t_s or s.t_s == 0.0 < t_s] + [changed]
-    return Timeline(tuple(sources), tuple(grids), tuple(references), tuple(components), tuple(networks), wander, replay)
+    held = (sources, grids, references, components, networks, _links(study))
+    return Timeline(*map(tuple, held), wander, replay)  # type: ignore[arg-type]
+
+
+def _links(study: Study) -> list[tuple[float, DcLink]]:
+    """The dc link from each instant on at which its source changes; none where it is ideal."""
+    if study.dc is None:
+        return []
+    found, now = [(0.0, study.dc)], dict[str, float]()
+    for event in sorted(study.events, key=lambda event: event.t_s):
+        if event.of_dc:
+            now |= event.of_dc
+            found.append((event.t_s, study.dc.after(now)))
+    return found
 
 
 def _at_start(study: Study) -> tuple[SourceSegment, float, float, Wander | None, Replay | None]:

@@ -14,6 +14,7 @@ from vsgdesign.campaigns.compliance.measures import MEASURES
 from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.metrics.survival import NOT_AT_REST
 from vsgdesign.simulation.survival.scenario import ISLAND_F
+from vsgdesign.study.parameters.dc_link import not_of
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.network import Network
 from vsgdesign.study.parameters.study import Study
@@ -65,6 +66,8 @@ def not_applicable(subject: Subject, test: SuiteTest) -> str | None:
     if unknown:
         raise ValueError(f"needs = {', '.join(unknown)}: there are {', '.join(NEEDS)}.")
     missing = [why for name in test.needs if (why := NEEDS[name](subject)) is not None]
+    changed = dict.fromkeys(name for event in test.events for name in event.of_dc)
+    missing += [why for name in changed if (why := not_of(subject.study.dc, name)) is not None]
     return "; ".join(missing) or None
 
 

@@ -94,7 +94,8 @@ def _judged_in(study: Study, bridge: str) -> str:
 
 def _step(name: str, ranges: dict[str, Range]) -> str:
     _, step = EVENT_KINDS.steps[name]
-    return f"{step.label} by {_uniform(ranges['size'], lambda size: f'{size:.4g} {step.unit}')}, up or down"
+    words = _uniform(ranges["size"], lambda size: f"{size:.4g}{'' if step.unit == '1' else f' {step.unit}'}")
+    return f"{step.label}, {words}" if step.new else f"{step.label} by {words}, up or down"
 
 
 def _known(error: float, error_Z: float) -> str:

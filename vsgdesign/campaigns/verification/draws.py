@@ -406,7 +406,7 @@ def _step_kinds(draw: _Draw, events: LaneEvents) -> None:
     for name, (kind, step) in EVENT_KINDS.steps.items():
         of = draw.of(name)
         if of.size:
-            size = signed_of(draw.ranges(name)["size"], draw.u["own_1"][of])
+            size = (uniform_of if step.new else signed_of)(draw.ranges(name)["size"], draw.u["own_1"][of])
             scope = scope_of(c, draw.study.simulation.reference_limit_pu)
             low, high = (kind.one(c) * at(end, scope) for end in (kind.low, kind.high))
             getattr(events, kind.quantity)[of, 0] = np.clip(step.value(size, c), low, high)

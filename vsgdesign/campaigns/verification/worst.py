@@ -268,7 +268,7 @@ def what_of(study: Study, cases: LaneCases, k: int) -> str:
             changes.append(f"the frequency goes to {event.omega_g / (2.0 * math.pi):.5g} Hz{over}")
         if event.phase_jump != 0.0:
             changes.append(f"the phase jumps by {math.degrees(event.phase_jump):+.3g}°")
-        others = (kind for kind in values if kind.of_controller and kind.quantity not in references)
+        others = (kind for kind in values if kind.of_dc or (kind.of_controller and kind.quantity not in references))
         changes += [f"{kind.words(value, c)} is set" for kind in others if (value := values[kind]) is not None]
         changes += [also] if also and not parts else []
         parts.append(f"at {event.t_s:.4g} s {_listed(changes)}")

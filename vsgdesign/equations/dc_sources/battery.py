@@ -187,5 +187,7 @@ BATTERY = DcSource(
     battery_rest,
     _PARAMETERS,
     _check,
+    lost=("i_max", "i_charge_max"),
+    recharged=lambda charge, _: {"charge": charge},
 )
 """A battery without a dc–dc stage."""

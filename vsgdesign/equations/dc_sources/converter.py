@@ -112,9 +112,10 @@ def stage_rest(p: float, ratings: DcRatings, c: StageConstants, values: Mapping[
     v = c.V - (1.0 - c.forward) * p / c.k_p
     for _ in range(50):
         v -= (c.k_p * (c.V - v) + c.forward * p - p - g * v * v) / (-c.k_p - 2.0 * g * v)
-    needed = p + g * v * v
-    if not (c.p_min <= needed <= c.p_max) or not v > 0.0:
-        raise ValueError(f"the stage would give {needed:.4g} W, and its limits are {c.p_min:.4g} to {c.p_max:.4g} W")
+    needed, charge = p + g * v * v, values["charge"]
+    low, high = c.p_min if charge < 1.0 else 0.0, c.p_max if charge > 0.0 else 0.0
+    if not (low <= needed <= high) or not v > 0.0:
+        raise ValueError(f"the stage would give {needed:.4g} W, and its limits are {low:.4g} to {high:.4g} W")
     return v, StageMemory(p=needed, target=needed, stored=values["charge"] * values["energy"])
 
 
@@ -146,5 +147,7 @@ CONVERTER = DcSource(
         DcParameter("energy", "J", 1e-3, UNLIMITED_J, "usable energy", default=UNLIMITED_J, shown="no limit"),
         DcParameter("charge", "1", 0.0, 1.0, "share of the usable energy at the start", default=0.5),
     ),
+    lost=("p_max", "p_charge_max"),
+    recharged=lambda charge, c: {"stored": charge * c.energy},
 )
 """A stage that holds the voltage of the link."""

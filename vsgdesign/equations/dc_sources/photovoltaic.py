@@ -141,5 +141,6 @@ PHOTOVOLTAIC = DcSource(
         DcParameter("R_sh", "ohm", 1.0, 1e6, "shunt resistance of a module at 1,000 W/m²", default=381.68),
         DcParameter("alpha_sc", "A/K", -0.1, 0.1, "change of the photocurrent with the temperature", default=0.004539),
     ),
+    lost=("strings",),
 )
 """An array without a dc–dc stage. The default module is the CS5P-220M of the database of the CEC."""

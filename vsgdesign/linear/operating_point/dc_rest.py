@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -29,13 +30,13 @@ def power_of_plant(study: Study, plant: Array) -> Any:
     return bridge_power(study, v_c + study.filter.R_c * (i_s - i_g), i_s)
 
 
-def links_at_rest(study: Study, link: DcLink, p: Array) -> Array:
-    """(N,): voltages of the dc link while the bridge takes these powers (W), V; NaN where its source cannot give them,
+def links_at_rest(study: Study, links: Sequence[DcLink], p: Array) -> Array:
+    """(N,): voltages of N dc links while their bridges take these powers (W), V; NaN where the source cannot give them,
     and where the power is NaN."""
     found = np.full(len(p), np.nan)
-    for k in np.flatnonzero(np.isfinite(p)):
+    for k in np.flatnonzero(np.isfinite(p)).tolist():
         try:
-            found[k] = link.at_rest(float(p[k]), study.converter, study.filter).v
+            found[k] = links[k].at_rest(float(p[k]), study.converter, study.filter).v
         except InfeasibleStudyError:
             continue
     return found

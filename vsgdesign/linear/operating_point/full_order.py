@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -27,6 +27,7 @@ from vsgdesign.linear.operating_point.many import Lanes, ManyStates, lanes_of, m
 from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, fault_of_rest
 from vsgdesign.metrics.modes import Eigen, eigen
+from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
@@ -50,11 +51,15 @@ class Cell:
     omega_0: float | None = None
     V_n: float | None = None
     """The other set points, rad/s and phase rms V; None: nominal."""
+    link: DcLink | None = None
+    """The dc link; None: that of the study."""
 
     @classmethod
-    def with_references(cls, grid: Grid, gains: PowerLoopGains, refs: References, source: GridSource) -> Cell:
+    def with_references(
+        cls, grid: Grid, gains: PowerLoopGains, refs: References, source: GridSource, link: DcLink | None = None
+    ) -> Cell:
         """The cell of these set points."""
-        return cls(grid, gains, refs.P_ref, refs.Q_ref, source, refs.omega_0, refs.V_n)
+        return cls(grid, gains, refs.P_ref, refs.Q_ref, source, refs.omega_0, refs.V_n, link)
 
     def lanes(self, study: Study) -> Lanes:
         """Grid, source and set points on a study's converter."""
@@ -113,11 +118,13 @@ def steady_cells(study: Study, cells: Sequence[Cell]) -> SteadyCells:
     )
     if not cells:
         return SteadyCells(lanes, gains, None, ())
-    states = many_steady_states(study, lanes, gains)
+    links = None if study.dc is None else [cell.link or study.dc for cell in cells]
+    states = many_steady_states(study, lanes, gains, links=links)
     faults: list[str | None] = [None] * len(cells)
     for k in np.flatnonzero(states.fault).tolist():
         cell = cells[k]
-        asked = (study, cell.grid, cell.source or study.grid_source, at[k].refs, cell.gains)
+        own = study if cell.link is None else replace(study, dc=cell.link)
+        asked = (own, cell.grid, cell.source or study.grid_source, at[k].refs, cell.gains)
         faults[k] = str(fault_of_rest(*asked, states, lane=k))
     return SteadyCells(lanes, gains, states, tuple(faults))
 

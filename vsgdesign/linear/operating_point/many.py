@@ -24,6 +24,7 @@ from vsgdesign.linear.operating_point.equilibrium import points_with_droop
 from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit, plant_step
 from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
+from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
@@ -125,6 +126,7 @@ def many_steady_states(
     *,
     free_of_limits: bool = False,
     circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None = None,
+    links: Sequence[DcLink] | None = None,
 ) -> ManyStates:
     """The states that one control period only rotates by ω_g·T_s, with the source's phasor at ``phase`` (rad).
 
@@ -132,12 +134,12 @@ def many_steady_states(
     without a steady state has its reason in ``fault`` and does not affect the others. With ``free_of_limits``, a
     current above the limit is no fault, and the caller judges it. The limit of the bridge voltage always counts.
     ``circuit``, with equal axes, takes the place of the filter and of all that is connected to it: one for a lane
-    alone, or one for each lane, all with the same states.
+    alone, or one for each lane, all with the same states. ``links``: the dc link of each lane; None: that of the study.
     """
     lanes, gains = lanes_of(study, lanes, gains)
     paths = paths_of(study, lanes, circuit)
     V, delta = points_of(paths, lanes, gains)
-    return states_at(study, paths, lanes, gains, V, delta, phase, free_of_limits)
+    return states_at(study, paths, lanes, gains, V, delta, phase, free_of_limits, links=links)
 
 
 def lanes_of(study: Study, lanes: Lanes, gains: PowerLoopGains) -> tuple[Lanes, PowerLoopGains]:
@@ -247,10 +249,11 @@ def states_at(
     phase: Array | float,
     free_of_limits: bool,
     fault: NDArray[np.int64] | None = None,
+    links: Sequence[DcLink] | None = None,
 ) -> ManyStates:
     """The steady states with the given V and δ. V is NaN in lanes without a steady state."""
     with np.errstate(invalid="ignore"):
-        return _states_of(study, paths, lanes, gains, V, delta, phase, free_of_limits, fault)
+        return _states_of(study, paths, lanes, gains, V, delta, phase, free_of_limits, fault, links)
 
 
 def _states_of(
@@ -263,6 +266,7 @@ def _states_of(
     phase: Array | float,
     free_of_limits: bool,
     fault: NDArray[np.int64] | None,
+    links: Sequence[DcLink] | None,
 ) -> ManyStates:
     settings, inner, c = study.controller_settings(), study.inner_gains, study.converter
     theta = delta + phase
@@ -329,7 +333,9 @@ def _states_of(
     _mark(found, lost, NO_POINT)
     v_max: Any = settings.v_max_pk
     if study.dc is not None:
-        v_dc = links_at_rest(study, study.dc, np.where(found > 0, np.nan, bridge_power(study, v, i_s)))
+        v_dc = links_at_rest(
+            study, links or [study.dc] * len(V), np.where(found > 0, np.nan, bridge_power(study, v, i_s))
+        )
         _mark(found, np.isnan(v_dc), DC_SOURCE)
         v_max = linear_modulation_limit(v_dc, c.zero_sequence)
     _mark(found, np.abs(v_b) > v_max, BRIDGE_VOLTAGE)

@@ -24,6 +24,7 @@ from vsgdesign.linear.operating_point.many import (
 )
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit
 from vsgdesign.linear.operating_point.sampled import SampledState, fault_of_rest, state_of_lane
+from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
@@ -54,6 +55,7 @@ def many_rests_with_measured_gains(
     *,
     free_of_limits: bool = False,
     circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None = None,
+    links: Sequence[DcLink] | None = None,
 ) -> tuple[ManyStates, PowerLoopGains]:
     """The steady states with the gains that belong to their own P, Q and V, and these gains.
 
@@ -114,7 +116,7 @@ def many_rests_with_measured_gains(
     fault[active] = NOT_CONVERGED
     V[fault > 0] = np.nan
     found = PowerLoopGains(*gains)
-    return states_at(study, paths, lanes, found, V, delta, phase, free_of_limits, fault), found
+    return states_at(study, paths, lanes, found, V, delta, phase, free_of_limits, fault, links), found
 
 
 def _secant(at: Array, change: Array, at_last: Array, change_last: Array, scale: Array) -> Array:

@@ -49,7 +49,7 @@ def events_of(study: Study) -> list[dict[str, Any]]:  # noqa: ARG001 - as the se
     names = ("label", "unit", "low", "high", "step", "value")
     steps = {
         name: (step.label, step.unit, -step.most, step.most, 0.02 * step.most, step.size[1])
-        for name, (_, step) in EVENT_KINDS.steps.items()
+        for name, (_, step) in EVENT_KINDS.explored.items()
     }
     return [{"kind": kind, **dict(zip(names, row, strict=True))} for kind, row in (_LABELS | steps).items()]
 
@@ -137,8 +137,8 @@ def events_at(study: Study, event: EventOfState, t_s: float, P_ref: float, Q_ref
         if event.signal == "P":
             return (Event(t_s, name, P_ref=P_ref + size),)
         return (Event(t_s, name, Q_ref=Q_ref + size),)
-    if event.kind in EVENT_KINDS.steps:
-        kind, step = EVENT_KINDS.steps[event.kind]
+    if event.kind in EVENT_KINDS.explored:
+        kind, step = EVENT_KINDS.explored[event.kind]
         name = STEP_NAME.format(step.label, f"{event.size:+.3g}", step.unit)
         return (replace(Event(t_s, name), **{kind.quantity: step.value(event.size, c)}),)
     if event.kind == "grid":

@@ -271,7 +271,7 @@ def _set_points(c: Converter) -> dict[str, Any]:
             "unit": kind.one(c),
             "name": STEP_NAME.format(step.label, "{:+.3g}", step.unit),
         }
-        for name, (kind, step) in EVENT_KINDS.steps.items()
+        for name, (kind, step) in EVENT_KINDS.explored.items()
         if kind.of_controller
     }
 

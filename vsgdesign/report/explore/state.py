@@ -19,7 +19,7 @@ from vsgdesign.study.parameters.units import UnitError, parse_quantity
 
 EVENTS = ("step", "grid", "phase", "sag", "ramp")
 """Events of the page: step of a reference, jump of the impedance, phase jump, voltage sag, ramp of the frequency. The
-kinds that have a step of their own follow (:attr:`vsgdesign.study.parameters.event_kinds.EventKinds.steps`)."""
+kinds that have a step of their own follow (:attr:`vsgdesign.study.parameters.event_kinds.EventKinds.explored`)."""
 
 SIGNALS = ("P", "Q")
 
@@ -250,7 +250,7 @@ def state_of(document: Any, study: Study) -> State:
 
 def sizes_of_steps() -> dict[str, tuple[float, float, str]]:
     """As :data:`SIZES`, of the kinds that have a step of their own."""
-    return {name: (-step.most, step.most, step.unit) for name, (_, step) in EVENT_KINDS.steps.items()}
+    return {name: (-step.most, step.most, step.unit) for name, (_, step) in EVENT_KINDS.explored.items()}
 
 
 def _event(reader: _Reader, given: Any, standard: dict[str, Any]) -> EventOfState:

@@ -14,7 +14,9 @@ from vsgdesign.equations.power_loops import References
 from vsgdesign.linear.operating_point.many import Lanes
 from vsgdesign.simulation.lanes.around import NOTHING, Around
 from vsgdesign.simulation.segments import Segments
+from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.network import Network
 from vsgdesign.study.parameters.study import Study
@@ -31,7 +33,7 @@ ACTIVE, REACTIVE = 0, 1
 """The signal of a step: P or Q."""
 
 
-_QUANTITIES = ("V_g_rms", "omega_g", *References._fields)
+_QUANTITIES = ("V_g_rms", "omega_g", *References._fields, *DC_QUANTITIES)
 _NOTHING = ("over", "phase_jump")
 """Quantities of an event that are NaN, and those that are zero, where it does not change them."""
 
@@ -66,6 +68,12 @@ class LaneEvents:
     """Frequency set point, rad/s."""
     V_n: Array
     """Voltage set point, phase rms, V."""
+    dc_power: Array
+    """Share of the source of the dc link that is left."""
+    dc_charge: Array
+    """Its state of charge."""
+    irradiance: Array
+    """On its array, W/m²."""
 
     @property
     def count(self) -> int:
@@ -150,6 +158,21 @@ class LaneCases:
                 known = np.isfinite(given) & np.isfinite(self.events.t_s[:, k])
                 values[known] = given[known]
         return References(*at_end)
+
+    def links(self, link: DcLink | None) -> tuple[tuple[DcLink, ...], ...] | None:
+        """The dc links of each case, from the start on and from each event on; None where no event changes them."""
+        given = np.stack([getattr(self.events, name) for name in DC_QUANTITIES])
+        if link is None or not np.isfinite(given).any():
+            return None
+        found = []
+        for k in range(len(self)):
+            now, held = dict[str, float](), [link]
+            for values in given[:, k].T.tolist():
+                new = {name: value for name, value in zip(DC_QUANTITIES, values, strict=True) if math.isfinite(value)}
+                now |= new
+                held.append(link.after(now) if new else held[-1])
+            found.append(tuple(held))
+        return tuple(found)
 
     def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
         """Some of the cases, by index or by mask."""

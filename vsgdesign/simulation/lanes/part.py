@@ -22,6 +22,7 @@ from vsgdesign.metrics.survival import END_S, FIRST_S, SAME_ROW, SurvivalDemand
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, ProgramWriter
 from vsgdesign.simulation.circuits import Circuits
+from vsgdesign.simulation.dc_start import dc_changed
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of, study_of_case
 from vsgdesign.simulation.lanes.feed import FED_SAMPLES, LaneFeed
 from vsgdesign.simulation.lanes.phasors import put_phasors, take_up_phasors
@@ -32,6 +33,7 @@ from vsgdesign.simulation.run_kind import STEP as STEP_WATCHED
 from vsgdesign.simulation.segments import segments_of_timelines
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.dc_link import DcLink
+from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -246,6 +248,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     elif waves is not None or sensors:
         take_up_phasors(part, writer, cases, segments, waves, part.end)
     put_references(part, writer, cases)
+    _put_links(part, writer, cases)
     (watch_step if step else watch_disturbance)(part, writer, cases, rests)
     if moved and not step:
         at_start = np.array([one.source_phase(np.zeros(1))[0] for one in lines])
@@ -334,6 +337,18 @@ def put_references(part: Watched, writer: ProgramWriter, cases: LaneCases) -> No
             if some.size:
                 at = at_or_after(events.t_s[some, k], T_s, SAME_INSTANT)
                 writer.put(some, at, part.place[f"refs.{name}"], getattr(events, name)[some, k])
+
+
+def _put_links(part: Part, writer: ProgramWriter, cases: LaneCases) -> None:
+    """Changes of the sources of the dc links: in force at the first sample at or after their time."""
+    study, events = part.study, cases.events
+    for lane, held in enumerate(cases.links(study.dc) or ()):
+        for j, link in enumerate(held[1:]):
+            given = {name: float(getattr(events, name)[lane, j]) for name in DC_QUANTITIES}
+            changed = {name: value for name, value in given.items() if math.isfinite(value)}
+            at = at_or_after(events.t_s[lane, j : j + 1], study.converter.T_s, SAME_INSTANT)
+            for name, values in dc_changed(study, link, changed) if changed else ():
+                writer.put([lane], at, part.spans[name].start, values[None])
 
 
 def _load(part: Watched, writer: ProgramWriter, lanes: NDArray[np.intp], t_s: Array, at: Samples, first: bool) -> None:

@@ -89,7 +89,15 @@ def rests_of(
     at_end = Lanes(last.R_g, last.L_g, last.V_g_rms, last.omega, *cases.references_at_end(study.converter.references()))
     phase, linked = cases.around.phase, circuits_at_rest(study, cases, at_end)
     start, gains = many_rests_with_measured_gains(study, cases.at_start, told.first, phase=phase, circuit=linked.start)
-    end, _ = many_rests_with_measured_gains(study, at_end, told.known_at_end(), phase=0.0, circuit=linked.end)
+    held = cases.links(study.dc)
+    end, _ = many_rests_with_measured_gains(
+        study,
+        at_end,
+        told.known_at_end(),
+        phase=0.0,
+        circuit=linked.end,
+        links=None if held is None else [one[-1] for one in held],
+    )
     for state, obstacle in ((start, linked.none_at_start), (end, linked.none_at_end)):
         state.fault[obstacle] = NO_POINT
     step = cases.kind == STEP

@@ -203,7 +203,7 @@ def _faults(case: SurvivalCase) -> Any:
     elif case.cleared_s < max(change.end_s for change in case.changes):
         yield f"cleared_s = {case.cleared_s:g} s: must not be before the end of the last change."
     for change in case.changes:
-        if not (change.of_grid or change.set_points):
+        if not (change.of_grid or change.set_points or change.of_dc):
             yield f"the change at {change.t_s:g} s changes nothing."
     start = Place(case.start.scr, case.start.x_over_r, BASIS)
     for place in (start, *(change.place for change in case.changes if change.place is not None)):

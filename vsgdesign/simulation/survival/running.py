@@ -176,7 +176,8 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
         since_s = case.lead_s + case.cleared_s + demand.deadline_s
         refs = timeline.references_at(study.simulation.duration)
         known = _known(subject, told, study.simulation.duration)
-        rest = rest_on(subject, study, known, *late_grid(study, timeline, since_s), refs)
+        held = replace(study, dc=timeline.link_at(study.simulation.duration))
+        rest = rest_on(subject, held, known, *late_grid(study, timeline, since_s), refs)
     elif subject.bridge == "pwm":
         rest = own_rest_of(rest, record, demand)
     instants = case.instants_s
@@ -214,7 +215,8 @@ def rest_of(
     source = timeline.source_at(t_s)
     at = GridSource(source.V_g_rms, source.omega)
     known, refs = _known(subject, told, t_s), timeline.references_at(t_s)
-    return rest_on(subject, study, known, timeline.grid_at(t_s), at, refs, timeline.network_at(t_s).load)
+    held = replace(study, dc=timeline.link_at(t_s))
+    return rest_on(subject, held, known, timeline.grid_at(t_s), at, refs, timeline.network_at(t_s).load)
 
 
 def _known(subject: Subject, told: tuple[tuple[float, Grid | None], ...], t_s: float) -> Grid:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from vsgdesign.simulation.survival.cases import FOR_EVER, GridKnowledge, GridState, SurvivalCase
+from vsgdesign.study.parameters.dc_link import DcLink, not_of
 from vsgdesign.study.parameters.event import Event
 
 WEAK, STRONG = (1.2, 1.5, 2.0, 5.0), 20.0
@@ -49,6 +50,21 @@ def fixed_set() -> tuple[SurvivalCase, ...]:
     """The systematic part, always the same."""
     parts = (_jumps, _joint_jumps, _phase_jumps, _sags, _composed_sags, _swells, _frequencies, _references, _errors)
     return tuple(case for part in parts for case in part())
+
+
+def dc_set(link: DcLink | None) -> tuple[SurvivalCase, ...]:
+    """What may become of the source of a dc link: half of it is lost, a jump of the phase follows, it is empty, and
+    clouds come and go. None of an ideal link."""
+    losses: dict[str, tuple[Event, ...]] = {
+        "dc_power": (Event.of_pu(0.0, dc_power=0.5), Event.of_pu(0.2, phase_deg=-15.0)),
+        "dc_charge": (Event.of_pu(0.0, dc_charge=0.0),),
+        "irradiance": (Event.of_pu(0.0, irradiance=400.0), Event.of_pu(1.0, irradiance=1000.0)),
+    }
+    known = [changes for quantity, changes in losses.items() if not_of(link, quantity) is None]
+    found = []
+    for (scr, x, P), share, changes in itertools.product(PLACES, (1.0, 0.4, -0.4), known):
+        found.append(_case("dc source", _start(scr, x, round(share * P, 3)), *changes))
+    return tuple(found)
 
 
 def random_set(seed: int, count: int) -> tuple[SurvivalCase, ...]:

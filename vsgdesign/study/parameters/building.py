@@ -33,7 +33,7 @@ from vsgdesign.study.parameters.converter import (
     read_filter,
     scope_of,
 )
-from vsgdesign.study.parameters.dc_link import DC, check_beside, read_dc
+from vsgdesign.study.parameters.dc_link import DC, check_beside, check_events, read_dc
 from vsgdesign.study.parameters.estimator import EstimatorSpec, read_estimator
 from vsgdesign.study.parameters.events import event_fields, read_events
 from vsgdesign.study.parameters.fields import (
@@ -254,6 +254,7 @@ def build_study(
         _check_replay(root, faults)
     dc = read_dc(root.child("dc"), converter)
     check_beside(root, dc, simulation.bridge, alone=plant is None)
+    check_events(root, dc, events, verification.families)
     if simulation.survival:
         _check_survival(root, source_, events, background, sensors)
     root.finish()

@@ -128,7 +128,17 @@ def family_fields() -> tuple[Field, ...]:
     weight, size = fields_of(_Stepped)
     steps = {step.name: step for _, step in EVENT_KINDS.steps.values()}
     of = {
-        name: (weight, replace(size, unit="1" if step.unit == "pu" else step.unit, high=step.most, default=step.size))
+        name: (
+            weight,
+            replace(
+                size,
+                unit="1" if step.unit == "pu" else step.unit,
+                low=0.0 if step.new else size.low,
+                high=step.most,
+                default=step.size,
+                explained="The new value." if step.new else size.explained,
+            ),
+        )
         for name, step in steps.items()
     }
     more = (

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.equations.dc_link import DcSettings, DcState
@@ -12,10 +13,12 @@ from vsgdesign.equations.dc_sources import DC_SOURCES
 from vsgdesign.equations.frames import linear_modulation_limit
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.study.parameters.converter import Converter, Filter
+from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
 from vsgdesign.study.parameters.fields import Field, Times, fields_of, number, values, word
 from vsgdesign.study.parameters.reader import REQUIRED, TableReader
 
 if TYPE_CHECKING:
+    from vsgdesign.study.parameters.event import Event
     from vsgdesign.study.parameters.study import Study
 
 V_DC = Times(1.0, "`V_dc`")
@@ -105,6 +108,23 @@ class DcLink:
         """The source's parameters by name."""
         return dict(self.given)
 
+    def after(self, changed: Mapping[str, float]) -> DcLink:
+        """The link after events: what they set last, by the names of DC_QUANTITIES. A share that is left (``dc_power``)
+        is one of this link's source."""
+        values = self.values
+        if "dc_power" in changed:
+            values |= {name: changed["dc_power"] * values[name] for name in self.kind.lost}
+        if "dc_charge" in changed:
+            values["charge"] = changed["dc_charge"]
+        if "irradiance" in changed:
+            values["irradiance"] = changed["irradiance"]
+        return replace(self, given=tuple(values.items()))
+
+    def recharged(self, settings: DcSettings) -> Mapping[str, float]:
+        """What the source remembers of its charge where an event has just set it, by the fields of its memory."""
+        recharged = self.kind.recharged
+        return {} if recharged is None else recharged(self.values["charge"], settings.source)
+
     def ratings(self, converter: Converter) -> DcRatings:
         """From which the source's constants follow."""
         bleed = math.inf if self.R_bleed is None else self.R_bleed
@@ -190,6 +210,27 @@ def check_beside(root: TableReader, dc: DcLink | None, bridge: str, *, alone: bo
         root.fault("dc", given, "a switched bridge has an ideal dc link", 'Set bridge = "averaged", or remove [dc].')
 
 
+def not_of(dc: DcLink | None, quantity: str) -> str | None:
+    """Why no event changes a quantity of DC_QUANTITIES in a study with this link; None: one may."""
+    if dc is None:
+        return "the dc link is ideal: the study has no [dc]"
+    values = dc.values
+    known = {"dc_power": bool(dc.kind.lost), "dc_charge": "charge" in values, "irradiance": "irradiance" in values}
+    return None if known[quantity] else f'source = "{dc.source}" has no {quantity.removeprefix("dc_")}'
+
+
+def check_events(root: TableReader, dc: DcLink | None, events: Iterable[Event], families: Mapping[str, Any]) -> None:
+    """Events and families of [verification] that change a source which the study does not have."""
+    for event in events:
+        for quantity, value in event.of_dc.items():
+            if (why := not_of(dc, quantity)) is not None:
+                root.fault(f"events.{quantity}", f"{value:g} at {event.t_s:g} s", why, "Take it away, or change [dc].")
+    for quantity in DC_QUANTITIES:
+        weight = families[quantity].weight if quantity in families else None
+        if weight and (why := not_of(dc, quantity)) is not None:
+            root.fault(f"verification.{quantity}.weight", f"{weight:g}", why, "Set it to 0, or change [dc].")
+
+
 def ideal_link(study: Study, what: str) -> None:
     """Refuses a study whose dc link is not ideal. ``what``: the verb that knows no other."""
     if study.dc is not None:
@@ -197,4 +238,4 @@ def ideal_link(study: Study, what: str) -> None:
         raise StudyError(study.name, [Fault("dc", given, f"{what} knows an ideal dc link alone", advice)])
 
 
-__all__ = ["DC", "DcLink", "check_beside", "ideal_link", "read_dc"]
+__all__ = ["DC", "DcLink", "check_beside", "check_events", "ideal_link", "not_of", "read_dc"]

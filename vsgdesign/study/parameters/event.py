@@ -12,7 +12,7 @@ from typing import Any
 
 from vsgdesign.equations.power_loops import References
 from vsgdesign.study.parameters.converter import Converter
-from vsgdesign.study.parameters.event_kinds import EVENT_KINDS, EventKind
+from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES, EVENT_KINDS, EventKind
 from vsgdesign.study.parameters.grid import Grid, Place
 from vsgdesign.study.parameters.network import Network, SynchroCheck
 from vsgdesign.study.parameters.network_fields import (
@@ -52,6 +52,12 @@ class Event:
     omega_0: float | None = None
     V_n: float | None = None
     """With P_ref and Q_ref the set points of the power loops (:class:`vsgdesign.equations.power_loops.References`)."""
+    dc_power: float | None = None
+    """What is left of the source of the dc link, as a share of what the study gives it."""
+    dc_charge: float | None = None
+    """State of charge of this source."""
+    irradiance: float | None = None
+    """On its array, W/m²."""
     components: tuple[SourceComponent, ...] | None = None
     """The source's components from now on, in place of all earlier ones."""
     network: Network | None = None
@@ -121,6 +127,12 @@ class Event:
     def set_points(self) -> dict[str, float]:
         """The references that change, by their names in :class:`vsgdesign.equations.power_loops.References`."""
         given = {name: getattr(self, name) for name in References._fields}
+        return {name: value for name, value in given.items() if value is not None}
+
+    @property
+    def of_dc(self) -> dict[str, float]:
+        """What changes of the source of the dc link, by the names of :data:`DC_QUANTITIES`."""
+        given = {name: getattr(self, name) for name in DC_QUANTITIES}
         return {name: value for name, value in given.items() if value is not None}
 
     @property

@@ -19,6 +19,8 @@ MOST_DF_HZ = 12.0
 """Largest distance from the nominal frequency in a suite, Hz."""
 MOST_POWER_PU = 2.0
 """Largest set point of a power in a suite, pu."""
+DC_QUANTITIES = ("dc_power", "dc_charge", "irradiance")
+"""Quantities of :class:`vsgdesign.study.parameters.event.Event` that belong to the source of the dc link."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,10 +68,12 @@ class StepOfKind:
     """The range that a verification draws from unless the study gives another, and the explorer's first size."""
     most: float
     """Largest size."""
+    new: bool = False
+    """Whether the size is the new value itself, and not a change up or down."""
 
     def value(self, size: Any, converter: Converter) -> Any:
         """The value after a step by a size, SI."""
-        return self.start(converter) + size * self.one(converter)
+        return (0.0 if self.new else self.start(converter)) + size * self.one(converter)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +130,11 @@ class EventKind:
         """Whether it is a set point of the controller."""
         return self.quantity in References._fields
 
+    @property
+    def of_dc(self) -> bool:
+        """Whether it belongs to the source of the dc link."""
+        return self.quantity in DC_QUANTITIES
+
     def value(self, event: Event) -> float | None:
         """The new value in an event; None: it does not change."""
         value = getattr(event, self.quantity)
@@ -162,6 +171,11 @@ class EventKinds(Mapping[str, EventKind]):
     def steps(self) -> dict[str, tuple[EventKind, StepOfKind]]:
         """The kinds that have a step, by its name."""
         return {kind.step.name: (kind, kind.step) for kind in self.values() if kind.step is not None}
+
+    @property
+    def explored(self) -> dict[str, tuple[EventKind, StepOfKind]]:
+        """Those among them that the explorer has, whose dc link is ideal."""
+        return {name: pair for name, pair in self.steps.items() if not pair[0].of_dc}
 
     def register(self, kind: EventKind) -> Callable[[], None]:
         """Makes a kind known to everything that reads or runs events in this process.
@@ -302,5 +316,51 @@ _VOLTAGE_SET_POINT = EventKind(
     answers="D_q",
     needs="Q–V droop",
 )
-EVENT_KINDS = EventKinds((_VOLTAGE, _FREQUENCY, _PHASE, _power("P", "W"), _power("Q", "var"), _VOLTAGE_SET_POINT))
+
+
+def _of_dc(
+    name: str, unit: str, high: float, meaning: str, called: str, size: tuple[float, float], start: float = 1.0
+) -> EventKind:
+    """A quantity of the source of the dc link."""
+    shown = "" if unit == "1" else f" {unit}"
+    return EventKind(
+        name=name,
+        quantity=name,
+        unit=unit,
+        low=0.0 if unit == "1" else 1.0,
+        high=high,
+        meaning=f"{meaning} ([dc side](theory/dc-side.md#events))",
+        words=lambda value, _: f"{called} {value:.3g}{shown}",
+        of_suite=OfSuite(
+            name=name,
+            unit=unit,
+            limits=(0.0 if unit == "1" else 1.0, high),
+            of_study=lambda value, _: value,
+            words=f"{called} to {{}}",
+            sentence=f"{called} to {{}}",
+            short=lambda value: f"{called} {value:.3g}{shown}",
+        ),
+        step=StepOfKind(
+            name=name,
+            title=f"New values of {name}",
+            noun=f"new values of {name}",
+            label=f"new value of {name}",
+            unit=unit,
+            start=lambda _: start,
+            one=lambda _: 1.0,
+            size=size,
+            most=high,
+            new=True,
+        ),
+    )
+
+
+_OF_DC = (
+    _of_dc("dc_power", "1", 1.0, "share of the source of the dc link that is left", "dc source", (0.5, 0.5)),
+    _of_dc("dc_charge", "1", 1.0, "state of charge of this source", "dc charge", (0.0, 0.2)),
+    _of_dc("irradiance", "W/m^2", 2000.0, "irradiance on its array", "irradiance", (200.0, 1000.0), 1000.0),
+)
+EVENT_KINDS = EventKinds(
+    (_VOLTAGE, _FREQUENCY, _PHASE, _power("P", "W"), _power("Q", "var"), _VOLTAGE_SET_POINT, *_OF_DC)
+)
 """The quantities that an event may change, in the order in which an event is described."""

@@ -68,7 +68,7 @@ def _event(study: Study, test: SuiteTest) -> dict[str, Any] | None:
         return {"kind": "grid", "to_scr": _short(to.scr), "to_x_over_r": _short(to.x_over_r)}
     if changed == {"P_pu"} and first.P_ref is not None:
         return {"kind": "step", "signal": "P", "size": _short(first.P_ref - test.P_pu)}
-    for kind, step in EVENT_KINDS.steps.values():
+    for kind, step in EVENT_KINDS.explored.values():
         value = kind.value(first)
         if changed == {kind.of_suite.name} and value is not None:
             c = study.converter

@@ -210,10 +210,10 @@ def survival_cases(study: Study, *, random: bool = True) -> tuple[SurvivalCase, 
     Where a controller estimates its grid by itself, every case leaves it time to learn the grid, and has a background
     and sensors of its own if the study has any.
     """
-    from vsgdesign.simulation.survival import field_cases, fixed_set, random_set
+    from vsgdesign.simulation.survival import dc_set, field_cases, fixed_set, random_set
 
     drawn = random_set(study.survival.seed, study.survival.random) if random else ()
-    cases = (*fixed_set(), *drawn)
+    cases = (*fixed_set(), *dc_set(study.dc), *drawn)
     learns = any(spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample for spec in study.controllers)
     return tuple(field_cases(cases, study.survival.seed)) if learns else cases
 
