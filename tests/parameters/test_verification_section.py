@@ -68,6 +68,7 @@ def test_axes_of_the_maps_count_only_where_the_study_gives_them() -> None:
 def test_disturbances_beyond_steps_and_grids_need_a_limiter_that_rests_or_a_weight() -> None:
     spec = section("[verification.ramp]\nweight = 3\n")
     always = {"step": 1.0, "grid": 1.0, "ramp": 3.0, "reference": 0.0, "voltage_set_point": 0.0, "loss": 0.0}
+    always |= dict.fromkeys(("dc_power", "dc_charge", "irradiance"), 0.0)
     assert spec.weights(True) == always | {"phase": 1.0, "sag": 1.0}
     assert spec.weights(False) == always | {"phase": 0.0, "sag": 0.0}
     assert spec.ranges("grid", False) == {"phase": (0.0, 0.0)}

@@ -66,24 +66,38 @@ class DcRatings(NamedTuple):
     R_bleed: float
     """Resistor across it, Ω; infinite without one."""
     S_rated: float
+    V_low: float = 0.0
+    V_high: float = math.inf
+    """Voltages of the link beyond which the bridge blocks, V."""
 
     def decay(self, conductance: float) -> Decay:
         """The numbers of an interval in which a conductance (S) lies across the link beside the bleeder."""
         return decay_of((conductance + 1.0 / self.R_bleed) / self.C, self.T_s)
 
 
+class SourceLimits(NamedTuple):
+    """What a source can give now, W at the link; what it takes is negative."""
+
+    low: Any
+    high: Any
+
+
 class DcSourceLaw(NamedTuple):
-    """The two functions of a source.
+    """The functions of a source.
 
     ``flow(memory, v, p, constants)`` gives the :class:`DcFlow` of the interval that begins with the link's voltage v,
     V; p is the power that the bridge took in the interval before, W.
 
     ``remember(memory, flow, v_0, v_1, mean, p, constants)`` gives the memory of the next sample. The voltages are those
     at the beginning and at the end of the interval, and the mean over it; p is the mean power that the bridge took.
+
+    ``can_give(memory, hold, constants)`` gives the :class:`SourceLimits` at rest, within the limits of the link's
+    voltage, so that the charge lasts for ``hold`` (s).
     """
 
     flow: Callable[..., Any]
     remember: Callable[..., Any]
+    can_give: Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -133,6 +147,10 @@ class DcSource:
         return found
 
 
+ROOM = 0.98
+"""Share of the way from the voltage without power to a limit of the link that a clamped source may use."""
+
+
 def decay_of(rate: float, T: float) -> Decay:
     """The numbers of an interval T (s) with a rate λ (1/s): exponential differencing of fourth order
     (:eq:`dc-step`)."""
@@ -178,6 +196,7 @@ __all__ = [
     "DcSourceLaw",
     "Decay",
     "Nothing",
+    "SourceLimits",
     "chosen_decay",
     "decay_of",
 ]

@@ -79,6 +79,9 @@ def control(kind: Kind) -> Block:
     if SYNC in kind.seeks:
         chosen |= {name: name.replace("state.", "chosen.", 1) for name in kind.names(ControllerState, "state")}
         parts += [*_source(kind), _set_to_grid(kind)]
+    if kind.dc is not None and kind.dc.clamps:
+        parts += kind.dc.asks(kind.records, chosen)
+        chosen |= {"refs.P_ref": "clamped_P"}
     if kind.sensors:
         parts.append(Part(headed(flat_block(sample.sensed))))
     if kind.field:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import typing
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from vsgdesign.codegen.blocks import Part
 from vsgdesign.codegen.flat import flat_block
 from vsgdesign.codegen.records import Kinds
+from vsgdesign.equations.dc_control import ClampSettings, ClampState, clamped
 from vsgdesign.equations.dc_link import ActingVoltage, DcSettings, DcState, acting_voltage, bridge_limit, dc_step
 from vsgdesign.equations.dc_source_interface import DcSourceLaw
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.circuit_sample import PlantState
 from vsgdesign.study.parameters.dc_link import DcLink
@@ -21,6 +24,8 @@ class DcKind(NamedTuple):
     law: DcSourceLaw
     memory: Any
     constants: Any
+    clamps: bool = False
+    """Whether the controller asks for no more power than the source can give."""
 
     @property
     def records(self) -> dict[Any, dict[str, Any]]:
@@ -33,19 +38,42 @@ class DcKind(NamedTuple):
         return [f"dc.{path}" for path in Kinds(self.records).paths(DcState)]
 
     @property
+    def clamp(self) -> list[str]:
+        """Names of what the clamp remembers; none without one."""
+        return [f"clamp.{name}" for name in ClampState._fields] if self.clamps else []
+
+    @property
+    def logged(self) -> list[str]:
+        """Names of what is logged."""
+        return self.state + self.clamp
+
+    @property
     def settings(self) -> list[str]:
         """Names of its constants."""
-        return [f"link.{path}" for path in Kinds(self.records).paths(DcSettings)]
+        found = [f"link.{path}" for path in Kinds(self.records).paths(DcSettings)]
+        return found + ([f"clamp_of.{name}" for name in ClampSettings._fields] if self.clamps else [])
 
     @property
     def moves(self) -> list[tuple[str, str]]:
         """(input, output) of what moves."""
-        return [(name, name.replace("dc.", "dc_after.", 1)) for name in self.state]
+        found = [(name, name.replace("dc.", "dc_after.", 1)) for name in self.state]
+        return found + [(name, name.replace("clamp.", "clamp_after.", 1)) for name in self.clamp]
 
     def limit(self) -> Part:
         """The largest voltage of the bridge, from that of the link at the sample. Its output is ``bridge_max``."""
         called = {"v": "dc.v", "per_volt": "link.limit"}
         return Part(headed(flat_block(bridge_limit), bridge_limit="bridge_max"), called)
+
+    def asks(self, records: Mapping[Any, Mapping[str, Any]], state: Mapping[str, str]) -> list[Part]:
+        """What the source can give at the sample, and the power that the loops are asked for. ``state``: where the
+        controller's state is. Its output is ``clamped_P``."""
+        can_give = self.law.can_give
+        called = {f"memory.{name.removeprefix('dc.memory.')}": name for name in self.state}
+        called |= {f"c.{name.removeprefix('link.source.')}": name for name in self.settings}
+        limits = Part(headed(flat_block(can_give), source_limits="limits"), called | {"hold": "clamp_of.hold"})
+        own = {f"settings.{name}": f"clamp_of.{name}" for name in ClampSettings._fields}
+        own |= {f"gains.{name}": f"power_gains.{name}" for name in PowerLoopGains._fields}
+        return [limits, Part(headed(flat_block(clamped, kinds=records), P_ref="clamped_P"), own | dict(state))]
 
     def acts(self, asked: dict[str, str]) -> Part:
         """What becomes of the voltage that was asked for. ``asked``: where its axes are. Its output is ``acting``."""
@@ -74,4 +102,4 @@ def dc_kind(link: DcLink | None) -> DcKind | None:
     source = link.kind
     constants = typing.get_type_hints(source.build)["return"]
     memory = typing.get_args(typing.get_type_hints(source.rest)["return"])[1]
-    return DcKind(source.law, memory, constants)
+    return DcKind(source.law, memory, constants, link.clamps)

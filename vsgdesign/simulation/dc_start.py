@@ -10,29 +10,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.records import numbers_of
+from vsgdesign.equations.dc_control import ClampSettings, ClampState
 from vsgdesign.equations.dc_link import DcSettings, DcState
 from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.simulation.dc_parts import dc_kind
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.study import Study
+from vsgdesign.study.parameters.units import format_quantity
 
 Array = NDArray[np.float64]
 
 
 class DcStart(NamedTuple):
-    """The numbers of a link before the first sample."""
+    """The numbers of a link before the first sample, by their names in a loop."""
 
-    settings: DcSettings
-    state: DcState
+    link: DcSettings
+    dc: DcState
+    clamp: ClampState
+    clamp_of: ClampSettings
 
 
-def dc_at_start(study: Study, start: SampledState) -> DcStart:
-    """The link at the start of a run. Raises InfeasibleStudyError where its source cannot give the power."""
+def dc_at_start(study: Study, start: SampledState, omega: float) -> DcStart:
+    """The link at the start of a run, whose source has this frequency (rad/s).
+
+    Raises InfeasibleStudyError where what feeds the link cannot give the power."""
     if study.dc is None:
         raise ValueError("the dc link is ideal.")
     p = float(power_of_plant(study, start.plant))
-    return DcStart(study.dc.settings(study.converter, study.filter), study.dc.at_rest(p, study.converter, study.filter))
+    of = study.converter, study.filter
+    return DcStart(study.dc.settings(*of), study.dc.at_rest(p, *of), clamp_at_rest(omega), study.dc.clamp(*of))
+
+
+def clamp_at_rest(omega: float) -> ClampState:
+    """Nothing has been counted yet."""
+    return ClampState(omega=omega, cut=0.0, most=0.0, missing=0.0, acted=0.0)
 
 
 def dc_changed(study: Study, link: DcLink, changed: Mapping[str, float]) -> Iterator[tuple[str, Array]]:
@@ -46,9 +58,10 @@ def dc_changed(study: Study, link: DcLink, changed: Mapping[str, float]) -> Iter
 
 
 def dc_columns(study: Study) -> tuple[str, ...]:
-    """What ``dc_log`` of a run has: the numbers of :class:`vsgdesign.equations.dc_link.DcState`."""
+    """What ``dc_log`` of a run has: the numbers of :class:`vsgdesign.equations.dc_link.DcState`, and where the
+    controller clamps its power, those of :class:`vsgdesign.equations.dc_control.ClampState`."""
     kind = dc_kind(study.dc)
-    return () if kind is None else tuple(name.removeprefix("dc.") for name in kind.state)
+    return () if kind is None else tuple(name.removeprefix("dc.") for name in kind.logged)
 
 
 def blocked(link: DcLink, lowest: float, highest: float) -> str | None:
@@ -73,8 +86,8 @@ def rows_before_block(study: Study, rows: Array) -> int:
 def dc_series(study: Study, rows: Array) -> dict[str, Array]:
     """Named quantities of ``dc_log``: ``v_dc`` (V), ``P_dc`` (mean power of the bridge in the sample before each row,
     W), the energies that the source has given and the bridge has taken since the start (``E_source``, ``E_bridge``, J),
-    and what the source remembers, such as ``dc_charge``."""
-    named = {"v": "v_dc", "p": "P_dc", "given": "E_source", "taken": "E_bridge"}
+    what the source remembers, such as ``dc_charge``, and by how much the controller changed P_ref (``P_cut``, W)."""
+    named = {"v": "v_dc", "p": "P_dc", "given": "E_source", "taken": "E_bridge", "clamp.cut": "P_cut"}
     found = {}
     for name, values in zip(dc_columns(study), rows.T, strict=True):
         if name in named:
@@ -101,6 +114,21 @@ class DcFigures:
     """Energy that the source has given from the start to the end, J."""
     end: dict[str, float]
     """The link's voltage (``v_dc``, V) and what its source remembers at the end."""
+    cut_most_w: float | None = None
+    cut_j: float | None = None
+    cut_s: float | None = None
+    """By how much the controller changed P_ref to what the source can give: at most, W, its integral, J, and for how
+    long, s. None: it does not."""
+
+    @property
+    def cut_words(self) -> str:
+        """The same in words; empty where nothing was cut."""
+        if not self.cut_s or self.cut_most_w is None or self.cut_j is None:
+            return ""
+        most, energy = (
+            format_quantity(float(f"{value:.3g}"), unit) for value, unit in ((self.cut_most_w, "W"), (self.cut_j, "J"))
+        )
+        return f"up to {most} of what was asked for was missing, {energy} in {self.cut_s:.3g} s"
 
 
 def dc_figures(study: Study, rows: Array) -> DcFigures | None:
@@ -109,7 +137,9 @@ def dc_figures(study: Study, rows: Array) -> DcFigures | None:
         return None
     last = dict(zip(dc_columns(study), rows[-1].tolist(), strict=True))
     end = {name: float(values[-1]) for name, values in dc_series(study, rows[-1:]).items() if name not in _SUMS}
-    return DcFigures(last["lowest"], last["highest"], last["spare"], last["least"], last["most"], last["given"], end)
+    cut = tuple(last.get(f"clamp.{name}") for name in ("most", "missing", "acted"))
+    figures = (last[name] for name in ("lowest", "highest", "spare", "least", "most", "given"))
+    return DcFigures(*figures, end, *cut)
 
 
-_SUMS = ("P_dc", "E_source", "E_bridge")
+_SUMS = ("P_dc", "E_source", "E_bridge", "P_cut")

@@ -192,7 +192,7 @@ def log_names(kind: Kind, states_logged: bool = False) -> tuple[str, ...]:
     logged += [commanded.get(name, name) for name in ("state.V", "state.theta")]
     logged += ["limited_samples", "at_bridge", *(SENSED_COLUMNS if kind.sensors else ())]
     logged += [f"x.{name}" for name in kind.states[6:]]
-    logged += kind.dc.state if kind.dc is not None else []
+    logged += kind.dc.logged if kind.dc is not None else []
     own = kind.names(ControllerState, "state") if states_logged else []
     return (*logged, *(commanded.get(name, name) for name in own))
 

@@ -27,7 +27,7 @@ class RunLog:
         self._last = last.rows[group, :, :, lane]
         self._states = [log.rows[group, :, :, lane] for log in batch.logs[:-1]]
         self._sensed = len(SENSED_COLUMNS) if batch.kind.sensors else 0
-        self._end_of_more = None if batch.kind.dc is None else -len(batch.kind.dc.state)
+        self._end_of_more = None if batch.kind.dc is None else -len(batch.kind.dc.logged)
         self._every, self.length = main.every, length
 
     @property

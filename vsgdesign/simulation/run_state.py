@@ -72,7 +72,8 @@ class RunState:
         study = self.study
         self._like = start.controller
         names = ("x", "state", "limited", "refs", "power_gains", "grid", "source", "V_g", "seek.found", "seek.phases")
-        names += ("dc.lowest", "dc.highest", "seek.relay", "seek.relay.on", "seek.own_relay", "seek.behind_relay")
+        names += ("seek.relay", "seek.relay.on", "seek.own_relay", "seek.behind_relay")
+        names += ("dc.lowest", "dc.highest", "clamp.cut")
         self._now = {name: batch.view(name, number) for name in names if name in batch.spans}
         """The numbers of the run that Python reads or sets."""
         batch.set("x", start.plant.tolist(), number)
@@ -86,9 +87,10 @@ class RunState:
         if self.feed.memory is not None:
             self.feed.memory.moves_in(batch.view("lock", number))
         if study.dc is not None:
-            dc = dc_at_start(study, start)
-            batch.set("link", numbers_of(dc.settings), number)
-            batch.set("dc", numbers_of(dc.state), number)
+            dc = dc_at_start(study, start, self.timeline.source_at(0.0).omega)
+            for name in dc._fields:
+                if name in batch.spans:
+                    batch.set(name, numbers_of(getattr(dc, name)), number)
         self._batch, self._number, self._circuits, self._before = batch, number, circuits, None
         self._added = self._added_source()
         self.log = RunLog(batch, number, -(-self.samples // self.log_every), self.of.every_sample)
@@ -138,7 +140,7 @@ class RunState:
         feed.limited_samples = int(self._now["limited"][0])
         gains = feed.update(first, self._gains, read, refs, self.log.rows, self.log_every)
         # With the references of the samples before: a step of them at this sample belongs to the new gains.
-        state = with_gains(read, self._refs, self._gains, gains)
+        state = with_gains(read, self._followed(), self._gains, gains)
         self._gains, self._refs = gains, refs
         if self._held is not None:
             self._held.ask(first, feed.wanted() if self.of.probe is None else self.of.probe)
@@ -169,7 +171,7 @@ class RunState:
         if not self.feed.closed:
             return True
         gains = self.feed.conclude(done, self._gains, state)
-        self._put_state(with_gains(state, self._refs, self._gains, gains))
+        self._put_state(with_gains(state, self._followed(), self._gains, gains))
         self._gains = gains
         self._put_gains(done)
         return True
@@ -375,6 +377,11 @@ class RunState:
     def _references(self, sample: int) -> References:
         """At a sample, with the slack by which instants are taken to coincide with it."""
         return self.timeline.references_at((sample + 1e-6) * self.T_s)
+
+    def _followed(self) -> References:
+        """The references that the power loops have followed in the sample before."""
+        cut = self._now.get("clamp.cut")
+        return self._refs if cut is None else self._refs._replace(P_ref=self._refs.P_ref + float(cut[0]))
 
     def _put_gains(self, sample: int) -> None:
         self._put_changed("power_gains", self._gains)

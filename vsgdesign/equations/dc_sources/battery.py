@@ -10,17 +10,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.dc_source_interface import (
+    ROOM,
     DcFlow,
     DcParameter,
     DcRatings,
     DcSource,
     DcSourceLaw,
     Decay,
+    SourceLimits,
     chosen_decay,
 )
 
 POINTS = 6
 """Points of the open-circuit voltage over the charge, evenly spaced from empty to full."""
+
+
+_NEVER = 1e3
+"""Times V_dc: no voltage of a link."""
 
 
 class OpenVoltage(NamedTuple):
@@ -44,6 +50,11 @@ class BatteryConstants(NamedTuple):
     i_max: Any
     i_min: Any
     """Limits of the current: when it gives, and (negative) when it takes, A."""
+    coulombs: Any
+    """Capacity, As."""
+    V_low: Any
+    V_high: Any
+    """Limits of the link's voltage, V."""
     per_ampere: Any
     """Change of the state of charge in one interval per ampere that it gives."""
     held: Decay
@@ -109,6 +120,19 @@ def battery_remembers(
     return BatteryMemory(charge=memory.charge + c.per_ampere * given)
 
 
+def battery_can_give(memory: BatteryMemory, hold: Any, c: BatteryConstants) -> SourceLimits:
+    """What a battery can give (:eq:`dc-battery-limits`): its limits of current, as far as the charge lasts and the
+    voltage of the link stays within its limits."""
+    v_open = open_voltage(memory.charge, c.open)
+    lasts = np.maximum(memory.charge, 0.0) * c.coulombs / hold
+    within = np.maximum(np.minimum(ROOM * (v_open - c.V_low), 0.5 * ROOM * v_open) * c.over_R, 0.0)
+    most = np.minimum(np.minimum(c.i_max, lasts), within)
+    room = np.maximum(1.0 - memory.charge, 0.0) * c.coulombs / hold
+    above = np.maximum(ROOM * (c.V_high - v_open) * c.over_R, 0.0)
+    least = np.maximum(np.maximum(c.i_min, -room), -above)
+    return SourceLimits(low=least * (v_open - least / c.over_R), high=most * (v_open - most / c.over_R))
+
+
 def battery_constants(ratings: DcRatings, values: Mapping[str, Any]) -> BatteryConstants:
     """From the parameters of a study."""
     points = values["open_circuit"]
@@ -119,6 +143,9 @@ def battery_constants(ratings: DcRatings, values: Mapping[str, Any]) -> BatteryC
         over_R=1.0 / values["R_i"],
         i_max=values["i_max"],
         i_min=-values["i_charge_max"],
+        coulombs=3600.0 * values["capacity_Ah"],
+        V_low=ratings.V_low,
+        V_high=min(ratings.V_high, _NEVER * ratings.V_dc),
         per_ampere=-ratings.T_s / (3600.0 * values["capacity_Ah"]),
         held=ratings.decay(1.0 / values["R_i"]),
         free=ratings.decay(0.0),
@@ -182,7 +209,7 @@ _PARAMETERS = (
 
 BATTERY = DcSource(
     "battery",
-    DcSourceLaw(battery_flow, battery_remembers),
+    DcSourceLaw(battery_flow, battery_remembers, battery_can_give),
     battery_constants,
     battery_rest,
     _PARAMETERS,

@@ -8,7 +8,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.dc_source_interface import DcFlow, DcParameter, DcRatings, DcSource, DcSourceLaw, Decay
+from vsgdesign.equations.dc_source_interface import (
+    ROOM,
+    DcFlow,
+    DcParameter,
+    DcRatings,
+    DcSource,
+    DcSourceLaw,
+    Decay,
+    SourceLimits,
+)
 
 UNLIMITED_J = 1e18
 """An energy that no run uses up."""
@@ -26,6 +35,9 @@ class StageConstants(NamedTuple):
     p_max: Any
     p_min: Any
     """Limits of its power, W: what it gives, and (negative) takes."""
+    held_high: Any
+    held_low: Any
+    """The same at rest within the limits of the link's voltage, W."""
     ramp: Any
     """Largest change of its target in one interval, W."""
     half: Any
@@ -85,16 +97,28 @@ def stage_remembers(
     return StageMemory(p=flow.p_end, target=target, stored=memory.stored - given)
 
 
+def stage_can_give(memory: StageMemory, hold: Any, c: StageConstants) -> SourceLimits:
+    """What a stage can give (:eq:`dc-stage-limits`): its limits of power, as far as the energy lasts and the voltage of
+    the link stays within its limits."""
+    return SourceLimits(
+        low=np.maximum(c.held_low, -np.maximum(c.energy - memory.stored, 0.0) / hold),
+        high=np.minimum(c.held_high, np.maximum(memory.stored, 0.0) / hold),
+    )
+
+
 def stage_constants(ratings: DcRatings, values: Mapping[str, Any]) -> StageConstants:
     """From the parameters of a study. The current limit at the low-voltage side is a limit of the power."""
     T, tau = ratings.T_s, values["tau"]
-    most = values["p_max"]
+    most, droop = values["p_max"], values["k_p"] / max(1.0 - values["feed_forward"], 1e-12)
+    below, above = (ROOM * droop * abs(limit - ratings.V_dc) for limit in (ratings.V_low, ratings.V_high))
     return StageConstants(
         V=ratings.V_dc,
         k_p=values["k_p"],
         forward=values["feed_forward"],
         p_max=most,
         p_min=-values["p_charge_max"],
+        held_high=min(most, below),
+        held_low=max(-values["p_charge_max"], -above),
         ramp=values["ramp"] * T,
         half=math.exp(-0.5 * T / tau),
         whole=math.exp(-T / tau),
@@ -126,7 +150,7 @@ def _slowest(ratings: DcRatings, known: Mapping[str, Any]) -> float:
 
 CONVERTER = DcSource(
     "converter",
-    DcSourceLaw(stage_flow, stage_remembers),
+    DcSourceLaw(stage_flow, stage_remembers, stage_can_give),
     stage_constants,
     stage_rest,
     (

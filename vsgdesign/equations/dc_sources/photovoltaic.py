@@ -8,7 +8,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.dc_source_interface import DcFlow, DcParameter, DcRatings, DcSource, DcSourceLaw, Decay
+from vsgdesign.equations.dc_source_interface import (
+    ROOM,
+    DcFlow,
+    DcParameter,
+    DcRatings,
+    DcSource,
+    DcSourceLaw,
+    Decay,
+    SourceLimits,
+)
 
 NEWTON_STEPS = 3
 
@@ -24,6 +33,8 @@ class ArrayConstants(NamedTuple):
     """1/(n N_s V_t), 1/V."""
     R_s: Any
     over_R_sh: Any
+    p_most: Any
+    """Largest power that it can give for long, W."""
     decay: Decay
 
 
@@ -78,6 +89,11 @@ def array_remembers(
     return ArrayMemory(u=flow.notes.u + flow.notes.per_volt * (v_1 - v_0))
 
 
+def array_can_give(memory: ArrayMemory, hold: Any, c: ArrayConstants) -> SourceLimits:
+    """What an array can give: most of its maximum, and it takes nothing."""
+    return SourceLimits(low=0.0, high=c.p_most)
+
+
 def array_constants(ratings: DcRatings, values: Mapping[str, Any]) -> ArrayConstants:
     """From the module and the weather (:eq:`dc-irradiance`)."""
     G, T = values["irradiance"] / 1000.0, values["temperature"] + 273.15
@@ -86,14 +102,18 @@ def array_constants(ratings: DcRatings, values: Mapping[str, Any]) -> ArrayConst
     gap_ref = 1.121
     gap = gap_ref * (1.0 - 0.0002677 * (T - T_ref))
     I_0 = values["I_0"] * (T / T_ref) ** 3 * math.exp(gap_ref / (k * T_ref) - gap / (k * T))
-    return ArrayConstants(
+    found = ArrayConstants(
         I_L=strings * G * (values["I_L"] + values["alpha_sc"] * (T - T_ref)),
         I_0=strings * I_0,
         over_a=T_ref / (T * values["a"] * series),
         R_s=values["R_s"] * series / strings,
         over_R_sh=G * strings / (values["R_sh"] * series),
+        p_most=0.0,
         decay=ratings.decay(0.0),
     )
+    v, current = array_curve(found)
+    powers = (v * current)[(v >= ratings.V_low) & (v <= ratings.V_high)]
+    return found._replace(p_most=ROOM * float(powers.max(initial=0.0)))
 
 
 def array_curve(c: ArrayConstants, points: int = 2001) -> tuple[np.ndarray, np.ndarray]:
@@ -126,7 +146,7 @@ def array_rest(p: float, ratings: DcRatings, c: ArrayConstants, values: Mapping[
 
 PHOTOVOLTAIC = DcSource(
     "photovoltaic",
-    DcSourceLaw(array_flow, array_remembers),
+    DcSourceLaw(array_flow, array_remembers, array_can_give),
     array_constants,
     array_rest,
     (

@@ -23,7 +23,7 @@ from vsgdesign.linear.model.full_order import (
     full_order_map,
     limiter_states,
 )
-from vsgdesign.linear.operating_point.many import Lanes, ManyStates, lanes_of, many_steady_states
+from vsgdesign.linear.operating_point.many import Lanes, ManyStates, clamped_lanes, lanes_of, many_steady_states
 from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, fault_of_rest
 from vsgdesign.metrics.modes import Eigen, eigen
@@ -119,6 +119,7 @@ def steady_cells(study: Study, cells: Sequence[Cell]) -> SteadyCells:
     if not cells:
         return SteadyCells(lanes, gains, None, ())
     links = None if study.dc is None else [cell.link or study.dc for cell in cells]
+    lanes = clamped_lanes(study, links, lanes, gains)
     states = many_steady_states(study, lanes, gains, links=links)
     faults: list[str | None] = [None] * len(cells)
     for k in np.flatnonzero(states.fault).tolist():

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.dc_control import clamp_cut
+from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.equations.filters import capacitor_node_voltage, pcc_voltage
 from vsgdesign.equations.frames import instantaneous_power, linear_modulation_limit, peak_to_rms, rms_to_peak
 from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterView
@@ -137,6 +139,7 @@ def many_steady_states(
     alone, or one for each lane, all with the same states. ``links``: the dc link of each lane; None: that of the study.
     """
     lanes, gains = lanes_of(study, lanes, gains)
+    lanes = clamped_lanes(study, links, lanes, gains)
     paths = paths_of(study, lanes, circuit)
     V, delta = points_of(paths, lanes, gains)
     return states_at(study, paths, lanes, gains, V, delta, phase, free_of_limits, links=links)
@@ -153,6 +156,19 @@ def lanes_of(study: Study, lanes: Lanes, gains: PowerLoopGains) -> tuple[Lanes, 
     count = max(value.size for value in given)
     arrays = [np.full(count, value) for value in given]
     return Lanes(*arrays[: len(lanes)]), PowerLoopGains(*arrays[len(lanes) :])
+
+
+def clamped_lanes(study: Study, links: Sequence[DcLink] | None, lanes: Lanes, gains: PowerLoopGains) -> Lanes:
+    """Lanes whose references and droops ask for no more than the sources can give (:eq:`dc-clamp`), where the
+    controller clamps them. Lanes and gains are arrays (N,)."""
+    if study.dc is None or not study.dc.clamps:
+        return lanes
+    of = study.converter, study.filter
+    held = [study.dc] if links is None else links
+    known = {id(link): link.can_give(*of) for link in held}
+    limits = SourceLimits(*np.array([known[id(link)] for link in held], dtype=float).T)
+    cut = clamp_cut(lanes.omega_g, lanes.refs, gains, limits, study.dc.clamp(*of).own)
+    return lanes._replace(P_ref=lanes.P_ref + cut)
 
 
 def paths_of(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None) -> Paths:

@@ -16,6 +16,7 @@ from vsgdesign.linear.operating_point.many import (
     Lanes,
     ManyStates,
     Paths,
+    clamped_lanes,
     lanes_of,
     paths_of,
     points_of,
@@ -84,6 +85,7 @@ def many_rests_with_measured_gains(
         if not active.size:
             break
         some, laws = Lanes._make(value[active] for value in lanes), PowerLoopGains(*gains[:, active])
+        some = clamped_lanes(study, None if links is None else [links[k] for k in active], some, laws)
         P = power_of(some, laws)
         asked = np.array([P, laws.D_q])
         if not np.array_equal(asked, point_of[:, active]):  # a point depends on nothing else of the gains
@@ -116,6 +118,7 @@ def many_rests_with_measured_gains(
     fault[active] = NOT_CONVERGED
     V[fault > 0] = np.nan
     found = PowerLoopGains(*gains)
+    lanes = clamped_lanes(study, links, lanes, found)
     return states_at(study, paths, lanes, found, V, delta, phase, free_of_limits, fault, links), found
 
 

@@ -163,8 +163,10 @@ def dc_table(result: ScenarioResult, on: Where = Where.PAGE) -> Table | None:
         f"blocks below {quantity(link.V_low, 'V')} and above {quantity(link.V_high, 'V')}. Powers are means over a "
         "sampling period, and the energy is what the source has given up to the end."
     )
+    cut = [(one.spec.name, one.dc.cut_words) for one in result.controllers if one.dc is not None and one.dc.cut_words]
+    notes = (note, *(f"{name} is judged against what the source can give: {words}." for name, words in cut))
     title = f"The dc link: {link.source}, {quantity(link.C, 'F')}"
-    return Table(title, head, tuple(rows), notes=(note,), texts=2, on=on)
+    return Table(title, head, tuple(rows), notes=notes, texts=2, on=on)
 
 
 def plain_kilo(value: float) -> str:

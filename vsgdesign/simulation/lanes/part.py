@@ -22,7 +22,7 @@ from vsgdesign.metrics.survival import END_S, FIRST_S, SAME_ROW, SurvivalDemand
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, ProgramWriter
 from vsgdesign.simulation.circuits import Circuits
-from vsgdesign.simulation.dc_start import dc_changed
+from vsgdesign.simulation.dc_start import clamp_at_rest, dc_changed
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of, study_of_case
 from vsgdesign.simulation.lanes.feed import FED_SAMPLES, LaneFeed
 from vsgdesign.simulation.lanes.phasors import put_phasors, take_up_phasors
@@ -302,7 +302,7 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
     if "watch.entry.last_out" in place:
         part.put("watch.entry.last_out", np.full(len(part), -1.0))
     if part.study.dc is not None:
-        _rest_link(part, part.study.dc, start)
+        _rest_link(part, part.study.dc, start, cases)
     nominal = part.study.converter.references()
     for name, value in zip(References._fields, (cases.P_ref, cases.Q_ref, nominal.omega_0, nominal.V_n), strict=True):
         if f"refs.{name}" in place:
@@ -313,7 +313,7 @@ def _rest(part: Part, cases: LaneCases, rests: Rests) -> None:
             part.put(f"circuit.{name}", getattr(cases, name))
 
 
-def _rest_link(part: Part, link: DcLink, start: ManyStates) -> None:
+def _rest_link(part: Part, link: DcLink, start: ManyStates, cases: LaneCases) -> None:
     """The dc links of the lanes at rest."""
     study = part.study
     powers = power_of_plant(study, start.plant).tolist()
@@ -321,6 +321,10 @@ def _rest_link(part: Part, link: DcLink, start: ManyStates) -> None:
     part.put(part.span("dc").start, np.array(rows).T)
     constants = numbers_of(link.settings(study.converter, study.filter))
     part.put(part.span("link").start, np.repeat(np.array(constants)[:, None], len(part), axis=1))
+    if link.clamps:
+        part.put(part.span("clamp").start, np.array([clamp_at_rest(omega) for omega in cases.omega_g.tolist()]).T)
+        of = np.array(link.clamp(study.converter, study.filter))
+        part.put(part.span("clamp_of").start, np.repeat(of[:, None], len(part), axis=1))
 
 
 def _flat(state: ControllerState) -> list[tuple[str, Array]]:

@@ -245,6 +245,8 @@ def _transferred(parts: Sequence[Watched], old: PowerLoopGains, new: PowerLoopGa
         if np.array_equal(one, other):
             continue
         refs = References(*(part.get(f"refs.{name}") for name in References._fields))
+        if "clamp.cut" in part.place:  # what the power loops have followed
+            refs = refs._replace(P_ref=refs.P_ref + part.get("clamp.cut"))
         moved = gain_transfer(part.get("state.omega_i"), refs, PowerLoopGains(*one), PowerLoopGains(*other))
         part.put("state.omega_i", moved)
         part.put(part.span("power_gains").start, other)

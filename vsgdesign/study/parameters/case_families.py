@@ -136,6 +136,7 @@ def family_fields() -> tuple[Field, ...]:
                 low=0.0 if step.new else size.low,
                 high=step.most,
                 default=step.size,
+                home=None if step.new else size.home,
                 explained="The new value." if step.new else size.explained,
             ),
         )

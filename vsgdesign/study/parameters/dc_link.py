@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+from vsgdesign.equations.dc_control import ClampSettings
 from vsgdesign.equations.dc_link import DcSettings, DcState
-from vsgdesign.equations.dc_source_interface import DcRatings, DcSource
+from vsgdesign.equations.dc_source_interface import DcRatings, DcSource, SourceLimits
 from vsgdesign.equations.dc_sources import DC_SOURCES
-from vsgdesign.equations.frames import linear_modulation_limit
+from vsgdesign.equations.frames import SPACE_VECTOR_POWER, linear_modulation_limit
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
@@ -20,6 +22,9 @@ from vsgdesign.study.parameters.reader import REQUIRED, TableReader
 if TYPE_CHECKING:
     from vsgdesign.study.parameters.event import Event
     from vsgdesign.study.parameters.study import Study
+
+CONTROLS = NONE, POWER_CLAMP = ("none", "power_clamp")
+"""What a controller may do about its link: nothing, or ask for no more power than the source can give."""
 
 V_DC = Times(1.0, "`V_dc`")
 """Nominal voltage of the link."""
@@ -38,6 +43,22 @@ class _Link:
     """Below, the bridge blocks, and the run is lost."""
     V_high: float = number("V", 1.0 * V_DC, 5.0 * V_DC, default=1.2 * V_DC)
     """Above, the bridge blocks, and the run is lost."""
+
+
+class _Control:
+    """Fields of this section."""
+
+    control: str = word(CONTROLS, default=CONTROLS[0])
+    """What the controller does about its link ([controls](theory/dc-side.md#controls))."""
+
+
+class _Clamp:
+    """Fields of [dc.power_clamp]."""
+
+    hold: float = number("s", 0.01, 1e4, default=5.0)
+    """The limit of the power falls when the charge lasts for no more than this."""
+    droop_time: float = number("s", 1e-3, 10.0, default=0.3)
+    """Time constant of the frequency by which the P–f droop is limited. Its faster part goes on damping."""
 
 
 def source_fields() -> tuple[Field, ...]:
@@ -78,7 +99,15 @@ def parameter_fields(source: DcSource) -> tuple[Field, ...]:
     return tuple(found)
 
 
-DC = (*fields_of(_Link), *source_fields())
+_CLAMP_TABLE = Field(
+    kind="table",
+    name=POWER_CLAMP,
+    default=None,
+    shown="defaults",
+    of=fields_of(_Clamp),
+    explained=f'Parameters of `control = "{POWER_CLAMP}"`.',
+)
+DC = (*fields_of(_Link), *fields_of(_Control), *source_fields(), _CLAMP_TABLE)
 """The fields of [dc]."""
 
 
@@ -97,6 +126,16 @@ class DcLink:
     """Voltages beyond which the bridge blocks, V."""
     given: tuple[tuple[str, Any], ...]
     """Every parameter of the source by name, in SI."""
+    control: str = NONE
+    """One of CONTROLS."""
+    hold: float = 5.0
+    droop_time: float = 0.3
+    """Of the clamp, s."""
+
+    @property
+    def clamps(self) -> bool:
+        """Whether the controller asks for no more power than the source can give."""
+        return self.control == POWER_CLAMP
 
     @property
     def kind(self) -> DcSource:
@@ -128,7 +167,25 @@ class DcLink:
     def ratings(self, converter: Converter) -> DcRatings:
         """From which the source's constants follow."""
         bleed = math.inf if self.R_bleed is None else self.R_bleed
-        return DcRatings(converter.T_s, converter.V_dc, self.C, bleed, converter.S_rated)
+        return DcRatings(converter.T_s, converter.V_dc, self.C, bleed, converter.S_rated, self.V_low, self.V_high)
+
+    def clamp(self, converter: Converter, filter_: Filter) -> ClampSettings:
+        """The constants of the clamp. The current is at most its limit, or 1.5 times the rated one without a limit."""
+        i_pk = (converter.current_limit_pu or 1.5) * converter.I_rated_pk
+        bled = 0.0 if self.R_bleed is None else self.V_high**2 / self.R_bleed
+        return ClampSettings(
+            T_s=converter.T_s,
+            own=SPACE_VECTOR_POWER * filter_.R_1 * i_pk * i_pk + bled,
+            smoothing=-math.expm1(-converter.T_s / self.droop_time),
+            hold=self.hold,
+        )
+
+    def can_give(self, converter: Converter, filter_: Filter) -> SourceLimits:
+        """What the source can give at the start, W."""
+        settings, clamp = self.settings(converter, filter_), self.clamp(converter, filter_)
+        memory = SimpleNamespace(**self.recharged(settings))
+        found: SourceLimits = self.kind.law.can_give(memory, clamp.hold, settings.source)
+        return found
 
     def settings(self, converter: Converter, filter_: Filter) -> DcSettings:
         """The constants of the link."""
@@ -169,7 +226,13 @@ def read_dc(table: TableReader | None, converter: Converter) -> DcLink | None:
     """The section; None where a study has none."""
     if table is None:
         return None
-    own = values(_Link, table, {V_DC.of: converter.V_dc})
+    own = values(_Link, table, {V_DC.of: converter.V_dc}) | values(_Control, table)
+    clamp = table.child(POWER_CLAMP)
+    if clamp is not None and own["control"] != POWER_CLAMP:
+        table.fault(POWER_CLAMP, None, f'control = "{own["control"]}" does not read this table', "Remove it.")
+    own |= values(_Clamp, clamp or TableReader({}, table.name(POWER_CLAMP), table.faults))
+    if clamp is not None:
+        clamp.finish()
     ratings = DcRatings(
         converter.T_s, converter.V_dc, own["C"] or math.nan, own["R_bleed"] or math.inf, converter.S_rated
     )
