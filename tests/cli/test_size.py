@@ -90,17 +90,69 @@ def test_sizes_are_enough_and_less_is_not(small: Path) -> None:
 
 def test_the_equation_of_the_link_alone_is_that_of_the_whole_run(small: Path) -> None:
     study = load_study(small)
-    spec, link = study.controllers[0], sizing._link_of(study, None)
+    spec, link = study.controllers[0], sizing._link_of(study, sizing.Asked())
     profile = sizing.profile_of(study, spec, NOTHING, link)
     size = sizing.Size(p_max=6e3, p_charge_max=2e3, C=1.5e-3)
-    alone = sizing._Search(study, link, profile).moved([size])[0]
+    run = sizing.SizedRun("", study, spec, profile)
+    alone = sizing.LinkSearch(study, link, [run]).moved([size], profile)[0]
     assert alone is not None
-    own = sizing._every_sample(study, replace(sizing.link_with(study, link, size), V_low=10.0))
+    own = sizing.every_sample(study, replace(sizing.link_with(study, link, size), V_low=10.0))
     run = simulate(own, feed_of(own, spec, build_timeline(own), NOTHING), finds=spec)
     assert run.dc_log is not None
     lowest = run.dc_log[:, dc_columns(own).index("lowest")]
     assert np.ptp(lowest) > 5.0
     assert alone.lowest == pytest.approx(lowest[-1], abs=1e-4)
+
+
+SUITE = """
+title = "two"
+[[tests]]
+name = "jump"
+scr = 6
+x_over_r = 4
+P_pu = 0.2
+duration = "0.1 s"
+events = [{ phase_jump = "-12 deg" }]
+[[tests]]
+name = "step"
+scr = 6
+x_over_r = 4
+P_pu = 0.2
+duration = "0.1 s"
+events = [{ P_pu = 0.4 }]
+"""
+
+
+def test_a_suite_with_power_and_capacitor_that_are_kept(small: Path) -> None:
+    """Both tests are survived with the energy that is found, and with 5 % less of it one of them is lost."""
+    (small.parent / "two.toml").write_text(SUITE, encoding="utf-8")
+    document = vd.size(small, suites=["two.toml"], keep={"capacitor": 2e-3, "power": 9e3}).to_dict()
+    assert (document["tests"], document["left_out"]) == (["jump", "step"], [])
+    assert (document["size"]["C"], document["size"]["p_max"]) == (2e-3, 9e3)
+    assert document["kept"] == ["power", "capacitor"]
+    assert [one["survived"] for one in document["trials"]] == [True, False]
+    assert document["trials"][1]["why"].partition(":")[0] in ("jump", "step")
+
+
+def test_a_battery(small: Path) -> None:
+    """The study on the battery that was found is not blocked, and 5 % less of its current is too little."""
+    short = TEXT.replace("0.3 s", "0.15 s").replace('[[events]]\ntime = "0.17 s"\nphase_jump = "14 deg"\n', "")
+    small.write_text(short.partition("[dc]")[0], encoding="utf-8")
+    document = vd.size(small, source="battery", keep={"capacitor": 1e-3}).to_dict()
+    assert [one["survived"] for one in document["trials"][:2]] == [True, False]
+    size, study = document["size"], load_study(small)
+    V, S = study.converter.V_dc, study.converter.S_rated
+    battery = {"R_i": 0.05 * V * V / S, "i_charge_max": size["p_charge_max"] / V, "charge": size["charge"]}
+    battery["capacity_Ah"] = size["energy"] / (3600.0 * V)
+    section = {"source": "battery", "C": size["C"], "V_low": document["least_v"] - 2e-3 * V}
+    for share, blocks in ((1.0, False), (0.95 * document["least_power_w"] / size["p_max"], True)):
+        own = battery | {"i_max": share * size["p_max"] / V}
+        try:
+            (one,) = run_scenario(study.with_changes(dc=section | {"battery": own})).controllers
+            blocked = one.outcome.status == "blocked"
+        except vd.VsgDesignError as error:
+            blocked = "limits are" in str(error)
+        assert blocked == blocks
 
 
 def test_what_it_refuses(small: Path) -> None:
@@ -109,5 +161,11 @@ def test_what_it_refuses(small: Path) -> None:
     with pytest.raises(vd.VsgDesignError, match="capacitor = nan F: must be a capacitance"):
         vd.size(small, capacitor=float("nan"))
     assert "larger" in failure(1, "size", small, "--capacitor", "1 uF")
+    assert "power=…" in failure(2, "size", small, "--keep", "speed=1 W")
+    assert "must be positive" in failure(2, "size", small, "--keep", "power=-1 W")
+    with pytest.raises(vd.VsgDesignError, match="photovoltaic: is not sized"):
+        vd.size(small, source="photovoltaic")
+    with pytest.raises(vd.VsgDesignError, match="nothing is left to size"):
+        vd.size(small, keep={"power": 1e4, "capacitor": 1e-3, "energy": 1e3})
     small.write_text(TEXT.replace('"small"', '"small"\n[simulation.x]'), encoding="utf-8")
     assert "small.toml" in failure(2, "size", small)

@@ -24,10 +24,11 @@ from vsgdesign.report.drawing.style import (
 from vsgdesign.report.page.blocks import BULLETS, HEADLINE, Block, Box, Figure, Heading, Page, Span, Table, Where, words
 
 LIMITS = (
-    "The sizes are those of one run: the study's events, in their order, with its duration. Other events need other "
-    "sizes, and where power flows at rest the energy grows with the duration.",
+    "The sizes are those of these runs: the study's events, in their order, with its duration, or each test of a suite "
+    "by itself. Other events need other sizes, and where power flows at rest the energy grows with the duration.",
     "The order decides: first the least power with the given capacitor, then the least capacitor with 10 % more power, "
-    "then the least energy. The figure shows what more power saves of the capacitor.",
+    "then the least energy. A size that is kept is not searched for. The figure shows what more power saves of the "
+    "capacitor.",
     "The bridge is averaged and lossless. Losses of the stage and of the source, and the ripple of the switching "
     "frequency, are not in the sizes.",
 )
@@ -39,16 +40,34 @@ def sizing_sentences(document: Mapping[str, Any]) -> list[str]:
     """The answer in words."""
     size, confirmed = document["size"], document["trials"][0]
     said = (
-        f"{document['controller']} needs a source of {_w(size['p_max'])} that takes {_w(size['p_charge_max'])}, a "
+        f"{document['controller']} needs a {_KINDS[document['source']]} of {_w(size['p_max'])} that takes "
+        f"{_w(size['p_charge_max'])}, a "
         f"capacitor of {plain_quantity(_up(size['C']), 'F')} and a usable energy of {_j(size['energy'])}."
     )
     if not confirmed["survived"]:
         return [f"No answer: the full simulation with the sizes that were found is lost: {confirmed['why']}.", said]
+    of_tests = _of_tests(document)
     return [
         said,
+        *of_tests,
         f"In the full simulation with these sizes the link stays between {number(confirmed['lowest_v'], 4)} and "
         f"{number(confirmed['highest_v'], 4)} V.",
     ]
+
+
+_KINDS = {"converter": "source", "battery": "battery"}
+
+
+def _of_tests(document: Mapping[str, Any]) -> list[str]:
+    """For which tests it is sized, and which are left out."""
+    tests, left_out = document["tests"], document["left_out"]
+    if not tests:
+        return []
+    said = [f"The sizes are those of {len(tests)} tests of {', '.join(document['suites'])}."]
+    if left_out:
+        names = ", ".join(name for name, _ in left_out[:3]) + (" and others" if len(left_out) > 3 else "")
+        said.append(f"{len(left_out)} tests are left out, because they are not survived with an ideal link: {names}.")
+    return said
 
 
 def sizing_page(document: Mapping[str, Any]) -> Page:

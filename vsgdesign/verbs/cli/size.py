@@ -18,13 +18,44 @@ from vsgdesign.verbs.cli.common import JSON, STUDY, echo_aside, keeping, load, p
     help='The capacitor with which the least power is found, such as "2 mF".  [default: that of [dc], or 10 ms of the '
     "rating]",
 )
+@click.option(
+    "--source",
+    type=click.Choice(["converter", "battery"]),
+    default="converter",
+    show_default=True,
+    help="Behind a dc–dc stage, or a battery directly on the link.",
+)
+@click.option(
+    "--keep",
+    "kept",
+    multiple=True,
+    metavar="SIZE=QUANTITY",
+    help='A size that is given and not searched for: "power=9 kW", "capacitor=2 mF" or "energy=20000 J". May be '
+    "repeated.",
+)
+@click.option(
+    "--suite",
+    "suites",
+    multiple=True,
+    metavar="NAME|FILE.toml",
+    help="Size for the grid-code tests of a suite in place of the study's events. May be repeated.",
+)
 @JSON
 @verb
-def size(study_file: str, out: str | None, controller: str | None, capacitor: str | None, as_json: bool) -> None:
+def size(
+    study_file: str,
+    out: str | None,
+    controller: str | None,
+    capacitor: str | None,
+    source: str,
+    kept: tuple[str, ...],
+    suites: tuple[str, ...],
+    as_json: bool,
+) -> None:
     """Size the dc side: power of the source, capacitor and energy.
 
-    The study's events are survived with the sizes, and full simulations with 5 % less of each show what is lost then.
-    The source stands behind a dc–dc stage. The order is: least power, with 10 % more the least capacitor, then the
+    The study's events, or the tests of a suite, are survived with the sizes, and full simulations with 5 % less of each
+    show what is lost then. The order is: least power, with 10 % more the least capacitor, then the
     least energy.
     """
     from pathlib import Path
@@ -36,11 +67,22 @@ def size(study_file: str, out: str | None, controller: str | None, capacitor: st
         C = None if capacitor is None else parse_quantity(capacitor, "F")
     except UnitError as error:
         raise click.UsageError(f'--capacitor "{capacitor}": {error}') from None
+    keep = dict(_kept(one) for one in kept)
     study = load(study_file, left_tables=True)
     folder = Path("out") / f"{study.name}-{WORK}" if out is None else Path(out)
     with keeping(folder):
         with progress(quiet=as_json) as tell:
-            document = size_study(study, folder, controller=controller, C=C, progress=tell, say=echo_aside)
+            document = size_study(
+                study,
+                folder,
+                controller=controller,
+                C=C,
+                source=source,
+                keep=keep,
+                suites=suites,
+                progress=tell,
+                say=echo_aside,
+            )
         if as_json:
             print_json(document)
             return
@@ -49,3 +91,19 @@ def size(study_file: str, out: str | None, controller: str | None, capacitor: st
 
         print_terminal(sizing_blocks(document))
         click.echo(f"results: {folder / 'report.html'}")
+
+
+_UNITS = {"power": "W", "capacitor": "F", "energy": "J"}
+
+
+def _kept(text: str) -> tuple[str, float]:
+    """A size that is given, from the command line."""
+    from vsgdesign.study.parameters.units import UnitError, parse_quantity
+
+    name, _, value = text.partition("=")
+    if name not in _UNITS:
+        raise click.UsageError(f'--keep "{text}": must be power=…, capacitor=… or energy=….')
+    try:
+        return name, parse_quantity(value, _UNITS[name])
+    except UnitError as error:
+        raise click.UsageError(f'--keep "{text}": {error}') from None

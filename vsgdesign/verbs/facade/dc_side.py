@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,12 +53,17 @@ def size(
     *,
     controller: str | None = None,
     capacitor: float | None = None,
+    source: str = "converter",
+    keep: Mapping[str, float] | None = None,
+    suites: Sequence[str] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> DcSide:
     """Finds the power, capacitor and energy that the dc side of a controller needs, as ``vsgdesign size`` does.
 
     The folder ``out`` (None: out/NAME-dc-side) gets the page and results.json. ``controller``: its name (None: the last
-    one). ``capacitor``: the one with which the least power is found, F. Raises the errors of
+    one). ``capacitor``: the one with which the least power is found, F. ``source``: "converter" or "battery". ``keep``:
+    sizes that are given, such as {"power": 9e3}, also "capacitor" (F) and "energy" (J). ``suites``: names or files of
+    grid-code tests in place of the study's events. Raises the errors of
     :func:`vsgdesign.verbs.pipeline.sizing.size_study`.
     """
     from vsgdesign.verbs.pipeline.one_unit import alone
@@ -66,4 +71,7 @@ def size(
 
     study = alone(given_study(study, "size"), "size")
     folder = Path("out") / f"{study.name}-{WORK}" if out is None else Path(out)
-    return DcSide(size_study(study, folder, controller=controller, C=capacitor, progress=progress), folder)
+    document = size_study(
+        study, folder, controller=controller, C=capacitor, source=source, keep=keep, suites=suites, progress=progress
+    )
+    return DcSide(document, folder)

@@ -381,6 +381,9 @@ class EventsTable(TypedDict, total=False):
     V_g_pu: Quantity
     f_g: Quantity
     phase_jump: Quantity
+    dc_power: Quantity
+    dc_charge: Quantity
+    irradiance: Quantity
     over: Quantity
     components: Sequence[EventsComponentsTable | Mapping[str, Any]]
     sag: EventsSagTable | Mapping[str, Any] | Literal["none"]
@@ -576,6 +579,9 @@ class VerificationTable(TypedDict, total=False):
     ramp: VerificationRampTable | Mapping[str, Any]
     reference: VerificationReferenceTable | Mapping[str, Any]
     voltage_set_point: VerificationVoltageSetPointTable | Mapping[str, Any]
+    dc_power: VerificationDcPowerTable | Mapping[str, Any]
+    dc_charge: VerificationDcChargeTable | Mapping[str, Any]
+    irradiance: VerificationIrradianceTable | Mapping[str, Any]
     loss: VerificationLossTable | Mapping[str, Any]
 
 class VerificationStepTable(TypedDict, total=False):
@@ -619,6 +625,24 @@ class VerificationReferenceTable(TypedDict, total=False):
 
 class VerificationVoltageSetPointTable(TypedDict, total=False):
     """The fields of [verification.voltage_set_point]."""
+
+    weight: Quantity
+    size: Quantity | Sequence[Quantity]
+
+class VerificationDcPowerTable(TypedDict, total=False):
+    """The fields of [verification.dc_power]."""
+
+    weight: Quantity
+    size: Quantity | Sequence[Quantity]
+
+class VerificationDcChargeTable(TypedDict, total=False):
+    """The fields of [verification.dc_charge]."""
+
+    weight: Quantity
+    size: Quantity | Sequence[Quantity]
+
+class VerificationIrradianceTable(TypedDict, total=False):
+    """The fields of [verification.irradiance]."""
 
     weight: Quantity
     size: Quantity | Sequence[Quantity]
@@ -688,9 +712,11 @@ class DcTable(TypedDict, total=False):
     R_bleed: Quantity
     V_low: Quantity
     V_high: Quantity
+    control: Literal["none", "power_clamp"]
     battery: DcBatteryTable | Mapping[str, Any]
     converter: DcConverterTable | Mapping[str, Any]
     photovoltaic: DcPhotovoltaicTable | Mapping[str, Any]
+    power_clamp: DcPowerClampTable | Mapping[str, Any]
 
 class DcBatteryTable(TypedDict, total=False):
     """The fields of [dc.battery]."""
@@ -727,6 +753,12 @@ class DcPhotovoltaicTable(TypedDict, total=False):
     R_s: Quantity
     R_sh: Quantity
     alpha_sc: Quantity
+
+class DcPowerClampTable(TypedDict, total=False):
+    """The fields of [dc.power_clamp]."""
+
+    hold: Quantity
+    droop_time: Quantity
 
 def load(
     source: str | Path | Mapping[str, Any],
@@ -842,6 +874,9 @@ def event(
     V_g_pu: Quantity = ...,
     f_g: Quantity = ...,
     phase_jump: Quantity = ...,
+    dc_power: Quantity = ...,
+    dc_charge: Quantity = ...,
+    irradiance: Quantity = ...,
     over: Quantity = ...,
     components: Sequence[EventsComponentsTable | Mapping[str, Any]] = ...,
     sag: EventsSagTable | Mapping[str, Any] | Literal["none"] = ...,
@@ -868,6 +903,12 @@ def event(
         f_g: source frequency (0.8 to 1.2 times f_n in Hz; default unchanged).
         phase_jump: jump of the source's phase, positive: ahead. A component of order n jumps by n times as
         much: the whole waveform moves (−π to π in rad; default 0).
+        dc_power: share of the source of the dc link that is left ([dc side](theory/dc-side.md#events)) (0 to
+        1; default unchanged).
+        dc_charge: state of charge of this source ([dc side](theory/dc-side.md#events)) (0 to 1; default
+        unchanged).
+        irradiance: irradiance on its array ([dc side](theory/dc-side.md#events)) (1 to 2000 in W/m^2; default
+        unchanged).
         over: Ramps `V_g_pu` and `f_g` linearly over this time (0 to `duration` in s; default 0).
         components: The source's negative sequence and harmonics from now on, in place of all earlier ones;
         `[]`: none (default unchanged).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.study.parameters.study import Study
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
 VERB = "vsgdesign size"
@@ -28,31 +28,42 @@ def size_study(
     *,
     controller: str | None = None,
     C: float | None = None,
+    source: str = "converter",
+    keep: Mapping[str, float] | None = None,
+    suites: Sequence[str] = (),
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Sizes the dc side of a controller (None: the last one) for the events of its study, and writes report.html and
-    results.json. ``C``: as in :func:`vsgdesign.campaigns.sizing.size_dc_side`. Returns results.json. Raises its
-    errors and ArtifactError."""
-    from vsgdesign.campaigns.sizing import size_dc_side
+    """Sizes the dc side of a controller (None: the last one) for the events of its study, or for suites of grid-code
+    tests by their names or files, and writes report.html and results.json. ``C``, ``source`` and ``keep``: as in
+    :class:`vsgdesign.campaigns.sizing.Asked`. Returns results.json. Raises the errors of
+    :func:`vsgdesign.campaigns.sizing.size_dc_side`, of the suites, and ArtifactError."""
+    from vsgdesign.campaigns.sizing import Asked, size_dc_side
     from vsgdesign.export.unit import controller_named
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.sizing import sizing_page
 
-    if C is not None and not LEAST_C <= C <= MOST_C:  # NaN as well
-        limits = f"must be a capacitance from {LEAST_C * 1e9:g} nF to {MOST_C:g} F"
-        raise StudyError(study.name, [Fault("capacitor", f"{C:g} F", limits, "Give it in F.")])
+    faults = list(_faults(study, C, source, keep or {}, suites))
+    if faults:
+        raise StudyError(study.name, faults)
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
         spec = controller_named(study, controller)
         alone = replace(study, controllers=(spec,))
         ready = Ready(tables=kept_tables(alone, progress=progress, say=say).tables)
-        found = size_dc_side(study, spec, ready, C=C, progress=progress or silent)
+        tests = _tests(study, spec, ready, suites)
+        asked = Asked(source=source, C=C, keep=keep or {})
+        found = size_dc_side(study, spec, ready, asked, tests, progress=progress or silent)
         document = {
             "study": study.name,
             "title": study.title,
             "S_rated_w": study.converter.S_rated,
             "V_dc_v": study.converter.V_dc,
             "controller": found.controller,
+            "source": found.source,
+            "kept": list(found.kept),
+            "suites": list(suites),
+            "tests": list(found.runs),
+            "left_out": [list(one) for one in found.left_out],
             "size": asdict(found.size),
             "least_power_w": found.least_power,
             "C_given_f": found.C_given,
@@ -68,6 +79,50 @@ def size_study(
         }
         print_html(sizing_page(document), folder / "report.html")
         return write_record(folder, document, VERB)
+
+
+def _faults(
+    study: Study, C: float | None, source: str, keep: Mapping[str, float], suites: Sequence[str]
+) -> Iterator[Fault]:
+    """What is asked for and cannot be sized."""
+    from vsgdesign.campaigns.sizing import CAPACITOR, KEEPS, KINDS
+
+    of_C = [("capacitor", C)] if C is not None else []
+    of_C += [("keep", keep[CAPACITOR])] if CAPACITOR in keep else []
+    for name, value in of_C:
+        if not LEAST_C <= value <= MOST_C:  # NaN as well
+            limits = f"must be a capacitance from {LEAST_C * 1e9:g} nF to {MOST_C:g} F"
+            yield Fault(name, f"{value:g} F", limits, "Give it in F.")
+    if source not in KINDS:
+        advice = "The power of an array is that of its modules and of the weather: choose these."
+        yield Fault("source", source, f"is not sized; {' and '.join(KINDS)} are", advice)
+    for name, value in keep.items():
+        if name not in KEEPS:
+            yield Fault("keep", name, "is no size", f"Give one of {', '.join(KEEPS)}.")
+        elif not 0.0 < value < math.inf:
+            yield Fault("keep", f"{name} = {value:g}", "must be positive and finite", "Give another value.")
+    if len(keep) == len(KEEPS):
+        yield Fault("keep", ", ".join(keep), "nothing is left to size", "vsgdesign simulate runs a given dc side.")
+    if not suites and any(event.of_dc for event in study.events):
+        advice = "Take these events away: the sizes are those of the whole source."
+        yield Fault("events", "dc_power, dc_charge or irradiance", "a source that changes is not sized", advice)
+
+
+def _tests(study: Study, spec: ControllerSpec, ready: Ready, suites: Sequence[str]) -> list[tuple[str, Study]]:
+    """The tests of suites that apply to the controller and that some converter could do."""
+    if not suites:
+        return []
+    from vsgdesign.campaigns.compliance.applies import impossible, not_applicable
+    from vsgdesign.campaigns.compliance.case import Subject, case_of
+    from vsgdesign.campaigns.compliance.reading import suite_named
+
+    subject = Subject(study=replace(study, dc=None), spec=spec, ready=ready)
+    return [
+        (test.id if len(suites) == 1 else f"{suite.name}: {test.id}", case_of(subject, test))
+        for suite in map(suite_named, suites)
+        for test in suite.tests
+        if not_applicable(subject, test) is None and impossible(subject.own_study, test) is None
+    ]
 
 
 def _trial(one: dict[str, Any]) -> dict[str, Any]:
