@@ -253,13 +253,18 @@ def unit_of(study: Study, controller: str | None = None, ready: Ready = NOTHING,
 
 
 def _link(study: Study, start: SampledState) -> LinkVoltage | None:
-    """The dc link at rest. Raises InfeasibleStudyError where its source cannot give the power."""
+    """The dc link at rest. Raises InfeasibleStudyError where its source cannot give the power, and StudyError where the
+    controller clamps it."""
     from vsgdesign.simulation.dc_start import dc_at_start
 
     if study.dc is None:
         return None
-    link = dc_at_start(study, start)
-    return LinkVoltage(float(link.state.v), float(link.settings.V_dc), float(link.settings.limit))
+    if study.dc.clamps:
+        advice = 'Set control = "none". The power that the source can give then limits P_ref outside of it.'
+        fault = Fault("dc.control", study.dc.control, "is not in an exported controller yet", advice)
+        raise StudyError(study.name, [fault])
+    begun = dc_at_start(study, start, study.grid_source.omega_g)
+    return LinkVoltage(float(begun.dc.v), float(begun.link.V_dc), float(begun.link.limit))
 
 
 def _scheduler(study: Study, spec: ControllerSpec, ready: Ready, changes: dict[str, Any]) -> tuple[Scheduler, Origin]:

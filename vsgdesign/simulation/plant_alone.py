@@ -19,7 +19,7 @@ from vsgdesign.linear.operating_point.plant import PlantStep, plant_step, two_ax
 from vsgdesign.simulation.added_source import on_sample
 from vsgdesign.simulation.circuit_program import SAME_INSTANT
 from vsgdesign.simulation.circuits import Circuits, Connection, connection_at, start_of
-from vsgdesign.simulation.dc_start import DcStart, dc_at_start
+from vsgdesign.simulation.dc_start import dc_at_start
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import Study
@@ -44,7 +44,7 @@ class PlantAlone:
         start = start_of(quiet, self.timeline, self._circuits, gains)
         self.x = start.plant
         """States of the circuit, each as (α, β), SI, peak."""
-        self._dc = None if study.dc is None else dc_at_start(study, start)
+        self._dc = None if study.dc is None else dc_at_start(study, start, self.timeline.source_at(0.0).omega)
         self._law = None if study.dc is None else study.dc.kind.law
         self.pending = complex(*start.pending)
         """Bridge voltage that is on its way at the start, V peak, as α + jβ."""
@@ -71,7 +71,7 @@ class PlantAlone:
         """Voltage of the dc link now, V. Raises ValueError where it is ideal."""
         if self._dc is None:
             raise ValueError("the dc link is ideal.")
-        return float(self._dc.state.v)
+        return float(self._dc.dc.v)
 
     @property
     def source(self) -> complex:
@@ -98,7 +98,7 @@ class PlantAlone:
         """One sampling period with a bridge voltage, V peak, as α + jβ. A dc link that has not the voltage for it makes
         what it can."""
         asked, before = ActingVoltage(v_b.real, v_b.imag), self.x
-        acts = asked if self._dc is None else acting_voltage(asked, self._dc.state.v, self._dc.settings.limit)
+        acts = asked if self._dc is None else acting_voltage(asked, self._dc.dc.v, self._dc.link.limit)
         bridge = np.array(acts)
         instants = [self.t_s, *self._inside.get(self.sample, []), (self.sample + 1) * self.T_s]
         for begin, end in itertools.pairwise(instants):
@@ -115,8 +115,8 @@ class PlantAlone:
             self.x = x
         if self._dc is not None and self._law is not None:
             x, after = (FilterSide(*map(float, ends[:6])) for ends in (before, self.x))
-            settings, state = self._dc
-            self._dc = DcStart(settings, dc_step(state, x, after, acts, asked, settings, self._law))
+            link = self._dc.link
+            self._dc = self._dc._replace(dc=dc_step(self._dc.dc, x, after, acts, asked, link, self._law))
         self.sample += 1
 
     def _from(self, t_s: float) -> float:
