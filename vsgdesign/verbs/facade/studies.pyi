@@ -275,6 +275,7 @@ class PlantTable(TypedDict, total=False):
     reactance: Quantity
     resistance: Quantity
     sampling: Literal["together", "spread"]
+    estimators: Literal["own", "common"]
 
 class PowerLoopsTable(TypedDict, total=False):
     """The fields of [power_loops]."""
