@@ -18,12 +18,13 @@ import pytest
 from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.certificate import box_check, region_of, taylor_kernel
+from vsgdesign.certificate import box_check, region_of, taylor_kernel, tracing
 from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.full_order.boxes import Part, Pieces, whole
 from vsgdesign.certificate.full_order.cells import GOOD, INNER_UNSTABLE, Arcs, cells_of
 from vsgdesign.certificate.full_order.forms import ARC, EXPONENTS, GRID, ROWS, Tape, Values
-from vsgdesign.certificate.full_order.kernel import KERNEL, enclosed, gains_of, survey
+from vsgdesign.certificate.full_order.higher import gains_of, tables
+from vsgdesign.certificate.full_order.kernel import KERNEL, enclosed, survey
 from vsgdesign.certificate.full_order.looking import CellGroup
 from vsgdesign.certificate.full_order.points import at_rest, decays_at
 from vsgdesign.certificate.full_order.programs import DIMENSIONS
@@ -32,6 +33,7 @@ from vsgdesign.certificate.full_order.tape import program_of, run
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.region import Region
 from vsgdesign.certificate.taylor_kernel import rows
+from vsgdesign.certificate.tracing import Tracer
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.study.parameters import load_study
@@ -111,6 +113,47 @@ def test_operations_hold_every_point() -> None:
             outside += abs(value(form) - wanted) > form.radius[column]
     assert outside == 0
     assert max(float(form.radius.max()) for form in found) < 0.05  # and the bounds say something
+
+
+def test_programs_of_third_order_hold_every_point() -> None:
+    """Every kind of instruction on random boxes, a cell's rest with a random form, and parameters: at random places of
+    the box, with the rest anywhere in its radius."""
+    rng = np.random.default_rng(8)
+    number = 70  # more than go through at once
+
+    def results(x: Any, rest: Any, blend: Any, root: Any) -> list[Any]:
+        a = x[0] * x[2] + x[1] * 0.5 - x[4] * rest[0] + 2.0
+        b = blend(x[3], x[5]) * a + rest[3] * x[5] + 3.0
+        alone = [1.0 / (x[0] + 1.2), root(x[1] + 1.2), np.sin(3.0 * x[2]), np.cos(3.0 * x[2])]
+        return [*alone, a * b, (a + 1.0) / b, np.cos(b) * np.sin(a * x[5]), root(a * a + b) * rest[1] - x[3] / a]
+
+    tracer = Tracer(10)
+    symbols = tracer.symbols()
+    outputs = results(symbols[:6], symbols[6:], lambda *v: tracer.blend((0, 1), v), lambda v: v.sqrt(0.5))
+    program = tracing.program_of(tracer, outputs)
+    low = rng.uniform(-0.6, 0.3, (number, 6))
+    high = low + rng.uniform(0.0, 0.3, (number, 6))
+    rest = rng.normal(size=(1, 2, 11)) * 0.1 + 1j * rng.normal(size=(1, 2, 11)) * 0.1
+    rest[:, :, [3, 6, 8, 9]], rest[:, :, 10] = 0.0, 0.01  # it does not depend on the frequency
+    parameters = rng.uniform(-1.0, 1.0, (2, number))
+    found = np.zeros((number, len(outputs), rows(DIMENSIONS)))
+    cell = np.zeros(number, dtype=np.int64)
+    gains_of((low, high, cell), rest, parameters, arrays(program), tables(), found)
+    for _ in range(30):
+        t = rng.uniform(-1.0, 1.0, (number, 7)) * (1.0 if rng.random() < 0.5 else 1.0 / 1e-9)
+        t = np.clip(t, -1.0, 1.0)  # half of them are corners
+        x = (0.5 * (low + high) + 0.5 * (high - low) * t[:, :6]).T
+        terms = np.array([np.ones(number), t[:, 0], t[:, 1], 0 * t[:, 0], t[:, 0] ** 2, t[:, 0] * t[:, 1], 0 * t[:, 0],
+                          t[:, 1] ** 2, 0 * t[:, 0], 0 * t[:, 0]])  # fmt: skip
+        off = rng.uniform(-0.01, 0.01, (4, number))
+        parts = [part for form in rest[0, :, :10] for part in (form.real, form.imag)]
+        own = [part @ terms + more for part, more in zip(parts, off, strict=True)]
+        truth = results(x, own, lambda a, b: parameters[0] * a + parameters[1] * b, np.sqrt)
+        for k, wanted in enumerate(truth):
+            for n in range(number):
+                value, radius = _at(found[n, k], t[n], DIMENSIONS)
+                assert abs(value - wanted[n]) <= radius
+    assert np.median(found[:, :, 36:43].sum(axis=2)) < 0.1  # and the bounds say something
 
 
 def determinants(study: Any, problem: Problem, points: Any, gains: Any, V: Any, z: Any) -> Any:
@@ -214,16 +257,15 @@ def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> Non
     part = Part(start, end, cell, piece[chosen], np.zeros(24, np.int64), np.ones(24))
     programs = problem.programs
     empty, applies = np.zeros(24, dtype=np.bool_), np.zeros((len(programs.signs), 24), dtype=np.bool_)
-    inverse = np.zeros((24, rows(d)))
     columns = np.ascontiguousarray(problem.pieces.columns[:, part.piece])
     boxes = (start, end, cell, group.rest, columns)
-    survey(boxes, arrays(programs.situation), programs.conditions, programs.signs, d, (empty, applies, inverse))
+    survey(boxes, arrays(programs.situation), programs.conditions, programs.signs, d, (empty, applies))
     assert not empty.any()
     held = np.zeros(24, dtype=np.bool_)
     near = []
     for case, program in enumerate(programs.gains):
         gains = np.zeros((24, len(program.outputs), rows(d)))
-        gains_of(start, end, inverse, columns, arrays(program), d, gains)
+        gains_of((start, end, cell), group.rest, columns, arrays(program), tables(), gains)
         forms = np.zeros((24, 2, rows(d)))
         where = group.first[cell] + arc
         enclosed((start, end), gains, group.functions, where, arrays(programs.arcs[case]), d, forms)

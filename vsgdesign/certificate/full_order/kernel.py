@@ -20,6 +20,9 @@ them again when this file changes, and this one alone."""
 
 _UP = 1.0 + 1e-13
 
+_TURNS, _TURN = 9, 0.2
+"""Directions in which f may lie, and the angle between them, rad."""
+
 _compiled: Any = njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -54,10 +57,10 @@ def survey(boxes: Any, situation: Any, conditions: Any, signs: Any, d: int, foun
     """What N boxes hold: low and high limits (N, 6), the cell of each (N,), the cells' rest (cells, 2, 11), parameters
     (m, N).
 
-    ``found``: whether they are empty (N,), which pieces of the schedule occur (pieces, N), and 1/V (N, rows(d)).
+    ``found``: whether they are empty (N,), and which pieces of the schedule occur (pieces, N).
     """
     low, high, cell, rest, parameters = boxes
-    empty, applies, forms = found
+    empty, applies = found
     code, number, places, factors, outputs, count = situation
     coordinates = low.shape[1]
     registers = np.zeros((count, rows(d), LANES))
@@ -77,39 +80,16 @@ def survey(boxes: Any, situation: Any, conditions: Any, signs: Any, d: int, foun
         run_program(code, number, places, factors, registers, own, d)
         applies[:, start : start + width] = True
         for n in range(between):
-            limits(registers[outputs[1 + n]], d, least, most)
+            limits(registers[outputs[n]], d, least, most)
             for lane in range(width):
                 for case in range(len(signs)):
                     if signs[case, n] < 0 and least[lane] > 0.0:
                         applies[case, start + lane] = False
                     if signs[case, n] > 0 and most[lane] < 0.0:
                         applies[case, start + lane] = False
-        none_within(registers, outputs[1 + between :], conditions, beyond, crossed, nothing, mean, d)
+        none_within(registers, outputs[between:], conditions, beyond, crossed, nothing, mean, d)
         for lane in range(width):
             empty[start + lane] |= nothing[lane]
-            for k in range(rows(d)):
-                forms[start + lane, k] = registers[outputs[0], k, lane]
-
-
-@_compiled
-def gains_of(low: Any, high: Any, inverse: Any, parameters: Any, program: Any, d: int, found: Any) -> None:
-    """What the power loops of N boxes are made of, ``found`` (N, outputs, rows(d)); ``inverse`` (N, rows(d)): 1/V."""
-    code, number, places, factors, outputs, count = program
-    coordinates = low.shape[1]
-    registers = np.zeros((count, rows(d), LANES))
-    own = np.zeros((len(parameters), LANES))
-    for start in range(0, len(low), LANES):
-        width = min(LANES, len(low) - start)
-        load_boxes(registers, own, low, high, parameters, start, coordinates, d)
-        for lane in range(LANES):
-            box = min(start + lane, len(low) - 1)
-            for k in range(rows(d)):
-                registers[coordinates, k, lane] = inverse[box, k]
-        run_program(code, number, places, factors, registers, own, d)
-        for n in range(len(outputs)):
-            for lane in range(width):
-                for k in range(rows(d)):
-                    found[start + lane, n, k] = registers[outputs[n], k, lane]
 
 
 @_compiled
@@ -157,21 +137,28 @@ def _fill(alive: Any, done: Any, begin: Any, count: Any, box: Any, place: Any) -
 
 
 @_compiled
-def _excluded(re: Any, im: Any, lane: int, d: int) -> bool:
-    """Whether Re(f/f_0) > 0 on all of the box and the arc, with f_0 the value in the middle."""
+def _excluded(re: Any, im: Any, lane: int, d: int) -> complex:
+    """A w with Re(f/w) > 0 on all of the box and the arc, 0 where none is found: the value in the middle, or this
+    turned by some angle."""
     last = 1 + d + d * (d + 1) // 2
     size = math.sqrt(re[0, lane] * re[0, lane] + im[0, lane] * im[0, lane])
-    u, v = re[0, lane] / size, im[0, lane] / size
-    around = 0.0
-    for m in range(1, last):
-        around += abs(u * re[m, lane] + v * im[m, lane])
-    m = 1 + d
-    for i in range(d):  # of a square, one sign only
-        around -= max(u * re[m, lane] + v * im[m, lane], 0.0)
-        m += d - i
-    for m in range(last, last + d):
-        around += abs(u) * re[m, lane] + abs(v) * im[m, lane]
-    return size > around * _UP + 1e-13 * size
+    for turn in range(_TURNS):
+        angle = _TURN * (0.5 - (turn % 2)) * (turn + turn % 2)
+        cosine, sine = math.cos(angle), math.sin(angle)
+        u = (re[0, lane] * cosine - im[0, lane] * sine) / size
+        v = (re[0, lane] * sine + im[0, lane] * cosine) / size
+        around = 0.0
+        for m in range(1, last):
+            around += abs(u * re[m, lane] + v * im[m, lane])
+        m = 1 + d
+        for i in range(d):  # of a square, one sign only
+            around -= max(u * re[m, lane] + v * im[m, lane], 0.0)
+            m += d - i
+        for m in range(last, last + d):
+            around += abs(u) * re[m, lane] + abs(v) * im[m, lane]
+        if size * cosine > around * _UP + 1e-13 * size:
+            return complex(u, v)
+    return 0.0
 
 
 @_compiled
@@ -195,9 +182,10 @@ def exclude(boxes: Any, gains: Any, arcs: Any, program: Any, d: int, found: Any)
     """Whether f has no zero on any arc of a box's cell, for N boxes; returns how many values of f were enclosed.
 
     ``boxes``: limits (N, 6) each, the cell of each (N,), and from which place of its order its arcs are looked at (N,).
-    ``gains`` (N, outputs, rows(d)) of :func:`gains_of`. ``arcs``: the functions (arcs, inputs, 11) of all cells, where
+    ``gains`` (N, outputs, rows(d)): ``higher.gains_of``. ``arcs``: the functions (arcs, inputs, 11) of all cells, where
     a cell's begin, how many they are, and in which order they are looked at. ``found``: 1 or 0 (N,); the place at which
-    it failed (N,); what each dimension adds to what is not known there (N, d); and f in the middle (N, most arcs).
+    it failed (N,); what each dimension adds to what is not known there (N, d); and the direction of f (N, most
+    arcs).
     """
     low, high, cell, begin = boxes
     functions, first, counts, order = arcs
@@ -221,8 +209,11 @@ def exclude(boxes: Any, gains: Any, arcs: Any, program: Any, d: int, found: Any)
         re, im = registers[outputs[0]], registers[outputs[1]]
         for lane in range(width):
             k = box[lane]
-            middle[k, arc[lane] - first[cell[k]]] = complex(re[0, lane], im[0, lane])
-            if state[k] == 1 and not _excluded(re, im, lane, d):
+            if state[k] == 0:
+                continue
+            way = _excluded(re, im, lane, d)
+            middle[k, arc[lane] - first[cell[k]]] = way
+            if way == 0.0:
                 state[k], where[k] = 0, place[lane]
                 _score(re, im, lane, d, score[k])
         kept = 0

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.certificate.full_order.boxes import NATURAL, Part, Pieces
 from vsgdesign.certificate.full_order.cells import Cell
-from vsgdesign.certificate.full_order.kernel import exclude, gains_of, survey
+from vsgdesign.certificate.full_order.higher import gains_of, tables
+from vsgdesign.certificate.full_order.kernel import exclude, survey
 from vsgdesign.certificate.full_order.programs import COORDINATES, DIMENSIONS, FullOrderPrograms
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.taylor_kernel import rows
@@ -72,11 +73,10 @@ def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part:
     count, size = len(part), rows(DIMENSIONS)
     low, high = part.low, part.high
     empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(programs.signs), count), dtype=np.bool_)
-    inverse = np.zeros((count, size))
     columns = np.ascontiguousarray(pieces.columns[:, part.piece])
     situation = arrays(programs.situation)
     boxes = (low, high, part.cell, group.rest, columns)
-    survey(boxes, situation, programs.conditions, programs.signs, DIMENSIONS, (empty, applies, inverse))
+    survey(boxes, situation, programs.conditions, programs.signs, DIMENSIONS, (empty, applies))
     state = np.where(empty, EMPTY, PROVED).astype(np.int64)
     score = np.zeros((count, DIMENSIONS))
     begin = part.begin.copy()
@@ -89,9 +89,8 @@ def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part:
         own_low, own_high, cell = low[some], high[some], part.cell[some]
         program = programs.gains[case]
         gains = np.zeros((len(some), len(program.outputs), size))
-        gains_of(
-            own_low, own_high, inverse[some], np.ascontiguousarray(columns[:, some]), arrays(program), DIMENSIONS, gains
-        )
+        own = np.ascontiguousarray(columns[:, some])
+        gains_of((own_low, own_high, cell), group.rest, own, arrays(program), tables(), gains)
         held, where = np.zeros(len(some), dtype=np.int64), np.zeros(len(some), dtype=np.int64)
         pull, middle = np.zeros((len(some), DIMENSIONS)), np.ones((len(some), widest), dtype=complex)
         good = _high(programs, case, group, own_low, own_high, cell, gains)

@@ -50,8 +50,8 @@ WITHIN, DRAWN = 8, 6
 
 @dataclass(frozen=True)
 class FullOrderPrograms:
-    """``situation``: coordinates and the rest's numbers to 1/V, what tells the pieces of the schedule apart, and the
-    ``conditions``. ``gains``: for each piece, coordinates and 1/V to what the power loops are made of. ``arc``: for
+    """``situation``: coordinates and the rest's numbers to what tells the pieces of the schedule apart, and the
+    ``conditions``. ``gains``: for each piece, the same to what the power loops are made of. ``arcs``: for
     each piece, p, q, s, 1/(s + divisor)³, the functions of an arc and the numbers of ``gains`` to Re f and Im f."""
 
     situation: Program
@@ -68,23 +68,27 @@ class _Chart:
 
     def __init__(self, system: System, region: Region, tracer: Tracer, drawn: bool) -> None:
         first, angle, *errors, self.p, self.q = tracer.symbols()[:COORDINATES]
+        rest = tracer.symbols()[COORDINATES:]
         self.along, self.across = np.cos(angle), np.sin(angle)
         self.size = SCR_BASES[system.study.scr_basis].magnitude(first, self.across)
         self.conditions: list[tuple[Any, float, float]] = []
         direction = _estimate(region, tracer, (self.along, self.across), errors)
-        if not isinstance(system.schedule, TableSchedule):
+        if isinstance(system.schedule, TableSchedule):
+            place = _Place.of(system, self.size, direction)
+            self.conditions += place.within(tracer)
+            if drawn:
+                place = place.drawn(tracer)
+            self.here = Estimate.about(system, self.size, place.direction, place.first, place.slope)
+        else:
             self.here = Estimate.about(system, self.size, direction)
-            return
-        place = _Place.of(system, self.size, direction)
-        self.conditions += place.within(tracer)
-        if drawn:
-            place = place.drawn(tracer)
-        self.here = Estimate.about(system, self.size, place.direction, place.first, place.slope)
-
-    def path(self) -> tuple[Any, Any]:
-        """From the control point to the source, in \\|Z_g\\|."""
+        y = Phasor(self.p * (1.0 / PHASES), self.q * (-1.0 / PHASES))
+        V_g = scaled_sum(1.0, Phasor(rest[0], rest[1]), 1.0, product(Phasor(rest[2], rest[3]), y))
+        drop = V_g.re * V_g.re + V_g.im * V_g.im
+        # From the control point to the source, in |Z_g|.
         fixed, share = self.here.fixed, self.here.share
-        return self.along + fixed[0], (self.across + fixed[1]) * share
+        path = self.along + fixed[0], (self.across + fixed[1]) * share
+        self.inverse_V, more = voltage_conditions(system, region, self.p, self.q, path, self.here.base, drop)
+        self.conditions += more
 
 
 def _estimate(region: Region, tracer: Tracer, truth: tuple[Symbol, Symbol], errors: Sequence[Symbol]) -> Any:
@@ -139,19 +143,13 @@ def full_order_programs(system: System, region: Region, drawn: bool, ratio: bool
     ``ratio``: whether the filters of P and Q differ."""
     tracer = Tracer(COORDINATES + AT_REST)
     chart = _Chart(system, region, tracer, drawn)
-    rest = tracer.symbols()[COORDINATES:]
-    y = Phasor(chart.p * (1.0 / PHASES), chart.q * (-1.0 / PHASES))
-    V_g = scaled_sum(1.0, Phasor(rest[0], rest[1]), 1.0, product(Phasor(rest[2], rest[3]), y))
-    drop = V_g.re * V_g.re + V_g.im * V_g.im
-    inverse_V, conditions = voltage_conditions(system, region, chart.p, chart.q, chart.path(), chart.here.base, drop)
-    conditions = [*chart.conditions, *conditions]
     pieces = PIECES if not isinstance(system.schedule, AtDesignPoint) else (PIECES[0],)
     choices: list[list[Symbol]] = []
     if len(pieces) > 1:
         choices = [chart.here.scheduled(chart.p, chart.q, first)[1] for first in pieces]
     asked = distinct_choices(choices) if choices else []
-    situation = program_of(tracer, [inverse_V, *asked, *(value for value, _, _ in conditions)])
-    between = np.array([[low, high] for _, low, high in conditions])
+    situation = program_of(tracer, [*asked, *(value for value, _, _ in chart.conditions)])
+    between = np.array([[low, high] for _, low, high in chart.conditions])
     signs = signs_of(choices, asked) if choices else np.zeros((1, 0), dtype=np.int64)
     gains, arcs, numbers = [], [], []
     for piece in pieces:
@@ -164,10 +162,9 @@ def full_order_programs(system: System, region: Region, drawn: bool, ratio: bool
 
 def _gains(system: System, region: Region, drawn: bool, piece: Sequence[bool]) -> tuple[list[float | None], Program]:
     """What the power loops are made of, as a program: of each the number where it is one, None where it is a form."""
-    tracer = Tracer(COORDINATES + 1)
+    tracer = Tracer(COORDINATES + AT_REST)
     chart = _Chart(system, region, tracer, drawn)
-    inverse_V = tracer.symbols()[-1]
-    p, q, here = chart.p, chart.q, chart.here
+    p, q, here, inverse_V = chart.p, chart.q, chart.here, chart.inverse_V
     schedule = system.schedule
     plain = system
     if isinstance(schedule, AtDesignPoint):
