@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from tests.examples import load_profile
+from tests.kept_code import FOLDER, Store, keep_compiled_c, keep_machine_code
 
 # Before NumPy is loaded, here and in the processes that tests start. Two workers have two cores, and matrices here are
 # small: a second BLAS thread spent up to ten times the processor's time on waiting for the first.
@@ -157,6 +158,20 @@ def each_picture_once(request: pytest.FixtureRequest) -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", save)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def code_is_kept() -> Iterator[None]:
+    """Machine code of a text that was compiled before is not made again (tests/kept_code.py)."""
+    if os.environ.get("VSGDESIGN_NO_KEPT_CODE"):
+        yield
+        return
+    store = Store(FOLDER)
+    store.sweep()
+    with pytest.MonkeyPatch.context() as patch:
+        keep_machine_code(store, patch)
+        keep_compiled_c(store, patch)
         yield
 
 
