@@ -59,7 +59,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "slip": (-5.0, 5.0), "K_pll": (10.0, 500.0), "K_slip": (1e3, 1e5), "by_power": (0.0, 1.0), "lead": (2e-5, 1e-4),
     "frequency": (-0.1, 0.1), "turned": (-6.0, 6.0), "slow": (-0.1, 0.1), "magnitude": (-0.1, 0.1),
     "angle": (-1.0, 1.0), "phase_noise": (-0.1, 0.1), "voltage_noise": (-0.1, 0.1), "noise": (0.0, 1.0),
-    "smoothing_v": (0.01, 1.0), "smoothing_V": (0.01, 1.0),
+    "smoothing_v": (0.01, 1.0), "smoothing_V": (0.01, 1.0), "units": (1.0, 8.0),
     "r": (1e-6, 1e-4), "d": (-4e3, 4e3), "omega_t": (5.0, 200.0), "tau_P": (0.0, 0.02), "tau_Q": (0.0, 0.02),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
