@@ -66,7 +66,7 @@ def survival_page(document: Mapping[str, Any], live: StaticPage | None = None) -
     beyond = [line for name, one in variants.items() for line in _beyond(name, one)]
     lost = any(one["lost"] for one in variants.values())
     blocks: list[Block] = [
-        words("Each disturbance is a complete EMT simulation of converter, filter, controller and grid."),
+        words(_simulated(document)),
         *way_to_it(live),
         Box((words(*map(_headline, variants, variants.values()), style=HEADLINE), _overview(document)), warning=lost),
         *try_it(live, document["title"]),
@@ -93,6 +93,18 @@ def survival_sentences(document: Mapping[str, Any]) -> list[str]:
     """What the page says first: how much each controller survives, and with which currents."""
     variants = document["variants"]
     return [*map(_headline, variants, variants.values()), *(line for one in variants.items() for line in _beyond(*one))]
+
+
+def _simulated(document: Mapping[str, Any]) -> str:
+    """What a disturbance is."""
+    if "units" not in document:
+        return "Each disturbance is a complete EMT simulation of converter, filter, controller and grid."
+    units = counted(document["units"], "unit")
+    return (
+        f"Each disturbance is a complete EMT simulation of the grid and of {units} at one node, each with its filter "
+        "and its controller. Short-circuit ratios are on the rating of the plant. The plant survives where every unit "
+        "does that is on line at the end, and a current is the largest one of any unit."
+    )
 
 
 _BRIDGES = {"averaged": "averaged over a sampling period", "pwm": "switched"}

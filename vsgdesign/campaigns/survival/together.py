@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.campaigns.survival.plants import plant_verdict
 from vsgdesign.metrics.survival import LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, Survival, SurvivalDemand, why_lost
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, LaneEvents
@@ -31,6 +32,8 @@ def verdicts_of(subject: Subject, cases: Sequence[SurvivalCase]) -> list[Surviva
     Those without a rest that is asked for, and those that diverge, are run alone: their reasons say more than a lane
     keeps.
     """
+    if subject.study.plant is not None:
+        return [plant_verdict(subject, case) for case in cases]
     some = [k for k, case in enumerate(cases) if _may_be_a_lane(subject, case)]
     found = dict(zip(some, _together(subject, [cases[k] for k in some]), strict=True))
     return [found.get(k) or run_case(subject, case).verdict for k, case in enumerate(cases)]
@@ -39,7 +42,7 @@ def verdicts_of(subject: Subject, cases: Sequence[SurvivalCase]) -> list[Surviva
 def share_a_loop(subject: Subject) -> bool:
     """Whether runs of a subject can share a loop: averaged, in a clean grid, with told or fixed gains."""
     study = subject.study
-    alone = subject.in_the_field or subject.learns or study.protection is not None
+    alone = study.plant is not None or subject.in_the_field or subject.learns or study.protection is not None
     return subject.bridge == "averaged" and not alone
 
 

@@ -10,7 +10,7 @@ from vsgdesign.simulation.survival.cases import (
 from vsgdesign.simulation.survival.clearing import ClearingTimes, Verdicts, critical_clearing_times
 from vsgdesign.simulation.survival.demand import field_cases
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
-from vsgdesign.simulation.survival.sets import dc_set, fixed_set, random_set
+from vsgdesign.simulation.survival.sets import dc_set, fixed_set, plant_set, random_set
 from vsgdesign.simulation.survival.summary import SurvivalFigures, by_group, figures_of
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "field_cases",
     "figures_of",
     "fixed_set",
+    "plant_set",
     "random_set",
     "rest_of",
     "run_case",

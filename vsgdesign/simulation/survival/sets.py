@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from vsgdesign.simulation.survival.cases import FOR_EVER, GridKnowledge, GridState, SurvivalCase
 from vsgdesign.study.parameters.dc_link import DcLink, not_of
 from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.network_fields import OPEN
 
 WEAK, STRONG = (1.2, 1.5, 2.0, 5.0), 20.0
 """Short-circuit ratios between which the grid jumps."""
@@ -41,6 +42,8 @@ _SWITCHED += ((2.0, 10.0, 20.0, 1.0), (2.0, 1.0, 20.0, 20.0), (1.2, 20.0, 20.0, 
 _ALIKE = ((5.0, 0.3, 5.0, 20.0), (5.0, 20.0, 5.0, 0.3))
 X_OVER_R_JUMPS = (*_SWITCHED, *((scr, x, to, r) for to, r, scr, x in _SWITCHED), *_ALIKE)
 """SCR and X/R before and after: both ways, and of X/R alone."""
+
+_LOSS_SCR, _LOSS_X_OVER_R, _LOSS_P = (1.2, 1.5, 2.0, 5.0, 20.0), (1.0, 3.0, 10.0), (-0.7, 0.3, 0.9)
 
 ERRORS = tuple((m, a) for m, a in itertools.product((0.8, 1.0, 1.2), (-10.0, 0.0, 10.0)) if (m, a) != (1.0, 0.0))
 """Errors of the estimate: |Z| over the true one, and degrees."""
@@ -71,6 +74,21 @@ def random_set(seed: int, count: int) -> tuple[SurvivalCase, ...]:
     """``count`` random cases: random grids, powers, sizes, instants, delays and errors of the estimate."""
     rng = np.random.default_rng(seed)
     return tuple(_DRAWN[int(rng.integers(len(_DRAWN)))](rng) for _ in range(count))
+
+
+def plant_set(cases: Iterable[SurvivalCase], units: int) -> Iterator[SurvivalCase]:
+    """Cases of one converter for a plant of so many equal units, which has no ramps; then the loss of one of them at
+    rest, and with the clearing of a sag. Short-circuit ratios are those of a unit with all units on line."""
+    yield from (case for case in cases if not any(change.over > 0.0 for change in case.changes))
+    if units == 1:
+        return
+    lost = [Event.of_pu(0.0, element=f"unit{k}", breaker=OPEN) for k in (1, units)]
+    for k, (scr, x, P, silent_s) in enumerate(itertools.product(_LOSS_SCR, _LOSS_X_OVER_R, _LOSS_P, STALE_S)):
+        yield _case("loss of a unit", _start(scr, x, P), lost[k % 2], silent_s=silent_s)
+    for k, ((scr, x, P), V) in enumerate(itertools.product(PLACES, (0.0, 0.05, 0.2, 0.5))):
+        begun, back = _sag(V, 0.15)
+        gone = replace(lost[k % 2], t_s=back.t_s)
+        yield _case("sag with loss of a unit", _start(scr, x, P), begun, back, gone)
 
 
 def _start(scr: float, x_over_r: float, P_pu: float, Q_pu: float = 0.0) -> GridState:

@@ -371,7 +371,7 @@ def _unit_result(
     c = own.converter
     lengths = (np.hypot(*one.T) / c.I_rated_pk for one in (i_g, i_s))
     seen = SignalsAtPcc(run.t_s, P, Q, *lengths)
-    simulation = _as_simulation(run, unit, k)
+    simulation = as_simulation(run, unit, k)
     at_limit = None if run.divergence else rest_at_limit(own, simulation, seen)
     events = measure_events(
         own,
@@ -428,7 +428,8 @@ def _survival(
     return with_protection(verdict, study, run, instants[0])
 
 
-def _as_simulation(run: PlantRun, unit: UnitRun, k: int) -> Simulation:
+def as_simulation(run: PlantRun, unit: UnitRun, k: int) -> Simulation:
+    """The part of a unit in a run, as the run of one converter."""
     rows = len(run.t_s)
     return Simulation(
         t_s=run.t_s,

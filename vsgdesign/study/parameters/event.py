@@ -17,6 +17,7 @@ from vsgdesign.study.parameters.grid import Grid, Place
 from vsgdesign.study.parameters.network import Network, SynchroCheck
 from vsgdesign.study.parameters.network_fields import (
     NOTHING_SAID,
+    OPEN,
     Said,
     fault_document,
     fault_in_si,
@@ -120,6 +121,7 @@ class Event:
         """An event per unit in words, such as ``SCR 20, X/R 3, phase +30°``."""
         ramp = f" over {self.over:.3g} s" if self.over > 0.0 else ""
         parts = [] if self.place is None else [f"SCR {self.place.scr:.3g}, X/R {self.place.x_over_r:.3g}"]
+        parts += [f"{self.element} is lost"] if self.element is not None and self.switched.breaker == OPEN else []
         parts += [f"{kind.of_suite.short(kind.value(self))}{ramp if kind.ramps else ''}" for kind in self.changed]
         return ", ".join(parts)
 

@@ -55,7 +55,7 @@ def survive(
 
     from vsgdesign.verbs.pipeline.survival import Asked, report_survival
 
-    study = load(study_file, left_tables=True)
+    study = load(study_file, left_tables=True, plants="whole")
     folder = Path("out") / f"{study.name}-survival" if out is None else Path(out)
     with keeping(folder):
         with progress(quiet=as_json) as tell:

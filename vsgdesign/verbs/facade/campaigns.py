@@ -231,12 +231,11 @@ def survive(
     current limiter of the study one after the other; "none" is none. ``how`` is that of :func:`verify`. Raises the
     errors of :func:`vsgdesign.verbs.pipeline.survival.report_survival`.
     """
-    from vsgdesign.verbs.pipeline.one_unit import alone
-    from vsgdesign.verbs.pipeline.study_tables import with_left_tables
+    from vsgdesign.verbs.pipeline.one_unit import as_one_converter, with_tables_left
     from vsgdesign.verbs.pipeline.survival import WORK, Asked, report_survival
 
     known_word("bridge", bridge, _BRIDGES)
-    study = with_left_tables(alone(given_study(study, "survive"), "survive"))
+    study = with_tables_left(as_one_converter(given_study(study, "survive")))
     folder = _place(study, out, WORK)
     asked = Asked(controllers or None, limiters or None, bridge, explorer)
     return Survival(report_survival(study, folder, asked, progress=progress, **how), folder)

@@ -16,8 +16,9 @@ from vsgdesign.equations.limiters import LIMITERS as KNOWN
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification import estimator_kind
-from vsgdesign.study.parameters.study import NO_LIMITER, Study
+from vsgdesign.study.parameters.study import NO_LIMITER, ControllerSpec, Study
 from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
+from vsgdesign.verbs.pipeline.one_unit import as_unit
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
     from vsgdesign.report.explore.page_cases import PageCase
@@ -75,6 +76,7 @@ def report_survival(
     from vsgdesign.report.survival import survival_page
 
     controllers, limiters = asked.controllers, asked.limiters
+    own = as_unit(study, VERB)
     with (
         room_for(out, VERB, inputs=study.input_files),
         # What it keeps goes after the folder is in its place: an interruption in between loses no finished run.
@@ -82,9 +84,9 @@ def report_survival(
         staged_folder(out, VERB, inputs=study.input_files) as folder,
     ):
         # Its faults are said before anything is designed.
-        subjects_of(study, Ready(), controllers=controllers, limiters=limiters)
+        subjects_of(study, Ready(), controllers=controllers, limiters=limiters, bridge=asked.bridge)
         names = None if controllers is None else set(controllers)
-        part = replace(study, controllers=tuple(c for c in study.controllers if names is None or c.name in names))
+        part = replace(own, controllers=tuple(c for c in study.controllers if names is None or c.name in names))
         ready = survival_tables(part, kept, workers=workers, progress=progress)
         subjects = subjects_of(study, ready, controllers=controllers, limiters=limiters, bridge=asked.bridge)
         results = run_many(
@@ -98,8 +100,9 @@ def report_survival(
         )
         write_cases(folder / "cases.csv", results)
         document = survival_document(study, subjects, results) | {"bridge": asked.bridge, "provenance": provenance()}
-        cases = lost_cases(subjects, results)
-        with live_begun(part, ready, workers, cases=cases) if asked.explorer else nullcontext() as live:
+        cases = lost_cases(subjects, results) if study.plant is None else []
+        shows = asked.explorer and study.plant is None
+        with live_begun(part, ready, workers, cases=cases) if shows else nullcontext() as live:
             page = None if live is None else waited_for(live, progress or silent)
         print_html(survival_page(document, page), folder / "report.html")
         return write_record(folder, document, VERB)
@@ -170,18 +173,12 @@ def subjects_of(
     from vsgdesign.simulation.survival import Subject
     from vsgdesign.simulation.survival.demand import ROOM
 
-    limit_pu, faults = study.converter.current_limit_pu, []
+    limit_pu = study.converter.current_limit_pu
     known = {spec.name: spec for spec in study.controllers}
     wanted = list(known if controllers is None else controllers)
-    if limit_pu is None:
-        advice = "Set it, for example to 1.2: it decides which states of rest are asked for."
-        faults.append(Fault("converter.current_limit_pu", "", "is missing", advice))
-    if study.replay is not None:
-        advice = "Take [replay] away; [background] makes a restless grid."
-        faults.append(Fault("replay", "", "a recorded source cannot sag or jump as the disturbances ask", advice))
-    if study.network.fault is not None or not study.network.connected:
-        advice = "Take it away; vsgdesign simulate and comply have events for it."
-        faults.append(Fault("network", "", "every disturbance begins at rest, without a fault and on the grid", advice))
+    faults = _faults_of_study(study)
+    if study.plant is not None:
+        faults += _faults_of_plant(study, [known[name] for name in wanted if name in known], bridge)
     for name in wanted:
         if name not in known:
             faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))
@@ -204,16 +201,49 @@ def subjects_of(
     return found
 
 
+def _faults_of_study(study: Study) -> list[Fault]:
+    """What no disturbance can be measured with."""
+    faults = []
+    if study.converter.current_limit_pu is None:
+        advice = "Set it, for example to 1.2: it decides which states of rest are asked for."
+        faults.append(Fault("converter.current_limit_pu", "", "is missing", advice))
+    if study.replay is not None:
+        advice = "Take [replay] away; [background] makes a restless grid."
+        faults.append(Fault("replay", "", "a recorded source cannot sag or jump as the disturbances ask", advice))
+    if study.network.fault is not None or not study.network.connected:
+        advice = "Take it away; vsgdesign simulate and comply have events for it."
+        faults.append(Fault("network", "", "every disturbance begins at rest, without a fault and on the grid", advice))
+    return faults
+
+
+def _faults_of_plant(study: Study, specs: Sequence[ControllerSpec], bridge: str) -> list[Fault]:
+    """What a measurement of a plant does not have."""
+    found = []
+    for name, there in (("background", study.background), ("sensors", study.sensors)):
+        if there is not None:
+            problem = "disturbances of a plant are measured on a clean grid, with ideal sensors"
+            found.append(Fault(name, "", problem, "Take it away; vsgdesign simulate runs a plant with it."))
+    for spec in specs:
+        if spec.estimate != "truth":
+            problem = "units of a plant are told the grid in every disturbance, late and wrong"
+            found.append(Fault(f"controllers.{spec.name}.estimate", spec.estimate, problem, 'Give estimate = "truth".'))
+    if bridge != "averaged":
+        found.append(Fault("bridge", bridge, "the bridges of a plant are averaged", "Leave --bridge out."))
+    return found
+
+
 def survival_cases(study: Study, *, random: bool = True) -> tuple[SurvivalCase, ...]:
     """The systematic disturbances, and the random ones that the study's [survival] asks for.
 
     Where a controller estimates its grid by itself, every case leaves it time to learn the grid, and has a background
     and sensors of its own if the study has any.
     """
-    from vsgdesign.simulation.survival import dc_set, field_cases, fixed_set, random_set
+    from vsgdesign.simulation.survival import dc_set, field_cases, fixed_set, plant_set, random_set
 
     drawn = random_set(study.survival.seed, study.survival.random) if random else ()
     cases = (*fixed_set(), *dc_set(study.dc), *drawn)
+    if study.plant is not None:
+        return tuple(plant_set(cases, len(study.plant.units)))
     learns = any(spec.estimate != "truth" and estimator_kind(spec.estimate).by_sample for spec in study.controllers)
     return tuple(field_cases(cases, study.survival.seed)) if learns else cases
 
@@ -228,6 +258,7 @@ def survival_document(
         "limit_pu": study.converter.current_limit_pu,
         "seed": study.survival.seed,
         **({} if study.dc is None else {"dc_source": study.dc.source}),
+        **({} if study.plant is None else {"units": len(study.plant.units)}),
         "variants": {name: _variant(subjects[name], results[name]) for name in results},
     }
 

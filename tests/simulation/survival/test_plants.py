@@ -1,0 +1,64 @@
+"""Disturbances of a plant of equal units, against the run of one converter on the grid of the common mode."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.campaigns.survival.plants import plant_verdict
+from vsgdesign.errors import StudyError
+from vsgdesign.metrics.survival import NO_REST, SURVIVED
+from vsgdesign.simulation.survival import GridKnowledge, Subject, fixed_set, plant_set, run_case
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.verbs.pipeline.one_unit import as_unit
+from vsgdesign.verbs.pipeline.survival import subjects_of
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    """Two units, with the closed form: a plant needs no table for this."""
+    found = load_study("studies/plant/study.toml").with_changes(plant={"units": 2}, events=[])
+    return replace(found, controllers=(replace(found.controllers[0], schedule="closed_form"),))
+
+
+@pytest.fixture(scope="module")
+def subject(study: Study) -> Subject:
+    return subjects_of(study, Ready(), limiters=None)["table"]
+
+
+@pytest.mark.parametrize(("group", "scr"), [("jump down", 20.0), ("sag", 5.0), ("wrong estimate", 2.0)])
+def test_units_that_move_alike_are_one_converter(study: Study, subject: Subject, group: str, scr: float) -> None:
+    """All units have the same disturbance, so each is one converter on x_t + N Z_g, with the same figures."""
+    some = [one for one in fixed_set() if one.group == group and one.start.P_pu == 0.5]
+    case = next(one for one in some if (one.start.scr, one.start.x_over_r) == (scr, 3.0))
+    case = replace(case, knowledge=replace(case.knowledge, silent_s=0.05))
+    alone = replace(subject, study=as_unit(study, "this test"))
+    found, expected = plant_verdict(subject, case), run_case(alone, case).verdict
+    assert expected.status == SURVIVED
+    assert found.status == expected.status
+    for name in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_rad"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-6, abs=1e-9), name
+
+
+def test_the_loss_of_a_unit(subject: Subject) -> None:
+    """What is asked of those that are left is asked at the rest of one; a plant of one has none to lose."""
+    cases = [one for one in plant_set(fixed_set(), 2) if one.group == "loss of a unit"]
+    case = next(one for one in cases if (one.start.scr, one.start.P_pu) == (2.0, 0.3))
+    assert case.changes[0].element in ("unit1", "unit2")
+    assert "is lost" in case.name
+    assert plant_verdict(subject, case).status == SURVIVED
+    hopeless = replace(case, start=replace(case.start, scr=0.3, P_pu=-0.7), knowledge=GridKnowledge())
+    found = plant_verdict(subject, hopeless)
+    assert found.status == NO_REST
+    assert "before the event" in (found.reason or "")
+    assert not any(one.group.endswith("loss of a unit") for one in plant_set(fixed_set(), 1))
+    assert not any(change.over for one in plant_set(fixed_set(), 2) for change in one.changes)
+
+
+def test_what_a_plant_does_not_have(study: Study) -> None:
+    learns = replace(study, controllers=(replace(study.controllers[0], estimate="field"),))
+    with pytest.raises(StudyError, match="2 faults") as error:
+        subjects_of(learns, Ready(), bridge="pwm")
+    assert len(error.value.faults) == 2
