@@ -57,6 +57,11 @@ _FREQUENCIES = np.geomspace(1.0, 130.0, 10)
 _TAYLOR = 6
 _CLEAR = 0.15
 """Disk margin of the differential mode within its decay, in the program."""
+_CLEAR_REAL = 0.02
+"""Product of (λ + d)/d over the modes of the loops in the program, where the differential mode is to have the decay d:
+about by how much it has more."""
+_SLOW = 3
+"""States of the loops: angle, frequency and voltage. Those behind them are fast."""
 _WEIGHT_RESERVE = 20.0
 
 
@@ -177,8 +182,8 @@ def _row_kinds(spec: Specification) -> list[str]:
     if spec.settles:
         peaks, tails = _times()
         kinds += (["overshoot"] * len(peaks) + ["settling_time"] * (2 * len(tails))) * 2
-    frequencies = len(_FREQUENCIES) + (len(_FREQUENCIES) + 1) * (spec.differential_decay > 0.0)
-    return kinds + ["disk_margin"] * (2 * frequencies)
+    rows = 2 * len(_FREQUENCIES) + (2 * (len(_FREQUENCIES) + 1) + 1) * (spec.differential_decay > 0.0)
+    return kinds + ["disk_margin"] * rows
 
 
 def _times() -> tuple[list[int], list[int]]:
@@ -232,7 +237,23 @@ def _differential_rows(law: LawOfStudy, spec: Specification, s: Scenarios, gains
     A, B, C, J = found[12:] if lags.yields else found[4:8]
     shifted = A + spec.differential_decay * ca.SX.eye(A.shape[0])
     frequencies = np.concatenate([[0.0], _FREQUENCIES / spec.settling_time])
-    return _margin_rows(shifted, B, C, J, _CLEAR * (1.0 - slack), frequencies)
+    # Clear of −1 is also what lies behind it: a real mode that is slower than d. The determinant tells the sides apart.
+    side = _slow_determinant(found[0] + spec.differential_decay * ca.SX.eye(A.shape[0])) / spec.differential_decay**3
+    rows = _margin_rows(shifted, B, C, J, _CLEAR * (1.0 - slack), frequencies)
+    return [*rows, side - _CLEAR_REAL * (1.0 - slack)]
+
+
+def _slow_determinant(A: Any) -> Any:
+    """−det of A without its states from the fourth on: filters and what the plant yields, which are fast. Positive
+    where an even number of modes of the others is to the right of zero."""
+    n = A.shape[0]
+    M = [[A[i, j] for j in range(n)] for i in range(n)]
+    for k in range(n - 1, _SLOW - 1, -1):
+        for i in range(k):
+            factor = M[i][k] / M[k][k]
+            for j in range(k):
+                M[i][j] = M[i][j] - factor * M[k][j]
+    return -ca.det(ca.blockcat([row[:_SLOW] for row in M[:_SLOW]]))
 
 
 def _fastest(lags: Lags) -> float:
