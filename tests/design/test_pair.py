@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from vsgdesign.certificate.region import AtDesignPoint
 from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import design_cell
 from vsgdesign.design.evaluation import between_units, law_of, model_in, shortfalls
+from vsgdesign.design.nlp import slow_determinant
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -104,6 +106,22 @@ def test_a_node_keeps_the_decay_on_both_impedances() -> None:
     missed = shortfalls(replace(spec, differential_decay=50.0), found.figures, found.inertia)
     assert missed["differential_decay"] == found.figures.differential_decay
     assert "differential_decay" not in shortfalls(spec, found.figures, found.inertia)
+
+
+@pytest.mark.parametrize("slower", [0, 1, 2])
+def test_the_program_tells_the_sides_of_a_decay_apart(slower: int) -> None:
+    """The determinant of the slow states, with fast ones behind them, has the sign of the number of real modes that are
+    slower than asked: by the eigenvalues and the determinants of NumPy."""
+    rng = np.random.default_rng(slower)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    A = np.zeros((7, 7))
+    A[:3, :3] = turn @ np.diag([*([0.4] * slower), *([-2.0] * (3 - slower))]) @ turn.T
+    A[:3, 3:], A[3:, :3] = 0.1 * rng.standard_normal((3, 4)), rng.standard_normal((4, 3))
+    A[3:, 3:] = np.diag([-200.0, -190.0, -60.0, -50.0]) + rng.standard_normal((4, 4))
+    found = float(slow_determinant(ca.SX(ca.DM(A))))
+    assert np.sum(np.linalg.eigvals(A).real > 0.0) == slower
+    assert found == pytest.approx(-np.linalg.det(A) / np.linalg.det(A[3:, 3:]), rel=1e-9)
+    assert (found > 0.0) == (slower % 2 == 0)
 
 
 def test_the_units_against_each_other_are_proved_apart() -> None:

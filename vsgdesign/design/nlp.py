@@ -238,12 +238,12 @@ def _differential_rows(law: LawOfStudy, spec: Specification, s: Scenarios, gains
     shifted = A + spec.differential_decay * ca.SX.eye(A.shape[0])
     frequencies = np.concatenate([[0.0], _FREQUENCIES / spec.settling_time])
     # Clear of −1 is also what lies behind it: a real mode that is slower than d. The determinant tells the sides apart.
-    side = _slow_determinant(found[0] + spec.differential_decay * ca.SX.eye(A.shape[0])) / spec.differential_decay**3
+    side = slow_determinant(found[0] + spec.differential_decay * ca.SX.eye(A.shape[0])) / spec.differential_decay**3
     rows = _margin_rows(shifted, B, C, J, _CLEAR * (1.0 - slack), frequencies)
     return [*rows, side - _CLEAR_REAL * (1.0 - slack)]
 
 
-def _slow_determinant(A: Any) -> Any:
+def slow_determinant(A: Any) -> Any:
     """−det of A without its states from the fourth on: filters and what the plant yields, which are fast. Positive
     where an even number of modes of the others is to the right of zero."""
     n = A.shape[0]
