@@ -87,3 +87,59 @@ def test_an_island_beyond_its_voltage_limits_is_not_settled(tmp_path: Path) -> N
     found = run_of(tmp_path, "60")
     assert found.outcome.status == "not settled"
     assert any(one.fault is not None and "pu, outside of" in one.fault for one in found.sharing)
+
+
+JOINS = """
+[[events]]
+time = "0.1 s"
+element = "grid"
+breaker = "open"
+
+[[events]]
+time = "0.5 s"
+element = "small"
+breaker = "closed"
+synchro_check = { df = "1 Hz" }
+
+[[events]]
+time = "1.9 s"
+element = "small"
+P_ref = "2 kW"
+"""
+
+
+def test_a_unit_joins_an_island_when_it_is_in_phase(tmp_path: Path) -> None:
+    """The unit runs at its own frequency, without a load, until both sides are within 10°: the node's voltage is
+    that of the load, of which the other unit's current is known. From then on it shares."""
+    island = ISLAND.partition("[[events]]")[0].replace(
+        'P_ref = "2 kW", Q_ref', 'breaker = "open", P_ref = "4 kW", Q_ref'
+    )
+    (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
+    (tmp_path / "island.toml").write_text(island.replace("LOAD", "2") + JOINS, encoding="utf-8")
+    found = run_plant(load_study(tmp_path / "island.toml")).controllers[0]
+    assert found.outcome.status == "settled", found.outcome.reason
+    (closing,) = [one for one in found.rests if "breaker closes at" in one.name]
+    assert 0.5 < closing.t_s < 1.9
+    large, small = (one.simulation for one in found.units)
+    row = int(np.searchsorted(large.t_s, closing.t_s)) - 1
+    v, i = (
+        one.column(f"{name}_alpha") + 1j * one.column(f"{name}_beta") for one, name in ((small, "v_c"), (large, "i_g"))
+    )
+    before = np.abs(np.angle(v * np.conj(i * complex(7.0, 2.0))))[: row + 1]
+    late = large.t_s[: row + 1] > 0.55
+    assert before[row] < np.radians(10.5)
+    assert before[late].max() > np.radians(20.0)
+    assert {one.unit for one in found.sharing if one.name == "small: P_ref 2 kW"} == {"large", "small"}
+
+
+def test_a_unit_that_never_comes_into_phase_says_so(tmp_path: Path) -> None:
+    """With another frequency than the relay allows."""
+    island = ISLAND.partition("[[events]]")[0].replace(
+        'P_ref = "2 kW", Q_ref', 'breaker = "open", P_ref = "4 kW", Q_ref'
+    )
+    (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
+    text = island.replace("LOAD", "2").replace('"3.6 s"', '"1 s"') + JOINS.partition('[[events]]\ntime = "1.9 s"')[0]
+    (tmp_path / "island.toml").write_text(text.replace('df = "1 Hz"', 'df = "0.05 Hz"'), encoding="utf-8")
+    found = run_plant(load_study(tmp_path / "island.toml")).controllers[0]
+    assert found.outcome.status == "not settled"
+    assert "never closes" in (found.outcome.reason or "")

@@ -42,6 +42,7 @@ from vsgdesign.simulation.units.inverters import (
     inverters_at_rest,
     terminals_at_rest,
 )
+from vsgdesign.simulation.units.joining import NEVER, joined, waiting
 from vsgdesign.simulation.units.run import PlantRun, UnitRun, check_start, simulate_plant
 from vsgdesign.simulation.units.sharing import Sharing, sharing_of
 from vsgdesign.simulation.units.start import situation_at
@@ -103,10 +104,14 @@ class PlantController:
     loop_seconds: float
     sharing: tuple[Sharing, ...] = ()
     """Of each unit in each stretch without a source."""
+    alone: tuple[str, ...] = ()
+    """Events whose breakers wait and never close."""
 
     @property
     def outcome(self) -> Outcome:
         """The worst one of its units that are connected at the end, with the name of the unit."""
+        if self.alone:
+            return Outcome("not settled", self.alone[0])
         if self.rests[-1].islanded and self.sharing:
             at_end = [one for one in self.sharing if one.t_s == self.rests[-1].t_s]
             bad = next((one for one in at_end if one.fault is not None), None)
@@ -143,9 +148,11 @@ def run_plant(
     unstable: before the run, or after it where gains follow what a unit measures. Raises InfeasibleStudyError where the
     start has no steady state, or a controller cannot be run in a plant."""
     found = []
-    for spec in study.controllers:
-        timeline, schedules, rests = _prepared(study, spec, ready, warn)
+    asked = study
+    for spec in asked.controllers:
         report = None if progress is None else _reporter(progress, spec.name)
+        study = _with_closings(asked, spec, ready, report)
+        timeline, schedules, rests = _prepared(study, spec, ready, warn)
         interval = _interval(study, timeline)
         run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
         feeds = [one if isinstance(one, FieldScheduler) else None for one in schedules]
@@ -164,9 +171,21 @@ def run_plant(
                 inverters=inverters,
                 loop_seconds=run.loop_seconds,
                 sharing=sharing_of(run, rests, settling_time_of(spec, ready)),
+                alone=tuple(event.name for event in study.events if event.name.endswith(NEVER)),
             )
         )
-    return PlantResult(study=study, controllers=tuple(found), ready=ready)
+    return PlantResult(study=asked, controllers=tuple(found), ready=ready)
+
+
+def _with_closings(study: Study, spec: ControllerSpec, ready: Ready, report: Callable[[float], None] | None) -> Study:
+    """The study with the breakers that wait as events at the instants at which they close."""
+    while (event := waiting(study)) is not None:
+        timeline, schedules, _ = _prepared(study, spec, ready, None)
+        run = simulate_plant(
+            study, schedules, timeline=timeline, log_interval=_interval(study, timeline), progress=report
+        )
+        study = joined(study, event, run)
+    return study
 
 
 def check_plant_run(study: Study, ready: Ready = NOTHING) -> list[str]:

@@ -120,7 +120,7 @@ def spec_of(unit: Study, spec: ControllerSpec) -> ControllerSpec:
 def _switch(event: Event, opened: set[str], faults: dict[str, float]) -> None:
     """What an event of an element does to what is connected."""
     name, said = event.element or "", event.switched
-    if said.breaker is not None:
+    if said.breaker is not None and event.synchro_check is None:
         (opened.discard if said.breaker == CLOSED else opened.add)(name)
     if said.fault is not None:
         faults.pop(name, None)

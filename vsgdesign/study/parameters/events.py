@@ -109,7 +109,7 @@ class EventFields:
     breaker: str | None = word((OPEN, CLOSED), default=None, shown=_UNCHANGED)
     """The breaker between the PCC and the grid."""
     synchro_check: Any = subtable(SynchroCheck, shown="at once")
-    """With `breaker = "closed"`: the breaker waits until both sides are near each other."""
+    """With `breaker = "closed"`: the breaker waits until both sides are near each other; in a plant, that of a unit."""
     synchronise: bool = flag(default=False)
     """With `breaker = "closed"`: the converter sets itself to the grid behind the breaker, which closes when it has
     been in step for 0.2 s."""
@@ -219,11 +219,17 @@ def _of_element(
     if wrong:
         problem = f"{name} is {_ARTICLE[what]}, which has no {' and '.join(wrong)} that an event may change"
         table.fault("element", name, problem, f"An event may change its {_MAY_CHANGE[what]}.")
+    check_table = table.child("synchro_check")
+    check = None if check_table is None else read_synchro_check(check_table)
+    if check is not None and (what != "unit" or said.breaker != CLOSED):
+        problem = "in a plant it closes the breaker of a unit, which this event does not"
+        table.fault("synchro_check", None, problem, f'Name a unit, and add breaker = "{CLOSED}".')
     words = [kind.words(found[kind.quantity], converter) for kind in set_points if found[kind.quantity] is not None]
     words += network_words(said, Base.of(converter))
+    words += [] if check is None else [synchro_check_words(check)]
     label = values(picked(EventFields, "name"), table, defaults={"name": f"{name}: {', '.join(words)}"})["name"]
     table.finish()
-    return replace(event, name=label, switched=said, **found)
+    return replace(event, name=label, switched=said, synchro_check=check, **found)
 
 
 def _check_left(table: TableReader, t_s: float, scope: Scope, converter: Converter) -> None:

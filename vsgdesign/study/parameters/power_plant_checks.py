@@ -47,6 +47,8 @@ def check_plant(
             problem = "a fault of a plant is three-phase and at a node"
             root.fault("network.fault", fault.kind, problem, "Leave at and phases out.")
     for k, event in enumerate(events):
-        if event.over > 0.0 or event.synchro_check or event.synchronised_until is not None:
-            problem = "a plant knows neither ramps nor breakers that wait"
-            root.fault(f"events[{k}]", None, problem, "Give steps, and a breaker without synchro_check.")
+        waits = event.synchro_check is not None and event.element is None
+        if event.over > 0.0 or waits or event.synchronised_until is not None:
+            problem = "a plant knows neither ramps nor a breaker of the grid that waits"
+            advice = "Give steps, and synchro_check for the breaker of a unit alone."
+            root.fault(f"events[{k}]", None, problem, advice)
