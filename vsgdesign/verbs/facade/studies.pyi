@@ -918,8 +918,8 @@ def event(
         fault: The short circuit from now on; `"cleared"` ends it, phase by phase at the next zeros of its
         currents ([theory](theory/networks.md#clearing-at-zeros)) (default unchanged).
         breaker: The breaker between the PCC and the grid (default unchanged).
-        synchro_check: With `breaker = "closed"`: the breaker waits until both sides are near each other
-        (default at once).
+        synchro_check: With `breaker = "closed"`: the breaker waits until both sides are near each other; in a
+        plant, that of a unit (default at once).
         synchronise: With `breaker = "closed"`: the converter sets itself to the grid behind the breaker,
         which closes when it has been in step for 0.2 s (default false).
         P_ref: set point (±`reference_limit_pu` S_rated in W; default unchanged).
