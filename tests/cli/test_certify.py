@@ -101,10 +101,11 @@ POWERS = ("--p-pu", "0.32", "0.64", "--q-pu", "0", "0.16", "--workers", "1")
 
 
 def test_the_sampled_full_order_loop_is_proved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All of the region, with half of the least decay that was found; nothing is left in the folder."""
+    """All of the region, with half of the least decay that was found; nothing but the proof is left in the folder, and
+    a second look confirms it."""
     study = Path(LABORATORY[0]).resolve()
     monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(main, ["certify", str(study), *LABORATORY[1:], *POWERS, "--json"])
+    result = CliRunner().invoke(main, ["certify", str(study), *LABORATORY[1:], *POWERS, "--proof", "a.proof", "--json"])
     assert result.exit_code == 0, result.output
     found = json.loads(result.output)
     assert found["model"] == "full"
@@ -114,7 +115,19 @@ def test_the_sampled_full_order_loop_is_proved(tmp_path: Path, monkeypatch: pyte
     assert found["decay"] == pytest.approx(0.5 * found["slowest"]["decay"])
     assert found["states"] == 15
     assert found["boxes"] > 0
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["a.proof"]
+    checked = CliRunner().invoke(main, ["table", "check", "--study", str(study), "--proof", "a.proof"])
+    assert checked.exit_code == 0, checked.output
+    assert "a.proof: confirmed" in checked.output
+
+
+def test_a_proof_that_is_not_there_is_carried_and_one_without_its_study_refused(tmp_path: Path) -> None:
+    asked = ["table", "check", "--proof", str(tmp_path / "a.proof")]
+    result = CliRunner().invoke(main, [*asked, "--study", LABORATORY[0]])
+    assert result.exit_code == 0
+    assert result.output == "carried, not checked: full-order proof (its file is missing)\n"
+    assert "--proof needs --study" in CliRunner().invoke(main, asked).output
+    assert "give a TABLE.json, or the --proof" in CliRunner().invoke(main, ["table", "check"]).output
 
 
 def test_more_than_the_loop_decays_is_refused() -> None:

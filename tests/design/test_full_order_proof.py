@@ -7,7 +7,7 @@ import functools
 import hashlib
 import itertools
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -71,12 +71,18 @@ def closed_form() -> Any:
 
 
 @functools.cache
-def with_table(error_Z: float = 0.0) -> Any:
-    """Columns that are not flat, and estimates beyond the axes."""
+def a_table() -> GainTable:
+    """Columns that are not flat."""
     scr, ratio = np.array([1.5, 2.0, 4.2, 9.0]), np.array([0.3, 1.1, 2.6, 10.0])
     slope = 1.0 + 0.1 * np.log(scr[:, None] / 3.0) - 0.05 * np.log(ratio[None, :])
     columns = {"k_1": 15.8 * slope, "d_1": 6.6 / slope, "k_2": 4.0 * slope, "share_Q": 0.9 * slope}
-    tables = {"table": table("angle_damped", "poles", scr, ratio, columns, D_q=9.09)}
+    return table("angle_damped", "poles", scr, ratio, columns, D_q=9.09)
+
+
+@functools.cache
+def with_table(error_Z: float = 0.0) -> Any:
+    """A gain table, and estimates beyond its axes."""
+    tables = {"table": a_table()}
     region = Region((2.0, 9.0), (0.3, 10.0), (-4500.0, 4500.0), (-2e3, 2e3), 0.2, error_Z=error_Z)
     return problem_of("table", "table", region, tables=tables)
 
@@ -212,8 +218,24 @@ MADE = {
 }
 
 
-@pytest.mark.parametrize("made", MADE.values(), ids=list(MADE))
-def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> None:
+@dataclass
+class Places:
+    """24 boxes (start, end) of two cells that begin at ``low``, with the ``piece`` and the ``arc`` of each, its edges
+    in rad/s, a place ``t`` in the box and the arc, and f there."""
+
+    low: Any
+    cells: Any
+    start: Any
+    end: Any
+    cell: Any
+    piece: Any
+    arc: Any
+    edges: Any
+    t: Any
+    f: Any
+
+
+def places(made: Any) -> Places:
     """Random places in random boxes and on random arcs of two cells, with the gains that the estimate leads to."""
     study, problem = made()
     rng = np.random.default_rng(5)
@@ -254,7 +276,16 @@ def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> Non
     edges = np.array([[cells[k].edges[n], cells[k].edges[n + 1]] for k, n in zip(cell, arc, strict=True)])
     omega = edges.mean(axis=1) + 0.5 * (edges[:, 1] - edges[:, 0]) * t[:, 6]
     f = determinants(study, problem, points, rest.gains, rest.V_rms, np.exp((-ALPHA + 1j * omega) * c.T_s))
-    part = Part(start, end, cell, piece[chosen], np.zeros(24, np.int64), np.ones(24))
+    return Places(low, cells, start, end, cell, piece[chosen], arc, edges, t, f)
+
+
+@pytest.mark.parametrize("made", MADE.values(), ids=list(MADE))
+def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> None:
+    _, problem = made()
+    at = places(made)
+    start, end, cell, arc, t, f = at.start, at.end, at.cell, at.arc, at.t, at.f
+    group, d = CellGroup.of(at.cells), DIMENSIONS
+    part = Part(start, end, cell, at.piece, np.zeros(24, np.int64), np.ones(24))
     programs = problem.programs
     empty, applies = np.zeros(24, dtype=np.bool_), np.zeros((len(programs.signs), 24), dtype=np.bool_)
     columns = np.ascontiguousarray(problem.pieces.columns[:, part.piece])

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateCell
 from vsgdesign.certificate import FullOrderProof
+from vsgdesign.report.gain_table.words import CARRIED
+
+if TYPE_CHECKING:  # its kernels are loaded by who checks
+    from vsgdesign.certificate.recheck.verdict import ProofCheck
 
 MODEL = (
     "the sampled full-order model: filter, inner loops, power filters, transient impedance, delay and sampling, with "
@@ -58,6 +64,23 @@ def full_order_text(found: FullOrderProof) -> str:
         rest = sum(part.share for part in found.left[_SHOWN:])
         lines.append(f"  and {len(found.left) - _SHOWN} more: {_share(rest)}")
     return "\n".join([*lines, model])
+
+
+def proof_check_text(path: str, found: ProofCheck) -> str:
+    """What a second look at a proof found."""
+    if found.faults:
+        return f"{path}: refused\n" + "\n".join(f"  - {fault}" for fault in found.faults)
+    if found.carried:
+        return f"{CARRIED}: {', '.join(found.carried)}"
+    looked = found.looked
+    if looked is None:
+        return f"{path}: not looked at"
+    boxes = f"all {looked.boxes}" if looked.boxes == looked.of else f"{looked.boxes} of {looked.of}"
+    return (
+        f"{path}: confirmed. Boxes and arcs cover the region and the circle, {_share(found.proved or 0.0)} of it as "
+        f"proved.\nA second enclosure confirms {boxes} boxes ({_share(looked.share)} of the volume). The least decay "
+        f"of another search is {found.decay:.4g} 1/s."
+    )
 
 
 def _share(share: float) -> str:

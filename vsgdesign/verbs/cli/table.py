@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -22,6 +22,7 @@ from vsgdesign.verbs.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from vsgdesign.certificate.recheck.verdict import ProofCheck
     from vsgdesign.execution.executors import How
     from vsgdesign.study.parameters.study import Study
 
@@ -132,31 +133,79 @@ def show(table_file: str, sigma: bool, as_json: bool) -> None:
 
 
 @table.command()
-@_FILE
+@click.argument("table_file", metavar="[TABLE.json]", required=False, type=click.Path())
 @click.option(
     "--study", "study_file", default=None, metavar="STUDY.toml", help="Also compare the table with its study."
 )
+@click.option(
+    "--proof",
+    is_flag=False,
+    flag_value="",
+    default=None,
+    metavar="[FILE.proof]",
+    help="Also check its full-order proof, for the converter of --study.  [default file: beside the table]",
+)
 @JSON
 @verb
-def check(table_file: str, study_file: str | None, as_json: bool) -> None:
+def check(table_file: str | None, study_file: str | None, proof: str | None, as_json: bool) -> None:
     """Read a table, and compute again what follows from it.
 
     Gains, margins, counts and the certificate's inequality at points are compared with the file. What cannot be
     computed again is listed as carried, not checked. The exit code is 1 if something does not agree with the file.
+
+    With --proof, boxes and arcs of the proof of the sampled full-order loop are checked by a second derivation: all
+    that they must cover, and the enclosures of at least 200 boxes. Without a table it is the proof of the study.
     """
     from vsgdesign.artifacts.gain_table_file import read_table_file
     from vsgdesign.verbs.pipeline.table import check_document, check_whole_table
 
-    found = read_table_file(table_file)
-    outcome = check_whole_table(found, None if study_file is None else load(study_file, plants="as one unit"))
-    if as_json:
-        print_json({"table": found.name, "sha256": found.sha256} | check_document(outcome))
-    else:
+    if proof is not None and study_file is None:
+        raise click.UsageError("--proof needs --study: a table has no filter and no inner loops")
+    if table_file is None and not proof:
+        raise click.UsageError("give a TABLE.json, or the --proof FILE.proof of a --study")
+    study = None if study_file is None else load(study_file, plants="as one unit")
+    lines: list[str] = []
+    document: dict[str, Any] = {}
+    faults = False
+    if table_file is not None:
+        found = read_table_file(table_file)
+        outcome = check_whole_table(found, study)
+        document = {"table": found.name, "sha256": found.sha256} | check_document(outcome)
         from vsgdesign.report.gain_table.words import check_text
 
-        click.echo(check_text(table_file, found, outcome))
-    if outcome.faults:
+        lines.append(check_text(table_file, found, outcome))
+        faults = bool(outcome.faults)
+    if proof is not None and study_file is not None:
+        own, more = _check_proof(table_file, study_file, proof, as_json)
+        document["proof"] = own.as_document()
+        lines.append(more)
+        faults |= bool(own.faults)
+    if as_json:
+        print_json(document)
+    else:
+        click.echo("\n".join(lines))
+    if faults:
         sys.exit(EXIT_IMPOSSIBLE)
+
+
+def _check_proof(table_file: str | None, study_file: str, proof: str, as_json: bool) -> tuple[ProofCheck, str]:
+    """The check of a proof, and its words."""
+    from vsgdesign.artifacts.gain_table_file import read_table_file
+    from vsgdesign.artifacts.proof_file import proof_of
+    from vsgdesign.report.gain_table.full_order import proof_check_text
+    from vsgdesign.verbs.pipeline.full_order import check_proof_file
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
+    from vsgdesign.verbs.pipeline.verify import with_table
+
+    study = as_unit(load(study_file, plants="whole"), "vsgdesign table check --proof")
+    table = None
+    place = proof
+    if table_file is not None:
+        table, place = read_table_file(table_file), proof or str(proof_of(table_file))
+        study, _ = with_table(study, table_file)
+    with progress(quiet=as_json) as tell:
+        found = check_proof_file(place, study, table, progress=tell)
+    return found, proof_check_text(place, found)
 
 
 @table.command()

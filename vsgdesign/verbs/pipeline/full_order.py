@@ -6,13 +6,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.proof_file import PROOF_FILE
 from vsgdesign.certificate import FullOrderProof, Region, proof_file, prove_full_order
 from vsgdesign.execution.journal import journal_of
 from vsgdesign.execution.progress import Progress
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.verbs.pipeline.study_tables import study_tables
+
+if TYPE_CHECKING:  # its kernels are loaded by who checks
+    from vsgdesign.certificate.recheck.verdict import ProofCheck
 
 WORK = "full-order"
 """Of the folder with the finished parts."""
@@ -49,3 +54,17 @@ def prove_full(
     if proof is not None and not found.unstable:
         PROOF_FILE.write(proof_file(study, found, ready.tables.get(spec.name)), proof)
     return found
+
+
+def check_proof_file(
+    proof: str | Path, study: Study, table: GainTable | None, *, progress: Progress | None = None
+) -> ProofCheck:
+    """A second look at the proof in a file (:func:`vsgdesign.certificate.recheck.verdict.check_proof`).
+
+    A file that is missing leaves the proof unchecked. Raises ArtifactError where it is not one of a proof.
+    """
+    from vsgdesign.certificate.recheck.verdict import MISSING, ProofCheck, check_proof
+
+    if not Path(proof).exists():
+        return ProofCheck(carried=(MISSING,))
+    return check_proof(PROOF_FILE.read(proof), study, table, progress=progress)

@@ -1,0 +1,182 @@
+"""What a second look at a full-order proof finds: every fault of its file, and how much of it was looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.proof_file import LEFT, PROVED, ProofFile, proved_table
+from vsgdesign.artifacts.ready import Ready
+from vsgdesign.certificate.certifying import prepared
+from vsgdesign.certificate.full_order.points import decays_at, least_decay
+from vsgdesign.certificate.recheck.checking import LEAST_SECONDS, Checked, check_boxes
+from vsgdesign.certificate.recheck.inner import Inner
+from vsgdesign.certificate.recheck.loops import Loops
+from vsgdesign.certificate.recheck.reading import NotCoveredError, check_covered, leaves_of
+from vsgdesign.certificate.region import Region, System, region_faults
+from vsgdesign.errors import InfeasibleStudyError, StudyError
+from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.runtime.guards import settings_of
+from vsgdesign.study.parameters.study import Study
+
+_SAME = 1e-6
+"""Relative to a number of the statement that is computed again."""
+
+FOREIGN = "full-order proof (its file is of another table)"
+MISSING = "full-order proof (its file is missing)"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProofCheck:
+    """``faults``: why the proof is refused, one sentence each. ``carried``: what could not be checked. ``looked``: at
+    how many boxes; None where it did not come to that. ``decay``: the least one that a search found, 1/s."""
+
+    faults: tuple[str, ...] = ()
+    carried: tuple[str, ...] = ()
+    looked: Checked | None = None
+    decay: float | None = None
+    proved: float | None = None
+    """Share of the boxes' volume that the file has as proved."""
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON's types."""
+        looked = None if self.looked is None else asdict(self.looked)
+        return plain({**vars(self), "looked": looked})
+
+
+def check_proof(
+    proof: ProofFile,
+    study: Study,
+    table: GainTable | None,
+    *,
+    seed: int = 0,
+    most_seconds: float = LEAST_SECONDS,
+    progress: Progress | None = None,
+) -> ProofCheck:
+    """Looks at a proof again, for a study and the gain table of its controller; None: the closed form.
+
+    Whether boxes and arcs cover region and circle is checked in full. A proof of at most 400 boxes is enclosed whole,
+    of a larger one at least 200 that are drawn by volume.
+    """
+    tell = progress or silent
+    if proof.table != proved_table(table):
+        return ProofCheck(carried=(FOREIGN,))
+    try:
+        loops, system = _read(proof, study, table)
+    except (KeyError, TypeError, ValueError) as error:
+        return ProofCheck(faults=(f"statement: is not what certify writes ({error})",))
+    except (StudyError, InfeasibleStudyError) as error:
+        return ProofCheck(faults=(str(error),))
+    statement = proof.statement
+    faults = [*_differences(loops, system, statement), *_drawn_in(loops)]
+    tell("least decay", 0.0)
+    least, slower = _decays(loops, system, statement, seed)
+    faults += slower
+    tell("least decay", 1.0)
+    try:
+        leaves, roots, estimates = leaves_of(proof)
+        check_covered(loops, proof, roots, estimates)
+    except (NotCoveredError, ValueError) as error:
+        return ProofCheck(faults=(*faults, str(error)), decay=least)
+    proved, left = (float(leaves.share[leaves.symbol == k].sum()) for k in (PROVED, LEFT))
+    share = proved / max(proved + left, 1e-300)
+    if statement["certified"] != (not (leaves.symbol == LEFT).any()):
+        faults.append("certified: does not agree with the tree of boxes, a part of which is not decided")
+    elif abs(share - statement["proved"]) > 1e-3:
+        faults.append(f"proved: is {statement['proved']:.6g}, and {share:.6g} of the boxes' volume are")
+    if faults:
+        return ProofCheck(faults=tuple(faults), decay=least, proved=share)
+    looked = check_boxes(loops, leaves, seed, most_seconds, lambda done: tell("boxes", done))
+    unconfirmed = [f"a box is not confirmed: {words}" for words in looked.not_confirmed]
+    return ProofCheck(faults=tuple(unconfirmed), looked=looked, decay=least, proved=share)
+
+
+def _read(proof: ProofFile, study: Study, table: GainTable | None) -> tuple[Loops, System]:
+    """The loops that a statement is about. Raises KeyError, TypeError, ValueError or StudyError."""
+    statement, r = proof.statement, proof.statement["region"]
+    pairs = [(float(r[name][0]), float(r[name][1])) for name in ("scr", "x_over_r", "P", "Q")]
+    region = Region(*pairs, error=float(r["error"]), error_Z=float(r.get("error_Z", 0.0)))
+    decay = float(statement["decay"])
+    if faults := region_faults(region):
+        raise StudyError(study.name, faults)
+    if not 0.0 < decay < np.inf:
+        raise ValueError(f"decay = {decay:g}")
+    for name in ("proved", "certified", "inner_gains", "inner_hash", "delay_samples", "static_limits", "slowest"):
+        if name not in statement:
+            raise KeyError(f"{name} is missing")
+    study = replace(study, scr_basis=proof.scr_basis)
+    spec = next((one for one in study.controllers if one.name == statement["controller"]), None)
+    if spec is None:
+        raise ValueError(f"controller {statement['controller']!r} is none of the study's")
+    ready = Ready(tables={} if table is None else {spec.name: table})
+    system, _ = prepared(study, spec, region, ready, None, None)
+    study, limits = study.with_limit_of(spec), system.static
+    loops = Loops(
+        study=study,
+        inner=Inner.of(study),
+        region=region,
+        schedule=system.schedule,
+        table=table,
+        current=limits.current,
+        bridge_voltage=limits.bridge_voltage,
+        alpha=decay,
+        divisor=max(4.0, 3.0 * decay),
+    )
+    return loops, system
+
+
+def _differences(loops: Loops, system: System, statement: dict[str, Any]) -> Iterator[str]:
+    """Where a statement is about other inner loops or other limits than the study has."""
+    study = loops.study
+    for what, said, own in (
+        ("inner_gains", statement["inner_gains"], plain(study.inner_gains._asdict())),
+        ("delay_samples", statement["delay_samples"], study.converter.delay_samples),
+        ("static_limits", statement["static_limits"], plain(asdict(system.static))),
+    ):
+        if said != own:
+            yield f"{what}: is {said}, and the study has {own}"
+    smoothings = [lag for lag, _ in loops.inner.filters]
+    if any(1.0 - lag >= np.exp(-loops.alpha * loops.inner.T) for lag in smoothings):
+        yield f"decay: {loops.alpha:g} 1/s is more than a power filter decays"
+
+
+def _drawn_in(loops: Loops) -> Iterator[str]:
+    """Where the scheduler of a table limits what the gains are made of."""
+    if loops.table is None:
+        return
+    box, c = settings_of(loops.table), loops.study.converter
+    for name, own, asked in (
+        ("P", box.P, loops.region.P),
+        ("Q", box.Q, loops.region.Q),
+        ("V_rms", box.V_rms, c.V_limits_rms),
+    ):
+        if asked[0] < own[0] - 1e-9 * abs(own[0]) or asked[1] > own[1] + 1e-9 * abs(own[1]):
+            yield (
+                f"region: {name} from {asked[0]:g} to {asked[1]:g} is beyond {own[0]:g} to {own[1]:g} of the scheduler"
+            )
+
+
+def _decays(loops: Loops, system: System, statement: dict[str, Any], seed: int) -> tuple[float | None, list[str]]:
+    """The least decay of a search with other points than the proof's, and the faults that follow from it."""
+    try:
+        found = least_decay(loops.study, system, loops.region, seed + 1)
+        said = statement["slowest"]
+        place = [1.0 / said["scr"], np.arctan(said["x_over_r"]), *(said[n] for n in ("P", "Q", "error_R", "error_L"))]
+        own = float(decays_at(loops.study, system, np.array([place], dtype=float))[0])
+    except InfeasibleStudyError as error:
+        return None, [str(error)]
+    except (KeyError, TypeError, ValueError) as error:
+        return None, [f"statement: is not what certify writes ({error})"]
+    faults = []
+    if not abs(own - said["decay"]) <= _SAME * max(abs(own), 1.0):
+        faults.append(f"slowest: decays at {own:.6g} 1/s, and not at {said['decay']:.6g}")
+    least = min(own, found.decay or 0.0) if np.isfinite(own) else found.decay or 0.0
+    if loops.alpha >= least:
+        at = f"SCR {found.scr:.4g}, X/R {found.x_over_r:.4g}, P {found.P:.4g} W, Q {found.Q:.4g} var"
+        faults.append(f"decay: {loops.alpha:.6g} 1/s is proved, but a mode at {at} decays at {least:.6g} 1/s")
+    return least, faults
