@@ -109,30 +109,43 @@ def pytest_unconfigure() -> None:
 
 
 _DRAWN: dict[str, bytes] = {}
-_SVG: dict[str, str] = {}
+_PICTURES: dict[str, bytes] = {}
 _ADDRESS = re.compile(rb"\x8a\x06.{6}", re.DOTALL)
 
 
 def everything_in(figure: Any, options: Any) -> str | None:
-    """Hash of a figure with all that it holds; None where something in it cannot be pickled.
+    """Hash of a figure with all that it holds, and of how it is drawn; None where something in it cannot be pickled.
 
     The only thing that differs between two equal figures are addresses of objects: each becomes its number in the order
     of its first appearance."""
+    import matplotlib
+
     numbers: dict[bytes, int] = {}
     try:
         content = pickle.dumps(figure, 4)
     except (pickle.PicklingError, AttributeError, TypeError):
         return None
     content = _ADDRESS.sub(lambda found: b"%d" % numbers.setdefault(found.group(), len(numbers)), content)
-    return hashlib.sha256(content + repr(options).encode()).hexdigest()
+    look = (matplotlib.__version__, sorted(options.items()), sorted(matplotlib.rcParams.items()))
+    return hashlib.sha256(content + repr(look).encode()).hexdigest()
+
+
+DRAW_OFTEN = ("artifacts", "cli", "docs", "facade")
+"""Folders of tests in which verbs and documents draw the same figures again and again, and no test looks into a PNG."""
+
+SHOW_PAGES = ("browser", "evidence", "explore", "report", "studies")
+"""Folders in which figures are a part of what is tested."""
+
+DRAW_TWICE = ("test_compliance_pdf.py", "test_live_part.py", "test_page_file.py", "test_stability_figures.py")
+"""Tests of whether a figure is drawn alike twice."""
 
 
 @pytest.fixture(scope="module", autouse=True)
-def each_picture_once(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Verbs and documents draw the same figures again and again. The SVG of a figure that is equal to one before in
-    everything is that of before: asking takes a fifteenth of the time. The PNG, which is the same figure and which no
-    test looks into there, is drawn once for each name."""
-    if request.path.parent.name not in ("artifacts", "cli", "docs", "facade"):
+def each_picture_once(request: pytest.FixtureRequest, kept: Store | None) -> Iterator[None]:
+    """The picture of a figure that is equal to one before in everything is that of before: asking takes a fifteenth of
+    the time. In DRAW_OFTEN a PNG, which is the same figure, is drawn once for each name."""
+    folder = request.path.parent.name
+    if folder not in (*DRAW_OFTEN, *SHOW_PAGES) or request.path.name in DRAW_TWICE:
         yield
         return
     from matplotlib.figure import Figure
@@ -140,19 +153,29 @@ def each_picture_once(request: pytest.FixtureRequest) -> Iterator[None]:
     draw = Figure.savefig
 
     def save(figure: Figure, file: Any, **options: Any) -> None:
-        if options.get("format") == "png" and isinstance(file, Path):
-            if file.name not in _DRAWN:
-                draw(figure, file, **options)
-                _DRAWN[file.name] = file.read_bytes()
-            file.write_bytes(_DRAWN[file.name])
-        elif options.get("format") == "svg" and isinstance(file, io.StringIO):
-            key = everything_in(figure, options)
-            if key is not None and key in _SVG:
-                file.write(_SVG[key])
+        form = options.get("format")
+        if form == "png" and isinstance(file, Path):
+            if folder in DRAW_OFTEN:
+                if file.name not in _DRAWN:
+                    draw(figure, file, **options)
+                    _DRAWN[file.name] = file.read_bytes()
+                file.write_bytes(_DRAWN[file.name])
                 return
-            draw(figure, file, **options)
-            if key is not None:
-                _SVG[key] = file.getvalue()
+            key = everything_in(figure, options)
+            known = _picture(key, kept)
+            if known is None:
+                draw(figure, file, **options)
+                _remember(key, file.read_bytes(), kept)
+            else:
+                file.write_bytes(known)
+        elif form == "svg" and isinstance(file, io.StringIO):
+            key = everything_in(figure, options)
+            known = _picture(key, kept)
+            if known is None:
+                draw(figure, file, **options)
+                _remember(key, file.getvalue().encode(), kept)
+            else:
+                file.write(known.decode())
         else:
             draw(figure, file, **options)
 
@@ -161,17 +184,41 @@ def each_picture_once(request: pytest.FixtureRequest) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
-def code_is_kept() -> Iterator[None]:
-    """Machine code of a text that was compiled before is not made again (tests/kept_code.py)."""
+def _picture(key: str | None, kept: Store | None) -> bytes | None:
+    """What was drawn of a figure, in this process or before."""
+    if key is None:
+        return None
+    if key not in _PICTURES and kept is not None:
+        found = kept.get(key)
+        if found is not None:
+            _PICTURES[key] = found
+    return _PICTURES.get(key)
+
+
+def _remember(key: str | None, picture: bytes, kept: Store | None) -> None:
+    if key is not None:
+        _PICTURES[key] = picture
+        if kept is not None:
+            kept.put(key, picture)
+
+
+@pytest.fixture(scope="session")
+def kept() -> Store | None:
+    """What was made before, for both workers and the next run (tests/kept_code.py)."""
     if os.environ.get("VSGDESIGN_NO_KEPT_CODE"):
-        yield
-        return
+        return None
     store = Store(FOLDER)
     store.sweep()
+    return store
+
+
+@pytest.fixture(scope="session", autouse=True)
+def code_is_kept(kept: Store | None) -> Iterator[None]:
+    """Machine code of a text that was compiled before is not made again."""
     with pytest.MonkeyPatch.context() as patch:
-        keep_machine_code(store, patch)
-        keep_compiled_c(store, patch)
+        if kept is not None:
+            keep_machine_code(kept, patch)
+            keep_compiled_c(kept, patch)
         yield
 
 

@@ -1,4 +1,5 @@
-"""What compilers have made of the same text before: kept beside the tests, for both workers and for the next run.
+"""What compilers have made of the same text before, and how equal figures look: kept beside the tests, for both workers
+and for the next run.
 
 The suite asks LLVM, C compilers and make for the same machine code again and again. Everything that it follows from is
 in the name under which it is kept: the text and the headers that it may include, the options, the compiler and, for
@@ -8,12 +9,12 @@ set.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,15 +22,15 @@ from typing import Any
 import pytest
 
 FOLDER = Path(__file__).parent / "__pycache__" / "kept_code"
-UNUSED_S = 14 * 86_400.0
-"""What was not used for so long is deleted, s."""
+LARGEST_BYTES = 200e6
+"""What was not used for the longest time is deleted beyond."""
 
 OTHER_FILES = (".c", ".h", ".s", ".ld", ".o", ".map")
 """Ends of the names of files from which a compiler makes something."""
 
 
 class Store:
-    """Pieces of machine code by the hash of what they follow from."""
+    """Machine code and pictures by the hash of what they follow from."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -55,14 +56,20 @@ class Store:
             place.unlink(missing_ok=True)
 
     def sweep(self) -> None:
-        """Deletes what was not used for a long time."""
-        oldest = time.time() - UNUSED_S
-        for place in self._folder.iterdir():
-            try:
-                if place.stat().st_mtime < oldest:
+        """Deletes what is too much, what was not used for the longest time first."""
+        size = 0.0
+        for place in sorted(self._folder.iterdir(), key=_last_used, reverse=True):
+            with contextlib.suppress(OSError):  # another worker was faster
+                size += place.stat().st_size
+                if size > LARGEST_BYTES:
                     place.unlink()
-            except OSError:
-                continue  # another worker was faster
+
+
+def _last_used(place: Path) -> float:
+    try:
+        return place.stat().st_mtime
+    except OSError:
+        return 0.0
 
 
 class KeptCompilers:

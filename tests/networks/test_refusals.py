@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,16 @@ from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.study.networks.model import check_network
 from vsgdesign.study.networks.pandapower_file import network_of_pandapower
 
+_MADE = create_cigre_network_mv()
+"""Made once: a copy takes a fifteenth of the time."""
+
+
+def cigre() -> Any:
+    return copy.deepcopy(_MADE)
+
 
 def file_of(folder: Path, change: Callable[[Any], Any]) -> Path:
-    net = create_cigre_network_mv()
+    net = cigre()
     change(net)
     path = folder / "net.json"
     pp.to_json(net, str(path))
@@ -60,7 +68,7 @@ REFUSED = {
 @pytest.mark.parametrize("what", REFUSED)
 def test_a_fault_has_the_name_of_its_element(what: str) -> None:
     change, message = REFUSED[what]
-    net = create_cigre_network_mv()
+    net = cigre()
     change(net)
     with pytest.raises(StudyError, match=message):
         check_network(network_of_pandapower(net, "net.json"))
@@ -112,7 +120,7 @@ def test_what_the_file_does_not_have_is_asked_for(tmp_path: Path) -> None:
 
 def test_elements_of_one_name_are_told_apart() -> None:
     """Both would be out at once. Their names get the place in the file behind them, and buses have theirs as well."""
-    net = create_cigre_network_mv()
+    net = cigre()
     net.line.loc[[12, 13], "name"] = "tie"
     net.bus.loc[[3, 4], "name"] = "busbar"
     network = network_of_pandapower(net, "net.json")
@@ -139,7 +147,7 @@ def test_names_that_are_not_there(tmp_path: Path) -> None:
 
 
 def test_a_bus_that_is_not_there_is_told() -> None:
-    net = create_cigre_network_mv()
+    net = cigre()
     net.line.loc[3, "to_bus"] = 99
     with pytest.raises(StudyError, match="network: pandapower makes no matrix of it"):
         network_of_pandapower(net, "net.json")

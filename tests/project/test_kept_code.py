@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests import kept_code
 from tests.compilers import require_compiler
 from tests.kept_code import KeptCompilers, Store, keep_machine_code
 from vsgdesign.codegen import machine_code
@@ -52,6 +54,17 @@ def test_a_c_compiler_runs_once_for_the_same_files(tmp_path: Path) -> None:
     compiled("one", "", "-Wall", source="static int f;\n")
     compiled("one", "", "-Wall", source="static int f;\n")
     assert counted.count == 7
+
+
+def test_what_is_too_much_goes_by_its_last_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_code, "LARGEST_BYTES", 250)
+    store = Store(tmp_path)
+    for k, name in enumerate("abc"):
+        store.put(name, bytes(100))
+        os.utime(tmp_path / name, (k, k))
+    assert store.get("a") == bytes(100)
+    store.sweep()
+    assert (store.get("a"), store.get("b"), store.get("c")) == (bytes(100), None, bytes(100))
 
 
 TEXT = "define i64 @f() {{\n  ret i64 {}\n}}\n"
