@@ -20,22 +20,25 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.certificate import box_check, region_of, taylor_kernel, tracing
 from vsgdesign.certificate.certifying import prepared
+from vsgdesign.certificate.full_order import points as search_of_points
+from vsgdesign.certificate.full_order import statement
 from vsgdesign.certificate.full_order.boxes import Part, Pieces, whole
 from vsgdesign.certificate.full_order.cells import GOOD, INNER_UNSTABLE, Arcs, cells_of
 from vsgdesign.certificate.full_order.forms import ARC, EXPONENTS, GRID, ROWS, Tape, Values
 from vsgdesign.certificate.full_order.higher import gains_of, tables
 from vsgdesign.certificate.full_order.kernel import KERNEL, enclosed, survey
 from vsgdesign.certificate.full_order.looking import CellGroup
-from vsgdesign.certificate.full_order.points import at_rest, decays_at
+from vsgdesign.certificate.full_order.points import at_rest, decays_at, least_decay
 from vsgdesign.certificate.full_order.programs import DIMENSIONS
 from vsgdesign.certificate.full_order.search import Found, Problem, beginning, search
 from vsgdesign.certificate.full_order.tape import program_of, run
 from vsgdesign.certificate.proof import arrays
-from vsgdesign.certificate.region import Region
+from vsgdesign.certificate.region import Region, random_points
 from vsgdesign.certificate.taylor_kernel import rows
 from vsgdesign.certificate.tracing import Tracer
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.report.gain_table.full_order import full_order_text
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.grid import Grid
 
@@ -285,7 +288,7 @@ def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> Non
     at = places(made)
     start, end, cell, arc, t, f = at.start, at.end, at.cell, at.arc, at.t, at.f
     group, d = CellGroup.of(at.cells), DIMENSIONS
-    part = Part(start, end, cell, at.piece, np.zeros(24, np.int64), np.ones(24))
+    part = Part(start, end, cell, at.piece, np.zeros(24), np.ones(24))
     programs = problem.programs
     empty, applies = np.zeros(24, dtype=np.bool_), np.zeros((len(programs.signs), 24), dtype=np.bool_)
     columns = np.ascontiguousarray(problem.pieces.columns[:, part.piece])
@@ -338,6 +341,41 @@ def test_a_region_is_proved_and_a_point_that_is_too_slow_is_not() -> None:
     rest = search(faster, corner, found, most_looks=600)
     assert rest or found.left
     assert len(low) == len(high)
+
+
+def test_what_is_left_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With few looks and a decay near the least one: grids, powers and frequencies of each part, and what a search
+    finds there."""
+    monkeypatch.setattr(statement, "_MOST_LOOKS", 40)
+    monkeypatch.setattr(statement, "_SEARCHED", 1)
+    monkeypatch.setattr(statement, "least_decay", lambda *at: least_decay(*at[:3], 0, 200))  # a small search will do
+    monkeypatch.setattr(search_of_points, "_KEPT", 6)
+    study = load_study("studies/laboratory/study.toml")
+    spec, _ = region_of(study, "scheduled", None, None)
+    region = Region((2.0, 2.2), (2.9, 3.0), (4e3, 8e3), (0.0, 2e3), 0.2)
+    found = statement.prove_full_order(study, spec, region, decay=1.9, workers=1)
+    assert not found.complete
+    assert sum(part.share for part in found.left) == pytest.approx(1.0 - found.proved)
+    for part in found.left:
+        for (low, high), (least, most) in (
+            (part.scr, region.scr), (part.x_over_r, region.x_over_r), (part.P, region.P), (part.Q, region.Q)
+        ):  # fmt: skip
+            assert least * (1.0 - 1e-9) <= low < high <= most * (1.0 + 1e-9)
+        assert part.frequency is not None
+        assert 0.0 < part.frequency[0] <= part.frequency[1] < 400.0
+    first = found.left[0]
+    assert first.least_decay is not None
+    assert first.least_decay > found.decay
+    # No other search finds a point there that decays more slowly, within what a search can miss.
+    own = replace(region, scr=first.scr, x_over_r=first.x_over_r, P=first.P, Q=first.Q)
+    system, _ = prepared(study, spec, own, Ready(), None, None)
+    points = random_points(own, 500, np.random.default_rng(4))
+    decays = decays_at(study.with_limit_of(spec), system, points[system.within_limits(points)])
+    assert np.nanmin(decays) > first.least_decay * 0.999
+    text = full_order_text(found)
+    assert f"the least decay that a search found there is {first.least_decay:.3g} 1/s" in text
+    assert f"P {first.P[0] / 1e3:.4g} to {first.P[1] / 1e3:.4g} kW" in text
+    assert "rad/s" in text
 
 
 def test_inner_loops_that_lose_the_network_are_named() -> None:

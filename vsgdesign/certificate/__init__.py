@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from vsgdesign.certificate.asked import beyond_table, on_basis_of_table, region_of
     from vsgdesign.certificate.certifying import certify, largest_rate
-    from vsgdesign.certificate.full_order.statement import FullOrderProof, proof_file, prove_full_order
+    from vsgdesign.certificate.full_order.statement import FullOrderProof, LeftPart, proof_file, prove_full_order
     from vsgdesign.certificate.places import by_place, of_a_pair
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
@@ -29,6 +29,7 @@ _HOMES = {
     "Counterexample": "results",
     "FullOrderProof": "full_order.statement",
     "Gap": "results",
+    "LeftPart": "full_order.statement",
     "MeasuredSchedule": "region",
     "NoFunctionError": "results",
     "Places": "results",
@@ -61,6 +62,7 @@ __all__ = [
     "Counterexample",
     "FullOrderProof",
     "Gap",
+    "LeftPart",
     "MeasuredSchedule",
     "NoFunctionError",
     "Places",

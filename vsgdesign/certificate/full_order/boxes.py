@@ -28,6 +28,9 @@ NATURAL = np.array([1.5, 2.0, 1.0, 1.0, 0.35, 0.35])
 """How much a coordinate's half-width counts where nothing better is known; that of the first one relative to itself."""
 
 
+SMALLEST = 2.0
+"""Frequency in rad/s near which f is smallest."""
+
 _SLACK = 1e-12
 """Relative: pieces of a table overlap by so much."""
 
@@ -56,14 +59,14 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Part:
-    """Boxes of one or more cells: limits (N, 6), the cell and the piece of each, the place of the arc that is looked at
-    first, and its share of the whole."""
+    """Boxes of one or more cells: limits (N, 6), the cell and the piece of each, the frequency in rad/s of the arc that
+    is looked at first, where f was not known last, and its share of the whole."""
 
     low: Array
     high: Array
     cell: NDArray[np.int64]
     piece: NDArray[np.int64]
-    begin: NDArray[np.int64]
+    frequency: Array
     share: Array
 
     def __len__(self) -> int:
@@ -79,9 +82,10 @@ class Part:
         middle = 0.5 * (self.low[rows, dimension] + self.high[rows, dimension])
         low, high = self.low.copy(), self.high.copy()
         low[rows, dimension], high[rows, dimension] = middle, middle
-        cell, piece, begin = (np.concatenate([v, v]) for v in (self.cell, self.piece, self.begin))
+        cell, piece = (np.concatenate([v, v]) for v in (self.cell, self.piece))
+        frequency = np.concatenate([self.frequency, self.frequency])
         share = 0.5 * np.concatenate([self.share, self.share])
-        return Part(np.concatenate([self.low, low]), np.concatenate([high, self.high]), cell, piece, begin, share)
+        return Part(np.concatenate([self.low, low]), np.concatenate([high, self.high]), cell, piece, frequency, share)
 
     @classmethod
     def joined(cls, parts: list[Part]) -> Part:
@@ -157,12 +161,17 @@ def _of_place(basis: ScrBasis, cells: Sequence[tuple[_Interval, _Interval]]) -> 
         row += [-1.0, least * (1.0 - _SLACK)] if np.isfinite(least) else [0.0, 0.0]
         row += [1.0, -most * (1.0 + _SLACK)] if np.isfinite(most) else [0.0, 0.0]
         row += [1.0, 0.0] if first.edge is None else [0.0, first.edge]
+        row += [1.0, 0.0] if slope.edge is None else [0.0, slope.edge]
+        # The estimate, over its first coordinate, by the part of it that counts, and by |Z_g|: one of them is meant.
+        edge = 1.0 if first.edge is None else first.edge
         if slope.edge is None:
-            row += [1.0, 0.0, 0.0, 0.0]
+            unit = np.zeros(2)
+            row += [1.0, 0.0] if first.edge is None else [0.0, edge]
         else:
-            along, across = slope.edge / np.hypot(slope.edge, 1.0), 1.0 / np.hypot(slope.edge, 1.0)
-            counted = basis.counted(along, across)
-            row += [0.0, slope.edge, along / counted, across / counted]
+            unit = np.array([slope.edge, 1.0]) / basis.counted(slope.edge, 1.0) * edge
+            row += [0.0, 0.0]
+        for one in unit:
+            row += [one, 0.0] if first.edge is None else [0.0, one]
         found.append(row)
     return np.array(found).T
 
@@ -233,7 +242,7 @@ def whole(system: System, region: Region, pieces: Pieces) -> tuple[Array, Array,
         high,
         np.concatenate(of_cell).astype(np.int64),
         np.concatenate(of_piece).astype(np.int64),
-        np.zeros(len(low), dtype=np.int64),
+        np.full(len(low), SMALLEST),
         volume / volume.sum(),
     )
     return cells[:, 0], cells[:, 1], part

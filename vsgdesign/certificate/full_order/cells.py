@@ -168,7 +168,7 @@ def _known(found: ArcFunctions, start: Array) -> NDArray[np.bool_]:
 def _hopeless(turn: int, good: NDArray[np.bool_], start: Array) -> bool:
     """Whether it is the cell that is too large, not its arcs: halving those would help little."""
     if turn == 0:
-        return float(good[start < HIGH].mean()) < 0.6
+        return float(good[start < HIGH].mean()) < 0.3
     return len(good) > 8 and float(good.mean()) < 0.4
 
 

@@ -304,7 +304,12 @@ def _cut(form: Any, lane: int, lists: Any, degree: Any, found: Any) -> None:
     last = 1 + d + d * (d + 1) // 2
     for k in range(len(found)):
         found[k] = 0.0
-    moved, radius = form[count, lane], form[count + ORDER, lane] * _UP
+    moved, radius = 0.0, form[count + ORDER, lane] * _UP
+    moves = np.zeros(_VARIABLES)
+    for k in range(1, count):
+        moved += abs(form[k, lane])
+        for n in range(_VARIABLES):
+            moves[n] += abs(form[k, lane]) * exponents[k, n] / degree[k]
     for k in range(count):
         if row[k] >= 0:
             found[row[k]] = form[k, lane]
@@ -312,7 +317,7 @@ def _cut(form: Any, lane: int, lists: Any, degree: Any, found: Any) -> None:
             for n in range(_VARIABLES):
                 found[last + n] += abs(form[k, lane]) * exponents[k, n] / degree[k] * _UP
     for n in range(_VARIABLES):
-        share = abs(form[1 + n, lane]) / moved if moved > 0.0 else 1.0 / _VARIABLES
+        share = moves[n] / moved if moved > 0.0 else 1.0 / _VARIABLES
         found[last + n] += radius * share * _UP
     for k in range(1, last + d):
         found[last + d + (0 if k <= d else 1 if k < last else 2)] += abs(found[k])

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.full_order.boxes import NATURAL, Part, Pieces
-from vsgdesign.certificate.full_order.cells import Cell
+from vsgdesign.certificate.full_order.boxes import NATURAL, SMALLEST, Part, Pieces
+from vsgdesign.certificate.full_order.cells import HIGH, Cell
 from vsgdesign.certificate.full_order.higher import gains_of, tables
 from vsgdesign.certificate.full_order.kernel import exclude, survey
 from vsgdesign.certificate.full_order.programs import COORDINATES, DIMENSIONS, FullOrderPrograms
@@ -30,12 +30,12 @@ _WEIGHT = np.array([0.5, 0.5, 1.0, 1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Looks:
-    """Of N boxes: ``state``, the ``dimension`` to cut where undecided, the place of the arc to ``begin`` with in its
-    halves; and how many values of f were enclosed."""
+    """Of N boxes: ``state``; where undecided, the ``dimension`` to cut, and the ``frequency`` in rad/s at which f was
+    not known; and how many values of f were enclosed."""
 
     state: NDArray[np.int64]
     dimension: NDArray[np.intp]
-    begin: NDArray[np.int64]
+    frequency: Array
     values: int
 
 
@@ -52,12 +52,12 @@ class CellGroup:
 
     @classmethod
     def of(cls, cells: list[Cell]) -> CellGroup:
-        """Arcs near 2 rad/s come first: there f is smallest."""
+        """Arcs where f is smallest come first."""
         counts = np.array([len(cell.functions) for cell in cells], dtype=np.int64)
         order = []
         for cell in cells:
             middle = np.maximum(cell.functions[:, 0, 0].imag, 0.01)
-            order.append(np.argsort(np.abs(np.log(middle / 2.0)), kind="stable"))
+            order.append(np.argsort(np.abs(np.log(middle / SMALLEST)), kind="stable"))
         return cls(
             tuple(cells),
             np.ascontiguousarray(np.stack([cell.rest for cell in cells])),
@@ -66,6 +66,21 @@ class CellGroup:
             counts,
             np.concatenate(order).astype(np.int64),
         )
+
+    def places(self, cell: NDArray[np.int64], frequency: Array) -> NDArray[np.int64]:
+        """Of the low arcs of cells, those of frequencies (N,), by their places in the order."""
+        found = np.zeros(len(cell), dtype=np.int64)
+        for k in np.unique(cell):
+            own, count, first = cell == k, int(self.counts[k]), int(self.first[k])
+            arc = np.searchsorted(self.cells[k].edges[1:count], frequency[own], side="right")
+            place = np.empty(count, dtype=np.int64)
+            place[self.order[first : first + count]] = np.arange(count)
+            found[own] = place[arc]
+        return found
+
+    def frequencies(self, cell: NDArray[np.int64], place: NDArray[np.int64]) -> Array:
+        """The middles of low arcs in rad/s, by their places in the order of their cells."""
+        return self.functions[self.first[cell] + self.order[self.first[cell] + place], 0, 0].imag
 
 
 def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part: Part) -> Looks:
@@ -79,7 +94,8 @@ def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part:
     survey(boxes, situation, programs.conditions, programs.signs, DIMENSIONS, (empty, applies))
     state = np.where(empty, EMPTY, PROVED).astype(np.int64)
     score = np.zeros((count, DIMENSIONS))
-    begin = part.begin.copy()
+    frequency = part.frequency.copy()
+    begin = group.places(part.cell, frequency)
     values = 0
     widest = int(group.counts.max())
     for case in range(len(programs.signs)):
@@ -98,8 +114,7 @@ def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part:
         tried = np.flatnonzero(good)
         if len(tried):
             found = (held[tried], where[tried], pull[tried], middle[tried])
-            own = np.minimum(begin[some][tried], group.counts[cell[tried]] - 1)
-            limits = (own_low[tried], own_high[tried], cell[tried], own)
+            limits = (own_low[tried], own_high[tried], cell[tried], begin[some][tried])
             arcs = (group.functions, group.first, group.counts, group.order)
             values += exclude(limits, gains[tried], arcs, arrays(programs.arcs[case]), DIMENSIONS, found)
             held[tried], where[tried], pull[tried], middle[tried] = found
@@ -108,9 +123,9 @@ def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part:
                 held[n] = 0
         failed = some[held == 0]
         state[failed] = UNDECIDED
-        begin[failed] = where[held == 0]
+        frequency[failed] = np.where(good, group.frequencies(cell, where), HIGH)[held == 0]
         score[failed] = pull[held == 0]
-    return Looks(state, _to_cut(part, score), begin, values)
+    return Looks(state, _to_cut(part, score), frequency, values)
 
 
 def _high(

@@ -43,7 +43,7 @@ DIMENSIONS = 7
 AT_REST = 4
 """Real numbers of a cell beside the coordinates: of V_g/V as first + second·i_g\\|Z\\|/V."""
 
-WITHIN, DRAWN = 8, 6
+WITHIN, DRAWN = 8, 10
 """Parameters of a piece of a table: what says that an estimate lies in it, and where it is drawn to; see
 :class:`_Place`."""
 
@@ -107,6 +107,7 @@ class _Place:
     beside those of the errors and the columns."""
 
     direction: tuple[Symbol, Symbol]
+    size: Symbol
     counted: Symbol
     first: Symbol
     slope: Symbol
@@ -115,7 +116,7 @@ class _Place:
     @classmethod
     def of(cls, system: System, size: Symbol, direction: tuple[Symbol, Symbol]) -> _Place:
         counted = basis_of(system).counted(*direction)
-        return cls(direction, counted, counted * size, direction[0] / direction[1], first_extra(system))
+        return cls(direction, size, counted, counted * size, direction[0] / direction[1], first_extra(system))
 
     def within(self, tracer: Tracer) -> list[tuple[Any, float, float]]:
         """What says that it lies in the piece: limits of the first coordinate, and of R̂/X̂."""
@@ -127,15 +128,16 @@ class _Place:
     def drawn(self, tracer: Tracer) -> _Place:
         """As the scheduler draws it in: at an edge of the SCR with its R̂/X̂, at one of R/X with its SCR."""
         one = tracer.constant(1.0)
-        keeps, edge, keeps_slope, edge_slope, along, across = range(self.more + WITHIN, self.more + WITHIN + DRAWN)
-        scale = tracer.blend((keeps, edge), (one, self.first.reciprocal()))
-        direction = tuple(
-            tracer.blend((keeps_slope, unit), (own, self.counted)) * scale
-            for own, unit in zip(self.direction, (along, across), strict=True)
-        )
+        keeps, edge, keeps_slope, edge_slope, *rest = range(self.more + WITHIN, self.more + WITHIN + DRAWN)
+        inside, moved, *units = rest
+        to_edge, inverse = self.first.reciprocal(), self.size.reciprocal()
+        direction = [
+            tracer.blend((inside, moved, *unit), (own, own * to_edge, self.counted, inverse))
+            for own, unit in zip(self.direction, (units[:2], units[2:]), strict=True)
+        ]
         first = tracer.blend((keeps, edge), (self.first, one))
         slope = tracer.blend((keeps_slope, edge_slope), (self.slope, one))
-        return _Place((direction[0], direction[1]), self.counted, first, slope, self.more)
+        return _Place((direction[0], direction[1]), self.size, self.counted, first, slope, self.more)
 
 
 def full_order_programs(system: System, region: Region, drawn: bool, ratio: bool) -> FullOrderPrograms:

@@ -54,7 +54,7 @@ def _leaves(found: Found) -> tuple[Part, Counts]:
     if not parts:
         none = np.zeros((0, 6))
         count = np.zeros(0, dtype=np.int64)
-        return Part(none, none, count, count, count, np.zeros(0)), count
+        return Part(none, none, count, count, np.zeros(0), np.zeros(0)), count
     return Part.joined(parts), np.concatenate(label)
 
 

@@ -131,7 +131,7 @@ def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> 
     group = CellGroup.of([cell for _, cell in ready])
     count = len(ready)
     parts = [
-        Part(b.low, b.high, np.full(len(b), k), b.piece, b.begin, b.share)
+        Part(b.low, b.high, np.full(len(b), k), b.piece, b.frequency, b.share)
         for k, b in enumerate(one.boxes for one, _ in ready)
     ]
     part = Part.joined(parts)
@@ -153,7 +153,7 @@ def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> 
         if proved.any():
             kept.append(part.take(proved))
         undecided = looks.state == UNDECIDED
-        part = Part(part.low, part.high, part.cell, part.piece, looks.begin, part.share).take(undecided)
+        part = Part(part.low, part.high, part.cell, part.piece, looks.frequency, part.share).take(undecided)
         dimension = looks.dimension[undecided]
         cut_cell = (dimension < 2) | (looked[part.cell] > _BOXES_OF_CELL)
         np.add.at(asks, (part.cell[dimension < 2], dimension[dimension < 2]), part.share[dimension < 2])
@@ -163,7 +163,7 @@ def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> 
     first = len(found.cells)
     found.cells += [(cell.low, cell.high, cell.edges) for _, cell in ready]
     for one in kept:
-        found.boxes.append(Part(one.low, one.high, one.cell + first, one.piece, one.begin, one.share))
+        found.boxes.append(Part(one.low, one.high, one.cell + first, one.piece, one.frequency, one.share))
     smaller: list[Waiting] = []
     if wanting:
         left = Part.joined(wanting)
@@ -191,6 +191,6 @@ def _halved(one: Waiting, boxes: Part, asks: Any) -> list[Waiting]:
         (high if side == 0 else low)[k] = middle
         own_low, own_high = boxes.low.copy(), boxes.high.copy()
         (own_high if side == 0 else own_low)[:, k] = middle
-        part = Part(own_low, own_high, boxes.cell, boxes.piece, boxes.begin, 0.5 * boxes.share)
+        part = Part(own_low, own_high, boxes.cell, boxes.piece, boxes.frequency, 0.5 * boxes.share)
         found.append(Waiting(low, high, one.depth + 1, part))
     return found

@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from contextlib import AbstractContextManager, suppress
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,8 @@ from vsgdesign.certificate.full_order.record import arrays_of
 from vsgdesign.certificate.full_order.rows import inner_rows
 from vsgdesign.certificate.full_order.search import Found, Problem, Waiting, beginning, search
 from vsgdesign.certificate.region import Region, System
+from vsgdesign.equations.frames import PHASES
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.execution.executors import executor_of, worker_count
 from vsgdesign.execution.jobs import Job
@@ -36,11 +38,14 @@ from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 
-_BLOCK = 4
+_BLOCK = 1
 """Cells of the beginning that are a block of the work."""
 
-_MOST_LOOKS = 400_000
+_MOST_LOOKS = 1_000_000
 """Boxes that a block looks at before the rest of it is not decided."""
+
+_SEARCHED, _DRAWN = 3, 500
+"""Parts that are left in which a search looks for the least decay, the largest first; and its random points."""
 
 _SHARE = 0.5
 """Of the least decay that is found, what is proved where no decay is asked for."""
@@ -48,14 +53,22 @@ _SHARE = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class LeftPart:
-    """A part of the region that is not proved: its limits, its share of the boxes' volume, and why."""
+    """A part of the region that is not proved: its limits (P in W, Q in var), its share of the boxes' volume, and
+    why."""
 
     scr: tuple[float, float]
     x_over_r: tuple[float, float]
+    P: tuple[float, float]
+    Q: tuple[float, float]
     share: float
     reason: str
     """``inner``: the inner loops alone are not inside the circle; ``functions``: they are not enclosed well enough;
     ``boxes``: the power loops are not enclosed well enough."""
+    frequency: tuple[float, float] | None = None
+    """Between which frequencies, rad/s, f is not known; None where it was not looked at."""
+    least_decay: float | None = None
+    """The least decay that random points and a search find there, 1/s; None: not looked for, or no point keeps the
+    static limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,12 +194,27 @@ class FullOrderJob(Job[int, dict[str, Any]]):
                 "values": found.values,
                 "cells": len(found.cells),
                 "boxes": sum(map(len, found.boxes)),
-                "left": [
-                    [*one.low.tolist(), *one.high.tolist(), float(one.boxes.share.sum()), why] for one, why in left
-                ],
+                "left": [_row(self.problem, one, why) for one, why in left],
                 "record": packed(arrays_of(begin, self.problem.pieces, found, coarse.edges)),
             }
         }
+
+
+def _row(problem: Problem, one: Waiting, why: str) -> list[Any]:
+    """A part that is left, as a journal keeps it: limits of the grids, of P and Q, and of the frequencies."""
+    c, boxes = problem.system.study.converter, one.boxes
+    basis = SCR_BASES[problem.system.study.scr_basis]
+    sizes = [float(basis.magnitude(first, np.sin(angle))) for first in (one.low[0], one.high[0])
+             for angle in (one.low[1], one.high[1])]  # fmt: skip
+    powers: list[float] = []
+    for k, own in ((4, problem.region.P), (5, problem.region.Q)):
+        ends = float(boxes.low[:, k].min()), float(boxes.high[:, k].max())
+        every = [end * V**2 / size * c.S_rated / PHASES
+                 for end in ends for V in (c.V_min_pu, c.V_max_pu) for size in (min(sizes), max(sizes))]  # fmt: skip
+        powers += np.clip([min(every), max(every)], *own).tolist()
+    looked = why == "boxes"
+    frequency = [float(boxes.frequency.min()), float(boxes.frequency.max())] if looked else None
+    return [*one.low.tolist(), *one.high.tolist(), *powers, frequency, float(boxes.share.sum()), why]
 
 
 def prove_full_order(
@@ -228,7 +256,18 @@ def prove_full_order(
         left = len(job.left(journal.whole))
         with executor_of(min(worker_count(workers), max(left, 1)), cluster) as executor:
             parts = run_job(job, journal, executor=executor, progress=progress)
-    return _statement(own, spec, region, system, goal, slowest, parts)
+    found = _statement(own, spec, region, system, goal, slowest, parts)
+    return replace(found, left=_searched(own, system, region, found.left, seed))
+
+
+def _searched(study: Study, system: System, region: Region, left: tuple[LeftPart, ...], seed: int) -> Any:
+    """The parts that are left, the largest with the least decay that is found there."""
+    found = list(left)
+    for k, part in enumerate(left[:_SEARCHED]):
+        own = replace(region, scr=part.scr, x_over_r=part.x_over_r, P=part.P, Q=part.Q)
+        with suppress(InfeasibleStudyError):  # no point keeps the limits
+            found[k] = replace(part, least_decay=least_decay(study, system, own, seed, _DRAWN).decay)
+    return tuple(found)
 
 
 def _known(study: Study, spec: ControllerSpec, region: Region, ready: Ready) -> None:
@@ -271,19 +310,22 @@ def _statement(
     every = [parts[name] for name in sorted(parts, key=int)]
     proved = sum(part["proved"] for part in every)
     rest = [row for part in every for row in part["left"]]
-    open_share = sum(row[4] for row in rest)
+    open_share = sum(row[-2] for row in rest)
     total = max(proved + open_share, 1e-300)
     left = [
         LeftPart(
             scr=(1.0 / row[2], 1.0 / row[0]),
             x_over_r=(float(np.tan(row[1])), float(np.tan(row[3]))),
-            share=row[4] / total,
-            reason=row[5],
+            P=(row[4], row[5]),
+            Q=(row[6], row[7]),
+            frequency=None if row[8] is None else (row[8][0], row[8][1]),
+            share=row[-2] / total,
+            reason=row[-1],
         )
-        for row in sorted(rest, key=lambda row: -row[4])
+        for row in sorted(rest, key=lambda row: -row[-2])
     ]
     if not parts:
-        left = [LeftPart(scr=region.scr, x_over_r=region.x_over_r, share=1.0, reason="boxes")]
+        left = [LeftPart(scr=region.scr, x_over_r=region.x_over_r, P=region.P, Q=region.Q, share=1.0, reason="boxes")]
     filters = (study.tau_P > 0.0) + (study.tau_Q > 0.0) + 4 * study.has_notch
     return FullOrderProof(
         controller=spec.name,

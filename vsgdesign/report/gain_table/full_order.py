@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateCell
-from vsgdesign.certificate import FullOrderProof
+from vsgdesign.certificate import FullOrderProof, LeftPart
 from vsgdesign.report.gain_table.words import CARRIED
 
 if TYPE_CHECKING:  # its kernels are loaded by who checks
@@ -57,8 +57,9 @@ def full_order_text(found: FullOrderProof) -> str:
     ]
     for part in found.left[:_SHOWN]:
         lines.append(
-            f"  SCR {part.scr[0]:.4g} to {part.scr[1]:.4g}, X/R {part.x_over_r[0]:.4g} to {part.x_over_r[1]:.4g}: "
-            f"{_share(part.share)}, {_REASONS[part.reason]}"
+            f"  SCR {part.scr[0]:.4g} to {part.scr[1]:.4g}, X/R {part.x_over_r[0]:.4g} to {part.x_over_r[1]:.4g}, "
+            f"P {part.P[0] / 1e3:.4g} to {part.P[1] / 1e3:.4g} kW, Q {part.Q[0] / 1e3:.4g} to {part.Q[1] / 1e3:.4g} "
+            f"kvar: {_share(part.share)}, {_REASONS[part.reason]}{_unknown(part)}"
         )
     if len(found.left) > _SHOWN:
         rest = sum(part.share for part in found.left[_SHOWN:])
@@ -81,6 +82,16 @@ def proof_check_text(path: str, found: ProofCheck) -> str:
         f"proved.\nA second enclosure confirms {boxes} boxes ({_share(looked.share)} of the volume). The least decay "
         f"of another search is {found.decay:.4g} 1/s."
     )
+
+
+def _unknown(part: LeftPart) -> str:
+    """Where on the circle f is not known, and what a search found there."""
+    text = ""
+    if part.frequency is not None:
+        text += f" between {part.frequency[0]:.3g} and {part.frequency[1]:.3g} rad/s"
+    if part.least_decay is not None:
+        text += f"; the least decay that a search found there is {part.least_decay:.3g} 1/s"
+    return text
 
 
 def _share(share: float) -> str:
