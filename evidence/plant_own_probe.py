@@ -74,6 +74,7 @@ def modes_of_places(study: Study, gain_table: GainTable) -> dict[float, tuple[in
         raise ValueError("no plant")
     own = replace(behind_its_path(study, study.plant.units[0]), plant=None)
     spec, c, V_g = own.controllers[0], own.converter, own.grid_source.V_g_rms
+    most = MOST_CURRENT * (c.current_limit_pu or np.inf)
     law = gain_law(own, spec, Ready(tables={spec.name: gain_table}))
     found: dict[float, tuple[int, complex, complex]] = {}
     for ratio in STRONGER:
@@ -85,7 +86,7 @@ def modes_of_places(study: Study, gain_table: GainTable) -> dict[float, tuple[in
                 V, _ = operating_point(P, Q, V_g, *(np.array(one) for one in own.path_to_grid(grid, c.omega_n)))
             low, high = c.V_limits_rms
             current = np.hypot(p, q) * c.V_rated_rms / V
-            if not (SCR[0] <= seen <= SCR[-1] and low <= V <= high and current <= MOST_CURRENT * c.current_limit_pu):
+            if not (SCR[0] <= seen <= SCR[-1] and low <= V <= high and current <= most):
                 continue
             told = Place(seen, seen_x, "impedance").grid(c)
             gains = PowerLoopGains(*(float(one) for one in law(told.R_g, told.L_g, P, Q, float(V))))
@@ -95,7 +96,9 @@ def modes_of_places(study: Study, gain_table: GainTable) -> dict[float, tuple[in
         model, given = linearise_full_order(own, cells), np.array(rows, dtype=float).T
         s = to_continuous(np.linalg.eigvals(model.A), model.T_s)
         common = s[np.arange(len(s)), np.argmax(s.real, axis=1)]
-        apart = differential_modes(own, PowerLoopGains(*given[3:]), *given[:3], own.grid_source.omega_g)
+        apart = differential_modes(
+            own, PowerLoopGains(*given[3:]), given[0], given[1], given[2], own.grid_source.omega_g
+        )
         found[ratio] = len(common), *(one[np.nanargmax(one.real)] for one in (common, apart))
     return found
 

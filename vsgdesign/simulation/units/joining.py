@@ -58,14 +58,14 @@ def _closings(event: Event, run: PlantRun) -> Iterator[tuple[float, float]]:
     check, plant = event.synchro_check, run.timeline.plant
     k = next(j for j, one in enumerate(plant.units) if one.name == event.element)
     opened = run.timeline.segment_at(event.t_s).topology.opened
-    there = [j for j, one in enumerate(plant.units) if one.node == plant.units[k].node and one.name not in opened]
-    if check is None or not there:
+    beside = [j for j, one in enumerate(plant.units) if one.node == plant.units[k].node and one.name not in opened]
+    if check is None or not beside:
         raise InfeasibleStudyError(
             f"{event.name}: no other unit is connected at {plant.units[k].node}, whose voltage the relay could look "
             "at. Close the breaker without synchro_check."
         )
-    c, j = run.units[k].study.converter, there[0]
-    every = max(round(_LOOK_S / float(run.t_s[1] - run.t_s[0])), 1)
+    c, j, dt = run.units[k].study.converter, beside[0], float(run.t_s[1] - run.t_s[0])
+    every = max(round(_LOOK_S / dt), 1)
     first = int(np.searchsorted(run.t_s, event.t_s - _SETTLES_S))
     last = int(np.searchsorted(run.t_s, min(event.t_s + LONGEST_S, float(run.t_s[-1]))))
     own, behind = run.units[k].terminals, _at_node(run, run.units[j], plant.units[j].R, plant.units[j].L)
@@ -84,7 +84,8 @@ def _closings(event: Event, run: PlantRun) -> Iterator[tuple[float, float]]:
     for row in range(first, last, every):
         t_s = float(run.t_s[row])
         relay = relay._replace(on=1.0 * (t_s >= event.t_s))
-        seen, other, near = relay_sees(seen, other, relay, *own[row], *behind[row], every * float(run.t_s[1]))
+        here, there = own[row].tolist(), behind[row].tolist()
+        seen, other, near = relay_sees(seen, other, relay, here[0], here[1], there[0], there[1], every * dt)
         relay = relay._replace(fresh=0.0)
         if near > 0.5:
             lead = complex(seen.v_alpha, seen.v_beta) * complex(other.v_alpha, -other.v_beta)
