@@ -106,6 +106,16 @@ def tree_of(path: Path) -> ast.Module:
 
 
 @cache
+def calls_of(path: Path) -> dict[str, list[ast.Call]]:
+    """Every call in a module, by the name of what is called."""
+    found: dict[str, list[ast.Call]] = {}
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Call):
+            found.setdefault(_name(node), []).append(node)
+    return found
+
+
+@cache
 def constants(path: Path) -> dict[str, object]:
     """Numbers and texts that a module names, those that it imports from this package included."""
     found: dict[str, object] = {}
@@ -211,7 +221,7 @@ def rounds(function: ast.FunctionDef, call: ast.Call, path: Path) -> list[Local]
     found: list[Local] = [{}]
     for node in ast.walk(function):
         loops = [node] if isinstance(node, ast.For) else getattr(node, "generators", [])
-        if any(one is call for one in ast.walk(node)):
+        if loops and any(one is call for one in ast.walk(node)):
             found = [{**one, **row} for one in found for loop in loops for row in _rows(loop, path)] or found
     return [{**one, **row} for one in found for row in _passed(function, path) or [{}]]
 
@@ -249,7 +259,7 @@ def literals(path: Path) -> dict[str, ast.expr]:
 
 def _passed(function: ast.FunctionDef, path: Path) -> list[Local]:
     """What the calls in its own module pass to a function, for each of them: the arguments that are texts in all."""
-    calls = [one for one in ast.walk(tree_of(path)) if isinstance(one, ast.Call) and _name(one) == function.name]
+    calls = calls_of(path).get(function.name, [])
     names = [one.arg for one in function.args.args if one.arg not in ("self", "cls")]
     rows = [
         dict(zip(names, call.args, strict=False)) | {one.arg: one.value for one in call.keywords if one.arg}
