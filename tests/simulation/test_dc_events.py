@@ -7,9 +7,11 @@ from dataclasses import replace
 import pytest
 
 from tests.simulation.event_kinds import TEXT
+from vsgdesign.artifacts.time_series import UNITS
 from vsgdesign.campaigns.compliance.case import Subject as OfSuite
 from vsgdesign.campaigns.compliance.reading import suite_from_text
 from vsgdesign.campaigns.compliance.run import run_test
+from vsgdesign.equations.dc_sources import DC_SOURCES
 from vsgdesign.errors import StudyError
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.survival import CaseRun, GridState, Subject, SurvivalCase, dc_set, trace_case
@@ -24,6 +26,13 @@ C = "2 mF"
 p_max = "6 kW"
 p_charge_max = "6 kW"
 """
+
+
+OWN = {
+    "battery": {"battery": {"R_i": "1 ohm", "i_max": 20, "capacity_Ah": 5}},
+    "converter": {"converter": {"p_max": "6 kW"}},
+    "photovoltaic": {"photovoltaic": {"modules": 16, "strings": 2}},
+}
 
 
 def study_with(more: str = "") -> Study:
@@ -43,6 +52,17 @@ def test_what_the_rest_of_the_source_cannot_give_is_told_and_lost() -> None:
     assert study_with(text).events[0].name == "dc source 0.2"
     both = study_with("[[events]]\ntime = '0.2 s'\ndc_power = 0.2\n[[events]]\ntime = '0.3 s'\ndc_power = 1\n")
     assert run_scenario(both).controllers[0].outcome.status == "settled"
+
+
+@pytest.mark.parametrize("source", DC_SOURCES)
+def test_every_number_of_a_clamped_link_has_its_unit(source: str) -> None:
+    """A file of the run can be written."""
+    study = study_from_text(TEXT.replace("2.4 s", "0.1 s")).with_changes(
+        dc={"source": source, "C": "2 mF", "control": "power_clamp"} | OWN[source]
+    )
+    (one,) = run_scenario(study).controllers
+    assert "P_cut" in one.series
+    assert set(one.series) <= set(UNITS)
 
 
 def test_survival_cases_and_suites_have_them() -> None:

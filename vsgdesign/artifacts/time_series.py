@@ -25,7 +25,7 @@ UNITS = {
     "cov_RL": "ohm*H", "sigma": "1", "valid": "1", "changed": "1", "event": "1", "doubt": "1", "mode": "1",
     "amplitude": "1", "foreign": "1", "passive": "1",
     "v_dc": "V", "P_dc": "W", "E_source": "J", "E_bridge": "J", "dc_charge": "1", "dc_p": "W", "dc_target": "W",
-    "dc_stored": "J", "dc_u": "V",
+    "dc_stored": "J", "dc_u": "V", "P_cut": "W",
     "K_ip": "rad/(s2*W)", "D_p": "W*s/rad", "K_iq": "V/(s*var)", "D_q": "var/V",
     "K_pq": "rad/(s2*var)", "K_qp": "V/(s*W)", "k_P": "rad/(s*W)", "k_Q": "rad/(s*var)",
 }  # fmt: skip
