@@ -9,6 +9,7 @@ sources do it. Both follow the rules of every equation (CONTRIBUTING.md, "Add an
 from __future__ import annotations
 
 import math
+import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -132,9 +133,17 @@ class DcSource:
     """Faults of several parameters together: {name: what is wrong}."""
     lost: tuple[str, ...] = ()
     """The parameters of which a share is left where a share of the source is lost."""
+    moving: tuple[str, ...] = ()
+    """Fields of the memory that move at once, and not as slowly as a charge."""
     recharged: Callable[[float, Any], Mapping[str, float]] | None = None
     """What the memory has at a state of charge, by its fields; the second argument are the constants. None: the source
     has no charge."""
+
+    @property
+    def records(self) -> tuple[Any, Any]:
+        """The NamedTuple classes of its memory and of its constants."""
+        memory = typing.get_args(typing.get_type_hints(self.rest)["return"])[1]
+        return memory, typing.get_type_hints(self.build)["return"]
 
     def values(self, ratings: DcRatings, given: Mapping[str, Any]) -> dict[str, Any]:
         """Every parameter in SI: as given, else its default; NaN where it has to be given and is not."""

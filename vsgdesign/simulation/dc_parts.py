@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import typing
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -99,7 +98,4 @@ def dc_kind(link: DcLink | None) -> DcKind | None:
     """What feeds the dc link."""
     if link is None:
         return None
-    source = link.kind
-    constants = typing.get_type_hints(source.build)["return"]
-    memory = typing.get_args(typing.get_type_hints(source.rest)["return"])[1]
-    return DcKind(source.law, memory, constants, link.clamps)
+    return DcKind(link.kind.law, *link.kind.records, link.clamps)

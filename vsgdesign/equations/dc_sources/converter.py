@@ -172,6 +172,7 @@ CONVERTER = DcSource(
         DcParameter("charge", "1", 0.0, 1.0, "share of the usable energy at the start", default=0.5),
     ),
     lost=("p_max", "p_charge_max"),
+    moving=("p",),
     recharged=lambda charge, c: {"stored": charge * c.energy},
 )
 """A stage that holds the voltage of the link."""

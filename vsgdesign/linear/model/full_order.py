@@ -21,6 +21,7 @@ from vsgdesign.equations.frames import instantaneous_power, rms_to_peak, rotate_
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.linear.model.dc_link import LinkInModel
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
 
 PARAMETERS = (
@@ -115,18 +116,20 @@ def full_order_map(
     squarings: int,
     limiter: LimiterInModel = LimiterInModel(CIRCULAR.law, Nothing, Nothing),  # noqa: B008
     notch: bool = False,
+    link: LinkInModel | None = None,
 ) -> FullOrderMap:
     """Build the map for 0 or 1 samples of delay, with or without power filters, transient impedance and notch.
 
     ``squarings`` k: matrix exponentials by Taylor series of (A T_s)/2^k, squared k times. The limiter's memory is part
-    of the state, a field each.
+    of the state, a field each. ``link``: a dc link that is not ideal; its states and parameters come last.
     """
-    names = _state_names(delay, filter_P, filter_Q, transient, notch, limiter)
+    names = _state_names(delay, filter_P, filter_Q, transient, notch, limiter) + (() if link is None else link.states)
     z = ca.SX.sym("z", len(names))
-    p = ca.SX.sym("p", len(PARAMETERS) + len(SETTINGS) + len(limiter.constants._fields))
+    own = () if link is None else link.parameters
+    p = ca.SX.sym("p", len(PARAMETERS) + len(SETTINGS) + len(limiter.constants._fields) + len(own))
     u = ca.SX.sym("u", len(INPUTS))
     with numpy_on_symbols():
-        following, outputs = _one_period(names, z, p, u, squarings, limiter)
+        following, outputs = _one_period(names, z, p, u, squarings, limiter, link)
     at_rest = ca.DM.zeros(len(INPUTS))
 
     def rested(expression: ca.SX) -> ca.SX:
@@ -237,10 +240,16 @@ def _sampled(
 
 
 def _one_period(
-    names: tuple[str, ...], z: ca.SX, p: ca.SX, u: ca.SX, squarings: int, limiter: LimiterInModel
+    names: tuple[str, ...],
+    z: ca.SX,
+    p: ca.SX,
+    u: ca.SX,
+    squarings: int,
+    limiter: LimiterInModel,
+    link: LinkInModel | None,
 ) -> tuple[ca.SX, ca.SX]:
     state = dict(zip(names, ca.vertsplit(z), strict=True))
-    values = _values_of(p, limiter)
+    values = _values_of(p, limiter, () if link is None else link.parameters)
     push: dict[str, ca.SX] = dict(zip(INPUTS, ca.vertsplit(u), strict=True))
     circuit, settings, controller, after, output, applied = _sampled(state, values, push, limiter)
     omega_g = values["omega_g"] + push["omega_g"]
@@ -260,13 +269,17 @@ def _one_period(
     }
     pending = rotate_back(output.v_b_alpha, output.v_b_beta, turn_cos, turn_sin)
     following |= {"pending_d": pending[0], "pending_q": pending[1]}
+    if link is not None:
+        before = [state[f"{n}_{a}"] for n in ("i_s", "v_c", "i_g") for a in "dq"]
+        beyond = [along[j][k] for k in range(3) for j in range(2)]
+        following |= link.following(state, values, before, beyond, applied)
     outputs = ca.vertcat(output.P, output.Q, output.omega, controller.V, controller.theta, *applied)
     return ca.vertcat(*(following[name] for name in names)), outputs
 
 
-def _values_of(p: ca.SX, limiter: LimiterInModel) -> dict[str, ca.SX]:
+def _values_of(p: ca.SX, limiter: LimiterInModel, more: tuple[str, ...] = ()) -> dict[str, ca.SX]:
     constants = limiter_states(limiter.constants._fields)
-    return dict(zip((*PARAMETERS, *SETTINGS, *constants), ca.vertsplit(p), strict=True))
+    return dict(zip((*PARAMETERS, *SETTINGS, *constants, *more), ca.vertsplit(p), strict=True))
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.controller_data import flat_settings
 from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.linear.model.dc_link import LinkInModel
 from vsgdesign.linear.model.full_order import (
     PARAMETERS,
     ControllerMap,
@@ -23,6 +24,7 @@ from vsgdesign.linear.model.full_order import (
     full_order_map,
     limiter_states,
 )
+from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.linear.operating_point.many import Lanes, ManyStates, clamped_lanes, lanes_of, many_steady_states
 from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, fault_of_rest
@@ -136,12 +138,17 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
     A cell without a steady state raises no error. ``faults`` says why it has none.
     """
     lanes, gains, states, faults = steady_cells(study, cells)
-    functions = _functions(study, lanes)
+    link = link_in_model(study)
+    functions = _functions(study, lanes, link)
     good = np.arange(0)
     z, p = np.empty((0, len(functions.states))), np.empty((0, functions.step.size1_in(1)))
     if states is not None:
         good = np.flatnonzero(states.fault == 0)
-        z, p = pack(functions.states, states)[good], parameters_of(study, lanes, gains)[good]
+        circuit = functions.states if link is None else functions.states[: -len(link.states)]
+        z, p = pack(circuit, states)[good], parameters_of(study, lanes, gains)[good]
+        if link is not None:
+            rests = [_link_at_rest(study, link, cells[k], states, k) for k in good.tolist()]
+            z, p = (np.hstack([a, np.reshape(b, (len(good), -1))]) for a, b in zip((z, p), _split(rests), strict=True))
     A, B, C, D = _matrices(functions.linear, z, p)
     return FullOrderModel(
         states=functions.states,
@@ -157,6 +164,31 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
         steady=states,
         map=functions,
     )
+
+
+def link_in_model(study: Study) -> LinkInModel | None:
+    """The dc link of a study; None: it is ideal."""
+    if study.dc is None:
+        return None
+    kind = study.dc.kind
+    return LinkInModel(kind.law, *kind.records, kind.moving)
+
+
+def _link_at_rest(
+    study: Study, link: LinkInModel, cell: Cell, states: ManyStates, lane: int
+) -> tuple[list[float], list[float]]:
+    """The states and the parameters of a cell's dc link."""
+    dc = cell.link or study.dc
+    if dc is None:
+        raise ValueError("the dc link is ideal.")
+    power = float(power_of_plant(study, states.plant[:, lane]))
+    state = dc.at_rest(power, study.converter, study.filter)
+    return link.at_rest(state), link.values(dc.settings(study.converter, study.filter), state)
+
+
+def _split(pairs: Sequence[tuple[list[float], list[float]]]) -> tuple[Array, Array]:
+    first, second = (np.array([pair[k] for pair in pairs], dtype=float) for k in (0, 1))
+    return first, second
 
 
 def slowest_decay(
@@ -221,10 +253,11 @@ def pack(states: Sequence[str], start: SampledState | ManyStates) -> Array:
     return np.array([values[name] for name in states], dtype=float).T.copy()
 
 
-def _functions(study: Study, lanes: Lanes) -> FullOrderMap:
-    """The map of a study, with an exponential that is good on all of these grids."""
+def _functions(study: Study, lanes: Lanes, link: LinkInModel | None = None) -> FullOrderMap:
+    """The map of a study, with an exponential that is good on all of these grids. ``link``: of the model; None: the
+    link is left out, and the others of the modes are the same."""
     *parts, limiter, notch = _structure(study)
-    return full_order_map(*parts, _squarings(study, lanes.R_g, lanes.L_g), limiter, notch)
+    return full_order_map(*parts, _squarings(study, lanes.R_g, lanes.L_g), limiter, notch, link)
 
 
 def controller_of(study: Study) -> ControllerMap:

@@ -216,6 +216,9 @@ _QUANTITIES = {
     "xi_v": "voltage-loop integrators",
     "xi_i": "current-loop integrators",
     "i_f": "low-pass of the transient impedance",
+    "v_dc": "voltage of the dc link",
+    "p_dc": "power of the bridge in the period before",
+    "dc_p": "power of the dc source",
 }
 LEAST_SHARE = 0.1
 MOST_NAMED = 3

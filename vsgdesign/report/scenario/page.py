@@ -247,7 +247,7 @@ def _said_of_link(study: Study) -> str:
     V_dc = plain_quantity(study.converter.V_dc, "V")
     if study.dc is None:
         return f"The dc link is an ideal source of {V_dc}, nothing behind it."
-    nominal = f"The nominal voltage is {V_dc}. Margins, modes and proofs are those of an ideal link."
+    nominal = f"The nominal voltage is {V_dc}. Margins and proofs are those of an ideal link."
     return f"{dc_link_text(study.dc.source)} {nominal}"
 
 

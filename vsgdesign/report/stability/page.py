@@ -51,6 +51,7 @@ from vsgdesign.simulation.stability_result import (
     maps_of,
     step_file,
 )
+from vsgdesign.study.parameters.study import Study
 
 _MAP_CONTENT = {
     "reduced": "margins of the reduced model over SCR × X/R × (P, Q)",
@@ -336,8 +337,7 @@ def limits_of_validity(result: StabilityResult) -> list[str]:
         "bridge is averaged over a sampling period.",
         "Frequencies end below half the sampling rate. Between the samples the admittance keeps only the component at "
         "the perturbation's own frequency.",
-        f"The dc link is an ideal source of {plain_quantity(c.V_dc, 'V')}"
-        f"{'' if study.dc is None else ', without the [dc] of the study'}; the grid is an ideal source behind one "
+        f"The dc link is {_link(study)}; the grid is an ideal source behind one "
         "balanced R–L branch, and no other converter or load is near.",
         "Inductors do not saturate; capacitors and measurements are ideal.",
     ]
@@ -347,3 +347,14 @@ def limits_of_validity(result: StabilityResult) -> list[str]:
             "an estimator, are not part of these margins."
         )
     return items
+
+
+def _link(study: Study) -> str:
+    """What the dc link is in the models."""
+    V_dc = plain_quantity(study.converter.V_dc, "V")
+    if study.dc is None:
+        return f"an ideal source of {V_dc}"
+    return (
+        "that of [dc] around its rest: its modes are among those of the full-order model, and the margins are those of "
+        f"an ideal source of {V_dc}, because it does not act on the circuit below the limit of the bridge"
+    )
