@@ -205,6 +205,8 @@ class Page:
         self.urls: list[str] = []
         self.faults: deque[str] = deque()
         self._document = ""
+        self._traced: list[dict[str, Any]] | None = None
+        """Events of a trace; None where the browser has told all."""
 
     def call(self, method: str, /, **given: Any) -> dict[str, Any]:
         """One command of the protocol to this page."""
@@ -216,6 +218,10 @@ class Page:
             self._document = said["frame"]["loaderId"]
         elif method == "Network.requestWillBeSent":
             self.urls.append(said["request"]["url"])
+        elif method == "Tracing.dataCollected" and self._traced is not None:
+            self._traced += said["value"]
+        elif method == "Tracing.tracingComplete":
+            self._traced = None
         elif method == "Network.webSocketCreated":
             self.urls.append(said["url"])
         elif method == "Runtime.exceptionThrown":
@@ -225,6 +231,25 @@ class Page:
             self.faults.append(" ".join(str(value.get("value", "")) for value in said["args"]))
         elif method == "Log.entryAdded" and said["entry"]["level"] == "error":
             self.faults.append(f"{said['entry']['text']} ({said['entry'].get('url', '')})")
+
+    @contextmanager
+    def tasks(self) -> Iterator[list[float]]:
+        """The processor time of every task of the pages' main threads within the block, ms, when it is left."""
+        found: list[float] = []
+        self._traced = events = []
+        categories = ["__metadata", "disabled-by-default-devtools.timeline", "devtools.timeline", "toplevel"]
+        self.call("Tracing.start", transferMode="ReportEvents", traceConfig={"includedCategories": categories})
+        yield found
+        self.call("Tracing.end")
+        until = time.monotonic() + 60.0
+        while self._traced is not None:
+            self.browser.read(until, "the trace")
+        main = {
+            (one["pid"], one["tid"])
+            for one in events
+            if one["name"] == "thread_name" and one["args"]["name"] == "CrRendererMain"
+        }
+        found += [one["tdur"] / 1e3 for one in events if one["name"] == "RunTask" and (one["pid"], one["tid"]) in main]
 
     def goto(self, url: str) -> None:
         """Go to an address. When this returns, the document is the new one, and not yet loaded.
