@@ -143,6 +143,13 @@ def test_a_study_beyond_the_fields_of_the_page_has_none_and_says_why() -> None:
     assert page.why == "P must be a number between -10 and 10 kW, not 12."
 
 
+def test_a_study_with_a_source_at_its_dc_link_has_none_and_says_why() -> None:
+    battery = "[dc.battery]\nR_i = 0.1\ni_max = 50\ncapacity_Ah = 10\n"
+    page = live_page(study_from_text(f'{FIXED}[dc]\nsource = "battery"\nC = 2e-3\n{battery}'), NOTHING, (2, 1))
+    assert page.text is None
+    assert "simulates with an ideal link alone" in page.why
+
+
 FIXED = """
 base = "case:hoang2025_5kva"
 grid = { scr = 2, x_over_r = 1 }

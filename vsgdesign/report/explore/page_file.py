@@ -61,11 +61,17 @@ OF_BRIDGE = {
     "pwm": (
         "Events are simulated and judged here with a switched bridge, for which every grid has its responses to "
         "switching edges in the file. A run is judged by the rest to which the bridge itself comes. The curves are "
-        "samples of the controller, and the ripple between them is not seen. Maps, modes, margins and linear steps "
-        "are those of the averaged bridge."
+        "samples of the controller, and the ripple between them is not seen. They begin at the rest of the averaged "
+        "bridge, so that they move before the event. Maps, modes, margins and linear steps are those of the averaged "
+        "bridge. A page without --bridge pwm also has a map of the grids on which the event is survived."
     ),
 }
 """What it says of its bridge."""
+NO_DC = (
+    "The dc link of this study has a source, and a browser simulates with an ideal link alone: its runs would not be "
+    "those of this page."
+)
+"""Why a report of a study with [dc] has no live part."""
 MARK = "written by vsgdesign explore --static"
 _TOGETHER = 128
 """Grids that are computed in one call."""
@@ -130,6 +136,8 @@ def live_page(
     The page is an addition to what it is made beside. A study that the page cannot show, because its powers or its
     grid are beyond the limits of the page's fields or because it has too many controllers, is therefore no error.
     """
+    if study.dc is not None:
+        return StaticPage(None, NO_DC)
     try:
         start = {} if controllers is None else {"controllers": list(controllers)}
         text = page_of_session(Session(study, ready, start=start), lattice, tell, cases=cases, quickly=True)

@@ -305,7 +305,7 @@ def case_label(case: Mapping[str, Any], document: Mapping[str, Any]) -> str:
     family = document["families"].get(case["family"], {})
     name, promise = promise_about(family, case["promise"]) or (case["promise"], {"limit": None})
     found = "found " if case.get("case") is None else ""
-    return f"{found}{case['rank']}: {promise_title(name, promise)} {case_value(case, name, promise)}; {case['what']}"
+    return f"{found}{case['rank']}: {promise_title(name, promise)} {case_value(case, name, promise)}. {case['what']}"
 
 
 def case_value(case: Mapping[str, Any], name: str, promise: Mapping[str, Any]) -> str:

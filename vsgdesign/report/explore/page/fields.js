@@ -289,7 +289,11 @@ export class FieldList {
       const text = field.textOf(field.value());
       return `${field.spec.label} ${text} ${text === "none" ? "" : field.spec.unit}`.trim();
     });
-    this.root.replaceChildren(made("p", { className: "note" }, `${made_by} Computed for ${words.join(", ")}.`));
+    const settings = made("ul", { className: "note" }, ...words.map((text) => made("li", {}, text)));
+    this.root.replaceChildren(
+      made("p", { className: "note" }, made_by),
+      made("details", {}, made("summary", {}, "Settings of this page"), settings),
+    );
     this.fields.clear();
   }
 
