@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 
 import casadi as ca
@@ -15,7 +16,7 @@ from vsgdesign.certificate.region import AtDesignPoint
 from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import design_cell
 from vsgdesign.design.evaluation import between_units, law_of, model_in, shortfalls
-from vsgdesign.design.nlp import slow_determinant
+from vsgdesign.design.nlp import robust_program, slow_determinant
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -106,6 +107,27 @@ def test_a_node_keeps_the_decay_on_both_impedances() -> None:
     missed = shortfalls(replace(spec, differential_decay=50.0), found.figures, found.inertia)
     assert missed["differential_decay"] == found.figures.differential_decay
     assert "differential_decay" not in shortfalls(spec, found.figures, found.inertia)
+
+
+def test_an_interrupt_ends_more_than_one_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The solver would take an interrupt for its own and return: the design would go on."""
+    study = paired(3.0)
+    spec, target = specification(study), study.controllers[-1].target
+    rule = law_of(study, target, spec.aim)
+    program = robust_program(rule, spec)
+    s = scenarios_of_estimate(study, spec, 3.0, 5.0, target.P, target.Q).take(np.arange(3))
+    ended = []
+
+    def solver(**_: object) -> dict[str, ca.DM]:
+        signal.raise_signal(signal.SIGINT)
+        ended.append(True)
+        return {"x": ca.DM(12 * [np.nan]), "lam_g": ca.DM([0.0])}
+
+    monkeypatch.setattr(program, "_solver", solver)
+    v, middle = program.variables, textbook(robust_study())
+    with pytest.raises(KeyboardInterrupt):
+        program.solve(middle, middle, s, 0.0, 1.0, v.high)
+    assert ended
 
 
 @pytest.mark.parametrize("slower", [0, 1, 2])

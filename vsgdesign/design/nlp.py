@@ -30,6 +30,7 @@ from vsgdesign.design.variables import (
 )
 from vsgdesign.equations.power_flow import scheduled_jacobian, source_behind
 from vsgdesign.equations.slow_plant import Lags
+from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.linear.model.coupled import coupled_function
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
 from vsgdesign.metrics.step_response import SETTLING_BAND
@@ -150,7 +151,8 @@ class RobustProgram:
         begin = np.concatenate([start, [0.9 * self._spec.disk_margin], np.full(len(KINDS), 0.1), [0.5]])
         low = np.concatenate([v.low, [1e-2], np.zeros(len(KINDS) + 1)])
         high = np.concatenate([ceiling, [max(self._aim, 0.011)], np.full(len(KINDS), 50.0), [1.0]])
-        with contextlib.redirect_stderr(io.StringIO()):  # a start that fails is told by the result
+        # A start that fails is told by the result. An interrupt would end this solution and nothing else.
+        with interrupts_deferred(), contextlib.redirect_stderr(io.StringIO()):
             found = self._solver(x0=begin, p=parameters, lbg=0.0, ubg=np.inf, lbx=low, ubx=high)
         x, multipliers = found["x"].full().ravel(), -found["lam_g"].full().ravel()
         if not np.isfinite(x).all():
