@@ -30,6 +30,7 @@ from vsgdesign.certificate.full_order.kernel import KERNEL, enclosed, survey
 from vsgdesign.certificate.full_order.looking import CellGroup
 from vsgdesign.certificate.full_order.points import at_rest, decays_at, least_decay
 from vsgdesign.certificate.full_order.programs import DIMENSIONS
+from vsgdesign.certificate.full_order.record import arrays_of
 from vsgdesign.certificate.full_order.search import Found, Problem, beginning, search
 from vsgdesign.certificate.full_order.tape import program_of, run
 from vsgdesign.certificate.proof import arrays
@@ -244,7 +245,7 @@ def places(made: Any) -> Places:
     rng = np.random.default_rng(5)
     d, c = DIMENSIONS, study.converter
     low = np.array([[1 / 4.0, np.arctan(2.5)], [1 / 9.0, np.arctan(9.0 if made is with_table else 3.0)]])
-    cells = cells_of(problem.tapes, low, low * [1.02, 1.01], Arcs.coarsest(c.T_s))
+    cells = cells_of(problem.tapes, low, low * [1.02, 1.01], [Arcs.coarsest(c.T_s)] * 2)
     assert [cell.state for cell in cells] == [GOOD, GOOD]
     group = CellGroup.of(cells)
     number = 1000
@@ -343,12 +344,30 @@ def test_a_region_is_proved_and_a_point_that_is_too_slow_is_not() -> None:
     assert len(low) == len(high)
 
 
+def test_a_decay_near_the_least_one_needs_shorter_arcs() -> None:
+    """The slowest corner of utility decays with 0.593 1/s: f at 0.5 1/s is small near 0 rad/s, and an arc of 0.7 rad/s
+    there is too long on any cell. The arcs that are halved are kept in the proof's file."""
+    region = Region((1.5, 10.0), (3.0, 10.0), (3e5, 7e5), (0.0, 1e5), 0.2)
+    _, problem = problem_of("utility", "scheduled", region)
+    corner = [one for one in beginning(problem) if one.high[0] * 1.5 > 0.999][-1:]
+    found = Found()
+    assert search(problem, corner, found, most_looks=3000) == []
+    assert not found.left
+    coarse = Arcs.coarsest(problem.loop.T_s).edges
+    assert min(float(edges[1]) for _, _, edges in found.cells) < 0.5 * coarse[1] * (1.0 + 1e-12)
+    arrays = arrays_of(corner, problem.pieces, found, coarse)
+    share = 0.5 ** arrays["arcs"].astype(float)
+    assert share.sum() == pytest.approx(len(arrays["cells"]) * (len(coarse) - 1))
+
+
 def test_what_is_left_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """With few looks and a decay near the least one: grids, powers and frequencies of each part, and what a search
     finds there."""
     monkeypatch.setattr(statement, "_MOST_LOOKS", 40)
     monkeypatch.setattr(statement, "_SEARCHED", 1)
-    monkeypatch.setattr(statement, "least_decay", lambda *at: least_decay(*at[:3], 0, 200))  # a small search will do
+    monkeypatch.setattr(
+        statement, "least_decay", lambda one, two, three, *_: least_decay(one, two, three, 0, 200)
+    )  # a small search will do
     monkeypatch.setattr(search_of_points, "_KEPT", 6)
     study = load_study("studies/laboratory/study.toml")
     spec, _ = region_of(study, "scheduled", None, None)
@@ -383,7 +402,7 @@ def test_inner_loops_that_lose_the_network_are_named() -> None:
     region = Region((15.0, 20.0), (3.0, 20.0), (0.0, 4500.0), (0.0, 1e3), 0.1)
     study, problem = problem_of("published", "AVSG", region, basis="reactance")
     strong = np.array([[1 / 20.0, np.arctan(19.0)], [1 / 20.0, np.arctan(3.0)]])
-    arcs = Arcs.coarsest(study.converter.T_s)
+    arcs = [Arcs.coarsest(study.converter.T_s)] * 2
     states = [cell.state for cell in cells_of(problem.tapes, strong, strong * (1.0 + 1e-6), arcs)]
     assert states == [INNER_UNSTABLE, GOOD]
 

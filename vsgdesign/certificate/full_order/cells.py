@@ -3,6 +3,7 @@ stable."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,6 +45,19 @@ class Arcs:
             edges.append(min(edges[-1] * (_RATIO if edges[-1] < HIGH else _HIGH_RATIO), last))
         return cls(np.array(edges))
 
+    def finer(self, frequencies: Array, than: Array) -> Arcs:
+        """Halved until the arcs of some frequencies are shorter than those of ``than`` (edges)."""
+        edges = self.edges
+        for frequency in np.unique(frequencies):
+            k = int(np.searchsorted(than, frequency, side="right")) - 1
+            most = 0.6 * (than[k + 1] - than[k])
+            while True:
+                n = int(np.searchsorted(edges, frequency, side="right")) - 1
+                if edges[n + 1] - edges[n] <= most:
+                    break
+                edges = np.insert(edges, n + 1, 0.5 * (edges[n] + edges[n + 1]))
+        return Arcs(edges)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
@@ -66,14 +80,15 @@ class Cell:
     """(s/(s + divisor))³ where the high arcs begin: its argument, and the frequency as the modulus, are of interest."""
 
 
-def cells_of(tapes: InnerTapes, low: Array, high: Array, coarsest: Arcs) -> list[Cell]:
-    """The functions of cells between limits (N, 2); ``COARSE`` where they cannot be enclosed on so large a cell."""
+def cells_of(tapes: InnerTapes, low: Array, high: Array, arcs: Sequence[Arcs]) -> list[Cell]:
+    """The functions of cells between limits (N, 2), on their arcs or on halves of these; ``COARSE`` where they cannot
+    be enclosed on so large a cell."""
     forms = tapes.cells(low, high)
     count = len(low)
     rest = np.stack([values.of_second_order() for values in forms.rest], axis=1)
     good_cells: Any = np.isfinite(rest[:, :, -1]).all(axis=1)
-    start, end = (np.tile(edges, count) for edges in (coarsest.edges[:-1], coarsest.edges[1:]))
-    index = np.repeat(np.arange(count), len(coarsest.edges) - 1)
+    start, end = (np.concatenate([one.edges[side] for one in arcs]) for side in (slice(-1), slice(1, None)))
+    index = np.repeat(np.arange(count), [len(one.edges) - 1 for one in arcs])
     kept: list[tuple[Any, Any, Any, Any]] = []
     for turn in range(_HALVINGS + 1):
         live = good_cells[index]
@@ -94,7 +109,7 @@ def cells_of(tapes: InnerTapes, low: Array, high: Array, coarsest: Arcs) -> list
         start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
         index = np.concatenate([index, index])
     if not kept:
-        return [_coarse(low[k], high[k], rest[k], coarsest) for k in range(count)]
+        return [_coarse(low[k], high[k], rest[k], arcs[k]) for k in range(count)]
     starts, ends, owners = (np.concatenate([k[n] for k in kept]) for n in range(3))
     every = ArcFunctions.made_of(
         [joined(list(parts)) for parts in zip(*(k[3].every for k in kept), strict=True)], tapes.loop.ratio
@@ -102,7 +117,7 @@ def cells_of(tapes: InnerTapes, low: Array, high: Array, coarsest: Arcs) -> list
     result = []
     for k in range(count):
         if not good_cells[k]:
-            result.append(_coarse(low[k], high[k], rest[k], coarsest))
+            result.append(_coarse(low[k], high[k], rest[k], arcs[k]))
             continue
         own = np.flatnonzero(owners == k)
         own = own[np.argsort(starts[own])]
@@ -111,10 +126,10 @@ def cells_of(tapes: InnerTapes, low: Array, high: Array, coarsest: Arcs) -> list
     return result
 
 
-def _coarse(low: Array, high: Array, rest: Complex, coarsest: Arcs) -> Cell:
+def _coarse(low: Array, high: Array, rest: Complex, arcs: Arcs) -> Cell:
     none = np.zeros((0, 0, 11), dtype=complex)
     return Cell(
-        low=low, high=high, state=COARSE, rest=rest, functions=none, sizes=np.zeros((0, 8)), edges=coarsest.edges,
+        low=low, high=high, state=COARSE, rest=rest, functions=none, sizes=np.zeros((0, 8)), edges=arcs.edges,
         switch=1.0,
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from vsgdesign.certificate.full_order.boxes import NATURAL, SMALLEST, Part, Piec
 from vsgdesign.certificate.full_order.cells import HIGH, Cell
 from vsgdesign.certificate.full_order.higher import gains_of, tables
 from vsgdesign.certificate.full_order.kernel import exclude, survey
-from vsgdesign.certificate.full_order.programs import COORDINATES, DIMENSIONS, FullOrderPrograms
+from vsgdesign.certificate.full_order.programs import DIMENSIONS, FullOrderPrograms
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.taylor_kernel import rows
 
@@ -24,8 +24,12 @@ _PARTS = 17
 """Numbers that the power loops are made of, in the order of ``programs._gains``."""
 
 
-_WEIGHT = np.array([0.5, 0.5, 1.0, 1.0, 1.0, 1.0])
-"""Of the coordinates in the choice of where to cut: to cut a cell of grids takes longer than to cut a box."""
+_WEIGHT = np.array([0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 0.25])
+"""Of the dimensions in the choice of where to cut: to cut a cell of grids, or its arcs, takes longer than to cut a
+box."""
+
+ARC = 6
+"""The dimension of the frequency."""
 
 
 @dataclass(frozen=True)
@@ -184,14 +188,14 @@ def _turns_as_stable(cell: Cell, middle: Any) -> bool:
 
 
 def _to_cut(part: Part, score: Array) -> NDArray[np.intp]:
-    """The coordinate that leaves most unknown; the widest one where there is no bound."""
+    """The dimension that leaves most unknown; the widest coordinate where there is no bound."""
     half = 0.5 * (part.high - part.low)
     width = half * NATURAL
     width[:, 0] = half[:, 0] / (0.5 * (part.high[:, 0] + part.low[:, 0])) * NATURAL[0]
-    own = score[:, :COORDINATES]
-    finite = np.isfinite(own).all(axis=1, keepdims=True) & (own.sum(axis=1, keepdims=True) > 0.0)
-    chosen = np.where(finite, own, width) * _WEIGHT
-    return np.argmax(np.where(half > 0.0, chosen, -1.0), axis=1)
+    finite = np.isfinite(score).all(axis=1, keepdims=True) & (score.sum(axis=1, keepdims=True) > 0.0)
+    none = np.zeros((len(half), 1))
+    chosen = np.where(finite, score, np.hstack([width, none])) * _WEIGHT
+    return np.argmax(np.where(np.hstack([half, none + 1.0]) > 0.0, chosen, -1.0), axis=1)
 
 
-__all__ = ["EMPTY", "PROVED", "UNDECIDED", "CellGroup", "Looks", "look_at"]
+__all__ = ["ARC", "EMPTY", "PROVED", "UNDECIDED", "CellGroup", "Looks", "look_at"]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.certificate.full_order.boxes import DrawnTo, Part, Pieces, pieces_of, whole
 from vsgdesign.certificate.full_order.cells import GOOD, INNER_UNSTABLE, Arcs, Cell, cells_of
 from vsgdesign.certificate.full_order.inner import InnerLoop, InnerTapes, fastest_step
-from vsgdesign.certificate.full_order.looking import EMPTY, PROVED, UNDECIDED, CellGroup, look_at
+from vsgdesign.certificate.full_order.looking import ARC, EMPTY, PROVED, UNDECIDED, CellGroup, look_at
 from vsgdesign.certificate.full_order.programs import FullOrderPrograms, full_order_programs
 from vsgdesign.certificate.full_order.rows import inner_rows, power_filter
 from vsgdesign.certificate.region import Region, System
@@ -68,6 +68,8 @@ class Waiting:
     high: Array
     depth: int
     boxes: Part
+    arcs: Arcs
+    """That its functions begin with."""
 
 
 @dataclass
@@ -94,7 +96,8 @@ class Found:
 def beginning(problem: Problem) -> list[Waiting]:
     """All of the region."""
     low, high, boxes = whole(problem.system, problem.region, problem.pieces)
-    return [Waiting(low[k], high[k], 0, boxes.take(boxes.cell == k)) for k in range(len(low))]
+    arcs = Arcs.coarsest(problem.loop.T_s)
+    return [Waiting(low[k], high[k], 0, boxes.take(boxes.cell == k), arcs) for k in range(len(low))]
 
 
 def search(
@@ -104,13 +107,15 @@ def search(
     most_looks: float = np.inf,
 ) -> list[Waiting]:
     """Goes on with what is waiting until nothing is or so many boxes were looked at; returns what then still waits."""
-    coarsest = Arcs.coarsest(problem.loop.T_s)
     stack = list(reversed(waiting))
     while stack and found.looked < most_looks:
         now = [stack.pop() for _ in range(min(_AT_ONCE, len(stack)))]
         ready: list[tuple[Waiting, Cell]] = []
         cells = cells_of(
-            problem.tapes, np.array([one.low for one in now]), np.array([one.high for one in now]), coarsest
+            problem.tapes,
+            np.array([one.low for one in now]),
+            np.array([one.high for one in now]),
+            [one.arcs for one in now],
         )
         for one, cell in zip(now, cells, strict=True):
             if cell.state == GOOD:
@@ -137,6 +142,7 @@ def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> 
     part = Part.joined(parts)
     wanting: list[Part] = []
     asks = np.zeros((count, 2))
+    long: list[list[Array]] = [[] for _ in ready]
     looked = np.zeros(count, dtype=np.int64)
     kept: list[Part] = []
     while len(part):
@@ -155,7 +161,9 @@ def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> 
         undecided = looks.state == UNDECIDED
         part = Part(part.low, part.high, part.cell, part.piece, looks.frequency, part.share).take(undecided)
         dimension = looks.dimension[undecided]
-        cut_cell = (dimension < 2) | (looked[part.cell] > _BOXES_OF_CELL)
+        for k in np.unique(part.cell[dimension == ARC]):
+            long[k].append(part.frequency[(dimension == ARC) & (part.cell == k)])
+        cut_cell = (dimension < 2) | (dimension == ARC) | (looked[part.cell] > _BOXES_OF_CELL)
         np.add.at(asks, (part.cell[dimension < 2], dimension[dimension < 2]), part.share[dimension < 2])
         if cut_cell.any():
             wanting.append(part.take(cut_cell))
@@ -167,13 +175,15 @@ def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> 
     smaller: list[Waiting] = []
     if wanting:
         left = Part.joined(wanting)
-        for k, (one, _) in enumerate(ready):
+        for k, (one, cell) in enumerate(ready):
             own = left.take(left.cell == k)
             if len(own) == 0:
                 continue
             if one.depth >= _DEEPEST:
-                found.left.append((Waiting(one.low, one.high, one.depth, own), "boxes"))
+                found.left.append((Waiting(one.low, one.high, one.depth, own, one.arcs), "boxes"))
                 continue
+            if long[k]:
+                one.arcs = one.arcs.finer(np.concatenate(long[k]), cell.edges)
             smaller += _halved(one, own, asks[k] if asks[k].any() else None)
     return smaller
 
@@ -192,5 +202,5 @@ def _halved(one: Waiting, boxes: Part, asks: Any) -> list[Waiting]:
         own_low, own_high = boxes.low.copy(), boxes.high.copy()
         (own_high if side == 0 else own_low)[:, k] = middle
         part = Part(own_low, own_high, boxes.cell, boxes.piece, boxes.frequency, 0.5 * boxes.share)
-        found.append(Waiting(low, high, one.depth + 1, part))
+        found.append(Waiting(low, high, one.depth + 1, part, one.arcs))
     return found
