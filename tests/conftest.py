@@ -207,7 +207,10 @@ def kept() -> Store | None:
     """What was made before, for both workers and the next run (tests/kept_code.py)."""
     if os.environ.get("VSGDESIGN_NO_KEPT_CODE"):
         return None
-    store = Store(FOLDER)
+    try:
+        store = Store(FOLDER)
+    except OSError:  # a checkout that nobody may write to
+        return None
     store.sweep()
     return store
 

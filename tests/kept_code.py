@@ -29,6 +29,10 @@ OTHER_FILES = (".c", ".h", ".s", ".ld", ".o", ".map")
 """Ends of the names of files from which a compiler makes something."""
 
 
+MAKES_MORE = ("-fstack-usage", "--coverage", "-fprofile", "-ftest-coverage", "-save-temps", "-M")
+"""Options with which a compiler makes other files, too."""
+
+
 class Store:
     """Machine code and pictures by the hash of what they follow from."""
 
@@ -93,14 +97,18 @@ class KeptCompilers:
             made.write_bytes(kept)
             made.chmod(0o755)
             return subprocess.CompletedProcess(command, 0, "", "")
+        before = {*made.parent.iterdir()}
         done = self._used.run(command, **options)
-        if done.returncode == 0 and made.is_file() and not done.stdout and not done.stderr:
+        alone = made.is_file() and {*made.parent.iterdir()} - before <= {made}  # no figures of the stack beside it
+        if done.returncode == 0 and alone and not done.stdout and not done.stderr:
             self._store.put(key, made.read_bytes())
         return done
 
 
 def _made_by(words: Sequence[str]) -> Path | None:
-    """The file that a compiler is asked for with -o, or make for a processor with -C; None for any other command."""
+    """The file alone that a compiler is asked for with -o, or make for a processor with -C; None for other commands."""
+    if any(word.startswith(MAKES_MORE) for word in words):
+        return None
     if "-o" in words[:-1]:
         return Path(words[words.index("-o") + 1])
     if words[0] == "make" and "-C" in words and words[-1].endswith(".elf"):
@@ -110,7 +118,7 @@ def _made_by(words: Sequence[str]) -> Path | None:
 
 def _key(words: Sequence[str], made: Path) -> str:
     """Hash of a command with the contents of all files that it may read, wherever they are."""
-    digest = hashlib.sha256(_version(words[0]).encode())
+    digest = hashlib.sha256(b"alone" + _version(words[0]))
     folders = set()
     for word in words:
         start, place = ("-I", word[2:]) if word.startswith("-I") else ("", word)
@@ -136,12 +144,11 @@ def _key(words: Sequence[str], made: Path) -> str:
 
 
 @functools.cache
-def _version(program: str) -> str:
-    """What a program says of itself; with make, what the compiler of the firmware says."""
+def _version(program: str) -> bytes:
+    """What a program says of itself; with make, what the compiler of the firmware says, too."""
     programs = ["make", "arm-none-eabi-gcc"] if program == "make" else [program]
-    return "".join(
-        subprocess.run([one, "--version"], capture_output=True, text=True, check=False).stdout for one in programs
-    )
+    there = filter(shutil.which, programs)
+    return b"".join(subprocess.run([one, "--version"], capture_output=True, check=False).stdout for one in there)
 
 
 class KeptMachineCode:

@@ -54,6 +54,10 @@ def test_a_c_compiler_runs_once_for_the_same_files(tmp_path: Path) -> None:
     compiled("one", "", "-Wall", source="static int f;\n")
     compiled("one", "", "-Wall", source="static int f;\n")
     assert counted.count == 7
+    for count in (8, 9):  # what makes another file beside it makes it each time
+        (tmp_path / "one" / "a.su").unlink(missing_ok=True)
+        compiled("one", "#define A 1\n", "-fstack-usage")
+        assert (counted.count, (tmp_path / "one" / "a.su").is_file()) == (count, True)
 
 
 def test_what_is_too_much_goes_by_its_last_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
