@@ -97,7 +97,7 @@ def sizes_table(document: Mapping[str, Any]) -> Table:
     size, S = document["size"], document["S_rated_w"]
     rows = (
         ("Power that the source gives", _w(size["p_max"]), f"{number(size['p_max'] / S, 3)} of the rating"),
-        ("Power that it takes", _w(size["p_charge_max"]), f"{number(size['p_charge_max'] / S, 3)} of the rating"),
+        ("Power that it takes", _w(size["p_charge_max"]), _share(size["p_charge_max"] / S)),
         (
             "Capacitor of the link",
             plain_quantity(_up(size["C"]), "F"),
@@ -114,6 +114,11 @@ def sizes_table(document: Mapping[str, Any]) -> Table:
         ("Voltage that the link keeps", f"{number(document['least_v'], 4)} V", _short(document["short"])),
     )
     return Table("Sizes", ("What", "Value", "In other words"), rows, texts=3, on=Where.PAGE)
+
+
+def _share(share: float) -> str:
+    """A power in other words; none where nothing is taken."""
+    return f"{number(share, 3)} of the rating" if share > 1e-9 else DASH
 
 
 def _short(share: float) -> str:
