@@ -214,8 +214,9 @@ def _apply(
     """f by its Taylor series about the centre, from its last term on."""
     pairs, squares = lists
     own, of_source = has
-    now = np.zeros((2, len(degree)), dtype=np.bool_)
-    now[:, 0] = True
+    now = np.zeros((3, len(degree)), dtype=np.bool_)
+    now[2] = of_source
+    now[:, 0] = True  # the deviation has a constant where the centre is not the operand's own
     count = len(degree)
     last = count + ORDER
     deviation, other = scratch[0], scratch[1]
@@ -227,7 +228,7 @@ def _apply(
     for lane in range(_WIDTH):
         target[last, lane] = _ROUNDING * abs(terms[ORDER, lane])
     for turn in range(ORDER):
-        _multiply(other, target, deviation, (now[1], now[0], of_source), degree, pairs)
+        _multiply(other, target, deviation, (now[1], now[0], now[2]), degree, pairs)
         now[0] = now[1]
         now[0, 0] = True
         for k in range(last + 1):
