@@ -15,6 +15,7 @@ import pytest
 from tests.design.test_full_order_proof import ALPHA, MADE, a_table, closed_form, laboratory, places
 from vsgdesign.artifacts.proof_file import LEFT, ProofFile, packed, unpacked
 from vsgdesign.certificate import proof_file, prove_full_order, region_of
+from vsgdesign.certificate.full_order.rows import inner_rows
 from vsgdesign.certificate.recheck import verdict
 from vsgdesign.certificate.recheck.inner import Inner, arcs_of, cells_of
 from vsgdesign.certificate.recheck.loops import Loops, boxes_of, f_of, jacobians, made_of
@@ -210,3 +211,28 @@ def test_enclosures_hold_the_model_that_the_product_linearises(of: Any) -> None:
     assert np.median(near) < 0.2  # the bounds are for the whole box; at a point there is room
     for condition in boxes.conditions:  # and no point that counts is called empty
         assert (condition.limits()[0] <= 0.0).all()
+
+
+@pytest.mark.parametrize("of", [laboratory, closed_form], ids=["laboratory", "closed form"])
+@pytest.mark.parametrize("kappa", [0.0, 1.4])
+def test_both_derivations_of_the_controller_agree(of: Any, kappa: float) -> None:
+    """Derivatives of the controller's equations against its quotients by hand; with a large prediction, too."""
+    study, _ = of()
+    study = replace(study, inner_gains=study.inner_gains._replace(kappa=kappa))
+    rows, own = inner_rows(study), Inner.of(study).numerators
+    R_c = study.filter.R_c
+    wanted = {
+        "denominator": (own["own"], 0.0),
+        "i_s": (own["i_s"], R_c),
+        "v_c": (own["v"], 0.0),
+        "i_g": (own["i_g"], -R_c),
+        "waiting": (own["u"], 0.0),
+        "V": (own["V"] / np.sqrt(2.0), 0.0),
+    }
+    for name, (mine, share) in wanted.items():
+        found = np.zeros(8, dtype=complex)
+        found[: len(mine)] += mine
+        found[: len(own["v"])] += share * own["v"]
+        theirs = np.zeros(8, dtype=complex)
+        theirs[: len(getattr(rows, name).coefficients)] = getattr(rows, name).coefficients
+        assert np.abs(found - theirs).max() <= 1e-12 * max(np.abs(found).max(), 1e-300), name

@@ -35,6 +35,9 @@ RATES = {"k_1": 2, "d_1": 1, "k_2": 1}
 """Power of the time scale that makes a column dimensionless; columns that are not here are stored as they are."""
 
 
+_DOCUMENTS = "specification", "provenance", "inputs", "design_inputs"
+
+
 @dataclass(frozen=True, kw_only=True)
 class TableBase:
     """The system for which the table is made: the converter's rating and filter, the source, the basis of its SCR
@@ -160,6 +163,9 @@ class GainTable:
     verification: dict[str, Any] | None = None
     """What random cases in EMT showed (:func:`vsgdesign.artifacts.gain_table_file.verification_record`); None: none
     were simulated."""
+    full_order: dict[str, Any] | None = None
+    """What was proved of the sampled full-order loop (:class:`vsgdesign.certificate.FullOrderProof`); None: nothing was
+    tried."""
 
     def __post_init__(self) -> None:
         for name, kind in (("scr", float), ("x_over_r", float), ("price", float), ("status", str), ("active", str)):
@@ -169,7 +175,7 @@ class GainTable:
         object.__setattr__(self, "columns", {name: _fixed(values) for name, values in columns})
         object.__setattr__(self, "margins", {name: _fixed(self.margins[name]) for name in sorted(self.margins)})
         object.__setattr__(self, "gains", PowerLoopGains(*(_fixed(value) for value in self.gains)))
-        for name in ("specification", "provenance", "inputs", "design_inputs", "between", "causes", "verification"):
+        for name in (*_DOCUMENTS, "between", "causes", "verification", "full_order"):
             object.__setattr__(self, name, sorted_plain(getattr(self, name)))
         _to_floats(self)
 
@@ -281,6 +287,8 @@ def table_document(table: GainTable) -> dict[str, Any]:
             del plainly["base"][name]
     if table.verification is None:  # the same of one from before tables were verified
         del plainly["verification"]
+    if table.full_order is None:  # the same of one without a full-order proof
+        del plainly["full_order"]
     if table.safe_place is None:  # and of one from before a safe place was searched
         del plainly["safe_place"]
     plainly["gains"] = plainly["gains"]._asdict()

@@ -134,6 +134,8 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
         yield from _faults_of_safe_place(table)
     if table.verification is not None:
         yield from (("verification", fault) for fault in verification_faults(table.verification))
+    if table.full_order is not None:
+        yield from _full_order_faults(table.full_order)
     yield from _list_faults("causes", table.causes, _CAUSE)
 
 
@@ -179,6 +181,30 @@ _CAUSE = {
 """What each entry of a list must have, in words and as a test."""
 
 
+_FULL_ORDER: dict[str, _Kind] = {
+    "certified": ("true or false", lambda value: isinstance(value, bool)),
+    "proved": ("a share from 0 to 1", lambda value: is_number(value) and 0.0 <= value <= 1.0),
+}
+_OF_PROOF: dict[str, _Kind] = {
+    "decay": ("a number of at least 0", lambda value: is_number(value) and value >= 0.0),
+    "states": ("a whole number", lambda value: type(value) is int),
+    "inner_gains": _NAMED,
+    "inner_hash": _TEXT,
+    "region": _NAMED,
+}
+
+
+def _full_order_faults(found: object) -> Iterator[tuple[str, str]]:
+    """What a statement on the full-order loop must have; with a reason there is nothing but that."""
+    if not isinstance(found, dict):
+        yield "full_order", "must be a table of names and values, or null"
+        return
+    asked = _FULL_ORDER | ({"reason": _TEXT} if "reason" in found else _OF_PROOF)
+    yield from _list_faults("full_order", [found], asked)
+    if found.get("certified") is True and found.get("proved") != 1.0:
+        yield "full_order.proved", "must be 1 where all is certified"
+
+
 def _list_faults(name: str, entries: object, wanted: dict[str, _Kind]) -> Iterator[tuple[str, str]]:
     """What is wrong with a list of tables."""
     if not isinstance(entries, list):
@@ -220,7 +246,7 @@ def _from_document(document: dict[str, Any]) -> GainTable:
     unknown = document.keys() - {f.name for f in fields(GainTable)} - {"kind", "schema"}
     if unknown:
         raise ValueError(f"unknown: {', '.join(sorted(unknown))}")
-    document = {"verification": None, "safe_place": None} | document
+    document = {"verification": None, "safe_place": None, "full_order": None} | document
     values = {f.name: document[f.name] for f in fields(GainTable)}
     if isinstance(values["safe_place"], list):
         values["safe_place"] = tuple(values["safe_place"])

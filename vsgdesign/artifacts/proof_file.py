@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.files import sorted_plain
-from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.guarded_file import GuardedFile, is_number
+from vsgdesign.artifacts.gain_table import GainTable, table_document
+from vsgdesign.artifacts.guarded_file import GuardedFile, content_hash, is_number
 
 KIND = "vsgdesign full-order proof"
 SCHEMA = 1
@@ -42,9 +42,9 @@ _MOST_UNPACKED = 500_000_000
 class ProofFile:
     """A statement with what proves it.
 
-    ``statement`` is that of :class:`vsgdesign.certificate.FullOrderProof`. ``table``: sha256 of the gain table without
-    a statement of its own; empty where the gains are those of a closed form. ``coarse_arcs``: edges in rad/s of the
-    arcs that cells begin with. ``blocks``: arrays of COLUMNS, packed by :func:`packed`.
+    ``statement`` is that of :class:`vsgdesign.certificate.FullOrderProof`. ``table``: hash of what a gain table makes
+    its gains of (:func:`proved_table`); empty where they are those of a closed form. ``coarse_arcs``: edges in rad/s of
+    the arcs that cells begin with. ``blocks``: arrays of COLUMNS, packed by :func:`packed`.
     """
 
     study: str
@@ -126,6 +126,26 @@ def proof_of(file: str | Path) -> Path:
     return Path(file).with_suffix(SUFFIX)
 
 
+_OF_GAINS = (
+    *("structure", "law", "base", "D_p", "D_q", "P_design", "Q_design", "time_scale", "scr", "x_over_r", "columns"),
+    *("validity", "safe_place"),
+)
+"""Of a gain table, what its gains and its scheduler's limits are made of, beside the region of its certificate."""
+
+
 def proved_table(table: GainTable | None) -> str:
-    """What a proof calls a table; empty for none."""
-    return "" if table is None else table.sha256
+    """What a proof calls a table, by its gains alone: a certificate and a verification may come later. Empty for
+    none."""
+    if table is None:
+        return ""
+    document = table_document(table)
+    own = {name: document.get(name) for name in _OF_GAINS}
+    certificate = table.certificate
+    if certificate is not None and certificate.certified:
+        own["certified"] = certificate.document.get("region")
+    return content_hash(own)
+
+
+def content_of(value: ProofFile) -> str:
+    """sha256 of a proof's file."""
+    return content_hash(_document(value))

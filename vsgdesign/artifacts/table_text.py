@@ -70,6 +70,43 @@ def _one_sentence(certificate: CertificateRecord) -> str:
     )
 
 
+MODEL = (
+    "the sampled full-order model: filter, inner loops, power filters, transient impedance, delay and sampling, with "
+    "an ideal dc link and without limits"
+)
+"""What a full-order proof is of, in every text."""
+
+
+def share_text(share: float) -> str:
+    """A share that is not rounded to all or nothing."""
+    digits = 2
+    while digits < 9 and 0.0 < share < 1.0 and round(100.0 * share, digits) in (0.0, 100.0):
+        digits += 1
+    return f"{100.0 * share:.{digits}f} %"
+
+
+def full_order_sentence(found: Document | None) -> str:
+    """What was proved of the sampled full-order loop, in a sentence with its model; empty where no proof was tried."""
+    if found is None:
+        return ""
+    if "reason" in found:
+        return f"The sampled full-order loop is not proved: {found['reason']}"
+    model = f"{MODEL} ({found['states']} states, inner gains {found['inner_hash']})"
+    if found["decay"] == 0.0:
+        return f"The sampled full-order loop is not stable everywhere: a mode grows. Model: {model}."
+    what = f"every mode of the loop decays at {_text(found['decay'], 3)} 1/s or faster on grids that rest"
+    if found["proved"] == 0.0:
+        return f"Nothing is proved yet of {model}."
+    if found["certified"]:
+        return f"Proved of {model}: {what}, without a gap between the points."
+    return f"Proved of {model} on {share_text(found['proved'])} of the region: {what}. The rest is not decided."
+
+
+def proof_sentences(table: GainTable) -> str:
+    """What is proved of a table: of the power loops, and of the sampled full-order loop if that was tried."""
+    return " ".join(filter(None, [certificate_sentence(table.certificate), full_order_sentence(table.full_order)]))
+
+
 def certificate_failed(certificate: CertificateRecord | None) -> bool:
     """Whether a proof was sought and not found: then the sentence about it comes first."""
     if certificate is None:
@@ -82,6 +119,15 @@ def certificate_summary(certificate: CertificateRecord | None) -> dict[str, Any]
     certified = None if certificate is None else certificate.certified
     proof = certificate.proof if certificate is not None and certified else None
     return {"certified": certified, "proof": proof, "text": certificate_sentence(certificate)}
+
+
+def full_order_summary(table: GainTable) -> dict[str, Any]:
+    """The same of the full-order proof; nothing where none was tried."""
+    found = table.full_order
+    if found is None:
+        return {}
+    known = {name: found[name] for name in ("certified", "proved", "decay", "inner_hash", "reason") if name in found}
+    return {"full_order": known | {"text": full_order_sentence(found)}}
 
 
 def between_text(between: Document | None) -> str:
@@ -266,6 +312,7 @@ def table_summary(study: Study, table: GainTable) -> dict[str, Any]:
         "sha256": table.sha256,
         "design_hash": table.design_hash,
         "certificate": certificate_summary(table.certificate),
+        **full_order_summary(table),
         "between": table.between,
         "causes": table.causes,
         "verification": table.verification,
@@ -287,6 +334,8 @@ def table_lines(name: str, table: dict[str, Any]) -> Iterator[str]:
     yield between_text(table["between"])
     if proof["certified"] is not False:
         yield proof["text"]
+    if table.get("full_order"):
+        yield table["full_order"]["text"]
     if table.get("verification") is not None:  # summaries of before have none
         yield from table_verification(table["verification"])
     if table["not_of_this_study"]:

@@ -16,7 +16,7 @@ from vsgdesign import __version__
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.folders import check_folder_target, staged_folder, write_record
-from vsgdesign.artifacts.table_text import certificate_sentence
+from vsgdesign.artifacts.table_text import full_order_sentence, proof_sentences
 from vsgdesign.equations.field import FieldFeatures
 from vsgdesign.equations.frames import rated_current_rms, rms_to_peak
 from vsgdesign.equations.limiters import CIRCULAR
@@ -111,7 +111,8 @@ def export_c_files(
         table_sha256=found.sha256,
         study=found.study,
         study_hash=found.study_hash,
-        certificate=certificate_sentence(found.certificate),
+        certificate=proof_sentences(found),
+        full_order=full_order_sentence(found.full_order),
         limiter=limiter,
     )
     network = None

@@ -41,6 +41,8 @@ class Origin:
     study_hash: str
     certificate: str = certificate_sentence(None)
     """The proved properties of the box, in words."""
+    full_order: str = ""
+    """What is proved of the sampled full-order loop, in words; empty where nothing was tried."""
     weights_sha256: str | None = None
     channels: str = ""
     sample_interval: float = 0.0
@@ -72,7 +74,7 @@ def content_of(scheduler: Scheduler, origin: Origin) -> dict[str, Any]:
     content: dict[str, Any] = {
         "headline": _comment(
             f"Table {origin.table} of study {origin.study}, sha256 {origin.table_sha256[:12]}: {lookup.structure}, law "
-            f"{lookup.law}."
+            f"{lookup.law}. {origin.full_order}"
         ),
         "version": __version__,
         "certificate": " ".join(origin.certificate.split()),

@@ -268,16 +268,14 @@ def _link(study: Study, start: SampledState) -> LinkVoltage | None:
 
 
 def _scheduler(study: Study, spec: ControllerSpec, ready: Ready, changes: dict[str, Any]) -> tuple[Scheduler, Origin]:
-    from vsgdesign.artifacts.table_text import certificate_sentence
+    from vsgdesign.artifacts.table_text import full_order_sentence, proof_sentences
     from vsgdesign.simulation.field_feed import box_of
 
     table = ready.table(spec) if spec.kind == "scheduled" else None
     none = Origin(table="", table_sha256="0" * 64, study=study.name, study_hash=study.hash, certificate=NO_TABLE)
     if table is not None:
-        certificate = certificate_sentence(table.certificate)
-        return scheduler_of(table, **changes), replace(
-            none, table=table.name, table_sha256=table.sha256, certificate=certificate
-        )
+        own = {"certificate": proof_sentences(table), "full_order": full_order_sentence(table.full_order)}
+        return scheduler_of(table, **changes), replace(none, table=table.name, table_sha256=table.sha256, **own)
     c, box = study.converter, box_of(study)
     x_low, x_high = box.x_over_r
     settings = box_settings(

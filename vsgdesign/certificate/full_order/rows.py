@@ -102,8 +102,15 @@ def inner_rows(study: Study) -> InnerRows:
     controller = controller_of(study)
     names = ("i_s_d", "i_s_q", "v_c_d", "v_c_q", "i_g_d", "i_g_q", *controller.names)
     # Far from every limit: the derivative of what is linear is the same everywhere.
-    rest = dict.fromkeys(names, 0.0) | {"omega_i": c.omega_n, "V": c.V_rated_rms, "v_c_d": rms_to_peak(c.V_rated_rms)}
-    rest |= {"limiter_omega": c.omega_n}
+    V = rms_to_peak(c.V_rated_rms)
+    rest = dict.fromkeys(names, 0.0) | {
+        "omega_i": c.omega_n,
+        "V": c.V_rated_rms,
+        "v_c_d": V,
+        "limiter_omega": c.omega_n,
+    }
+    # The current of the capacitor, and the voltage that waits: without them the prediction of the current is far off.
+    rest |= {"i_s_q": c.omega_n * study.filter.C * V, "pending_d": V}
     z = np.array([rest[name] for name in names])
     one = np.ones(1)
     grid, source = study.grid, study.grid_source

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -47,6 +48,9 @@ _MOST_LOOKS = 1_000_000
 _SEARCHED, _DRAWN = 3, 500
 """Parts that are left in which a search looks for the least decay, the largest first; and its random points."""
 
+_STEP = 2_000
+"""Boxes between two looks at the clock."""
+
 _SHARE = 0.5
 """Of the least decay that is found, what is proved where no decay is asked for."""
 
@@ -63,7 +67,7 @@ class LeftPart:
     share: float
     reason: str
     """``inner``: the inner loops alone are not inside the circle; ``functions``: they are not enclosed well enough;
-    ``boxes``: the power loops are not enclosed well enough."""
+    ``boxes``: the power loops are not enclosed well enough; ``time``: not looked at in the time that was given."""
     frequency: tuple[float, float] | None = None
     """Between which frequencies, rad/s, f is not known; None where it was not looked at."""
     least_decay: float | None = None
@@ -134,6 +138,13 @@ class FullOrderProof:
         )
 
 
+_DECIDING = (
+    *("converter", "filter", "grid_source", "inner_gains", "scr_basis", "omega_t", "current_limiter", "limiter_given"),
+    *("tau_P", "tau_Q", "power_filter", "notch_damping"),
+)
+"""Of a study, what a proof depends on beside its controller."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FullOrderJob(Job[int, dict[str, Any]]):
     """The proof in blocks of cells. A part has, by the number of its block, what was found there."""
@@ -143,14 +154,19 @@ class FullOrderJob(Job[int, dict[str, Any]]):
     tables: Mapping[str, GainTable]
     region: Region
     decay: float
+    until: float | None = None
+    """Seconds of :func:`time.time` after which no block is begun or ended."""
 
     what = "full-order proof"
 
     @property
     def key(self) -> str:
         """Hash of everything that a part depends on."""
-        tables = {name: table.sha256 for name, table in self.tables.items()}
-        asked = (self.study.hash, self.study.scr_basis, repr(self.spec), tables, repr(self.region), self.decay)
+        tables = {name: proved_table(table) for name, table in self.tables.items()}
+        study = self.study.with_limit_of(self.spec)
+        parts = {name: repr(getattr(study, name)) for name in _DECIDING}
+        spec = replace(self.spec, table_file=None)
+        asked = (parts, repr(spec), tables, repr(self.region), self.decay)
         return hashlib.sha256(repr((asked, package_hash())).encode()).hexdigest()
 
     @functools.cached_property
@@ -177,6 +193,11 @@ class FullOrderJob(Job[int, dict[str, Any]]):
     def _cells(self, block: int) -> list[Waiting]:
         return self._beginning[_BLOCK * block : _BLOCK * (block + 1)]
 
+    def not_looked_at(self, parts: Mapping[str, Any]) -> list[list[Any]]:
+        """The cells of blocks that are not finished, as what is left of a part."""
+        cells = [one for block in self.left(dict(parts)) for one in self._cells(block)]
+        return [_row(self.problem, one, "time") for one in cells]
+
     def size(self, block: int, /) -> int:
         """A millionth of the volume counts as one."""
         return 1 + round(1e6 * sum(float(one.boxes.share.sum()) for one in self._cells(block)))
@@ -185,7 +206,11 @@ class FullOrderJob(Job[int, dict[str, Any]]):
         """What a search finds in some cells."""
         found = Found()
         begin, coarse = self._cells(block), Arcs.coarsest(self.problem.loop.T_s)
-        waiting = search(self.problem, begin, found, most_looks=_MOST_LOOKS)
+        waiting, most = begin, _MOST_LOOKS if self.until is None else _STEP
+        while waiting and found.looked < _MOST_LOOKS:
+            if self.until is not None and time.time() > self.until:
+                return {}
+            waiting = search(self.problem, waiting, found, most_looks=min(found.looked + most, _MOST_LOOKS))
         left = [*found.left, *((one, "boxes") for one in waiting)]
         return {
             str(block): {
@@ -228,19 +253,20 @@ def prove_full_order(
     workers: int | None = None,
     cluster: str | None = None,
     progress: Progress | None = None,
-    seed: int = 0,
+    seconds: float | None = None,
 ) -> FullOrderProof:
     """The statement over a region.
 
     ``decay`` in 1/s; None: half of the least one that a search finds. ``kept`` opens the journal in which finished
-    blocks are kept. Raises StudyError where the region or the decay is wrong, InfeasibleStudyError where the
-    region is empty, where the loop has something that the proof does not know, or where a point decays more slowly than
-    is asked.
+    blocks are kept. After ``seconds`` what is not looked at is left out of the statement, and the journal stays. Raises
+    StudyError where the region or the decay is wrong, InfeasibleStudyError where the region is empty, where the loop
+    has something that the proof does not know, or where a point decays more slowly than is asked.
     """
+    until = None if seconds is None else time.time() + seconds
     _known(study, spec, region, ready)
     system, _ = prepared(study, spec, region, ready, None, decay)
     own = study.with_limit_of(spec)
-    slowest = least_decay(own, system, region, seed)
+    slowest = least_decay(own, system, region)
     least = slowest.decay or 0.0
     if least <= 0.0:
         return _statement(own, spec, region, system, 0.0, slowest, {})
@@ -251,22 +277,29 @@ def prove_full_order(
         )
     tables = {spec.name: table} if (table := ready.tables.get(spec.name)) is not None else {}
     goal = _SHARE * least if decay is None else decay
-    job = FullOrderJob(study=study, spec=spec, tables=tables, region=region, decay=goal)
-    with journal_at(job, None) if kept is None else kept(job) as journal:
+    job = FullOrderJob(study=study, spec=spec, tables=tables, region=region, decay=goal, until=until)
+    parts: Mapping[str, Any] = {}
+    with suppress(_OutOfTimeError), journal_at(job, None) if kept is None else kept(job) as journal:
         left = len(job.left(journal.whole))
         with executor_of(min(worker_count(workers), max(left, 1)), cluster) as executor:
             parts = run_job(job, journal, executor=executor, progress=progress)
-    found = _statement(own, spec, region, system, goal, slowest, parts)
-    return replace(found, left=_searched(own, system, region, found.left, seed))
+        if job.left(parts):
+            raise _OutOfTimeError
+    found = _statement(own, spec, region, system, goal, slowest, parts, job.not_looked_at(parts))
+    return found if until is not None else replace(found, left=_searched(own, system, region, found.left))
 
 
-def _searched(study: Study, system: System, region: Region, left: tuple[LeftPart, ...], seed: int) -> Any:
+class _OutOfTimeError(Exception):
+    """Leaves a journal as one leaves it after an interruption: with all that is finished."""
+
+
+def _searched(study: Study, system: System, region: Region, left: tuple[LeftPart, ...]) -> Any:
     """The parts that are left, the largest with the least decay that is found there."""
     found = list(left)
     for k, part in enumerate(left[:_SEARCHED]):
         own = replace(region, scr=part.scr, x_over_r=part.x_over_r, P=part.P, Q=part.Q)
         with suppress(InfeasibleStudyError):  # no point keeps the limits
-            found[k] = replace(part, least_decay=least_decay(study, system, own, seed, _DRAWN).decay)
+            found[k] = replace(part, least_decay=least_decay(study, system, own, 0, _DRAWN).decay)
     return tuple(found)
 
 
@@ -306,10 +339,11 @@ def _statement(
     decay: float,
     slowest: CertificateCell,
     parts: Mapping[str, Any],
+    not_looked_at: Sequence[list[Any]] = (),
 ) -> FullOrderProof:
     every = [parts[name] for name in sorted(parts, key=int)]
     proved = sum(part["proved"] for part in every)
-    rest = [row for part in every for row in part["left"]]
+    rest = [row for part in every for row in part["left"]] + list(not_looked_at)
     open_share = sum(row[-2] for row in rest)
     total = max(proved + open_share, 1e-300)
     left = [
@@ -324,7 +358,7 @@ def _statement(
         )
         for row in sorted(rest, key=lambda row: -row[-2])
     ]
-    if not parts:
+    if not rest and not parts:
         left = [LeftPart(scr=region.scr, x_over_r=region.x_over_r, P=region.P, Q=region.Q, share=1.0, reason="boxes")]
     filters = (study.tau_P > 0.0) + (study.tau_Q > 0.0) + 4 * study.has_notch
     return FullOrderProof(

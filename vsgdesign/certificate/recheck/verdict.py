@@ -42,6 +42,8 @@ class ProofCheck:
     decay: float | None = None
     proved: float | None = None
     """Share of the boxes' volume that the file has as proved."""
+    alpha: float | None = None
+    """The decay of its statement, 1/s."""
 
     def as_document(self) -> dict[str, Any]:
         """JSON's types."""
@@ -93,7 +95,7 @@ def check_proof(
         return ProofCheck(faults=tuple(faults), decay=least, proved=share)
     looked = check_boxes(loops, leaves, seed, most_seconds, lambda done: tell("boxes", done))
     unconfirmed = [f"a box is not confirmed: {words}" for words in looked.not_confirmed]
-    return ProofCheck(faults=tuple(unconfirmed), looked=looked, decay=least, proved=share)
+    return ProofCheck(faults=tuple(unconfirmed), looked=looked, decay=least, proved=share, alpha=loops.alpha)
 
 
 def _read(proof: ProofFile, study: Study, table: GainTable | None) -> tuple[Loops, System]:

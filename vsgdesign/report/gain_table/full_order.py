@@ -4,25 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from vsgdesign.artifacts.certificate_record import CertificateCell
+from vsgdesign.artifacts.table_text import MODEL, share_text
 from vsgdesign.certificate import FullOrderProof, LeftPart
 from vsgdesign.report.gain_table.words import CARRIED
 
 if TYPE_CHECKING:  # its kernels are loaded by who checks
     from vsgdesign.certificate.recheck.verdict import ProofCheck
 
-MODEL = (
-    "the sampled full-order model: filter, inner loops, power filters, transient impedance, delay and sampling, with "
-    "an ideal dc link and without limits"
-)
-"""What was proved of, in every text."""
-
 _REASONS = {
     "inner": "the inner loops alone decay more slowly, or not at all",
     "functions": "the inner loops are not enclosed well enough",
     "boxes": "the loop is not enclosed well enough",
+    "time": "not looked at in the time that was given",
 }
 
 _SHOWN = 5
@@ -51,7 +45,7 @@ def full_order_text(found: FullOrderProof) -> str:
     if found.complete:
         return f"{head}Proved. Over {grids}, {powers} and {errors}, {loop}.\n{size} {least}\n{model}"
     lines = [
-        f"{head}Not proved everywhere. On {_share(found.proved)} of {grids}, {powers} and {errors}, {loop}.",
+        f"{head}Not proved everywhere. On {share_text(found.proved)} of {grids}, {powers} and {errors}, {loop}.",
         f"{size} {least}",
         "Not decided, the largest parts first:",
     ]
@@ -59,11 +53,11 @@ def full_order_text(found: FullOrderProof) -> str:
         lines.append(
             f"  SCR {part.scr[0]:.4g} to {part.scr[1]:.4g}, X/R {part.x_over_r[0]:.4g} to {part.x_over_r[1]:.4g}, "
             f"P {part.P[0] / 1e3:.4g} to {part.P[1] / 1e3:.4g} kW, Q {part.Q[0] / 1e3:.4g} to {part.Q[1] / 1e3:.4g} "
-            f"kvar: {_share(part.share)}, {_REASONS[part.reason]}{_unknown(part)}"
+            f"kvar: {share_text(part.share)}, {_REASONS[part.reason]}{_unknown(part)}"
         )
     if len(found.left) > _SHOWN:
         rest = sum(part.share for part in found.left[_SHOWN:])
-        lines.append(f"  and {len(found.left) - _SHOWN} more: {_share(rest)}")
+        lines.append(f"  and {len(found.left) - _SHOWN} more: {share_text(rest)}")
     return "\n".join([*lines, model])
 
 
@@ -77,9 +71,10 @@ def proof_check_text(path: str, found: ProofCheck) -> str:
     if looked is None:
         return f"{path}: not looked at"
     boxes = f"all {looked.boxes}" if looked.boxes == looked.of else f"{looked.boxes} of {looked.of}"
+    proved, volume = share_text(found.proved or 0.0), share_text(looked.share)
     return (
-        f"{path}: confirmed. Boxes and arcs cover the region and the circle, {_share(found.proved or 0.0)} of it as "
-        f"proved.\nA second enclosure confirms {boxes} boxes ({_share(looked.share)} of the volume). The least decay "
+        f"{path}: confirmed. Boxes and arcs cover the region and the circle, {proved} of it as "
+        f"proved.\nA second enclosure confirms {boxes} boxes ({volume} of the volume). The least decay "
         f"of another search is {found.decay:.4g} 1/s."
     )
 
@@ -92,14 +87,6 @@ def _unknown(part: LeftPart) -> str:
     if part.least_decay is not None:
         text += f"; the least decay that a search found there is {part.least_decay:.3g} 1/s"
     return text
-
-
-def _share(share: float) -> str:
-    """A share that is not rounded to all or nothing."""
-    digits = 2
-    while digits < 9 and 0.0 < share < 1.0 and float(np.round(100.0 * share, digits)) in (0.0, 100.0):
-        digits += 1
-    return f"{100.0 * share:.{digits}f} %"
 
 
 def _where(cell: CertificateCell) -> str:

@@ -21,6 +21,7 @@ from vsgdesign.artifacts.table_text import (
     certificate_sentence,
     error_text,
     missed_text,
+    proof_sentences,
     step_rows,
     step_sentence,
 )
@@ -171,7 +172,7 @@ def table_page(
         words(ABOUT_STIFFNESS),
         *drawings(rest, 4),
         Heading("Certificate and verification", numbered=True),
-        words(certificate_sentence(table.certificate), inside_sentence(table, shipped_errors())),
+        words(proof_sentences(table), inside_sentence(table, shipped_errors())),
         *_certificate(table),
         *drawings(rest, 5),
         words(*verified[:1]),

@@ -16,6 +16,7 @@ from vsgdesign.artifacts.table_text import (
     certificate_failed,
     certificate_sentence,
     error_text,
+    full_order_sentence,
     inner_loops_text,
     status_text,
     step_lines,
@@ -65,6 +66,8 @@ def heading(table: GainTable) -> Iterator[str]:
         yield from marked([between_text(table.between)])
     if not certificate_failed(table.certificate):
         yield certificate_sentence(table.certificate)
+    if table.full_order is not None:
+        yield full_order_sentence(table.full_order)
     if table.certificate is not None and table.certificate.steps is not None:
         yield from step_lines(table.certificate.steps)
     if table.certificate is not None and table.certificate.certified:

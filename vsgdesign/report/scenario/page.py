@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.table_text import certificate_sentence, table_lines, table_summary
+from vsgdesign.artifacts.table_text import proof_sentences, table_lines, table_summary
 from vsgdesign.identification.registry import why_no_c
 from vsgdesign.metrics import mean_in_words
 from vsgdesign.report.drawing.figure_types import WrittenFigure
@@ -201,7 +201,7 @@ def _tables(result: ScenarioResult) -> list[tuple[str, GainTable]]:
 
 def _designed(result: ScenarioResult, inner: dict[str, Any] | None) -> list[str]:
     """What was designed for this run and whether it is proved, each in one sentence."""
-    said = [f"{name}: {certificate_sentence(table.certificate)}" for name, table in _tables(result)]
+    said = [f"{name}: {proof_sentences(table)}" for name, table in _tables(result)]
     return said if inner is None else [*said, headline(inner)]
 
 

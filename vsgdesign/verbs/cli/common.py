@@ -9,7 +9,7 @@ import io
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import wraps
 from pathlib import Path
@@ -33,6 +33,14 @@ EXPLORER = click.option(
     "--explorer/--no-explorer",
     default=True,
     help="Also write what simulates in the browser, on which one drags the grid.  [default: yes]",
+)
+
+FULL_ORDER = click.option(
+    "--full-order",
+    type=click.FloatRange(0.0),
+    default=0.0,
+    metavar="SECONDS",
+    help="Time for the proof of each designed table's sampled full-order loop.  [default: 0, none is made]",
 )
 
 COMTRADE = click.option(
@@ -133,6 +141,18 @@ def results_at(place: str | Path, kept: Callable[[], str] = lambda: "nothing was
         if _identity(place) not in (None, before):
             raise Interrupted(f'the results are complete, in "{place}"') from None
         raise Interrupted(kept()) from None
+
+
+def going_on(
+    found: Mapping[str, Any] | None, table_file: str | Path, study_file: str, follows: bool = True
+) -> str | None:
+    """How a full-order proof goes on that was not finished in its time; None where there is none, where it is finished,
+    or where none can be made. ``follows``: whether a controller of the study takes its gains from a table."""
+    if found is None or found["certified"] or "reason" in found or not found.get("decay"):
+        return None
+    command = f"vsgdesign certify {table_file} --study {study_file} --model full --decay {found['decay']!r}"
+    done = f"full-order proof: {100.0 * found['proved']:.3g} % of the region"
+    return f"{done}; {command} goes on" if follows else f"{done}; a study that uses the table can go on"
 
 
 def kept_words(place: str | Path, work: str, what: str) -> str:

@@ -14,10 +14,12 @@ from vsgdesign.verbs.cli.common import (
     BRIDGE,
     COMTRADE,
     EXPLORER,
+    FULL_ORDER,
     JSON,
     STUDY,
     WORKERS,
     exit_code,
+    going_on,
     keeping,
     load,
     print_json,
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     help="Averaged bridge; nothing is designed, trained or verified.  --out is out/NAME-quick by default.",
 )
 @EXPLORER
+@FULL_ORDER
 @WORKERS
 @JSON
 @verb
@@ -54,6 +57,7 @@ def run(
     sheet: str | None,
     quick: bool,
     explorer: bool,
+    full_order: float,
     workers: int | None,
     as_json: bool,
 ) -> None:
@@ -66,7 +70,17 @@ def run(
         raise click.UsageError("--quick has an averaged bridge: leave --bridge pwm out, or --quick")
     if sheet is not None and not sheet.lower().endswith(".pdf"):
         raise click.UsageError(f'--sheet writes a PDF: give a name that ends in .pdf, not "{sheet}"')
-    _run(study_file, out, bridge, as_json, "-quick" if quick else "", sheet=sheet, explorer=explorer, workers=workers)
+    _run(
+        study_file,
+        out,
+        bridge,
+        as_json,
+        "-quick" if quick else "",
+        sheet=sheet,
+        explorer=explorer,
+        workers=workers,
+        full_order=full_order,
+    )
 
 
 @click.command()
@@ -114,6 +128,7 @@ def _run(
     explorer: bool = False,
     strict: bool = False,
     comtrade: str | None = None,
+    full_order: float = 0.0,
 ) -> None:
     from vsgdesign.artifacts.files import check_new
     from vsgdesign.verbs.pipeline import run_study
@@ -158,7 +173,7 @@ def _run(
                 warn=_warn,
                 say=_say,
                 done=done,
-                told=Told(left_out, comtrade),
+                told=Told(left_out, comtrade, full_order),
             )
         if as_json:
             print_json(results)
@@ -167,9 +182,18 @@ def _run(
 
             print_terminal(blocks)
             click.echo(f"results: {folder / ('report.html' if report else 'results.json')}")
+            _say_going_on(results, folder, study_file)
             if sheet is not None:
                 click.echo(f"sheet: {sheet}")
     _refuse_divergence(results)
+
+
+def _say_going_on(results: dict[str, Any], folder: Path, study_file: str) -> None:
+    """How the full-order proofs of a run go on."""
+    for name, controller in results["controllers"].items():
+        found = (controller["table"] or {}).get("full_order")
+        if (more := going_on(found, folder / f"{name}.table.json", study_file)) is not None:
+            click.echo(more)
 
 
 def _run_plant(

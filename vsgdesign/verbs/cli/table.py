@@ -10,8 +10,10 @@ import click
 from vsgdesign.verbs.cli.common import (
     EXIT_IMPOSSIBLE,
     EXPLORER,
+    FULL_ORDER,
     JSON,
     STUDY,
+    going_on,
     in_blocks,
     kept_words,
     load,
@@ -60,6 +62,7 @@ def table() -> None:
     metavar="N",
     help="Also verify the table in N random EMT cases. Its file keeps the result.",
 )
+@FULL_ORDER
 @JSON
 @verb
 def build(
@@ -69,6 +72,7 @@ def build(
     how: How,
     points: int | None,
     verify: int | None,
+    full_order: float,
     as_json: bool,
 ) -> None:
     """Design a table for the study's [specification].
@@ -79,7 +83,7 @@ def build(
     from pathlib import Path
 
     from vsgdesign.verbs.pipeline.study_tables import CELLS
-    from vsgdesign.verbs.pipeline.table import build_table_file
+    from vsgdesign.verbs.pipeline.table import build_table_file, prove_table_file
 
     study = load(study_file, plants="as one unit")
     default = Path("out") / f"{study.name}-{controller or study.controllers[-1].name}.json"
@@ -96,12 +100,17 @@ def build(
                 progress=tell,
                 **how,
             )
+            workers = how.get("workers")
+            document |= prove_table_file(study, file, full_order, controller=controller, workers=workers, progress=tell)
         if as_json:
             print_json(document)
         else:
             from vsgdesign.report.gain_table.words import built_text
 
             click.echo(built_text(document))
+            follows = any(spec.schedule == "table" for spec in study.controllers)
+            if (more := going_on(document.get("full_order"), file, study_file, follows)) is not None:
+                click.echo(more)
 
 
 @table.command()
@@ -164,22 +173,21 @@ def check(table_file: str | None, study_file: str | None, proof: str | None, as_
     if table_file is None and not proof:
         raise click.UsageError("give a TABLE.json, or the --proof FILE.proof of a --study")
     study = None if study_file is None else load(study_file, plants="as one unit")
+    own: ProofCheck | None = None
     lines: list[str] = []
     document: dict[str, Any] = {}
-    faults = False
+    if proof is not None and study_file is not None:
+        own, words = _check_proof(table_file, study_file, proof, as_json)
+        document, lines = {"proof": own.as_document()}, [words]
+    faults = own is not None and bool(own.faults)
     if table_file is not None:
         found = read_table_file(table_file)
-        outcome = check_whole_table(found, study)
-        document = {"table": found.name, "sha256": found.sha256} | check_document(outcome)
+        outcome = check_whole_table(found, study, own)
+        document = {"table": found.name, "sha256": found.sha256} | check_document(outcome) | document
         from vsgdesign.report.gain_table.words import check_text
 
-        lines.append(check_text(table_file, found, outcome))
-        faults = bool(outcome.faults)
-    if proof is not None and study_file is not None:
-        own, more = _check_proof(table_file, study_file, proof, as_json)
-        document["proof"] = own.as_document()
-        lines.append(more)
-        faults |= bool(own.faults)
+        lines.insert(0, check_text(table_file, found, outcome))
+        faults |= bool(outcome.faults)
     if as_json:
         print_json(document)
     else:

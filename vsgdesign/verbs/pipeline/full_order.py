@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.proof_file import PROOF_FILE
+from vsgdesign.artifacts.proof_file import PROOF_FILE, ProofFile, content_of
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.certificate import FullOrderProof, Region, proof_file, prove_full_order
-from vsgdesign.execution.journal import journal_of
+from vsgdesign.errors import ArtifactError, InfeasibleStudyError, StudyError
+from vsgdesign.execution.journal import Journal, journal_of, work_folder
 from vsgdesign.execution.progress import Progress
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.verbs.pipeline.study_tables import study_tables
 
 if TYPE_CHECKING:  # its kernels are loaded by who checks
     from vsgdesign.certificate.recheck.verdict import ProofCheck
+
+Kept = Callable[[Any], AbstractContextManager[Journal[Any]]] | None
 
 WORK = "full-order"
 """Of the folder with the finished parts."""
@@ -54,6 +59,60 @@ def prove_full(
     if proof is not None and not found.unstable:
         PROOF_FILE.write(proof_file(study, found, ready.tables.get(spec.name)), proof)
     return found
+
+
+def with_full_order(
+    study: Study,
+    spec: ControllerSpec,
+    table: GainTable,
+    seconds: float,
+    *,
+    workers: int | None = 1,
+    progress: Progress | None = None,
+) -> tuple[GainTable, ProofFile | None]:
+    """A designed table with what ``seconds`` prove of its sampled full-order loop, and the proof.
+
+    Finished parts are kept where :func:`prove_full` goes on from them. Without seconds nothing is done. Where no proof
+    can be made, the table says why.
+    """
+    if seconds <= 0.0:
+        return table, None
+    from vsgdesign.certificate import on_basis_of_table, region_of
+
+    ready = Ready(tables={spec.name: table})
+    # A table may be built for a controller of the study that does not follow one.
+    spec = replace(spec, kind="scheduled", schedule="table", gains=None, design_grid=None)
+    study = on_basis_of_table(replace(study, controllers=(spec,)), spec.name, ready)
+    try:
+        _, region = region_of(study, spec.name, None, None, ready=ready)
+        with _kept(study, spec) as kept:
+            found = prove_full_order(
+                study, spec, region, ready=ready, kept=kept, workers=workers, progress=progress, seconds=seconds
+            )
+    except (InfeasibleStudyError, StudyError) as error:
+        reason = {"model": "full", "certified": False, "proved": 0.0, "reason": str(error)}
+        return replace(table, full_order=reason), None
+    proof = None if found.unstable else proof_file(study, found, table)
+    statement = found.as_document()
+    own = {"left": statement["left"][:_MOST_LEFT], "parts_left": len(found.left)}
+    if proof is not None:
+        own["proof_sha256"] = content_of(proof)
+    return replace(table, full_order=statement | own), proof
+
+
+_MOST_LEFT = 20
+"""Parts that are not proved, the largest ones, which a table's file names."""
+
+
+@contextmanager
+def _kept(study: Study, spec: ControllerSpec) -> Iterator[Kept]:
+    """How finished parts are kept; not at all where another process is at work on the same proof."""
+    try:
+        with work_folder(place_of(study, spec), WORK):
+            pass
+        yield partial(journal_of, out=place_of(study, spec), work=WORK)
+    except ArtifactError:
+        yield None
 
 
 def check_proof_file(

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.proof_file import ProofFile
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.jobs import begun
@@ -51,6 +52,8 @@ class Made:
     """Worker processes that are there anyway."""
     made_from: dict[str, str]
     """What the designs of its own tables were made from (:func:`vsgdesign.verbs.pipeline.study_tables.made_from`)."""
+    proofs: dict[str, ProofFile]
+    """Full-order proofs of tables, by the name of the controller, once ``verified`` has returned."""
     timing_s: dict[str, float]
     """Wall time of ``tables``, ``estimator`` and, once they are there, ``certificates`` and ``verification``. They may
     overlap."""
@@ -58,7 +61,8 @@ class Made:
 
 def nothing_to_make(ready: Ready) -> Made:
     """What is there already."""
-    return Made(ready=ready, trained=None, late=None, verified=lambda: ready, executor=None, made_from={}, timing_s={})
+    none: dict[str, Any] = {"made_from": {}, "proofs": {}, "timing_s": {}}
+    return Made(ready=ready, trained=None, late=None, verified=lambda: ready, executor=None, **none)
 
 
 def make_ready(
@@ -88,12 +92,14 @@ def made(
     bridge: str | None = None,
     verify: bool = False,
     workers: int | None = None,
+    full_order_s: float = 0.0,
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Iterator[Made]:
     """Makes or reads what the study's controllers need. Finished cells of tables are kept beside ``out`` until the
     block ends well. A design that ``out`` has from the same inputs is taken, and ``say`` is told. ``verify`` asks for
-    tables that are verified as the study's [verification] says.
+    tables that are verified as the study's [verification] says. ``full_order_s`` seconds are spent on the full-order
+    proof of each designed table.
 
     ``workers`` processes design tables (None means one per core; 1 makes everything here, one after another). They
     are there until the block ends. Raises the errors of :func:`vsgdesign.verbs.pipeline.study_tables.study_tables` and
@@ -124,11 +130,12 @@ def made(
         )
         tables = dict(found.tables)
         for spec in specs:  # certificate and verification depend on more than the design
-            own = {"study": study.name, "study_hash": study.hash, "certificate": None, "verification": None}
-            tables[spec.name] = replace(tables[spec.name], **own)
+            own = {"study": study.name, "study_hash": study.hash}
+            later = dict.fromkeys(("certificate", "verification", "full_order"))
+            tables[spec.name] = replace(tables[spec.name], **own, **later)
         if tables:
             timing["tables"] = time.perf_counter() - begin
-        certificates = _Certificates(study, specs, tables, executor, timing, tell)
+        certificates = _Certificates(study, specs, tables, executor, timing, tell, full_order_s)
         begin = time.perf_counter()
         weights, trained = network()
         if weights is not None:
@@ -155,6 +162,7 @@ def made(
             verified=lambda: certificates.stepped(counted()),
             executor=executor,
             made_from={spec.name: made_from(study, spec) for spec in specs},
+            proofs=certificates.proofs,
             timing_s=timing,
         )
 
@@ -176,6 +184,7 @@ class _Certificates:
         executor: Executor | None,
         timing: dict[str, float],
         tell: Progress,
+        full_order_s: float,
     ) -> None:
         """Begins with the certificates."""
         self.names = frozenset(spec.name for spec in specs)
@@ -183,6 +192,9 @@ class _Certificates:
         self._executor, self._timing, self._tell = executor, timing, tell
         self._certificates = [self._begun(_proved, spec) for spec in specs]
         self._steps: dict[str, Callable[[], tuple[Any, float]]] = {}
+        self._full_order_s = full_order_s
+        self._full_order: dict[str, Callable[[], tuple[GainTable, ProofFile | None]]] = {}
+        self.proofs: dict[str, ProofFile] = {}
 
     def proved(self, ready: Ready) -> Ready:
         """Waits for the certificates and begins with the steps. Returns ``ready`` with every table, as a scheduler
@@ -197,14 +209,22 @@ class _Certificates:
             found = self._counted(wait)
             done[spec.name] = replace(self._tables[spec.name], certificate=record_of(found))
             self._steps[spec.name] = self._begun(_stepped, spec, found)
+            if self._full_order_s > 0.0:
+                own = self._study.with_limit_of(spec), spec, done[spec.name], self._full_order_s
+                self._full_order[spec.name] = begun(self._executor, _full_ordered, *own)
         self._tell("certify", 0.5)
         return replace(ready, tables=done)
 
     def stepped(self, ready: Ready) -> Ready:
-        """Waits for the steps. Returns ``ready`` with tables whose certificates have them."""
+        """Waits for the steps and the full-order proofs. Returns ``ready`` with tables whose certificates have them."""
         whole = dict(ready.tables)
         for name, wait in self._steps.items():
             whole[name] = replace(whole[name], certificate=self._counted(wait))
+            if name in self._full_order:
+                found, proof = self._full_order[name]()
+                whole[name] = replace(whole[name], full_order=found.full_order)
+                if proof is not None:
+                    self.proofs[name] = proof
             self._tell("certify", 1.0)
         return replace(ready, tables=whole)
 
@@ -288,3 +308,12 @@ def _stepped(
 
     begin = time.perf_counter()
     return stepped_record(study, spec, table, found), time.perf_counter() - begin
+
+
+def _full_ordered(
+    study: Study, spec: ControllerSpec, table: GainTable, seconds: float
+) -> tuple[GainTable, ProofFile | None]:
+    """A table with what so many seconds prove of its sampled full-order loop, and the proof."""
+    from vsgdesign.verbs.pipeline.full_order import with_full_order
+
+    return with_full_order(study, spec, table, seconds)

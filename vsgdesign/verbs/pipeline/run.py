@@ -9,6 +9,7 @@ from concurrent.futures import Executor
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import asdict, fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from vsgdesign.artifacts import (
     write_table_file,
 )
 from vsgdesign.artifacts.network_weights import write_network_weights
+from vsgdesign.artifacts.proof_file import PROOF_FILE, ProofFile, proof_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.table_text import table_summary
 from vsgdesign.errors import InfeasibleStudyError
@@ -70,6 +72,8 @@ class Told(NamedTuple):
     """A sentence on each controller that the study has without these (:func:`what_is_there`)."""
     comtrade: str | None = None
     """As in :class:`Shown`."""
+    full_order_s: float = 0.0
+    """Seconds for the full-order proof of each table that is designed."""
 
 
 def run_study(
@@ -104,7 +108,16 @@ def run_study(
         room_for(out, verb, inputs=study.input_files),
         nullcontext(check_possible(study)),  # after the folder, before any work
         # What it keeps goes after the folder is in its place: an interruption in between loses no finished work.
-        made(study, out, bridge=bridge, verify=bool(report), workers=workers, progress=progress, say=say) as have,
+        made(
+            study,
+            out,
+            bridge=bridge,
+            verify=bool(report),
+            workers=workers,
+            full_order_s=told.full_order_s,
+            progress=progress,
+            say=say,
+        ) as have,
         staged_folder(out, verb, inputs=study.input_files) as folder,
         ExitStack() as held,
     ):
@@ -162,9 +175,12 @@ def write_run(
             return _write(result, folder, verb, have, shown, live, tell=progress or silent)[1]
 
 
-def _write_made(ready: Ready, folder: Path) -> None:
+def _write_made(ready: Ready, folder: Path, proofs: Mapping[str, ProofFile] = MappingProxyType({})) -> None:
     for name, table in ready.tables.items():
-        write_table_file(table, folder / f"{name}.table.json")
+        place = folder / f"{name}.table.json"
+        write_table_file(table, place)
+        if name in proofs:
+            PROOF_FILE.write(proofs[name], proof_of(place))
     if ready.network is not None:
         write_network_weights(ready.network, folder / "estimator.weights.json")
 
@@ -220,7 +236,7 @@ def _write(
         jumps = _phase_jumps(study)
         timing["report"] = time.perf_counter() - begin
     result = replace(result, ready=have.verified())
-    _write_made(result.ready, folder)
+    _write_made(result.ready, folder, have.proofs)
     exports = _exports(study, result.ready, folder, have.executor, warn)
     if drawn is not None:
         from vsgdesign.report import write_report

@@ -13,8 +13,9 @@ import numpy as np
 from vsgdesign.artifacts import staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.gain_table_file import TABLE_FILE
+from vsgdesign.artifacts.proof_file import PROOF_FILE, proof_of
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.artifacts.table_text import certificate_summary
+from vsgdesign.artifacts.table_text import certificate_summary, full_order_summary
 from vsgdesign.artifacts.time_series import UNITS, write_table
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.executors import executor_of
@@ -26,12 +27,15 @@ from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 from vsgdesign.verbs.pipeline.study_tables import CELLS
 
 if TYPE_CHECKING:  # the optimizer's libraries are loaded by who builds
+    from vsgdesign.certificate.recheck.verdict import ProofCheck
     from vsgdesign.design.table import BuiltTable
     from vsgdesign.linear.stability.gain_table import TableCheck
 
 CSV_FILE = "table.csv"
 STATUSES = ("met", "relaxed", "outside")
 REPORT = "vsgdesign table report"
+FULL_ORDER = "full-order proof"
+"""What a check of a table carries where it does not look at the proof."""
 
 
 def build_table_file(
@@ -84,6 +88,32 @@ def build_table_file(
     return _built_document(built, out)
 
 
+def prove_table_file(
+    study: Study,
+    out: str | Path,
+    seconds: float,
+    *,
+    controller: str | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Spends some seconds on the proof of the sampled full-order loop of a table that was just built, and writes the
+    statement into its file and the proof beside it. Returns the statement in JSON's types, by its name; nothing where
+    no seconds are given. Raises ArtifactError."""
+    if seconds <= 0.0:
+        return {}
+    from vsgdesign.verbs.pipeline.full_order import with_full_order
+
+    spec, place = _controller(study, controller), proof_of(out)
+    PROOF_FILE.check_target(place)
+    own, built = study.with_limit_of(spec), TABLE_FILE.read(out)
+    table, proof = with_full_order(own, spec, built, seconds, workers=workers, progress=progress)
+    write_table_file(table, out)
+    if proof is not None:
+        PROOF_FILE.write(proof, place)
+    return full_order_summary(table)
+
+
 def _controller(study: Study, name: str | None) -> ControllerSpec:
     if name is None:
         return study.controllers[-1]
@@ -110,6 +140,7 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
             "design_hash": table.design_hash,
         },
         "certificate": certificate_summary(table.certificate),
+        **full_order_summary(table),
         **({} if table.verification is None else {"verification": table.verification}),
         "cells": {status: int((table.status == status).sum()) for status in STATUSES},
         "added": [{"axis": axis, "value": value} for axis, value in built.added],
@@ -138,9 +169,10 @@ def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
     }
 
 
-def check_whole_table(table: GainTable, study: Study | None = None) -> TableCheck:
+def check_whole_table(table: GainTable, study: Study | None = None, looked: ProofCheck | None = None) -> TableCheck:
     """All that can be checked of a table: its figures, what it says twice, its certificate at points, and the counts of
-    its verification. With a study, it must be the table of this study, too."""
+    its verification. With a study, it must be the table of this study, too. ``looked``: what a look at its
+    full-order proof found."""
     from vsgdesign.campaigns.verification.document import record_faults
     from vsgdesign.certificate.checking import check_certificate
     from vsgdesign.linear.stability.gain_table import check_table
@@ -149,7 +181,19 @@ def check_whole_table(table: GainTable, study: Study | None = None) -> TableChec
     with np.errstate(all="ignore"):
         found, proof = check_table(table, study), check_certificate(table)
     counted = () if table.verification is None else tuple(record_faults(table.verification))
-    return replace(found, faults=(*found.faults, *proof.faults, *counted), carried=(*found.carried, *proof.carried))
+    carried = (*found.carried, *proof.carried, *_unchecked_proof(table, looked))
+    return replace(found, faults=(*found.faults, *proof.faults, *counted), carried=carried)
+
+
+def _unchecked_proof(table: GainTable, looked: ProofCheck | None) -> list[str]:
+    """The statement on the full-order loop, where its proof was not looked at, or proves less."""
+    said = table.full_order
+    if said is None or "reason" in said:
+        return []
+    enough = looked is not None and looked.looked is not None and not looked.faults
+    if enough and looked.proved is not None and looked.alpha is not None:
+        enough = looked.proved >= said["proved"] - 1e-9 and looked.alpha >= said["decay"] * (1.0 - 1e-9)
+    return [] if enough else [FULL_ORDER]
 
 
 def check_document(outcome: TableCheck) -> dict[str, Any]:
