@@ -239,16 +239,16 @@ class Places:
     f: Any
 
 
-def places(made: Any) -> Places:
+def places(made: Any, seed: int = 5) -> Places:
     """Random places in random boxes and on random arcs of two cells, with the gains that the estimate leads to."""
     study, problem = made()
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(seed)
     d, c = DIMENSIONS, study.converter
     low = np.array([[1 / 4.0, np.arctan(2.5)], [1 / 9.0, np.arctan(9.0 if made is with_table else 3.0)]])
     cells = cells_of(problem.tapes, low, low * [1.02, 1.01], [Arcs.coarsest(c.T_s)] * 2)
     assert [cell.state for cell in cells] == [GOOD, GOOD]
     group = CellGroup.of(cells)
-    number = 1000
+    number = 3000
     cell = rng.integers(0, 2, number)
     start = np.column_stack([low[cell], rng.uniform(-0.2, 0.18, (number, 2)), rng.uniform(-0.6, 0.6, (number, 2))])
     start[:, 4:] *= low[cell, :1] * 3.0
