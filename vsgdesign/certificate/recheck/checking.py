@@ -224,7 +224,8 @@ def _cut(piece: Piece, turned: Polynomial, bad: Array) -> list[Piece]:
         for variable, n in enumerate(turned.space.exponents[k]):
             if n:
                 pull[variable] += float(np.nan_to_num(np.abs(turned.c[k].real)).sum())
-    if not np.isfinite(turned.radius).all() or pull.max() <= 0.0:
+    # What is beyond second order is no coordinate's alone: it shrinks fastest with the widest one.
+    if not np.isfinite(turned.radius).all() or pull.max() <= float(turned.radius.sum()):
         return _halved(piece, int(np.argmax(_width(piece))))
     if int(np.argmax(pull)) == OMEGA:
         return _finer(piece, bad)
