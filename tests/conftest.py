@@ -141,7 +141,7 @@ DRAW_TWICE = ("test_compliance_pdf.py", "test_live_part.py", "test_page_file.py"
 
 
 @pytest.fixture(scope="module", autouse=True)
-def each_picture_once(request: pytest.FixtureRequest, kept: Store | None) -> Iterator[None]:
+def each_picture_once(request: pytest.FixtureRequest, kept_store: Store | None) -> Iterator[None]:
     """The picture of a figure that is equal to one before in everything is that of before: asking takes a fifteenth of
     the time. In DRAW_OFTEN a PNG, which is the same figure, is drawn once for each name."""
     folder = request.path.parent.name
@@ -162,18 +162,18 @@ def each_picture_once(request: pytest.FixtureRequest, kept: Store | None) -> Ite
                 file.write_bytes(_DRAWN[file.name])
                 return
             key = everything_in(figure, options)
-            known = _picture(key, kept)
+            known = _picture(key, kept_store)
             if known is None:
                 draw(figure, file, **options)
-                _remember(key, file.read_bytes(), kept)
+                _remember(key, file.read_bytes(), kept_store)
             else:
                 file.write_bytes(known)
         elif form == "svg" and isinstance(file, io.StringIO):
             key = everything_in(figure, options)
-            known = _picture(key, kept)
+            known = _picture(key, kept_store)
             if known is None:
                 draw(figure, file, **options)
-                _remember(key, file.getvalue().encode(), kept)
+                _remember(key, file.getvalue().encode(), kept_store)
             else:
                 file.write(known.decode())
         else:
@@ -203,7 +203,7 @@ def _remember(key: str | None, picture: bytes, kept: Store | None) -> None:
 
 
 @pytest.fixture(scope="session")
-def kept() -> Store | None:
+def kept_store() -> Store | None:
     """What was made before, for both workers and the next run (tests/kept_code.py)."""
     if os.environ.get("VSGDESIGN_NO_KEPT_CODE"):
         return None
@@ -216,12 +216,12 @@ def kept() -> Store | None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def code_is_kept(kept: Store | None) -> Iterator[None]:
+def code_is_kept(kept_store: Store | None) -> Iterator[None]:
     """Machine code of a text that was compiled before is not made again."""
     with pytest.MonkeyPatch.context() as patch:
-        if kept is not None:
-            keep_machine_code(kept, patch)
-            keep_compiled_c(kept, patch)
+        if kept_store is not None:
+            keep_machine_code(kept_store, patch)
+            keep_compiled_c(kept_store, patch)
         yield
 
 
