@@ -233,9 +233,10 @@ class Page:
             self.faults.append(f"{said['entry']['text']} ({said['entry'].get('url', '')})")
 
     @contextmanager
-    def tasks(self) -> Iterator[list[float]]:
-        """The processor time of every task of the pages' main threads within the block, ms, when it is left."""
-        found: list[float] = []
+    def tasks(self) -> Iterator[tuple[list[float], list[float]]]:
+        """How long every task of the pages' main threads within the block lasted, and its processor time, in ms, when
+        the block is left."""
+        lasted, busy = found = ([], [])
         self._traced = events = []
         categories = ["__metadata", "disabled-by-default-devtools.timeline", "devtools.timeline", "toplevel"]
         self.call("Tracing.start", transferMode="ReportEvents", traceConfig={"includedCategories": categories})
@@ -249,7 +250,10 @@ class Page:
             for one in events
             if one["name"] == "thread_name" and one["args"]["name"] == "CrRendererMain"
         }
-        found += [one["tdur"] / 1e3 for one in events if one["name"] == "RunTask" and (one["pid"], one["tid"]) in main]
+        for one in events:
+            if one["name"] == "RunTask" and (one["pid"], one["tid"]) in main:
+                lasted.append(one["dur"] / 1e3)
+                busy.append(one["tdur"] / 1e3)
 
     def goto(self, url: str) -> None:
         """Go to an address. When this returns, the document is the new one, and not yet loaded.
