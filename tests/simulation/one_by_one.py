@@ -35,6 +35,7 @@ def study_of(study: Study, cases: LaneCases, k: int, T: float) -> Study:
     # The controller is designed for the study's source; an event at t = 0 says what the source is.
     events = [Event(0.0, "start", V_g_rms=float(cases.V_g_rms[k]), omega_g=float(cases.omega_g[k]))]
     for j in np.flatnonzero(np.isfinite(e.t_s[k])):
+        of_the_source: dict[str, Any] = {name: given(getattr(e, name)[k, j]) for name in DC_QUANTITIES}
         grid = Grid(float(e.R_g[k, j]), float(e.L_g[k, j])) if np.isfinite(e.R_g[k, j]) else None
         events.append(
             Event(
@@ -47,7 +48,7 @@ def study_of(study: Study, cases: LaneCases, k: int, T: float) -> Study:
                 phase_jump=float(e.phase_jump[k, j]),
                 P_ref=given(e.P_ref[k, j]),
                 Q_ref=given(e.Q_ref[k, j]),
-                **{name: given(getattr(e, name)[k, j]) for name in DC_QUANTITIES},
+                **of_the_source,
             )
         )
     omega_end = next((float(w) for w in e.omega_g[k, ::-1] if np.isfinite(w)), float(cases.omega_g[k]))

@@ -137,9 +137,18 @@ def dc_figures(study: Study, rows: Array) -> DcFigures | None:
         return None
     last = dict(zip(dc_columns(study), rows[-1].tolist(), strict=True))
     end = {name: float(values[-1]) for name, values in dc_series(study, rows[-1:]).items() if name not in _SUMS}
-    cut = tuple(last.get(f"clamp.{name}") for name in ("most", "missing", "acted"))
-    figures = (last[name] for name in ("lowest", "highest", "spare", "least", "most", "given"))
-    return DcFigures(*figures, end, *cut)
+    return DcFigures(
+        lowest_v=last["lowest"],
+        highest_v=last["highest"],
+        spare_v=last["spare"],
+        least_p_w=last["least"],
+        most_p_w=last["most"],
+        given_j=last["given"],
+        end=end,
+        cut_most_w=last.get("clamp.most"),
+        cut_j=last.get("clamp.missing"),
+        cut_s=last.get("clamp.acted"),
+    )
 
 
 _SUMS = ("P_dc", "E_source", "E_bridge", "P_cut")

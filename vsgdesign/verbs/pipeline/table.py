@@ -190,10 +190,11 @@ def _unchecked_proof(table: GainTable, looked: ProofCheck | None) -> list[str]:
     said = table.full_order
     if said is None or "reason" in said:
         return []
-    enough = looked is not None and looked.looked is not None and not looked.faults
-    if enough and looked.proved is not None and looked.alpha is not None:
-        enough = looked.proved >= said["proved"] - 1e-9 and looked.alpha >= said["decay"] * (1.0 - 1e-9)
-    return [] if enough else [FULL_ORDER]
+    if looked is None or looked.looked is None or looked.faults:
+        return [FULL_ORDER]
+    less = looked.proved is not None and looked.proved < said["proved"] - 1e-9
+    slower = looked.alpha is not None and looked.alpha < said["decay"] * (1.0 - 1e-9)
+    return [FULL_ORDER] if less or slower else []
 
 
 def check_document(outcome: TableCheck) -> dict[str, Any]:
