@@ -120,6 +120,7 @@ def test_an_interruption_says_what_is_kept(study: Path, tmp_path: Path, monkeypa
         (("--merge", "x", "--runs", "5"), "are those of the shards"),
         (("--runs", "nan"), "--runs"),
         (("--confidence", "1"), "0.999999"),
+        (("--confidence", "nan"), "nan is not in the range 0.5<=x<=0.999999"),
         (("--cluster", "tcp://x:1", "--workers", "2"), "has its own workers"),
         (("--controller", "nobody"), "The study has: tabled, scheduled."),
         (("--controller", "tabled"), "missing.json"),
@@ -128,6 +129,11 @@ def test_an_interruption_says_what_is_kept(study: Path, tmp_path: Path, monkeypa
 )
 def test_what_is_refused(study: Path, arguments: tuple[str, ...], said: str) -> None:
     assert said in failure(2, "verify", study, *arguments)
+
+
+def test_no_number_of_seconds_is_refused_before_a_design(study: Path, tmp_path: Path) -> None:
+    said = failure(2, "table", "build", study, "--out", tmp_path / "table.json", "--full-order", "nan")
+    assert "'--full-order': nan is not in the range x>=0.0" in said
 
 
 def test_a_table_alone_has_no_converter(tmp_path: Path) -> None:

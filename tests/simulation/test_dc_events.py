@@ -98,6 +98,7 @@ def test_the_set_of_survive_has_what_may_become_of_the_source() -> None:
     [
         (TEXT, "[[events]]\ntime = '1 s'\ndc_charge = 0\n", "events.dc_charge", "no [dc]"),
         (TEXT + STAGE, "[[events]]\ntime = '1 s'\nirradiance = 500\n", "events.irradiance", "has no irradiance"),
+        (TEXT + STAGE, "[[events]]\ntime = nan\nirradiance = 500\n", "events.irradiance", '= "500": source'),
         (TEXT + STAGE, "[[events]]\ntime = '1 s'\ndc_power = 1.5\n", "dc_power", "outside"),
         (TEXT, "[verification.dc_power]\nweight = 1\n", "verification.dc_power.weight", "no [dc]"),
     ],

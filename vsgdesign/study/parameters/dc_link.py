@@ -287,7 +287,8 @@ def check_events(root: TableReader, dc: DcLink | None, events: Iterable[Event], 
     for event in events:
         for quantity, value in event.of_dc.items():
             if (why := not_of(dc, quantity)) is not None:
-                root.fault(f"events.{quantity}", f"{value:g} at {event.t_s:g} s", why, "Take it away, or change [dc].")
+                when = "" if math.isnan(event.t_s) else f" at {event.t_s:g} s"  # a faulty time has its own fault
+                root.fault(f"events.{quantity}", f"{value:g}{when}", why, "Take it away, or change [dc].")
     for quantity in DC_QUANTITIES:
         weight = families[quantity].weight if quantity in families else None
         if weight and (why := not_of(dc, quantity)) is not None:

@@ -80,7 +80,10 @@ class TableReader:
         return value
 
     def _quantity(self, field: str, dimension: str, low: float, high: float, default: Any, hint: str) -> Any:
-        raw = self._raw(field, default, f'a quantity in {dimension}; for example {field} = "…{_suffix(dimension)}"')
+        asked = "a number"
+        if dimension != "1":
+            asked = f'a quantity in {dimension}; for example {field} = "… {dimension}"'
+        raw = self._raw(field, default, asked)
         if raw is _MISSING:
             return math.nan if default is REQUIRED else default
         try:
@@ -274,7 +277,3 @@ class TableReader:
 
 
 _MISSING = object()
-
-
-def _suffix(dimension: str) -> str:
-    return "" if dimension == "1" else f" {dimension}"

@@ -27,6 +27,19 @@ EXIT_IMPOSSIBLE = 1
 EXIT_WRONG_INPUT = 2
 
 STUDY = click.argument("study_file", metavar="STUDY.toml", type=click.Path())
+
+
+class Real(click.FloatRange):
+    """A number within limits. NaN, which no comparison finds outside of them, is refused as well."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number, or click's error that names the limits."""
+        number = super().convert(value, param, ctx)
+        if number != number:
+            self.fail(f"{number} is not in the range {self._describe_range()}.", param, ctx)
+        return number
+
+
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
 BRIDGE = click.option("--bridge", type=click.Choice(["averaged", "pwm"]), help="Override the study's bridge model.")
 EXPLORER = click.option(
@@ -37,7 +50,7 @@ EXPLORER = click.option(
 
 FULL_ORDER = click.option(
     "--full-order",
-    type=click.FloatRange(0.0),
+    type=Real(0.0),
     default=0.0,
     metavar="SECONDS",
     help="Time for the proof of each designed table's sampled full-order loop.  [default: 0, none is made]",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from vsgdesign.verbs.cli.common import JSON, print_json, progress, results_at, verb
+from vsgdesign.verbs.cli.common import JSON, Real, print_json, progress, results_at, verb
 from vsgdesign.verbs.cli.export import CONTROLLER, FILE, STUDY_OF_TABLE, unit_asked
 
 
@@ -28,7 +28,7 @@ from vsgdesign.verbs.cli.export import CONTROLLER, FILE, STUDY_OF_TABLE, unit_as
 )
 @click.option(
     "--duration",
-    type=click.FloatRange(0.0, min_open=True),
+    type=Real(0.0, min_open=True),
     default=None,
     metavar="S",
     help="Simulated time, s.  [default: that of the study]",

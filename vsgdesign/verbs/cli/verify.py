@@ -9,6 +9,7 @@ import click
 from vsgdesign.verbs.cli.common import (
     EXPLORER,
     JSON,
+    Real,
     in_blocks,
     kept_words,
     load,
@@ -48,7 +49,7 @@ def _shard(_context: click.Context, _parameter: click.Parameter, text: str | Non
 )
 @click.option(
     "--confidence",
-    type=click.FloatRange(0.5, 0.999999),
+    type=Real(0.5, 0.999999),
     default=None,
     help="Confidence with which each bound holds.  [default: the study's]",
 )
