@@ -141,7 +141,9 @@ def test_faults_of_its_events() -> None:
     assert "pcc is a node, which has no breaker that an event may change" in event(element="pcc", breaker="open")
     assert "unit1 is a unit, which has no fault that an event may change" in event(element="unit1", fault={"R": 1.0})
     assert "changes nothing" in event(element="unit1")
-    assert "neither ramps" in event(V_g_pu=0.9, over=0.1)
+    source = {"name": "mill", "node": "pcc", "X_pu": 0.1}
+    ramp = {"events": [{"time": 1.0, "f_g": "50.5 Hz", "over": 0.1}]}
+    assert "the frequency is that of the sources mill, too" in faults(network(sources=[source]) | ramp)
     alone = study_document() | {"events": [{"time": 1.0, "element": "unit1", "breaker": "open"}]}
     assert "there is no plant" in faults(alone)
 

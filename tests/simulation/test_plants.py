@@ -313,6 +313,44 @@ def test_a_source_with_components_and_a_wander() -> None:
     assert seen[0] == pytest.approx(first, rel=1e-9)
 
 
+RAMPS = """
+[[events]]
+time = "0.513 ms"
+V_g_pu = 0.7
+over = "1.21 ms"
+[[events]]
+time = "1 ms"
+f_g = "55 Hz"
+over = "2.02 ms"
+[[events]]
+time = "2.3 ms"
+phase_jump = "10 deg"
+"""
+
+
+def test_a_source_on_ramps() -> None:
+    """Two units with offsets: the voltage and the frequency of the source are on ramps that overlap, begin and end
+    between samples, and the phase jumps within one. The frequency moves with 2.5 kHz/s, which is what its error of
+    third order within a gap is small beside."""
+    text = '[plant]\nunits = 2\nreactance = 0.06\nresistance = 0.01\nsampling = "spread"\n'
+    study = plant_study(text + RAMPS, duration='"4 ms"')
+    rate = 2.0 * math.pi * 5.0 / 2.02e-3
+
+    def source(t: float, begin: float, phase: float) -> complex:
+        del begin
+        since = min(max(t - 1e-3, 0.0), 2.02e-3)
+        turned = phase + 0.5 * rate * since**2 + rate * 2.02e-3 * max(t - 3.02e-3, 0.0)
+        return (1.0 - 0.3 * min(max((t - 0.513e-3) / 1.21e-3, 0.0), 1.0)) * cmath.exp(1j * turned)
+
+    jumps = [(0.513e-3, 0.0), (1e-3, 0.0), (1.723e-3, 0.0), (2.3e-3, math.radians(10.0)), (3.02e-3, 0.0)]
+    expected = solved(study, 6, [(0.0, star(study), lambda x: x)], jumps, source=source)
+    result = run(study)
+    assert errors_pu(study, result, expected) < TOLERANCE
+    seen = result.units[0].log[50, 6] + 1j * result.units[0].log[50, 7]  # the source's voltage, after the jump
+    there = source(50 * T_S, 0.0, OMEGA * 50 * T_S - math.pi / 2.0 + math.radians(10.0))
+    assert seen == pytest.approx(math.sqrt(2.0) * study.converter.V_rated_rms * there, rel=1e-9)
+
+
 def test_a_recorded_source(tmp_path: Path) -> None:
     """Two units with offsets on a record of a dirty grid, which is a straight line over each period of the clock."""
     at = np.arange(3000) / 5000.0

@@ -6,7 +6,7 @@ import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -46,6 +46,11 @@ class SourceSegment:
             self.omega_slope,
             self.phase + self.omega * dt + 0.5 * self.omega_slope * dt * dt,
         )
+
+    @property
+    def held(self) -> SourceSegment:
+        """The same without its slopes."""
+        return replace(self, V_slope=0.0, omega_slope=0.0)
 
     @property
     def steady(self) -> bool:

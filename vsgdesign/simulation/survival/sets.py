@@ -77,9 +77,9 @@ def random_set(seed: int, count: int) -> tuple[SurvivalCase, ...]:
 
 
 def plant_set(cases: Iterable[SurvivalCase], units: int) -> Iterator[SurvivalCase]:
-    """Cases of one converter for a plant of so many equal units, which has no ramps; then the loss of one of them at
-    rest, and with the clearing of a sag. Short-circuit ratios are those of a unit with all units on line."""
-    yield from (case for case in cases if not any(change.over > 0.0 for change in case.changes))
+    """Cases of one converter for a plant of so many equal units; then the loss of one of them at rest, and with the
+    clearing of a sag. Short-circuit ratios are those of a unit with all units on line."""
+    yield from cases
     if units == 1:
         return
     lost = [Event.of_pu(0.0, element=f"unit{k}", breaker=OPEN) for k in (1, units)]

@@ -41,10 +41,16 @@ class _OfPlant(Background):
         return 2 * len(self._names)
 
     def _response(self, connection: Any, h: float, omega: float) -> NDArray[Any]:
-        # A plant has no ramps: its source needs no terms of s and s².
-        source = self.circuit(connection).moved(h, omega)[2][:, 0]
-        found = np.zeros((3, 2 * len(source)), dtype=complex)
-        found[0, 0::2], found[0, 1::2] = source, -1j * source
+        circuit = self.circuit(connection)
+        n = len(circuit.A)
+        # The third input is e^{jωs}; the second makes (s/h) e^{jωs} of it, and the first (s/h)² e^{jωs} of that.
+        M = np.zeros((n + 3, n + 3), dtype=complex)
+        M[:n, :n], M[:n, n] = circuit.A, circuit.E[:, 0]
+        M[n:, n:] = 1j * omega * np.eye(3) + np.diag([1.0 / h, 2.0 / h], 1)
+        grown = circuit.X @ less_one(M * h)[:n, n:] + circuit.X_g[:, :1] * np.exp(1j * omega * h)
+        found = np.empty((3, 2 * len(grown)), dtype=complex)
+        for m in range(3):
+            found[m, 0::2], found[m, 1::2] = grown[:, m] * h**m, -1j * grown[:, m] * h**m
         return found
 
     def _straight(self, connection: Any, h: float) -> Array:
@@ -136,4 +142,5 @@ def adds(timeline: PlantTimeline) -> bool:
     """Whether the grid's source has more than its fundamental at any time."""
     shared = timeline.shared
     moving = shared.wander is not None and shared.wander.spec.distorts
-    return moving or shared.replay is not None or any(one.components for one in timeline.segments)
+    more = (one.components or not one.source.steady for one in timeline.segments)
+    return moving or shared.replay is not None or any(more)

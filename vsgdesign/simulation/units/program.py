@@ -94,7 +94,7 @@ class PlantProgram:
         still = self._gap(first, 0.0)
         self._put(writer, 0, row, 0, still, first)
         self._put_all(writer, 1, row, first)
-        writer.put([lane], [0], V_g, np.array([rms_to_peak(first.source.V_g_rms)]))
+        writer.put([lane], [0], V_g, np.array([rms_to_peak(first.moved.V_g_rms)]))
         due: dict[int, list[PlantSegment]] = {}
         for one in self._segments[1:]:
             due.setdefault(self.sample_from(one.t_s), []).append(one)
@@ -105,15 +105,15 @@ class PlantProgram:
                 at = min(one.t_s, end)
                 if end - at > SAME_INSTANT * self._T:
                     piece = self._gap(present, at - begin)
-                    jump = one.source.phase - present.source.at(one.t_s).phase
+                    jump = one.source.phase - present.moved.at(one.t_s).phase
                     gap = (piece if gap is None else gap.then(piece)).turned(jump)
                     begin, present = at, one
             last = self._gap(present, end - begin)
             gap = last if gap is None else gap.then(last)
-            jump = some[-1].source.at(end).phase - present.source.at(end).phase
+            jump = some[-1].moved.at(end).phase - present.moved.at(end).phase
             self._put(writer, k, row, k % slots, gap.turned(jump), some[-1])
             self._put_all(writer, k + 1, row, some[-1])
-            writer.put([lane], [k], V_g, np.array([rms_to_peak(some[-1].source.V_g_rms)]))
+            writer.put([lane], [k], V_g, np.array([rms_to_peak(some[-1].moved.V_g_rms)]))
             before = some[-1]
 
     def _slots(self) -> int:
@@ -136,13 +136,13 @@ class PlantProgram:
             return None
         of_units = [int(name.removeprefix("terminal")) for name in self._kind.terminals]
         V = self._V.copy()
-        V[0] = rms_to_peak(segment.source.V_g_rms)
+        V[0] = rms_to_peak(segment.moved.V_g_rms)
         per_state, per_source = circuit_of_units(self._wiring, segment.topology, self._kind.states).terminals
         return np.hstack([per_state, per_source * V])[of_units]
 
     def _gap(self, segment: PlantSegment, h: float) -> Gap:
-        omega, V = segment.source.omega, self._V.copy()
-        V[0] = rms_to_peak(segment.source.V_g_rms)
+        omega, V = segment.moved.omega, self._V.copy()
+        V[0] = rms_to_peak(segment.moved.V_g_rms)
         turn = np.full(len(V), np.exp(1j * omega * h))
         if h == 0.0:
             n = len(self._kind.states)

@@ -201,7 +201,7 @@ class _Run:
     def _phase(self, k: int) -> None:
         """The exact phasors of the sources before a sample of the loop, which are those of the instant before it."""
         t_s = self.program.time(max(k - 1, 0))
-        angle = self.timeline.segment_at(t_s + 1e-6 * self.clock.period).source.at(t_s).phase
+        angle = self.timeline.segment_at(t_s + 1e-6 * self.clock.period).moved.at(t_s).phase
         angles = [angle, *(angle + one.phase for one in self.timeline.plant.sources)]
         for s, own in enumerate(angles):
             c, q = np.cos(own), np.sin(own)

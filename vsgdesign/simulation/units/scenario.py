@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -289,7 +290,9 @@ def _rest(
     end_s: float,
     name: str,
 ) -> PlantRest:
-    plant, segment = timeline.plant, timeline.segment_at(t_s)
+    plant, shared = timeline.plant, timeline.shared
+    segment = replace(timeline.segment_at(t_s), source=shared.source_at(end_s - 1e-9))
+    ramps = [later.t_s for before, later in itertools.pairwise(shared.sources) if not before.steady]
     gains = [[one.gains for one in own if one.t_s < end_s or one.t_s == 0.0][-1] for own in schedules]
     on_line = [k for k, unit in enumerate(plant.units) if unit.name not in segment.topology.opened]
     obstacle, rest = None, None
@@ -298,6 +301,8 @@ def _rest(
         obstacle = "a fault is there, which is no state to stay in"
     elif not on_line and all(one.name in segment.topology.opened for one in plant.inverters):
         obstacle = "no unit is connected"
+    elif not segment.source.steady:
+        obstacle = "the source is still on its ramp when the window ends"
     elif sources <= segment.topology.opened:
         obstacle = "no source is connected in whose frequency a steady state could be"
     else:
@@ -323,7 +328,8 @@ def _rest(
             Q_pcc=math.nan,
             mode=None,
             obstacle=obstacle or f"the breaker of {unit.name} is open",
-            ramp_end_s=t_s,
+            ramp_end_s=max([t_s, *(one for one in ramps if t_s < one <= end_s)]),
+            ramping=not segment.source.steady,
             modelled=obstacle is not None,
         )
         units.append(base if rest is None or not closed else _at_rest(own, base, rest, on_line.index(k), modes))

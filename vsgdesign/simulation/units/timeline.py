@@ -32,6 +32,12 @@ class PlantSegment:
     components: tuple[SourceComponent, ...] = ()
     """What it has besides its fundamental."""
 
+    @property
+    def moved(self) -> SourceSegment:
+        """What the matrices of the loop move of the grid's source. One on a ramp is fed (:eq:`plant-added`), so it has
+        no voltage here, and its phasor turns with the frequency at the beginning."""
+        return self.source if self.source.steady else replace(self.source.held, V_g_rms=0.0)
+
 
 @dataclass(frozen=True)
 class PlantTimeline:

@@ -33,6 +33,7 @@ def check_estimators(root: TableReader, plant: PowerPlant, probe: ProbeSpec | No
 
 def check_plant(
     root: TableReader,
+    plant: PowerPlant,
     network: Network,
     simulation: SimulationSpec,
     events: Sequence[Event],
@@ -48,7 +49,10 @@ def check_plant(
             root.fault("network.fault", fault.kind, problem, "Leave at and phases out.")
     for k, event in enumerate(events):
         waits = event.synchro_check is not None and event.element is None
-        if event.over > 0.0 or waits or event.synchronised_until is not None:
-            problem = "a plant knows neither ramps nor a breaker of the grid that waits"
-            advice = "Give steps, and synchro_check for the breaker of a unit alone."
-            root.fault(f"events[{k}]", None, problem, advice)
+        if waits or event.synchronised_until is not None:
+            problem = "the breaker of a plant's grid does not wait"
+            root.fault(f"events[{k}]", None, problem, "Give synchro_check for the breaker of a unit alone.")
+        if event.over > 0.0 and event.omega_g is not None and plant.sources:
+            problem = f"the frequency is that of the sources {', '.join(one.name for one in plant.sources)}, too"
+            advice = "Leave over out, or take these sources out of the network."
+            root.fault(f"events[{k}].over", event.over, problem, advice)
