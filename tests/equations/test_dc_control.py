@@ -14,8 +14,6 @@ from vsgdesign.equations.dc_control import clamp_cut
 from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.equations.dc_sources.photovoltaic import array_curve
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.errors import StudyError
-from vsgdesign.export import unit_of
 from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import Study, study_from_text
@@ -118,8 +116,3 @@ def test_limits_of_the_sources() -> None:
         if dc["source"] == "photovoltaic":
             v, i = array_curve(study.dc.settings(*of).source)
             assert limits.high == pytest.approx(0.98 * (v * i)[v >= study.dc.V_low].max(), rel=1e-9)
-
-
-def test_an_exported_controller_has_no_clamp_yet() -> None:
-    with pytest.raises(StudyError, match=r'dc.control = "?power_clamp"?: is not in an exported controller'):
-        unit_of(study_with("[[events]]\ntime = '0.1 s'\nP_ref = '1 kW'\n"))

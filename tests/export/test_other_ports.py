@@ -18,7 +18,9 @@ from tests.export.cigre_host import Dll, Hosted
 from tests.export.test_fmu import slave_of, step_of
 from tests.export.test_other_tools import Sizes, State, script_of
 from tests.export.test_unit import FIELD, UnitsFeed
-from tests.export.unit_loop import FIXED, Library, on_a_battery, run_loop, simulated, study_with
+from tests.export.unit_loop import FIXED, Library, clamping, on_a_battery, run_loop, simulated, study_with
+from vsgdesign.equations.dc_control import clamp_of_sample
+from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.export import export_dll, export_fmu, export_modelica, export_plecs, unit_of
 from vsgdesign.export.c_code import export_unit_c
 from vsgdesign.export.reference import reference_inputs
@@ -89,6 +91,69 @@ def test_on_a_battery_the_loop_is_the_simulation(tmp_path: Path) -> None:
         return other.step(given)
 
     assert np.max(np.abs(run_loop(study, unit, deaf).figures - emt)) > 1e-4
+
+
+@pytest.mark.parametrize("controller", [FIXED, FIELD])
+def test_a_clamp_is_that_of_the_simulation(controller: str, tmp_path: Path) -> None:
+    """What the source can give is an input; the clamp acts from the step of the power on. Told that the source can give
+    anything, it does not."""
+    study = clamping(study_with(1, controller))
+    unit = unit_of(study)
+    library = Library(export_unit_c(unit, tmp_path / "c").folder, tmp_path, unit)
+    run = run_loop(study, unit, library.instance().step)
+    emt = simulated(study, unit, UnitsFeed(study, unit) if controller == FIELD else None)
+    assert np.max(np.abs(run.figures - emt)) <= 1e-11  # 1e-14 at worst
+    cut = run.outputs[:, [port.name for port in library.ports.outputs].index("P_cut")]
+    step, lost = (round(t / unit.T_s) for t in (0.01, 0.09))
+    assert not cut[:step].any()
+    assert (cut[step:] < 0.0).all()
+    S = unit.S_rated
+    assert np.ptp(cut[lost - 10 : lost + 10]) == pytest.approx(0.2 * S, abs=1e-3 * S)
+    if controller == FIXED:
+        other, at = library.instance(), [port.name for port in library.ports.inputs].index("P_dc_high")
+
+        def deaf(given: np.ndarray) -> np.ndarray:
+            given = given.copy()
+            given[at] = 1e9
+            return other.step(given)
+
+        assert np.max(np.abs(run_loop(study, unit, deaf).figures - emt)) > 1e-3
+
+
+@pytest.mark.parametrize("variant", ["controller", "reference"])
+def test_a_clamp_answers_to_any_limits_as_the_equation(variant: str, tmp_path: Path) -> None:
+    """Random limits, crossed and missing ones among them, and references; in double with the bits of Python."""
+    unit = unit_of(clamping(study_with(1)))
+    assert unit.link is not None
+    assert unit.link.clamp is not None
+    clamp, S = unit.link.clamp, unit.S_rated
+    library = Library(export_unit_c(unit, tmp_path / "c").folder, tmp_path, unit, variant)
+    names, states = ([one.name for one in ports] for ports in (library.ports.inputs, library.ports.states))
+    one, given = library.instance(), np.array([port.start for port in library.ports.inputs])
+    rng, path, cuts, left = np.random.default_rng(33), {"controller": "control.", "reference": "power."}[variant], [], 0
+    where = "state." if variant == "controller" else ""
+    V_rms = "V" if variant == "controller" else "V_rms"
+    known = {"P_dc_low": clamp.limits.low, "P_dc_high": clamp.limits.high, "P_ref": unit.references.P_ref}
+    for _ in range(300):
+        before = dict(zip(states, one.save(), strict=True))
+        for name in known:
+            value = float(rng.choice([rng.uniform(-S, S), np.nan, np.inf], p=[0.8, 0.1, 0.1]))
+            given[names.index(name)] = value
+            known[name] = value if np.isfinite(value) else known[name]
+        out = dict(zip([port.name for port in library.ports.outputs], one.step(given), strict=True))
+        after = dict(zip(states, one.save(), strict=True))
+        omega_i, V, P, Q = (before[f"{path}{where}{name}"] for name in ("omega_i", V_rms, "P_f", "Q_f"))
+        refs = unit.references._replace(P_ref=known["P_ref"])
+        limits = SourceLimits(known["P_dc_low"], known["P_dc_high"])
+        slow, own = before["memory.omega"], (clamp.own, clamp.smoothing)
+        expected = clamp_of_sample(slow, omega_i, V, P, Q, refs, unit.gains, limits, *own)
+        assert (after[f"{path}refs.P_ref"], after["memory.omega"], out["P_cut"]) == expected
+        cuts.append(out["P_cut"])
+        left += known["P_dc_low"] > known["P_dc_high"]
+    assert np.isfinite(cuts).all()
+    assert min(cuts) < 0.0 < max(cuts)
+    assert cuts.count(0.0) > 10
+    assert left > 50
 
 
 def test_each_pair_is_that_of_a_unit_of_a_plant(field: Made) -> None:
@@ -267,5 +332,5 @@ def test_no_wrapper_names_a_port_of_these() -> None:
     texts = {file.name: file.read_text() for file in (room / "templates").iterdir() if file.name.endswith(".j2")}
     texts |= {file.name: file.read_text() for file in room.iterdir() if file.name.endswith(".py")}
     own = {"vsg_unit.c.j2", "port_records.py", "ports.py", "unit.py", "unit_content.py", "in_the_loop.py"}
-    named = re.compile(r"v_dc|V_DC|PAR_PAIR|IN_UNITS|\"(pair|units)\"|\.pair\b|on_line")
+    named = re.compile(r"v_dc|V_DC|P_dc|P_DC|P_cut|P_CUT|PAR_PAIR|IN_UNITS|\"(pair|units)\"|\.pair\b|on_line")
     assert {name for name, text in texts.items() if named.search(text)} == own

@@ -25,6 +25,7 @@ from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.plant_alone import PlantAlone
 from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.event import Event
 
 CASES = {0: "hoang2025_5kva", 1: "lab_12kva_lcl"}
 """Without and with a sample of delay."""
@@ -70,6 +71,16 @@ def on_a_battery(study: Study) -> Study:
     battery = {"R_i": 0.1 * needed**2 / c.S_rated, "i_max": 3.0 * c.S_rated / c.V_dc, "capacity_Ah": 0.5}
     battery |= {"open_circuit": [(1.03 + 0.01 * k) * needed for k in range(6)], "charge": 0.5}
     return study.with_changes(dc={"source": "battery", "C": "200 uF", "V_low": 0.1 * c.V_dc, "battery": battery})
+
+
+def clamping(study: Study) -> Study:
+    """On a stage that gives and takes half of the rating, so that the clamp acts from the step of the power on. It
+    loses four tenths of this at 90 ms."""
+    S = study.converter.S_rated
+    stage = {"p_max": 0.5 * S, "p_charge_max": 0.5 * S}
+    dc = {"source": "converter", "C": 0.1 * S / 5000.0, "control": "power_clamp", "converter": stage}
+    found = study.with_changes(dc=dc)
+    return replace(found, events=tuple(sorted((*found.events, Event(0.09, "lost", dc_power=0.6)), key=lambda e: e.t_s)))
 
 
 def run_loop(

@@ -174,10 +174,11 @@ def test_energy_balance() -> None:
     assert taken[-1] > 0.1 * S * duration
 
 
-def test_a_batch_has_the_links_of_single_runs() -> None:
+@pytest.mark.parametrize("control", ["none", "power_clamp"])
+def test_a_batch_has_the_links_of_single_runs(control: str) -> None:
     """Voltages of the links of lanes and of single runs, and the same verdicts where half of them block."""
     study, spec = study_named("survival", "decoupled")
-    text = {"source": "converter", "C": "400 uF", "V_low": "300 V"}
+    text = {"source": "converter", "C": "400 uF", "V_low": "300 V", "control": control}
     study = study.with_changes(dc=text | {"converter": {"p_max": "9 kW", "p_charge_max": "9 kW", "tau": "10 ms"}})
     assert study.dc is not None
     cases = drawn(study, spec, "grid", 6)

@@ -8,6 +8,7 @@ import numpy as np
 
 from vsgdesign.equations.controller_data import ControllerState
 from vsgdesign.equations.dc_source_interface import SourceLimits
+from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 
 
@@ -46,6 +47,30 @@ def clamp_cut(omega: Any, refs: References, gains: PowerLoopGains, limits: Sourc
     return np.minimum(most - wanted, 0.0) + np.maximum(np.minimum(limits.low, most) - wanted, 0.0)
 
 
+def clamp_of_sample(
+    slow: Any,
+    omega_i: Any,
+    V_rms: Any,
+    P: Any,
+    Q: Any,
+    refs: References,
+    gains: PowerLoopGains,
+    limits: SourceLimits,
+    own: Any,
+    smoothing: Any,
+) -> tuple[Any, Any, Any]:
+    """The clamp of one sample (:eq:`dc-clamp`) from the states of the power loops before it: ω_i (rad/s), V (V rms) and
+    the filtered P (W) and Q (var). ``slow`` is the frequency behind its low-pass, rad/s.
+
+    Returns (P_ref, slow_after, cut): the reference that the power loops follow, W, the frequency that is remembered,
+    and by how much the reference was changed, W.
+    """
+    omega, _, _ = power_loops(omega_i, V_rms, P, Q, refs, gains)
+    after = advanced(slow, smoothing * (omega - slow))
+    cut = clamp_cut(after, refs, gains, limits, own)
+    return refs.P_ref + cut, after, cut
+
+
 def clamped(
     clamp: ClampState,
     state: ControllerState,
@@ -60,11 +85,20 @@ def clamped(
     The power loops integrate the difference to this reference, so that nothing winds up. The droop is limited by its
     slow part: what it damps stays.
     """
-    omega, _, _ = power_loops(state.omega_i, state.V, state.P_f, state.Q_f, refs, gains)
-    slow = clamp.omega + settings.smoothing * (omega - clamp.omega)
-    cut = clamp_cut(slow, refs, gains, limits, settings.own)
+    P_ref, slow, cut = clamp_of_sample(
+        clamp.omega,
+        state.omega_i,
+        state.V,
+        state.P_f,
+        state.Q_f,
+        refs,
+        gains,
+        limits,
+        settings.own,
+        settings.smoothing,
+    )
     size = np.abs(cut)
-    return refs.P_ref + cut, ClampState(
+    return P_ref, ClampState(
         omega=slow,
         cut=cut,
         most=np.maximum(clamp.most, size),
@@ -73,4 +107,4 @@ def clamped(
     )
 
 
-__all__ = ["ClampSettings", "ClampState", "SourceLimits", "clamp_cut", "clamped"]
+__all__ = ["ClampSettings", "ClampState", "SourceLimits", "clamp_cut", "clamp_of_sample", "clamped"]

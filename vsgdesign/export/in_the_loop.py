@@ -57,6 +57,8 @@ def run_loop(
         given[at_in["closed"]] = float(closed)
         if "v_dc" in at_in:
             given[at_in["v_dc"]] = plant.v_dc
+        if "P_dc_low" in at_in:
+            given[at_in["P_dc_low"]], given[at_in["P_dc_high"]] = plant.source_limits
         for name in ("P_ref", "Q_ref", "omega_0", "V_n"):
             given[at_in[name]] = getattr(refs, name)
         if "R_g" in at_in:

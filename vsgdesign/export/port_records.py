@@ -43,6 +43,10 @@ class Asked(NamedTuple):
     """Angle at which it begins at rest, rad."""
     v_dc: Any = 0.0
     """Measured voltage of the dc link, V."""
+    P_dc_low: Any = 0.0
+    """Power that the source of the dc link can give now at least; negative: what it can take, W."""
+    P_dc_high: Any = 0.0
+    """Power that the source of the dc link can give now at most, W."""
     units: Any = 1.0
     """Units of the plant that are on line, itself included, a whole number. Each sees so many times the impedance of
     the node; with any other number the estimate is not followed."""
@@ -62,6 +66,8 @@ class Told(NamedTuple):
     """Number of the reason why the last estimate was not followed; 0 if it was."""
     delta: Any
     """Angle of the converter's voltage against a frame that turns at the nominal frequency from the start on, rad."""
+    P_cut: Any
+    """By how much P_ref is changed to what the source of the dc link can give, W."""
 
 
 class UnitMemory(NamedTuple):
@@ -89,6 +95,16 @@ class UnitMemory(NamedTuple):
     """Last voltage of the dc link that could be one, V."""
     pair: Count
     """Pair of lines of the probe."""
+    P_ref: Any
+    """Last active power that was asked for, W."""
+    P_dc_low: Any
+    """Last power that the source could give at least, W."""
+    P_dc_high: Any
+    """Last power that the source could give at most, W."""
+    omega: Any
+    """Frequency by which the P-f droop is limited, behind its low-pass, rad/s."""
+    omega_lost: Any
+    """What rounding left out of this frequency, rad/s."""
 
 
 STATUS_MEANINGS = {

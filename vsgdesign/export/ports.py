@@ -52,6 +52,7 @@ def _of_controller(unit: Unit) -> Iterator[Port]:
     yield from _abc("v_grid", grid, "", INPUT, v)
     if unit.link is not None:
         yield _one(Asked, "v_dc", INPUT, unit.link.rest, *unit.link.limits)
+    yield from _source_limits(unit)
     yield _one(Asked, "closed", INPUT, 1.0, 0.0, 1.0)
     yield from _references(refs, S)
     yield from _estimate(unit, not unit.has_field)
@@ -79,6 +80,7 @@ def _of_reference(unit: Unit) -> Iterator[Port]:
     measured = _number(ControllerState, "V")._replace(meaning="Measured voltage")
     yield _port(measured, "V", INPUT, unit.rest.V, 0.0, 2.0 * V_n)
     yield _one(Asked, "delta", INPUT, unit.rest.theta, name="delta_v")
+    yield from _source_limits(unit)
     yield _one(Asked, "closed", INPUT, 1.0, 0.0, 1.0)
     yield from _references(unit.references, unit.S_rated)
     yield from _estimate(unit, True)
@@ -89,6 +91,14 @@ def _of_reference(unit: Unit) -> Iterator[Port]:
     yield _one(Told, "used", OUTPUT, 1.0, 0.0, 1.0)
     yield from _told(unit)
     yield from _starts(unit)
+
+
+def _source_limits(unit: Unit) -> Iterator[Port]:
+    """What the source of the dc link can give, where the controller asks for no more."""
+    clamp = None if unit.link is None else unit.link.clamp
+    if clamp is not None:
+        yield _one(Asked, "P_dc_low", INPUT, clamp.limits.low)
+        yield _one(Asked, "P_dc_high", INPUT, clamp.limits.high)
 
 
 def _references(refs: References, S: float) -> Iterator[Port]:
@@ -132,6 +142,8 @@ def _told(unit: Unit) -> Iterator[Port]:
             start = float(bool(unit.first_status & bit))
             yield Port(f"status_{name}", "1", STATUS_MEANINGS[name], OUTPUT, start, 0.0, 1.0)
         yield _one(Told, "reason", OUTPUT, 0.0, 0.0, 8.0)
+    if unit.link is not None and unit.link.clamp is not None:
+        yield _one(Told, "P_cut", OUTPUT, 0.0)
 
 
 def _starts(unit: Unit) -> Iterator[Port]:
@@ -185,8 +197,12 @@ def _phases(vector: complex) -> tuple[float, float, float]:
 
 def remembered(unit: Unit) -> list[DescribedNumber]:
     """What a wrapper of this controller remembers, of UnitMemory."""
-    absent = {name for name, there in (("v_dc", unit.link is not None), ("pair", unit.has_field)) if not there}
-    return [number for number in described_numbers(UnitMemory) if number.name not in absent]
+    clamps = unit.link is not None and unit.link.clamp is not None
+    there = {"v_dc": unit.link is not None, "pair": unit.has_field} | dict.fromkeys(_OF_CLAMP, clamps)
+    return [number for number in described_numbers(UnitMemory) if there.get(number.name, True)]
+
+
+_OF_CLAMP = ("P_ref", "P_dc_low", "P_dc_high", "omega", "omega_lost")
 
 
 _MEMBER = re.compile(r"^    (\w+) (\w+)(?:\[\d+\])?;", re.MULTILINE)

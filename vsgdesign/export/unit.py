@@ -11,6 +11,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.codegen.described import described_numbers
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.dc_link import LEAST_VOLTAGE
+from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.equations.field import FieldAnswer, FieldSettings, FieldTrack, LockIn
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import instantaneous_power
@@ -46,6 +47,23 @@ class Starts:
 
 
 @dataclass(frozen=True)
+class Clamp:
+    """How the controller asks for no more power than the source of the dc link can give."""
+
+    limits: SourceLimits
+    """What the source can give at rest at t = 0, W."""
+    own: float
+    """Most that filter and bleeder take of it, W."""
+    smoothing: float
+    """Of the frequency by which the P–f droop is limited."""
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """All of it, as the template takes them."""
+        return self.own, self.smoothing, *self.limits
+
+
+@dataclass(frozen=True)
 class LinkVoltage:
     """What the controller is told of a dc link that is not ideal."""
 
@@ -55,6 +73,8 @@ class LinkVoltage:
     """V."""
     per_volt: float
     """Largest peak voltage of the bridge over the link's."""
+    clamp: Clamp | None = None
+    """None: the controller asks for any power."""
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -253,18 +273,17 @@ def unit_of(study: Study, controller: str | None = None, ready: Ready = NOTHING,
 
 
 def _link(study: Study, start: SampledState) -> LinkVoltage | None:
-    """The dc link at rest. Raises InfeasibleStudyError where its source cannot give the power, and StudyError where the
-    controller clamps it."""
+    """The dc link at rest. Raises InfeasibleStudyError where its source cannot give the power."""
     from vsgdesign.simulation.dc_start import dc_at_start
 
     if study.dc is None:
         return None
+    begun, clamp = dc_at_start(study, start, study.grid_source.omega_g), None
     if study.dc.clamps:
-        advice = 'Set control = "none". The power that the source can give then limits P_ref outside of it.'
-        fault = Fault("dc.control", study.dc.control, "is not in an exported controller yet", advice)
-        raise StudyError(study.name, [fault])
-    begun = dc_at_start(study, start, study.grid_source.omega_g)
-    return LinkVoltage(float(begun.dc.v), float(begun.link.V_dc), float(begun.link.limit))
+        low, high = study.dc.kind.law.can_give(begun.dc.memory, begun.clamp_of.hold, begun.link.source)
+        limits = SourceLimits(float(low), float(high))
+        clamp = Clamp(limits, float(begun.clamp_of.own), float(begun.clamp_of.smoothing))
+    return LinkVoltage(float(begun.dc.v), float(begun.link.V_dc), float(begun.link.limit), clamp)
 
 
 def _scheduler(study: Study, spec: ControllerSpec, ready: Ready, changes: dict[str, Any]) -> tuple[Scheduler, Origin]:

@@ -8,13 +8,14 @@ from typing import Any
 
 from vsgdesign.codegen import c_functions
 from vsgdesign.codegen.comments import ascii_text
+from vsgdesign.equations.dc_control import clamp_of_sample
 from vsgdesign.equations.dc_link import bridge_limit
 from vsgdesign.equations.frames import clarke, clarke_inverse, instantaneous_power, rotate
 from vsgdesign.equations.grid import grid_of_each
 from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.export.c_content import initialiser, literal
 from vsgdesign.export.field import field_laws
-from vsgdesign.export.laws import laws
+from vsgdesign.export.laws import NAMES, PUBLIC, laws
 from vsgdesign.export.port_records import FIXED, TUNABLE, Port, PortList, refusal
 from vsgdesign.export.ports import port_list, remembered
 from vsgdesign.export.unit import Unit
@@ -78,8 +79,10 @@ def unit_hash(unit: Unit, lists: dict[str, PortList]) -> str:
 def unit_content(unit: Unit) -> dict[str, Any]:
     """What vsg_unit.h and vsg_unit.c need."""
     lists, tick, link = lists_of(unit), unit.scheduler.settings.tick, unit.link
+    clamp = None if link is None else link.clamp
     needed = [*FRAMES, *([bridge_limit] if link else []), *([grid_of_each] if unit.on_line else [])]
-    frames = c_functions(needed, prefix="unit_")
+    needed += [clamp_of_sample] if clamp else []
+    frames = c_functions(needed, prefix="unit_", names=NAMES)
     return {
         "controller_name": ascii_text(unit.controller),
         "T_s": repr(unit.T_s),
@@ -93,6 +96,7 @@ def unit_content(unit: Unit) -> dict[str, Any]:
         "scheduled": unit.scheduled,
         "has_field": unit.has_field,
         "frame_constants": frames.constants.rstrip(),
+        "frame_structs": "\n".join(body for name, body in frames.structs.items() if name not in PUBLIC),
         "frame_functions": frames.functions,
         "held": round(BREAKER_HELD_S / unit.T_s),
         "sha256": unit_hash(unit, lists),
@@ -111,6 +115,7 @@ def unit_content(unit: Unit) -> dict[str, Any]:
         "notes": [ascii_text(note) for note in unit.notes],
         "probes": [initialiser(one) for one in unit.probes],
         "per_volt": None if link is None else literal(link.per_volt),
+        "clamp": None if clamp is None else [literal(one) for one in (*clamp.numbers, unit.omega)],
         "pair": unit.pair,
         "v_dc": None if link is None else [literal(one) for one in (link.rest, *link.limits)],
         "units": None if unit.on_line is None else [literal(one) for one in (unit.on_line.least, unit.on_line.most)],

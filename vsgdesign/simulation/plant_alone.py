@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.dc_link import ActingVoltage, FilterSide, acting_voltage, dc_step
+from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.linear.operating_point.plant import PlantStep, plant_step, two_axes
@@ -37,7 +39,7 @@ class PlantAlone:
     def __init__(self, study: Study, gains: PowerLoopGains) -> None:
         """At rest with these gains, or without energy, as the study says. Raises InfeasibleStudyError where the study
         has no rest at t = 0."""
-        quiet = study.undisturbed
+        quiet = self._study = study.undisturbed
         self.T_s, self.sample, self._R_c = study.converter.T_s, 0, study.filter.R_c
         self.timeline = build_timeline(quiet)
         self._circuits = Circuits(quiet, [self.timeline], switched=False)
@@ -49,11 +51,13 @@ class PlantAlone:
         self.pending = complex(*start.pending)
         """Bridge voltage that is on its way at the start, V peak, as α + jβ."""
         changes = self.timeline.plant_changes()
+        self._sources = {math.ceil(event.t_s / self.T_s - SAME_INSTANT): event for event in quiet.events if event.of_dc}
         self._inside: dict[int, list[float]] = {}
         for t_s in changes:
             if on_sample(t_s, self.T_s) is None:
                 self._inside.setdefault(int(t_s / self.T_s), []).append(t_s)
         self._steps = functools.lru_cache(maxsize=64)(self._step)
+        self._change_source()
 
     @property
     def t_s(self) -> float:
@@ -72,6 +76,14 @@ class PlantAlone:
         if self._dc is None:
             raise ValueError("the dc link is ideal.")
         return float(self._dc.dc.v)
+
+    @property
+    def source_limits(self) -> SourceLimits:
+        """What the source of the dc link can give now, W. Raises ValueError where the link is ideal."""
+        if self._dc is None or self._law is None:
+            raise ValueError("the dc link is ideal.")
+        found: SourceLimits = self._law.can_give(self._dc.dc.memory, self._dc.clamp_of.hold, self._dc.link.source)
+        return found
 
     @property
     def source(self) -> complex:
@@ -118,6 +130,17 @@ class PlantAlone:
             link = self._dc.link
             self._dc = self._dc._replace(dc=dc_step(self._dc.dc, x, after, acts, asked, link, self._law))
         self.sample += 1
+        self._change_source()
+
+    def _change_source(self) -> None:
+        """What events of this sample leave of the source of the dc link."""
+        event = self._sources.get(self.sample)
+        link = None if event is None else self.timeline.link_at(event.t_s)
+        if event is None or link is None or self._dc is None:
+            return
+        settings = link.settings(self._study.converter, self._study.filter)
+        dc, again = self._dc.dc, link.recharged(settings) if "dc_charge" in event.of_dc else {}
+        self._dc = self._dc._replace(link=settings, dc=dc._replace(memory=dc.memory._replace(**again)))
 
     def _from(self, t_s: float) -> float:
         """An instant behind a change that lies beside it."""
