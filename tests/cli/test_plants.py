@@ -126,7 +126,7 @@ def test_a_load_is_behind_the_reactance_of_one_unit(tmp_path: Path) -> None:
     assert found.filter.L_2 > alone.filter.L_2
 
 
-@pytest.mark.parametrize("verb", ["comply", "compare"])
+@pytest.mark.parametrize("verb", ["compare"])
 def test_other_verbs_refuse_a_plant(tmp_path: Path, verb: str) -> None:
     done = CliRunner().invoke(main, [verb, str(study_file(tmp_path, PLANT)), "--out", str(tmp_path / "out")])
     assert done.exit_code != 0

@@ -51,6 +51,8 @@ class Subject:
     study: Study
     spec: ControllerSpec
     ready: Ready = NOTHING
+    units: int = 1
+    """Equal units of a plant, of which the converter is one: all move alike, and then each is on x_t + N Z_g."""
 
     @cached_property
     def own_study(self) -> Study:

@@ -46,6 +46,8 @@ class SuiteJob(Job[int, dict[str, Any]]):
     """Survival maps that are drawn of every controller: names of :data:`vsgdesign.campaigns.compliance.maps.KINDS`."""
     comtrade: str | None = None
     """Of :data:`vsgdesign.artifacts.comtrade.FORMS`, if every run is written in it, too, beside its trace."""
+    units: int = 1
+    """Equal units of a plant, of which the converter is one."""
 
     what = RUNS
 
@@ -88,7 +90,9 @@ class SuiteJob(Job[int, dict[str, Any]]):
         """The controllers. What the studies of their tests have in common is read once, and goes with them to other
         processes."""
         ready = Ready(tables=self.tables)
-        found = tuple(Subject(study=self.study, spec=spec, ready=ready) for spec in self.study.controllers)
+        found = tuple(
+            Subject(study=self.study, spec=spec, ready=ready, units=self.units) for spec in self.study.controllers
+        )
         for one in found:
             with suppress(StudyError):  # its rows say why it cannot be read
                 _ = one.base
@@ -118,7 +122,7 @@ class SuiteJob(Job[int, dict[str, Any]]):
         if study.verification is not None:  # a set, whose order is another in each process
             study = replace(study, verification=replace(study.verification, given=frozenset()))
         tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
-        parts = package_hash(), study, tables, self.suites, self.block, self.maps, self.comtrade
+        parts = package_hash(), study, tables, self.suites, self.block, self.maps, self.comtrade, self.units
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 

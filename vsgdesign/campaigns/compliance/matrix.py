@@ -21,8 +21,8 @@ from vsgdesign.campaigns.compliance.rows import (
     Check,
     Row,
 )
-from vsgdesign.campaigns.compliance.run import TestRun, nfp_of, run_test
-from vsgdesign.campaigns.compliance.suite import Criterion, Source, Suite, SuiteTest
+from vsgdesign.campaigns.compliance.run import TestRun, differential_rests, nfp_of, run_test
+from vsgdesign.campaigns.compliance.suite import OURS, Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import CircuitError, StudyError
 from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.survival import SURVIVED
@@ -73,10 +73,30 @@ def judge(subject: Subject, suite: Suite, run: TestRun) -> Judged:
         check, limit = _checked(criterion, given)
         checks.append(check)
         limits += [] if limit is None else [limit]
+    if subject.units > 1:
+        checks.append(_against_each_other(subject, run))
     verdict = _of_checks(checks)
     row = _row(subject, suite, test, verdict, _why(run, checks), tuple(checks), survival.status)
     row = replace(row, peak_pu=survival.peak_pu)
     return Judged(row, Evidence(trace=run.trace, limits=tuple(limits)))
+
+
+def _against_each_other(subject: Subject, run: TestRun) -> Check:
+    """The slowest mode of the units of a plant against each other, which does not show while all move alike, at the
+    rests before and after the test."""
+    found = differential_rests(run, subject.lead_s)
+    verdict = INFORMATIONAL if isinstance(found, str) else PASS if found > 0.0 else FAIL
+    return Check(
+        measure="units_against_each_other",
+        label="slowest decay of the units against each other",
+        value=None if isinstance(found, str) else found,
+        unit="1/s",
+        at_least=0.0,
+        ours=True,
+        limit_of=OURS,
+        verdict=verdict,
+        why=found if isinstance(found, str) else "",
+    )
 
 
 def _why(run: TestRun, checks: Sequence[Check]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from vsgdesign.equations.frames import clarke_inverse, rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import CircuitError, InfeasibleStudyError, SimulationDivergedError, StudyError
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loops import network_frequency_perturbation
 from vsgdesign.metrics.step_response import unwrapped
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
@@ -193,6 +194,29 @@ def _between_rows(
 def _largest(values: Array, every: int) -> Array:
     """The largest of every so many values, in a third of the time of a reduction over a short axis."""
     return functools.reduce(np.maximum, [values[k::every] for k in range(every)])
+
+
+def differential_rests(run: TestRun, lead_s: float) -> float | str:
+    """The slowest decay (1/s) of equal units against each other, each on its R_2 and L_2 alone (:eq:`plant-split`): at
+    the powers, voltages and frequencies before the test and at its end, with the gains in force there. A text says why
+    there is none."""
+    simulation = run.simulation
+    if simulation is None or not run.survival.survived:
+        return "the run does not end at a rest"
+    if (run.survival.limited_at_end or 0.0) > 0.0:
+        return "the current limit acts at the end, which no linear model knows"
+    if run.study.filter.L_2 == 0.0:
+        return "nothing lies between the units"
+    rows = [max(int(np.searchsorted(simulation.t_s, lead_s)) - 1, 0), -1]
+    P, Q, V, omega = (simulation.column(name)[rows] for name in ("P", "Q", "V_rms", "omega"))
+    t_s = simulation.t_s[rows]
+    gains = [
+        [one.gains for one in simulation.gain_changes if one.t_s <= at or one.t_s == 0.0][-1] for at in t_s.tolist()
+    ]
+    each = PowerLoopGains(*np.array(gains).T)
+    free = replace(run.study, converter=replace(run.study.converter, current_limit_pu=None))
+    slowest = differential_modes(free, each, P, Q, V, omega).real.max()
+    return float(-slowest) if np.isfinite(slowest) else "a unit alone on its own path has no steady state"
 
 
 Complex = NDArray[np.complexfloating[Any, Any]]

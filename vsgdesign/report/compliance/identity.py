@@ -41,7 +41,7 @@ def validity(document: Document) -> tuple[str, ...]:
     bridge, source = converter.get("bridge"), converter.get("dc_source")
     link = f"{dc_link_text(source)} {_MEASURED}{', and they limit nothing' if source is None else ''}."
     said = [{"averaged": _AVERAGED}.get(bridge, _SWITCHED)] if bridge else []
-    return (*VALIDITY[:1], *said, *VALIDITY[1:3], link, *VALIDITY[3:])
+    return (*VALIDITY[:1], *said, *VALIDITY[1:3], link, *VALIDITY[3:], *document.get("notes", ()))
 
 
 def identity_tables(document: Document) -> list[Table]:

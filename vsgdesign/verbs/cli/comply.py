@@ -82,7 +82,7 @@ def comply(
     from vsgdesign.verbs.pipeline.comply import ALL, WORK, Asked, comply_study, suites_of
 
     suites_of(suites or (ALL,))  # what is wrong with a suite is said before the inner loops are designed
-    study = load(study_file, quiet=as_json)
+    study = load(study_file, quiet=as_json, plants="whole")
     folder = Path("out") / f"{study.name}-compliance" if out is None else Path(out)
     asked = Asked(
         suites=suites or (ALL,), controllers=controllers, maps=maps, cases=cases, file=study_file, comtrade=comtrade

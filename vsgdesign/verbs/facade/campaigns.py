@@ -264,11 +264,11 @@ def comply(
     """
     from vsgdesign.artifacts.comtrade import FORMS
     from vsgdesign.verbs.pipeline.comply import CASES, WORK, Asked, comply_study
-    from vsgdesign.verbs.pipeline.one_unit import alone
+    from vsgdesign.verbs.pipeline.one_unit import as_one_converter
 
     known_word("cases", cases, CASES)
     file = str(study) if isinstance(study, str | Path) else None
-    study = alone(given_study(study, "comply"), "comply")
+    study = as_one_converter(given_study(study, "comply"))
     folder = _place(study, out, WORK)
     if comtrade is not None:
         known_word("comtrade", comtrade, FORMS)

@@ -21,6 +21,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError, WorkerError
 from vsgdesign.execution.progress import Progress
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.verbs.pipeline.one_unit import written_as_unit
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
     from vsgdesign.campaigns.compliance.job import SuiteJob
@@ -89,7 +90,8 @@ def comply_study(
 
     begin = time.perf_counter()
     suites = suites_of(asked.suites)
-    study = study_for_suites(study, asked.controllers)
+    units = 1 if study.plant is None else len(study.plant.units)
+    study = study_for_suites(written_as_unit(study, VERB), asked.controllers, units)
     given = [path for path in asked.suites if os.path.isfile(path)]
     with ExitStack() as held:
         inputs = *study.input_files, *given
@@ -97,7 +99,9 @@ def comply_study(
         tables = _tables(study, ready, workers, progress, say)
         maps = tuple(KINDS) if asked.maps else ()
         form = asked.comtrade
-        job = SuiteJob(study=study, tables=tables, suites=suites, folder="", block=BLOCK, maps=maps, comtrade=form)
+        job = SuiteJob(
+            study=study, tables=tables, suites=suites, folder="", block=BLOCK, maps=maps, comtrade=form, units=units
+        )
         # The journal goes after the folder is in its place: an interruption in between loses no finished test.
         journal = held.enter_context(journal_of(job, out, WORK, fresh=fresh, say=say))
         folder = held.enter_context(staged_folder(out, VERB, inputs=inputs))
@@ -147,9 +151,9 @@ def suites_of(names: Iterable[str]) -> tuple[Suite, ...]:
     return tuple(found)
 
 
-def study_for_suites(study: Study, controllers: Sequence[str] = ()) -> Study:
-    """The study with these controllers, or with all, in its own order. Raises StudyError with every reason why it
-    cannot go through a suite."""
+def study_for_suites(study: Study, controllers: Sequence[str] = (), units: int = 1) -> Study:
+    """The study with these controllers, or with all, in its own order. ``units``: of its plant, of which it is one.
+    Raises StudyError with every reason why it cannot go through a suite."""
     known, faults = [spec.name for spec in study.controllers], []
     for name in controllers:
         if name not in known:
@@ -165,6 +169,12 @@ def study_for_suites(study: Study, controllers: Sequence[str] = ()) -> Study:
     if not study.network.plain:
         problem = "a suite has the load, the faults and the breaker that its tests say"
         faults.append(Fault("network", "", problem, "Give a study without [network]."))
+    shared = study.estimator is None or study.estimator.probe is None or not study.estimator.probe.neighbours
+    for spec in study.controllers if units > 1 and not shared else ():
+        if spec.estimate != "truth" and (not controllers or spec.name in controllers):
+            problem = "units with probes of their own do not move alike, as those of a suite do"
+            advice = 'Give estimate = "truth", or plant.estimators = "common".'
+            faults.append(Fault(f"controllers.{spec.name}.estimate", spec.estimate, problem, advice))
     if study.origin is None:
         problem = "was built from its parts and not read from a document"
         faults.append(Fault("study", "", problem, "Use vd.load."))
@@ -223,8 +233,21 @@ def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked) -> dict[str, A
         "summary": summary_of(rows),
         "limits": limits_of(rows),
         "maps": in_order(whole, "map"),
-        "notes": [*_replaced_estimators(study), *in_order(whole, "note")],
+        "notes": [*_of_plant(job), *_replaced_estimators(study), *in_order(whole, "note")],
     }
+
+
+def _of_plant(job: SuiteJob) -> list[str]:
+    """What a run of a plant is."""
+    if job.units == 1:
+        return []
+    return [
+        f"The plant has {job.units} equal units, and every event is at their common node or of all of them, so all "
+        f"move alike: each run is that of one unit, with its transformer in L_2 and R_2, on {job.units} times the "
+        "impedance of the grid, which is exact. Powers, loads and SCR are per unit of the plant, and the PCC is the "
+        "common node. The verdict is that of every unit, and each row also asks that the units against each other come "
+        "to rest, which such a run does not show."
+    ]
 
 
 def _replaced_estimators(study: Study) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation.units.timeline import plant_timeline
@@ -31,6 +31,28 @@ def as_unit(study: Study, what: str) -> Study:
             "and of the events. vsgdesign simulate runs it with its modes."
         )
     return replace(plant_timeline(study).units[0], name=study.name)
+
+
+def written_as_unit(study: Study, what: str) -> Study:
+    """:func:`as_unit` with the document of this one converter, for what reads or writes studies of it: x_t in its
+    filter, and N Z_g as its grid."""
+    own, origin = as_unit(study, what), study.origin
+    if study.plant is None or origin is None:
+        return own
+    document = {key: value for key, value in origin.document.items() if key not in ("plant", "network", "verification")}
+    grid = {key: value for key, value in document["grid"].items() if key not in ("scr", "x_over_r")}
+    asked = document.get("specification")
+    if asked is not None:
+        document["specification"] = {key: value for key, value in asked.items() if key != "differential_decay"}
+    f, simulation = own.filter, {"P_ref": own.simulation.P_ref, "Q_ref": own.simulation.Q_ref}
+    document |= {
+        "filter": {"kind": "LCL" if f.L_2 > 0.0 else "LC"}
+        | {one.name: getattr(f, one.name) for one in fields(f) if one.name[-1] != "2" or f.L_2 > 0.0},
+        "grid": grid | {"R_g": own.grid.R_g, "L_g": own.grid.L_g},
+        "simulation": document["simulation"] | simulation,
+        "events": [event.document(own.converter) for event in own.events if event.changed or event.grid is not None],
+    }
+    return replace(own, origin=replace(origin, document=document))
 
 
 def with_tables_left(study: Study, say: Callable[[str], None] | None = None) -> Study:
