@@ -12,6 +12,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.region import Region, region_faults
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.runtime.guards import settings_of
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
@@ -66,6 +67,35 @@ def on_basis_of_table(study: Study, controller: str | None, ready: Ready = NOTHI
     table, asked = ready.tables.get(chosen[-1].name), study.specification
     basis = table.base.scr_basis if table is not None else study.scr_basis if asked is None else asked.scr_basis
     return replace(study, scr_basis=basis)
+
+
+_SINGLE = 2.0**-22
+"""How much less of a limit a scheduler may keep, which holds its numbers in single precision, rounded inwards."""
+
+
+def within_scheduler(study: Study, region: Region, table: GainTable | None) -> tuple[Study, Region]:
+    """The study and the region with the limits of V, P and Q that a table's scheduler keeps.
+
+    It keeps them in single precision, rounded inwards. A proof makes gains of V, P and Q as they are, so that it must
+    not reach beyond. Limits that differ by more than this rounding stay as they are.
+    """
+    if table is None:
+        return study, region
+    box, c = settings_of(table), study.converter
+    V_low, V_high = _inwards(c.V_limits_rms, box.V_rms)
+    rated = c.V_rated_rms
+    converter = replace(c, V_min_pu=V_low / rated, V_max_pu=V_high / rated)
+    kept = study if (V_low, V_high) == c.V_limits_rms else replace(study, converter=converter)
+    return kept, replace(region, P=_inwards(region.P, box.P), Q=_inwards(region.Q, box.Q))
+
+
+def _inwards(asked: tuple[float, float], kept: tuple[float, float]) -> tuple[float, float]:
+    low, high = asked
+    if low < kept[0] <= low + _SINGLE * abs(low):
+        low = kept[0] + 1e-12 * abs(kept[0])  # stays inside when it is divided and multiplied again
+    if high > kept[1] >= high - _SINGLE * abs(high):
+        high = kept[1] - 1e-12 * abs(kept[1])
+    return low, high
 
 
 def beyond_table(region: Region, table: GainTable | None) -> Iterator[str]:

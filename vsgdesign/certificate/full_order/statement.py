@@ -19,7 +19,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.proof_file import ProofFile, packed, proved_table
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.certificate.asked import beyond_table
+from vsgdesign.certificate.asked import beyond_table, within_scheduler
 from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.full_order.cells import Arcs
 from vsgdesign.certificate.full_order.points import least_decay
@@ -263,6 +263,7 @@ def prove_full_order(
     has something that the proof does not know, or where a point decays more slowly than is asked.
     """
     until = None if seconds is None else time.time() + seconds
+    study, region = within_scheduler(study, region, ready.tables.get(spec.name))
     _known(study, spec, region, ready)
     system, _ = prepared(study, spec, region, ready, None, decay)
     own = study.with_limit_of(spec)
@@ -325,7 +326,7 @@ def _drawn_in(study: Study, region: Region, table: GainTable) -> list[Fault]:
         ("Q", box.Q, region.Q),
         ("V_rms", box.V_rms, study.converter.V_limits_rms),
     ):
-        if asked[0] < own[0] - 1e-9 * abs(own[0]) or asked[1] > own[1] + 1e-9 * abs(own[1]):
+        if asked[0] < own[0] or asked[1] > own[1]:
             limit = f"must hold {asked[0]:g} to {asked[1]:g}: gains are made of the values as they are"
             faults.append(Fault(f"table's box of {name}", f"{own[0]:g} to {own[1]:g}", limit))
     return faults

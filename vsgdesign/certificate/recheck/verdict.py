@@ -12,6 +12,7 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.proof_file import LEFT, PROVED, ProofFile, proved_table
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.certificate.asked import within_scheduler
 from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.full_order.points import decays_at, least_decay
 from vsgdesign.certificate.recheck.checking import LEAST_SECONDS, Checked, check_boxes
@@ -116,6 +117,7 @@ def _read(proof: ProofFile, study: Study, table: GainTable | None) -> tuple[Loop
     if spec is None:
         raise ValueError(f"controller {statement['controller']!r} is none of the study's")
     ready = Ready(tables={} if table is None else {spec.name: table})
+    study, _ = within_scheduler(study, region, table)
     system, _ = prepared(study, spec, region, ready, None, None)
     study, limits = study.with_limit_of(spec), system.static
     loops = Loops(
@@ -157,7 +159,7 @@ def _drawn_in(loops: Loops) -> Iterator[str]:
         ("Q", box.Q, loops.region.Q),
         ("V_rms", box.V_rms, c.V_limits_rms),
     ):
-        if asked[0] < own[0] - 1e-9 * abs(own[0]) or asked[1] > own[1] + 1e-9 * abs(own[1]):
+        if asked[0] < own[0] or asked[1] > own[1]:
             yield (
                 f"region: {name} from {asked[0]:g} to {asked[1]:g} is beyond {own[0]:g} to {own[1]:g} of the scheduler"
             )
