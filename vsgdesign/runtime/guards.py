@@ -279,9 +279,9 @@ def _inside(value: float, box: Pair) -> float:
 
 def _single(value: float, towards: float) -> float:
     """The number nearest to the value, on the given side of it, that float32 holds."""
-    rounded = np.float32(value)
+    rounded = float(np.float32(value))  # a comparison of float32 with a number would round the number, too
     over = rounded < value if towards > value else rounded > value
-    return float(np.nextafter(rounded, np.float32(towards)) if over and rounded != value else rounded)
+    return float(np.nextafter(np.float32(rounded), np.float32(towards))) if over else rounded
 
 
 def _faults(s: SchedulerSettings) -> Iterator[str]:
