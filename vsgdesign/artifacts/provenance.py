@@ -15,8 +15,13 @@ _LIBRARIES = ("casadi", "clarabel", "cmaes", "control", "cvxpy", "llvmlite", "nu
 
 def provenance() -> dict[str, str]:
     """Versions by name."""
-    versions = {"vsgdesign": __version__, "python": platform.python_version()}
-    return versions | {name: metadata.version(name) for name in _LIBRARIES}
+    return {"vsgdesign": __version__, "python": platform.python_version()} | _installed()
+
+
+@functools.cache
+def _installed() -> dict[str, str]:
+    """Versions of the libraries by name, which reads a file for each: a design asks for every node."""
+    return {name: metadata.version(name) for name in _LIBRARIES}
 
 
 @functools.cache
