@@ -17,10 +17,12 @@ Graph = Mapping[str, set[str]]
 
 def statements(node: ast.AST) -> Iterator[ast.AST]:
     """Every node that runs: what stands under ``if TYPE_CHECKING`` is for the type checker alone."""
-    yield node
-    for child in ast.iter_child_nodes(node):
-        if not (isinstance(child, ast.If) and ast.unparse(child.test).endswith("TYPE_CHECKING")):
-            yield from statements(child)
+    waiting = [node]
+    while waiting:
+        yield (one := waiting.pop())
+        for child in ast.iter_child_nodes(one):
+            if not (isinstance(child, ast.If) and ast.unparse(child.test).endswith("TYPE_CHECKING")):
+                waiting.append(child)
 
 
 def imported(module: str, source: str, modules: set[str], packages: set[str]) -> set[str]:
