@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from vsgdesign.design.inner.frozen import law_matrix, modes, plants
 from vsgdesign.design.inner.grids import (
     GridBox,
     GridPoint,
@@ -18,19 +19,30 @@ from vsgdesign.design.inner.grids import (
     sampling_ratio,
     study_of,
 )
-from vsgdesign.design.inner.promises import PromiseReached, check_gains, limiting, score_of, targets
+from vsgdesign.design.inner.promises import (
+    DAMPING,
+    PromiseReached,
+    check_gains,
+    controller_settings,
+    limiting,
+    score_of,
+    targets,
+)
 from vsgdesign.design.inner.search import FINE, Effort, search
+from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
-from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
+from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order, steady_cells
+from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.metrics.met import score_met
 from vsgdesign.metrics.modes import least_damping, to_continuous
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import Place
-from vsgdesign.study.parameters.study import ClosedFormTarget
+from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 
 CHECKED = (7, 7)
 """SCR × X/R of the check."""
@@ -84,18 +96,7 @@ def check_full_order(
     target = target or angle_damped_target(settling_time, converter.omega_n)
     study = study_of(converter, filter_, gains, omega_t, box, target=target)
     points = lattice(box, *CHECKED) if grids is None else tuple(grids)
-    requested, where = [], []
-    for scr, x_over_r in points:
-        grid = Place(scr, x_over_r, box.basis).grid(converter)
-        for share in powers_pu:
-            P = share * converter.S_rated
-            power_gains = closed_form_schedule(study, target, P, 0.0).gains_over(
-                np.array([grid.R_g]), np.array([grid.L_g])
-            )
-            values = type(power_gains)(*(float(np.ravel(value)[0]) for value in power_gains))
-            if all(np.isfinite(value) for value in values):
-                requested.append(Cell(grid, values, P, 0.0))
-                where.append((scr, x_over_r, P))
+    requested, where = _cells(study, target, points, box.basis, powers_pu)
     model = linearise_full_order(study, requested)
     at = [where[k] for k in model.index]
     s = to_continuous(np.linalg.eigvals(model.A) if len(at) else np.ones((0, 1)), model.T_s)
@@ -114,6 +115,63 @@ def check_full_order(
         scr=scr,
         x_over_r=x_over_r,
         P=P,
+    )
+
+
+def _cells(
+    study: Study, target: ClosedFormTarget, points: Sequence[GridPoint], basis: str, powers_pu: Sequence[float]
+) -> tuple[list[Cell], list[tuple[float, float, float]]]:
+    """Cells with closed-form power loops that know the grid, and SCR, X/R and P (W) of each."""
+    converter = study.converter
+    requested, where = [], []
+    for scr, x_over_r in points:
+        grid = Place(scr, x_over_r, basis).grid(converter)
+        for share in powers_pu:
+            P = share * converter.S_rated
+            power_gains = closed_form_schedule(study, target, P, 0.0).gains_over(
+                np.array([grid.R_g]), np.array([grid.L_g])
+            )
+            values = type(power_gains)(*(float(np.ravel(value)[0]) for value in power_gains))
+            if all(np.isfinite(value) for value in values):
+                requested.append(Cell(grid, values, P, 0.0))
+                where.append((scr, x_over_r, P))
+    return requested, where
+
+
+def check_apart(
+    converter: Converter,
+    filter_: Filter,
+    gains: InnerLoopGains,
+    omega_t: float,
+    box: GridBox,
+    *,
+    settling_time: float,
+    decay: float,
+) -> tuple[PromiseReached, PromiseReached]:
+    """What the inner loops keep between equal units at one node, each on its R_2 and L_2 alone, which contain its
+    transformer (:eq:`plant-split`): the damping ratio with the power loops held still, which no grid has a say in, and
+    the slowest decay with the closed-form power loops of the grids and powers of :func:`check_full_order`, of which
+    ``decay`` (1/s) is asked."""
+    f, settings = filter_, controller_settings(converter, filter_)
+    alone = FilterGrid(f.L_1, f.R_1, f.C, f.R_c, f.L_2, f.R_2, 0.0, 0.0)
+    law = law_matrix(InnerLoopGains(*(np.array([one]) for one in gains)), np.array([omega_t]), settings)
+    still = plants([alone], settings, converter.delay_samples, converter.omega_n)
+    damping = float(least_damping(modes(law, still))[0, 0])
+    target = angle_damped_target(settling_time, converter.omega_n)
+    study = study_of(converter, filter_, gains, omega_t, box, target=target)
+    requested, where = _cells(study, target, lattice(box, *CHECKED), box.basis, POWERS_PU)
+    rests = steady_cells(study, requested)
+    known = [k for k, fault in enumerate(rests.faults) if fault is None]
+    reached, scr, x_over_r = math.nan, math.nan, math.nan
+    if rests.states is not None and known:
+        P, Q, V = (np.asarray(one)[known] for one in (rests.states.P, rests.states.Q, rests.states.V))
+        each = PowerLoopGains(*np.array([requested[k].gains for k in known]).T)
+        growth = np.nan_to_num(differential_modes(study, each, P, Q, V, converter.omega_n).real, nan=math.inf)
+        worst = int(np.argmax(growth))
+        (scr, x_over_r, _), reached = where[known[worst]], -float(growth[worst])
+    return (
+        PromiseReached("damping_apart", damping, DAMPING, damping / DAMPING, math.nan, math.nan),
+        PromiseReached("decay_apart", reached, decay, reached / decay, scr, x_over_r),
     )
 
 

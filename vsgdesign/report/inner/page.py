@@ -244,6 +244,12 @@ PROMISES: dict[str, tuple[str, str]] = {
 }
 """Name and unit of each promise."""
 
+NAMES = PROMISES | {
+    "damping_apart": (f"{PROMISES['damping'][0]}, units against each other", "1"),
+    "decay_apart": ("slowest decay of the units against each other, with closed-form power loops", "1/s"),
+}
+"""The same with what units of a plant keep between them."""
+
 AT_MOST = frozenset({"noise"})
 """Requirements that are upper limits."""
 
@@ -277,12 +283,14 @@ def headline(document: dict[str, Any]) -> str:
 def explanation(document: dict[str, Any]) -> list[str]:
     """The limit and its place, the check with the power loops, and what would help, each in one sentence."""
     limiting, check, sampling = document["limiting"], document["full_order"], document["sampling"]
-    name, unit = PROMISES[limiting["name"]]
+    name, unit = NAMES[limiting["name"]]
     unit = "" if unit == "1" else f" {unit}"
     asked = "at most" if limiting["name"] in AT_MOST else "at least"
+    anywhere = limiting["name"] == "damping_apart"
+    place = "on any grid" if anywhere else f"at SCR {plain(limiting['scr'])}, X/R {plain(limiting['x_over_r'])}"
     lines = [
-        f"The {name} limits: {number(limiting['value'])}{unit} at SCR {plain(limiting['scr'])}, X/R "
-        f"{plain(limiting['x_over_r'])}, where {asked} {plain(limiting['target'])}{unit} is asked."
+        f"The {name} limits: {number(limiting['value'])}{unit} {place}, where {asked} "
+        f"{plain(limiting['target'])}{unit} is asked."
     ]
     lines.append(
         f"With closed-form power loops the full-order model is stable in {check['stable']} of {check['analysed']} "
@@ -305,7 +313,7 @@ def promise_rows(document: dict[str, Any]) -> list[tuple[str, ...]]:
     """Promise, unit, worst, asked, share, SCR, X/R of the worst."""
     rows = []
     for promise in document["promises"]:
-        name, unit = PROMISES[promise["name"]]
+        name, unit = NAMES[promise["name"]]
         sign = "≤" if promise["name"] in AT_MOST else "≥"
         value, share, scr, x_over_r = (_or_nan(promise[key]) for key in ("value", "score", "scr", "x_over_r"))
         asked = f"{sign} {plain(promise['target'], 3)}"

@@ -215,8 +215,13 @@ def of_a_unit(found: Specification, table: TableReader, plant: PowerPlant) -> Sp
     sees, and with the decay of its differential mode."""
     decay = found.differential_decay
     if not table.has("differential_decay") and found.settles and len(plant.units) > 1:
-        decay = _SETTLED / found.settling_time
+        decay = settled_decay(found.settling_time)
     return replace(found, scr=seen_by_a_unit(found.scr, plant), differential_decay=decay)
+
+
+def settled_decay(settling_time: float) -> float:
+    """The decay (1/s) that leaves 2 % after a settling time (s)."""
+    return _SETTLED / settling_time
 
 
 _APART = 2.0

@@ -305,7 +305,7 @@ def inner(study_file: str, out: str | None, what_if: bool, remedies: bool, as_js
     from vsgdesign.verbs.pipeline.inner import assess_inner_loops, inner_document, report_inner_loops
     from vsgdesign.verbs.pipeline.opening import inner_loops_file
 
-    study = load(study_file, quiet=as_json)
+    study = load(study_file, quiet=as_json, plants="whole")
     with nullcontext() if out is None else results_at(out):
         with progress(quiet=as_json) as tell:
             if out is None:

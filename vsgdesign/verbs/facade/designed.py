@@ -153,9 +153,9 @@ def inner(
     is computed; ``remedies``: whether the inner loops of other hardware are designed fully. Raises ArtifactError.
     """
     from vsgdesign.verbs.pipeline.inner import assess_inner_loops, report_inner_loops
-    from vsgdesign.verbs.pipeline.one_unit import alone
+    from vsgdesign.verbs.pipeline.one_unit import as_one_converter
 
-    study = alone(given_study(study, "inner"), "inner")
+    study = as_one_converter(given_study(study, "inner"))
     if out is None:
         return InnerLoops(assess_inner_loops(study, what_if=what_if, remedies=remedies, progress=progress))
     return InnerLoops(report_inner_loops(study, out, what_if=what_if, remedies=remedies, progress=progress))

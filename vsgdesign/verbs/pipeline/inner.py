@@ -11,11 +11,13 @@ from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.metrics.met import score_met
+from vsgdesign.study.parameters.specification import settled_decay
 from vsgdesign.study.parameters.study import InnerLoopRequest, Study
+from vsgdesign.verbs.pipeline.one_unit import as_unit
 
 if TYPE_CHECKING:  # the compiled scores are loaded by who asks for them
     from vsgdesign.campaigns.phase_jumps import PhaseJumps
-    from vsgdesign.design.inner import Alternative, FullOrderCheck, InnerScore, PassiveBand
+    from vsgdesign.design.inner import Alternative, FullOrderCheck, InnerScore, PassiveBand, PromiseReached
 
 VERB = "vsgdesign inner"
 
@@ -35,6 +37,8 @@ class InnerAssessment:
     """Where the output admittance is passive."""
     alternatives: tuple[Alternative, ...] | None
     """The improvement by another sampling, delay or L_2. None if it was not asked for."""
+    apart: tuple[PromiseReached, ...] = ()
+    """What is kept between the units of a plant, of which the study is one."""
     jumps: PhaseJumps | None = None
     """The current after phase jumps; None where no controller limits it, or if it was not asked for."""
 
@@ -46,7 +50,22 @@ class InnerAssessment:
     @property
     def kept(self) -> bool:
         """Whether every promise is kept on every grid and the full order is stable wherever it was analysed."""
-        return score_met(self.score.t) and self.full_order.passed
+        return score_met(self.t) and self.full_order.passed
+
+    @property
+    def promises(self) -> tuple[PromiseReached, ...]:
+        """All of them."""
+        return (*self.score.promises, *self.apart)
+
+    @property
+    def t(self) -> float:
+        """The worst score over promises and grids."""
+        return min(self.score.t, *(one.score for one in self.apart), math.inf)
+
+    @property
+    def limiting(self) -> PromiseReached:
+        """The promise that t is the score of."""
+        return next((one for one in self.apart if one.score == self.t), self.score.limiting)
 
 
 def assess_inner_loops(
@@ -62,13 +81,23 @@ def assess_inner_loops(
     :func:`vsgdesign.campaigns.phase_jumps.phase_jumps`.
 
     The grids are those of the study's request. For given gains they are those of its specification, or SCR 1.2 to 20
-    and X/R 0.3 to 20 without one. This takes about one second, and some seconds more for each alternative.
+    and X/R 0.3 to 20 without one. A plant of equal units is one of them, with its transformer in L_2 and R_2, and then
+    its units against each other are judged, too. This takes about one second, and some seconds more for each
+    alternative. Raises InfeasibleStudyError for any other plant.
     """
     from vsgdesign.campaigns.phase_jumps import phase_jumps
-    from vsgdesign.design.inner import GridBox, check_full_order, passive_band, score_inner_loops, what_would_help
+    from vsgdesign.design.inner import (
+        GridBox,
+        check_apart,
+        check_full_order,
+        passive_band,
+        score_inner_loops,
+        what_would_help,
+    )
     from vsgdesign.design.inner.grids import asked_of, highest_resonance
 
-    tell = progress or silent
+    tell, several = progress or silent, study.plant is not None and len(study.plant.units) > 1
+    study = as_unit(study, VERB)
     request = asked_of(study)
     converter, filter_ = study.converter, study.filter
     box = GridBox(request.scr, request.x_over_r, request.scr_basis)
@@ -82,6 +111,18 @@ def assess_inner_loops(
     passive = passive_band(
         converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
     )
+    spec, apart = study.specification, ()
+    decay = 0.0 if spec is None else spec.differential_decay
+    if several or decay > 0.0:
+        apart = check_apart(
+            converter,
+            filter_,
+            study.inner_gains,
+            study.omega_t,
+            box,
+            settling_time=request.settling_time,
+            decay=decay or settled_decay(request.settling_time),
+        )
     tell("score the inner loops", 1.0)
     found = phase_jumps(study, remedies=remedies, progress=progress) if jumps else None
     alternatives = None
@@ -99,7 +140,7 @@ def assess_inner_loops(
             )
         )
     resonance_hz = highest_resonance(converter, filter_, box) / (2.0 * math.pi)
-    return InnerAssessment(study, request, score, check, resonance_hz, passive, alternatives, found)
+    return InnerAssessment(study, request, score, check, resonance_hz, passive, alternatives, apart, found)
 
 
 def report_inner_loops(
@@ -139,9 +180,9 @@ def inner_document(found: InnerAssessment) -> dict[str, Any]:
         },
         "gains": {**study.inner_gains._asdict(), "omega_t": study.omega_t},
         "kept": found.kept,
-        "score": score.t,
-        "limiting": asdict(score.limiting),
-        "promises": [asdict(promise) for promise in score.promises],
+        "score": found.t,
+        "limiting": asdict(found.limiting),
+        "promises": [asdict(promise) for promise in found.promises],
         "grids": {"stable": int(score.stable.sum()), "of": int(score.stable.size)},
         "full_order": asdict(check),
         "sampling": {

@@ -41,9 +41,10 @@ def written_as_unit(study: Study, what: str) -> Study:
         return own
     document = {key: value for key, value in origin.document.items() if key not in ("plant", "network", "verification")}
     grid = {key: value for key, value in document["grid"].items() if key not in ("scr", "x_over_r")}
-    asked = document.get("specification")
+    asked = own.specification
     if asked is not None:
-        document["specification"] = {key: value for key, value in asked.items() if key != "differential_decay"}
+        seen = {"scr": list(asked.scr), "differential_decay": asked.differential_decay}
+        document["specification"] = document["specification"] | seen
     f, simulation = own.filter, {"P_ref": own.simulation.P_ref, "Q_ref": own.simulation.Q_ref}
     document |= {
         "filter": {"kind": "LCL" if f.L_2 > 0.0 else "LC"}
