@@ -12,7 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.design.test_full_order_proof import ALPHA, MADE, a_table, closed_form, laboratory, places
+from tests.design.test_full_order_proof import (
+    ALPHA,
+    MADE,
+    a_table,
+    closed_form,
+    laboratory,
+    places,
+    units_apart,
+    units_table,
+)
 from vsgdesign.artifacts.proof_file import LEFT, ProofFile, packed, unpacked
 from vsgdesign.certificate import proof_file, prove_full_order, region_of
 from vsgdesign.certificate.full_order.rows import inner_rows
@@ -186,10 +195,10 @@ def compared(of: Any, seed: int = 5) -> tuple[Any, list[float], Any]:
     at, limits, pieces = places(of, seed), problem.system.static, problem.pieces
     loops = Loops(
         study=study,
-        inner=Inner.of(study),
+        inner=Inner.of(study, problem.system.apart),
         region=problem.region,
         schedule=problem.system.schedule,
-        table=None if of in (laboratory, closed_form) else a_table(),
+        table=None if of in (laboratory, closed_form) else units_table() if of is units_apart else a_table(),
         current=limits.current,
         bridge_voltage=limits.bridge_voltage,
         alpha=ALPHA,

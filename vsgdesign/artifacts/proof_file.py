@@ -54,6 +54,8 @@ class ProofFile:
     statement: dict[str, Any]
     coarse_arcs: tuple[float, ...]
     blocks: tuple[dict[str, str], ...]
+    apart: tuple[dict[str, str], ...] = ()
+    """The same of units against each other; none where there is one converter."""
 
 
 def packed(arrays: dict[str, NDArray[Any]]) -> dict[str, str]:
@@ -80,7 +82,10 @@ def unpacked(block: dict[str, str]) -> dict[str, NDArray[Any]]:
 
 
 def _document(value: ProofFile) -> dict[str, Any]:
-    return sorted_plain({"kind": KIND, "schema": SCHEMA, **vars(value)})
+    document = {"kind": KIND, "schema": SCHEMA, **vars(value)}
+    if not value.apart:  # the same of one converter
+        del document["apart"]
+    return sorted_plain(document)
 
 
 def _build(document: dict[str, Any]) -> ProofFile:
@@ -89,12 +94,17 @@ def _build(document: dict[str, Any]) -> ProofFile:
     if not all(isinstance(text, str) for text in texts.values()):
         raise ValueError(f"{', '.join(names)} must be text")
     statement, arcs, blocks = (document[name] for name in ("statement", "coarse_arcs", "blocks"))
+    apart = document.get("apart", ())
     if not isinstance(statement, dict) or not all(map(is_number, arcs)):
         raise ValueError("statement must be a table, and coarse_arcs numbers")
-    if not all(isinstance(block[name], str) for block in blocks for name in COLUMNS):
+    if not all(isinstance(block[name], str) for block in (*blocks, *apart) for name in COLUMNS):
         raise ValueError("blocks must hold packed arrays")
     return ProofFile(
-        statement=statement, coarse_arcs=tuple(map(float, arcs)), blocks=tuple(dict(b) for b in blocks), **texts
+        statement=statement,
+        coarse_arcs=tuple(map(float, arcs)),
+        blocks=tuple(dict(b) for b in blocks),
+        apart=tuple(dict(b) for b in apart),
+        **texts,
     )
 
 
@@ -102,11 +112,12 @@ def _faults(value: ProofFile) -> Iterator[str]:
     edges = np.array(value.coarse_arcs)
     if len(edges) < 2 or edges[0] != 0.0 or not (np.diff(edges) > 0.0).all():
         yield "coarse_arcs: must increase from 0 rad/s"
-    for k, block in enumerate(value.blocks):
-        try:
-            unpacked(block)
-        except ValueError as error:
-            yield f"blocks[{k}].{error}"
+    for name in ("blocks", "apart"):
+        for k, block in enumerate(getattr(value, name)):
+            try:
+                unpacked(block)
+            except ValueError as error:
+                yield f"{name}[{k}].{error}"
 
 
 PROOF_FILE: GuardedFile[ProofFile] = GuardedFile(

@@ -86,11 +86,24 @@ def share_text(share: float) -> str:
 
 
 def full_order_sentence(found: Document | None) -> str:
-    """What was proved of the sampled full-order loop, in a sentence with its model; empty where no proof was tried."""
+    """What was proved of the sampled full-order loop, in a sentence with its model; empty where no proof was tried.
+    Where it is that of equal units, one more sentence is about units against each other."""
     if found is None:
         return ""
     if "reason" in found:
         return f"The sampled full-order loop is not proved: {found['reason']}"
+    apart = found.get("differential")
+    other = "" if apart is None else f" Units against each other, with the gains of these grids: {_one_proof(apart)}"
+    return _one_proof(found) + other
+
+
+def full_order_complete(found: Document) -> bool:
+    """Whether the whole region is proved, of units against each other as well."""
+    apart = found.get("differential")
+    return bool(found["certified"]) and (apart is None or full_order_complete(apart))
+
+
+def _one_proof(found: Document) -> str:
     model = f"{MODEL} ({found['states']} states, inner gains {found['inner_hash']})"
     if found["decay"] == 0.0:
         return f"The sampled full-order loop is not stable everywhere: a mode grows. Model: {model}."
@@ -126,8 +139,9 @@ def full_order_summary(table: GainTable) -> dict[str, Any]:
     found = table.full_order
     if found is None:
         return {}
-    known = {name: found[name] for name in ("certified", "proved", "decay", "inner_hash", "reason") if name in found}
-    return {"full_order": known | {"text": full_order_sentence(found)}}
+    names = "certified", "proved", "decay", "inner_hash", "reason"
+    known, apart = ({name: of[name] for name in names if name in of} for of in (found, found.get("differential", {})))
+    return {"full_order": known | ({"differential": apart} if apart else {}) | {"text": full_order_sentence(found)}}
 
 
 def between_text(between: Document | None) -> str:

@@ -116,9 +116,21 @@ class InnerLoop:
     """det M is divided by (s + divisor)³, 1/s."""
     terms: int
     """Of the series of the exponential."""
+    apart: bool = False
+    """Whether the loop is that of equal units against each other: the rest is that on the grid, and the circuit ends at
+    the units' node (:eq:`full-order-apart`)."""
 
     @classmethod
-    def of(cls, study: Study, rows: InnerRows, filters: Any, alpha: float, divisor: float, fastest: float) -> InnerLoop:
+    def of(
+        cls,
+        study: Study,
+        rows: InnerRows,
+        filters: Any,
+        alpha: float,
+        divisor: float,
+        fastest: float,
+        apart: bool = False,
+    ) -> InnerLoop:
         """Of a study's converter; ``fastest``: the largest size of T_s A, in states over their energy, at the corners
         of the region."""
         c = study.converter
@@ -137,6 +149,7 @@ class InnerLoop:
             alpha=alpha,
             divisor=divisor,
             terms=terms,
+            apart=apart,
         )
 
     @property
@@ -164,14 +177,24 @@ class InnerTapes:
 
     def cells(self, low: Array, high: Array) -> CellForms:
         """What depends on the grid alone in cells between limits (N, 2)."""
+        size, inverse, step, rest = self._at(low, high)
+        if self.loop.apart:
+            # No grid: the first coordinate is zero. What is at rest there is not used.
+            none = np.zeros_like(low)
+            none[:, 1] = 1.0  # any angle
+            step = self._at(none, none)[2]
+        transition, driven = tuple(step[:9]), tuple(step[9:])
+        return CellForms(size, inverse, transition, driven, (rest[0], rest[1]), (rest[2], rest[3]), (rest[4], rest[5]))
+
+    def _at(self, low: Array, high: Array) -> tuple[Values, Values, list[Values], list[Values]]:
+        """\\|Z_g\\| and its inverse, the circuit's step, and what is at rest in cells between limits (N, 2)."""
         count = len(low)
         first = variable(low[:, 0], high[:, 0], 0)
         across, along = (sine(low[:, 1], high[:, 1], 1, quarter) for quarter in (0, 1))
         size, inverse, *forms = run(self.circuit, [first, across, along], count)
         radii = self._left_out(forms)
         found = run(self.step, [size, inverse, *forms], count, radii)
-        transition, driven, rest = tuple(found[:9]), tuple(found[9:12]), found[12:]
-        return CellForms(size, inverse, transition, driven, (rest[0], rest[1]), (rest[2], rest[3]), (rest[4], rest[5]))
+        return size, inverse, found[:12], found[12:]
 
     def functions(self, cells: CellForms, index: Any, low: Array, high: Array) -> ArcFunctions:
         """The functions on arcs between frequencies (n,) in rad/s, each of the cell at its ``index``."""

@@ -166,7 +166,9 @@ def _part_sizes(programs: FullOrderPrograms, case: int, gains: Array) -> Array:
     """Bounds of what the power loops are made of, (N, _PARTS)."""
     d = DIMENSIONS
     last = 1 + d + d * (d + 1) // 2
-    bounds = np.abs(gains[:, :, 0]) + np.abs(gains[:, :, 1:last]).sum(axis=2) + gains[:, :, last : last + d].sum(axis=2)
+    terms, radii = np.abs(gains[:, :, 1:last]), gains[:, :, last : last + d]
+    with np.errstate(over="ignore"):  # a box that is far too large
+        bounds = np.abs(gains[:, :, 0]) + terms.sum(axis=2) + radii.sum(axis=2)
     found = np.empty((len(gains), _PARTS))
     k = 0
     for n, number in enumerate(programs.numbers[case]):

@@ -68,7 +68,10 @@ def decays_at(study: Study, system: System, points: Array) -> Array:
     lanes = Lanes(
         at.R_g, at.L_g, np.full_like(own, source.V_g_rms), own, points[:, 2], points[:, 3], own, at.V_rms
     )  # fmt: skip
-    return slowest_decay(study, many_steady_states(study, lanes, at.gains), lanes, at.gains)
+    states = many_steady_states(study, lanes, at.gains)
+    if system.apart:  # the same rest, and a circuit that ends at the units' node
+        lanes = lanes._replace(R_g=np.zeros_like(own), L_g=np.zeros_like(own))
+    return slowest_decay(study, states, lanes, at.gains)
 
 
 def least_decay(study: Study, system: System, region: Region, seed: int = 0, count: int = _RANDOM) -> CertificateCell:

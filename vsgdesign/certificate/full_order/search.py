@@ -46,18 +46,20 @@ class Problem:
     def of(cls, study: Study, system: System, region: Region, alpha: float, drawn_to: DrawnTo | None = None) -> Problem:
         """With the circle \\|z\\| = exp(−alpha T_s); alpha in 1/s. ``drawn_to``: limits of a table's scheduler."""
         filters = power_filter(study, True), power_filter(study, False)
-        fastest = fastest_step(study.circuit(), study.converter.T_s, *_corners(study, region))
-        loop = InnerLoop.of(study, inner_rows(study), filters, alpha, max(4.0, 3.0 * alpha), fastest)
+        fastest = fastest_step(study.circuit(), study.converter.T_s, *_corners(study, system, region))
+        divisor = max(4.0, 3.0 * alpha)
+        loop = InnerLoop.of(study, inner_rows(study), filters, alpha, divisor, fastest, system.apart)
         pieces = pieces_of(system, region, drawn_to)
         programs = full_order_programs(system, region, pieces.drawn, filters[0] != filters[1])
         return cls(system, region, loop, InnerTapes.of(loop), programs, pieces)
 
 
-def _corners(study: Study, region: Region) -> tuple[Array, Array]:
-    """R_g (Ω) and L_g (H) at the corners of the region."""
+def _corners(study: Study, system: System, region: Region) -> tuple[Array, Array]:
+    """R_g (Ω) and L_g (H) at the corners of the region, and of no grid where the loop is one of units."""
     c = study.converter
     scr, ratio = (np.array(axis) for axis in (np.repeat(region.scr, 2), np.tile(region.x_over_r, 2)))
-    return SCR_BASES[study.scr_basis].grid(scr, ratio, c.Z_base, c.omega_n)
+    R_g, L_g = SCR_BASES[study.scr_basis].grid(scr, ratio, c.Z_base, c.omega_n)
+    return (np.append(R_g, 0.0), np.append(L_g, 0.0)) if system.apart else (R_g, L_g)
 
 
 @dataclass

@@ -98,16 +98,20 @@ class FullOrderProof:
     delay: int
     blocks: tuple[dict[str, str], ...] = ()
     """The tree of boxes and the arcs, as a proof's file keeps them (:mod:`vsgdesign.artifacts.proof_file`)."""
+    differential: FullOrderProof | None = None
+    """The same of equal units against each other, with the gains of these grids (:eq:`plant-split`); None: one
+    converter."""
 
     @property
     def complete(self) -> bool:
-        """Whether the whole region is proved."""
-        return not self.left
+        """Whether the whole region is proved, of units against each other as well."""
+        return not self.left and (self.differential is None or self.differential.complete)
 
     @property
     def unstable(self) -> bool:
-        """Whether the slowest point is a counterexample."""
-        return not (self.slowest.decay or 0.0) > 0.0
+        """Whether the slowest point is a counterexample, or that of units against each other."""
+        own = not (self.slowest.decay or 0.0) > 0.0
+        return own or (self.differential is not None and self.differential.unstable)
 
     @property
     def inner_hash(self) -> str:
@@ -119,7 +123,7 @@ class FullOrderProof:
         return plain(
             {
                 "model": "full",
-                "certified": self.complete,
+                "certified": not self.left,
                 "controller": self.controller,
                 "region": self.region.as_document(),
                 "static_limits": asdict(self.limits),
@@ -135,6 +139,7 @@ class FullOrderProof:
                 "inner_hash": self.inner_hash,
                 "delay_samples": self.delay,
             }
+            | ({} if self.differential is None else {"differential": self.differential.as_document()})
         )
 
 
@@ -147,13 +152,16 @@ _DECIDING = (
 
 @dataclass(frozen=True, kw_only=True)
 class FullOrderJob(Job[int, dict[str, Any]]):
-    """The proof in blocks of cells. A part has, by the number of its block, what was found there."""
+    """The proof in blocks of cells. A part has, by the number of its block, what was found there. With ``apart`` the
+    blocks of the loop on the grids are followed by as many of units against each other."""
 
     study: Study
     spec: ControllerSpec
     tables: Mapping[str, GainTable]
     region: Region
     decay: float
+    apart: float | None = None
+    """The decay of units against each other, 1/s; None: they are no part of the proof."""
     until: float | None = None
     """Seconds of :func:`time.time` after which no block is begun or ended."""
 
@@ -166,37 +174,52 @@ class FullOrderJob(Job[int, dict[str, Any]]):
         study = self.study.with_limit_of(self.spec)
         parts = {name: repr(getattr(study, name)) for name in _DECIDING}
         spec = replace(self.spec, table_file=None)
-        asked = (parts, repr(spec), tables, repr(self.region), self.decay)
+        asked = (parts, repr(spec), tables, repr(self.region), self.decay, self.apart)
         return hashlib.sha256(repr((asked, package_hash())).encode()).hexdigest()
 
     @functools.cached_property
-    def problem(self) -> Problem:
-        """What is to be proved."""
+    def problems(self) -> tuple[Problem, ...]:
+        """What is to be proved, of each mode."""
         system, _ = prepared(self.study, self.spec, self.region, Ready(tables=dict(self.tables)), None, self.decay)
         table = self.tables.get(self.spec.name)
         box = None if table is None else settings_of(table)
         drawn_to = None if box is None else (box.scr, box.r_over_x)
-        return Problem.of(self.study.with_limit_of(self.spec), system, self.region, self.decay, drawn_to)
+        study = self.study.with_limit_of(self.spec)
+        modes = [(system, self.decay)]
+        if self.apart is not None:
+            modes.append((replace(system, apart=True), self.apart))
+        return tuple(Problem.of(study, one, self.region, decay, drawn_to) for one, decay in modes)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "problem"}
+        return {name: value for name, value in vars(self).items() if name not in ("problems", "_beginning")}
 
     @functools.cached_property
     def _beginning(self) -> list[Waiting]:
-        return beginning(self.problem)
+        return beginning(self.problems[0])  # of both modes: the pieces are those of the grids and the schedule
 
     @property
     def blocks(self) -> range:
         """Numbers of all blocks."""
-        return range(-(-len(self._beginning) // _BLOCK))
+        return range(self._in_a_mode * len(self.problems))
+
+    @property
+    def _in_a_mode(self) -> int:
+        return -(-len(self._beginning) // _BLOCK)
+
+    def _problem(self, block: int) -> Problem:
+        return self.problems[block // self._in_a_mode]
 
     def _cells(self, block: int) -> list[Waiting]:
-        return self._beginning[_BLOCK * block : _BLOCK * (block + 1)]
+        k = _BLOCK * (block % self._in_a_mode)
+        return self._beginning[k : k + _BLOCK]
 
-    def not_looked_at(self, parts: Mapping[str, Any]) -> list[list[Any]]:
-        """The cells of blocks that are not finished, as what is left of a part."""
-        cells = [one for block in self.left(dict(parts)) for one in self._cells(block)]
-        return [_row(self.problem, one, "time") for one in cells]
+    def of_mode(self, mode: int, parts: Mapping[str, Any]) -> tuple[list[Any], list[list[Any]]]:
+        """What was found of a mode, and the cells of its blocks that are not finished, as what is left of a part."""
+        count = self._in_a_mode
+        own = range(count * mode, count * (mode + 1))
+        cells = [(block, one) for block in self.left(dict(parts)) if block in own for one in self._cells(block)]
+        found = [parts[str(block)] for block in own if str(block) in parts]
+        return found, [_row(self._problem(block), one, "time") for block, one in cells]
 
     def size(self, block: int, /) -> int:
         """A millionth of the volume counts as one."""
@@ -204,13 +227,13 @@ class FullOrderJob(Job[int, dict[str, Any]]):
 
     def run(self, block: int) -> dict[str, Any]:
         """What a search finds in some cells."""
-        found = Found()
-        begin, coarse = self._cells(block), Arcs.coarsest(self.problem.loop.T_s)
+        found, problem = Found(), self._problem(block)
+        begin, coarse = self._cells(block), Arcs.coarsest(problem.loop.T_s)
         waiting, most = begin, _MOST_LOOKS if self.until is None else _STEP
         while waiting and found.looked < _MOST_LOOKS:
             if self.until is not None and time.time() > self.until:
                 return {}
-            waiting = search(self.problem, waiting, found, most_looks=min(found.looked + most, _MOST_LOOKS))
+            waiting = search(problem, waiting, found, most_looks=min(found.looked + most, _MOST_LOOKS))
         left = [*found.left, *((one, "boxes") for one in waiting)]
         return {
             str(block): {
@@ -219,8 +242,8 @@ class FullOrderJob(Job[int, dict[str, Any]]):
                 "values": found.values,
                 "cells": len(found.cells),
                 "boxes": sum(map(len, found.boxes)),
-                "left": [_row(self.problem, one, why) for one, why in left],
-                "record": packed(arrays_of(begin, self.problem.pieces, found, coarse.edges)),
+                "left": [_row(problem, one, why) for one, why in left],
+                "record": packed(arrays_of(begin, problem.pieces, found, coarse.edges)),
             }
         }
 
@@ -242,13 +265,14 @@ def _row(problem: Problem, one: Waiting, why: str) -> list[Any]:
     return [*one.low.tolist(), *one.high.tolist(), *powers, frequency, float(boxes.share.sum()), why]
 
 
-def prove_full_order(
+def prove_full_order(  # noqa: PLR0913 - those of certify
     study: Study,
     spec: ControllerSpec,
     region: Region,
     *,
     ready: Ready = NOTHING,
     decay: float | None = None,
+    pair: bool = False,
     kept: Callable[[FullOrderJob], AbstractContextManager[Journal[Any]]] | None = None,
     workers: int | None = None,
     cluster: str | None = None,
@@ -257,28 +281,35 @@ def prove_full_order(
 ) -> FullOrderProof:
     """The statement over a region.
 
-    ``decay`` in 1/s; None: half of the least one that a search finds. ``kept`` opens the journal in which finished
-    blocks are kept. After ``seconds`` what is not looked at is left out of the statement, and the journal stays. Raises
-    StudyError where the region or the decay is wrong, InfeasibleStudyError where the region is empty, where the loop
-    has something that the proof does not know, or where a point decays more slowly than is asked.
+    ``decay`` in 1/s; None: half of the least one that a search finds. ``pair``: it is one unit of several, and what is
+    proved are all units together and, in ``differential``, the units against each other (:eq:`plant-pair`). ``kept``
+    opens the journal in which finished blocks are kept. After ``seconds`` what is not looked at is left out of the
+    statement, and the journal stays. Raises StudyError where the region or the decay is wrong, InfeasibleStudyError
+    where the region is empty, where the loop has something that the proof does not know, or where a point decays more
+    slowly than is asked.
     """
     until = None if seconds is None else time.time() + seconds
     study, region = within_scheduler(study, region, ready.tables.get(spec.name))
     _known(study, spec, region, ready)
     system, _ = prepared(study, spec, region, ready, None, decay)
     own = study.with_limit_of(spec)
-    slowest = least_decay(own, system, region)
-    least = slowest.decay or 0.0
-    if least <= 0.0:
-        return _statement(own, spec, region, system, 0.0, slowest, {})
+    if pair and own.filter.L_2 == 0.0:
+        raise InfeasibleStudyError("nothing lies between the units: there are no modes of units against each other.")
+    modes = [system, replace(system, apart=True)] if pair else [system]
+    slowest = [least_decay(own, one, region) for one in modes]
+    every = [found.decay or 0.0 for found in slowest]
+    if (least := min(every)) <= 0.0:
+        found = [_statement(own, spec, region, one, 0.0, at, [], []) for one, at in zip(modes, slowest, strict=True)]
+        return replace(found[0], differential=found[1] if pair else None)
     if decay is not None and decay >= least:
         raise InfeasibleStudyError(
             f"controller {spec.name}: decay = {decay:g} 1/s does not hold in the sampled full-order model; at most "
             f"{least:.3g} 1/s does. Ask for less, or shrink the region or the error."
         )
     tables = {spec.name: table} if (table := ready.tables.get(spec.name)) is not None else {}
-    goal = _SHARE * least if decay is None else decay
-    job = FullOrderJob(study=study, spec=spec, tables=tables, region=region, decay=goal, until=until)
+    goals = [_SHARE * one if decay is None else decay for one in every]
+    apart = goals[1] if pair else None
+    job = FullOrderJob(study=study, spec=spec, tables=tables, region=region, decay=goals[0], apart=apart, until=until)
     parts: Mapping[str, Any] = {}
     with suppress(_OutOfTimeError), journal_at(job, None) if kept is None else kept(job) as journal:
         left = len(job.left(journal.whole))
@@ -286,8 +317,12 @@ def prove_full_order(
             parts = run_job(job, journal, executor=executor, progress=progress)
         if job.left(parts):
             raise _OutOfTimeError
-    found = _statement(own, spec, region, system, goal, slowest, parts, job.not_looked_at(parts))
-    return found if until is not None else replace(found, left=_searched(own, system, region, found.left))
+    found = []
+    for k, one in enumerate(modes):
+        own_part = _statement(own, spec, region, one, goals[k], slowest[k], *job.of_mode(k, parts))
+        left = own_part.left if until is not None else _searched(own, one, region, own_part.left)
+        found.append(replace(own_part, left=left))
+    return replace(found[0], differential=found[1] if pair else None)
 
 
 class _OutOfTimeError(Exception):
@@ -339,10 +374,9 @@ def _statement(
     system: System,
     decay: float,
     slowest: CertificateCell,
-    parts: Mapping[str, Any],
-    not_looked_at: Sequence[list[Any]] = (),
+    every: Sequence[Mapping[str, Any]],
+    not_looked_at: Sequence[list[Any]],
 ) -> FullOrderProof:
-    every = [parts[name] for name in sorted(parts, key=int)]
     proved = sum(part["proved"] for part in every)
     rest = [row for part in every for row in part["left"]] + list(not_looked_at)
     open_share = sum(row[-2] for row in rest)
@@ -359,7 +393,7 @@ def _statement(
         )
         for row in sorted(rest, key=lambda row: -row[-2])
     ]
-    if not rest and not parts:
+    if not rest and not every:
         left = [LeftPart(scr=region.scr, x_over_r=region.x_over_r, P=region.P, Q=region.Q, share=1.0, reason="boxes")]
     filters = (study.tau_P > 0.0) + (study.tau_Q > 0.0) + 4 * study.has_notch
     return FullOrderProof(
@@ -368,7 +402,7 @@ def _statement(
         limits=system.static,
         decay=decay,
         slowest=slowest,
-        proved=proved / total if parts else 0.0,
+        proved=proved / total if every else 0.0,
         left=tuple(left),
         cells=sum(part["cells"] for part in every),
         boxes=sum(part["boxes"] for part in every),
@@ -390,4 +424,5 @@ def proof_file(study: Study, proof: FullOrderProof, table: GainTable | None) -> 
         statement=proof.as_document(),
         coarse_arcs=tuple(Arcs.coarsest(study.converter.T_s).edges.tolist()),
         blocks=proof.blocks,
+        apart=() if proof.differential is None else proof.differential.blocks,
     )

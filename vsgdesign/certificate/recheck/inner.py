@@ -45,9 +45,11 @@ class Inner:
     """Coefficients of s^0, s^1, … of the bridge voltage by each input, and of the denominator."""
     filters: tuple[tuple[float, NotchConstants], ...]
     """Of P and of Q: 1 − exp(−T/τ), or 1, and the notch."""
+    apart: bool = False
+    """Whether small signals end at the node of equal units, whose rest is the one on the grid."""
 
     @classmethod
-    def of(cls, study: Study) -> Inner:
+    def of(cls, study: Study, apart: bool = False) -> Inner:
         """Of a study's own converter."""
         c, f = study.converter, study.filter
         settings = study.controller_settings()
@@ -68,6 +70,7 @@ class Inner:
             delay=c.delay_samples,
             numerators=_controller(study, float(settings.smoothing_t)),
             filters=tuple((lag, constants) for lag in lags),
+            apart=apart,
         )
 
     @property
@@ -144,20 +147,7 @@ def cells_of(inner: Inner, low: Array, high: Array) -> Cells:
     across, along = (GRID.sine(low[:, 1], high[:, 1], 1, k) for k in (0, 1))
     size = first * inner.Z_base / across if inner.by_reactance else first * inner.Z_base
     R, L = size * along + inner.R_2, size * across * (1.0 / inner.omega_n) + inner.L_2
-    over_L = L.reciprocal()
-    count = len(low)
-    fixed = np.ones(count)
-    scales = np.array([fixed / math.sqrt(inner.L_1), fixed / math.sqrt(inner.C), np.sqrt(np.abs(over_L.centre))])
-    nothing = size * 0.0
-    A: list[list[Polynomial]] = [[nothing] * 3 for _ in range(3)]
-    A[0] = [nothing + x / inner.L_1 for x in (-(inner.R_1 + inner.R_c), -1.0, inner.R_c)]
-    A[1] = [nothing + x / inner.C for x in (1.0, 0.0, -1.0)]
-    A[2] = [over_L * inner.R_c, over_L, -(over_L * (R + inner.R_c))]
-    A = [[A[i][j] * (scales[j] / scales[i]) for j in range(3)] for i in range(3)]
-    bridge = [nothing + 1.0 / inner.L_1 / scales[0], nothing, nothing]
-    source = [nothing, nothing, -over_L * (1.0 / scales[2])]
-    psi = _averaged(A, inner.T)
-    stepping, driven = _matrix(A, psi), [_dot(row, bridge) for row in psi]
+    A, source, stepping, driven, scales = _circuit(inner, R, L)
     turn = np.exp(1j * inner.omega * inner.T)
     start = (turn - 1.0) / inner.T
     by_bridge, det_b = _solved([[start * (i == j) - stepping[i][j] for j in range(3)] for i in range(3)], driven)
@@ -174,9 +164,29 @@ def cells_of(inner: Inner, low: Array, high: Array) -> Cells:
         lambda one: det_g * one[1],
     ):
         rest.append((of(ask[0]), of(ask[1])))
+    if inner.apart:
+        _, _, stepping, driven, scales = _circuit(inner, size * 0.0 + inner.R_2, size * 0.0 + inner.L_2)
     return Cells(
         size, size.reciprocal(), along, across, tuple(map(tuple, stepping)), tuple(driven), scales, tuple(rest)
     )  # fmt: skip
+
+
+def _circuit(inner: Inner, R: Polynomial, L: Polynomial) -> tuple[Any, Any, Any, Any, Array]:
+    """A and the column of the source, (Φ − 1)/T and Γ/T of the bridge with R and L behind the capacitor, all over
+    scaled states; and the scales."""
+    over_L = L.reciprocal()
+    fixed = np.ones(len(over_L.radius))
+    scales = np.array([fixed / math.sqrt(inner.L_1), fixed / math.sqrt(inner.C), np.sqrt(np.abs(over_L.centre))])
+    nothing = R * 0.0
+    A: list[list[Polynomial]] = [[nothing] * 3 for _ in range(3)]
+    A[0] = [nothing + x / inner.L_1 for x in (-(inner.R_1 + inner.R_c), -1.0, inner.R_c)]
+    A[1] = [nothing + x / inner.C for x in (1.0, 0.0, -1.0)]
+    A[2] = [over_L * inner.R_c, over_L, -(over_L * (R + inner.R_c))]
+    A = [[A[i][j] * (scales[j] / scales[i]) for j in range(3)] for i in range(3)]
+    bridge = [nothing + 1.0 / inner.L_1 / scales[0], nothing, nothing]
+    source = [nothing, nothing, -over_L * (1.0 / scales[2])]
+    psi = _averaged(A, inner.T)
+    return A, source, _matrix(A, psi), [_dot(row, bridge) for row in psi], scales
 
 
 def _averaged(A: list[list[Polynomial]], T: float) -> list[list[Polynomial]]:

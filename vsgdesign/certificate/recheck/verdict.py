@@ -45,11 +45,17 @@ class ProofCheck:
     """Share of the boxes' volume that the file has as proved."""
     alpha: float | None = None
     """The decay of its statement, 1/s."""
+    apart: ProofCheck | None = None
+    """The same of units against each other; None where the proof is about one converter. ``faults`` has its faults,
+    too."""
 
     def as_document(self) -> dict[str, Any]:
         """JSON's types."""
         looked = None if self.looked is None else asdict(self.looked)
-        return plain({**vars(self), "looked": looked})
+        apart = {} if self.apart is None else {"apart": self.apart.as_document()}
+        return plain(
+            {name: value for name, value in vars(self).items() if name != "apart"} | {"looked": looked} | apart
+        )
 
 
 def check_proof(
@@ -69,8 +75,28 @@ def check_proof(
     tell = progress or silent
     if proof.table != proved_table(table):
         return ProofCheck(carried=(FOREIGN,))
+    apart = proof.statement.get("differential")
+    found = _check(replace(proof, apart=()), study, table, False, seed, most_seconds, tell)
+    if apart is None and not proof.apart:
+        return found
+    own = replace(proof, statement=apart or {}, blocks=proof.apart, apart=())
+    other = _check(own, study, table, True, seed, most_seconds, tell)
+    faults = (*found.faults, *(f"units against each other: {fault}" for fault in other.faults))
+    return replace(found, faults=faults, apart=other)
+
+
+def _check(
+    proof: ProofFile,
+    study: Study,
+    table: GainTable | None,
+    apart: bool,
+    seed: int,
+    most_seconds: float,
+    tell: Progress,
+) -> ProofCheck:
+    """Of all units together, or of units against each other."""
     try:
-        loops, system = _read(proof, study, table)
+        loops, system = _read(proof, study, table, apart)
     except (KeyError, TypeError, ValueError) as error:
         return ProofCheck(faults=(f"statement: is not what certify writes ({error})",))
     except (StudyError, InfeasibleStudyError) as error:
@@ -99,7 +125,7 @@ def check_proof(
     return ProofCheck(faults=tuple(unconfirmed), looked=looked, decay=least, proved=share, alpha=loops.alpha)
 
 
-def _read(proof: ProofFile, study: Study, table: GainTable | None) -> tuple[Loops, System]:
+def _read(proof: ProofFile, study: Study, table: GainTable | None, apart: bool) -> tuple[Loops, System]:
     """The loops that a statement is about. Raises KeyError, TypeError, ValueError or StudyError."""
     statement, r = proof.statement, proof.statement["region"]
     pairs = [(float(r[name][0]), float(r[name][1])) for name in ("scr", "x_over_r", "P", "Q")]
@@ -122,7 +148,7 @@ def _read(proof: ProofFile, study: Study, table: GainTable | None) -> tuple[Loop
     study, limits = study.with_limit_of(spec), system.static
     loops = Loops(
         study=study,
-        inner=Inner.of(study),
+        inner=Inner.of(study, apart),
         region=region,
         schedule=system.schedule,
         table=table,
@@ -131,7 +157,7 @@ def _read(proof: ProofFile, study: Study, table: GainTable | None) -> tuple[Loop
         alpha=decay,
         divisor=max(4.0, 3.0 * decay),
     )
-    return loops, system
+    return loops, replace(system, apart=apart)
 
 
 def _differences(loops: Loops, system: System, statement: dict[str, Any]) -> Iterator[str]:

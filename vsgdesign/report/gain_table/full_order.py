@@ -23,12 +23,20 @@ _SHOWN = 5
 
 
 def full_order_text(found: FullOrderProof) -> str:
-    """What is proved of the full-order model, and what is not."""
-    head = f"{found.controller}: "
+    """What is proved of the full-order model, and what is not; of several units, together and against each other."""
+    if found.differential is None:
+        return _text(found, f"{found.controller}: ")
+    together = _text(found, f"{found.controller}, all units together: ")
+    return f"{together}\n{_text(found.differential, f'{found.controller}, units against each other: ')}"
+
+
+def _text(found: FullOrderProof, head: str) -> str:
     worst = f"{_where(found.slowest)}"
-    if found.unstable:
+    if not (found.slowest.decay or 0.0) > 0.0:
         growth = -(found.slowest.decay or 0.0)
         return f"{head}Not stable: {worst}, the slowest mode grows at {growth:.3g} 1/s. Model: {MODEL}."
+    if found.decay == 0.0:
+        return f"{head}Not looked at, because the plant is not stable. Model: {MODEL}."
     inner = f"{found.states} states, inner gains {found.inner_hash}"
     circle = f"|z| = exp(−{found.decay:.4g} s⁻¹·T_s)"
     loop = f"every eigenvalue of the loop lies inside {circle}, without a gap between the points"
@@ -42,7 +50,7 @@ def full_order_text(found: FullOrderProof) -> str:
     size = f"Proved on {found.boxes} boxes in {found.cells} cells of grids, with rounding enclosed."
     least = f"The least decay that a search found is {found.slowest.decay:.4g} 1/s, {worst}."
     model = f"Model: {MODEL} ({inner})."
-    if found.complete:
+    if not found.left:
         return f"{head}Proved. Over {grids}, {powers} and {errors}, {loop}.\n{size} {least}\n{model}"
     lines = [
         f"{head}Not proved everywhere. On {share_text(found.proved)} of {grids}, {powers} and {errors}, {loop}.",
@@ -67,6 +75,11 @@ def proof_check_text(path: str, found: ProofCheck) -> str:
         return f"{path}: refused\n" + "\n".join(f"  - {fault}" for fault in found.faults)
     if found.carried:
         return f"{CARRIED}: {', '.join(found.carried)}"
+    text = _confirmed(path, found)
+    return text if found.apart is None else f"{text}\n{_confirmed(f'{path}, units against each other', found.apart)}"
+
+
+def _confirmed(path: str, found: ProofCheck) -> str:
     looked = found.looked
     if looked is None:
         return f"{path}: not looked at"

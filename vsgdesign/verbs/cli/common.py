@@ -161,10 +161,15 @@ def going_on(
 ) -> str | None:
     """How a full-order proof goes on that was not finished in its time; None where there is none, where it is finished,
     or where none can be made. ``follows``: whether a controller of the study takes its gains from a table."""
-    if found is None or found["certified"] or "reason" in found or not found.get("decay"):
+    from vsgdesign.artifacts.table_text import full_order_complete
+
+    if found is None or full_order_complete(found) or "reason" in found or not found.get("decay"):
         return None
-    command = f"vsgdesign certify {table_file} --study {study_file} --model full --decay {found['decay']!r}"
-    done = f"full-order proof: {100.0 * found['proved']:.3g} % of the region"
+    # Without a decay a pair takes those of its own search, which are the same again.
+    decay = "" if "differential" in found else f" --decay {found['decay']!r}"
+    command = f"vsgdesign certify {table_file} --study {study_file} --model full{decay}"
+    proved = min(found["proved"], found.get("differential", found)["proved"])
+    done = f"full-order proof: {100.0 * proved:.3g} % of the region"
     return f"{done}; {command} goes on" if follows else f"{done}; a study that uses the table can go on"
 
 

@@ -229,7 +229,7 @@ def certify(
     The proof is one Lyapunov function for a range of grids, powers and estimate errors. It also says after which steps
     no limit of the controller acts and, for an angle-damped controller with the limiter "projection", on which grids
     the angle returns while the current is limited. Of a plant of equal units there are two proofs, of the units
-    together and against each other, each with a function for every place of the grid.
+    together and against each other; with the reduced model each has a function for every place of the grid.
 
     With --model full it is the sampled full-order loop that is proved, on every grid that rests: processes share the
     work, and an interrupted proof goes on from its finished parts. Its boxes and arcs are kept in a file that "table
@@ -255,22 +255,23 @@ def certify(
     from vsgdesign.verbs.pipeline.verify import with_table
 
     whole = load(file if study_file is None else study_file, plants="whole")
-    unit = _on_the_grid_alone(as_unit(whole, "vsgdesign certify"))
+    several = whole.plant is not None and len(whole.plant.units) > 1
+    if study_file is not None:
+        whole, controller = with_table(whole, file, controller)
+    study = _on_the_grid_alone(as_unit(whole, "vsgdesign certify"))
     if study_file is None:
-        study = with_left_tables(unit, say=echo_aside)
-    else:
-        study, controller = with_table(unit, file, controller)
+        study = with_left_tables(study, say=echo_aside)
     named = Ready(tables=read_tables(study))
     study = on_basis_of_table(study, controller, named)
     spec, region = region_of(study, controller, scr, x_over_r, p_pu, q_pu, error, rate, named, error_z)
     if model == "full":
         if proof is None and study_file is not None:
             proof = str(proof_of(file))
-        _certify_full(study, spec, region, decay, proof, how, as_json)
+        _certify_full(study, spec, region, decay, several, proof, how, as_json)
         return
     with progress(quiet=as_json) as tell:
         ready = study_tables(replace(study, controllers=(spec,)), progress=tell).ready
-        prove = of_a_pair if whole.plant is not None and len(whole.plant.units) > 1 else certify
+        prove = of_a_pair if several else certify
         found = prove(study, spec, region, ready=ready, decay=decay, budget=boxes, progress=tell)
         found = with_steps(study, spec, found, ready=ready, budget=step_budget(boxes), progress=tell)
         swing = large_signal(study, spec, region, ready=ready, budget=boxes, progress=tell)
@@ -293,15 +294,16 @@ def certify(
 
 
 def _certify_full(
-    study: Any, spec: Any, region: Any, decay: float | None, proof: str | None, how: How, as_json: bool
+    study: Any, spec: Any, region: Any, decay: float | None, pair: bool, proof: str | None, how: How, as_json: bool
 ) -> None:
-    """Proves the sampled full-order loop, and ends with exit code 1 where a part of the region is not proved."""
+    """Proves the sampled full-order loop, of a ``pair`` units against each other as well, and ends with exit code 1
+    where a part of the region is not proved."""
     from vsgdesign.report.gain_table.full_order import full_order_text
     from vsgdesign.verbs.pipeline.full_order import WORK, place_of, prove_full
 
     place = place_of(study, spec)
     with results_at(place, lambda: kept_words(place, WORK, "part")), progress(quiet=as_json) as tell:
-        found = prove_full(study, spec, region, decay, proof=proof, progress=tell, **how)
+        found = prove_full(study, spec, region, decay, pair=pair, proof=proof, progress=tell, **how)
     if as_json:
         print_json(found.as_document())
     else:

@@ -205,12 +205,13 @@ def _check_proof(table_file: str | None, study_file: str, proof: str, as_json: b
     from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.verify import with_table
 
-    study = as_unit(load(study_file, plants="whole"), "vsgdesign table check --proof")
+    study = load(study_file, plants="whole")
     table = None
     place = proof
     if table_file is not None:
         table, place = read_table_file(table_file), proof or str(proof_of(table_file))
         study, _ = with_table(study, table_file)
+    study = as_unit(study, "vsgdesign table check --proof")
     with progress(quiet=as_json) as tell:
         found = check_proof_file(place, study, table, progress=tell)
     return found, proof_check_text(place, found)

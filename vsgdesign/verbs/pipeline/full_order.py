@@ -40,22 +40,20 @@ def prove_full(
     decay: float | None = None,
     *,
     proof: str | Path | None = None,
-    workers: int | None = None,
-    cluster: str | None = None,
     fresh: bool = False,
     say: Callable[[str], None] | None = None,
     progress: Progress | None = None,
+    **options: Any,
 ) -> FullOrderProof:
-    """The statement of :func:`vsgdesign.certificate.prove_full_order`, whose errors it raises. An interrupted call
-    goes on from its finished parts; ``fresh`` begins again. ``proof`` is the file for the boxes and arcs; its
-    place is looked at before the work. ``say`` takes a sentence where what is kept is of other work."""
+    """The statement of :func:`vsgdesign.certificate.prove_full_order`, whose ``options`` it takes and whose errors it
+    raises. An interrupted call goes on from its finished parts; ``fresh`` begins again. ``proof`` is the file for the
+    boxes and arcs; its place is looked at before the work. ``say`` takes a sentence where what is kept is of other
+    work."""
     if proof is not None:
         PROOF_FILE.check_target(proof)
     ready = study_tables(replace(study, controllers=(spec,)), progress=progress).ready
     kept = partial(journal_of, out=place_of(study, spec), work=WORK, fresh=fresh, say=say)
-    found = prove_full_order(
-        study, spec, region, ready=ready, decay=decay, kept=kept, workers=workers, cluster=cluster, progress=progress
-    )
+    found = prove_full_order(study, spec, region, ready=ready, decay=decay, kept=kept, progress=progress, **options)
     if proof is not None and not found.unstable:
         PROOF_FILE.write(proof_file(study, found, ready.tables.get(spec.name)), proof)
     return found
@@ -80,6 +78,8 @@ def with_full_order(
     from vsgdesign.certificate import on_basis_of_table, region_of
 
     ready = Ready(tables={spec.name: table})
+    asked = study.specification
+    pair = asked is not None and asked.differential_decay > 0.0
     # A table may be built for a controller of the study that does not follow one.
     spec = replace(spec, kind="scheduled", schedule="table", gains=None, design_grid=None)
     study = on_basis_of_table(replace(study, controllers=(spec,)), spec.name, ready)
@@ -87,17 +87,30 @@ def with_full_order(
         _, region = region_of(study, spec.name, None, None, ready=ready)
         with _kept(study, spec) as kept:
             found = prove_full_order(
-                study, spec, region, ready=ready, kept=kept, workers=workers, progress=progress, seconds=seconds
+                study,
+                spec,
+                region,
+                ready=ready,
+                pair=pair,
+                kept=kept,
+                workers=workers,
+                progress=progress,
+                seconds=seconds,
             )
     except (InfeasibleStudyError, StudyError) as error:
         reason = {"model": "full", "certified": False, "proved": 0.0, "reason": str(error)}
         return replace(table, full_order=reason), None
     proof = None if found.unstable else proof_file(study, found, table)
-    statement = found.as_document()
-    own = {"left": statement["left"][:_MOST_LEFT], "parts_left": len(found.left)}
+    statement = _shortened(found.as_document())
     if proof is not None:
-        own["proof_sha256"] = content_of(proof)
-    return replace(table, full_order=statement | own), proof
+        statement["proof_sha256"] = content_of(proof)
+    return replace(table, full_order=statement), proof
+
+
+def _shortened(statement: dict[str, Any]) -> dict[str, Any]:
+    """A statement with the largest of the parts that are not proved."""
+    own = statement | {"left": statement["left"][:_MOST_LEFT], "parts_left": len(statement["left"])}
+    return own | ({"differential": _shortened(own["differential"])} if "differential" in own else {})
 
 
 _MOST_LEFT = 20

@@ -188,13 +188,18 @@ def check_whole_table(table: GainTable, study: Study | None = None, looked: Proo
 def _unchecked_proof(table: GainTable, looked: ProofCheck | None) -> list[str]:
     """The statement on the full-order loop, where its proof was not looked at, or proves less."""
     said = table.full_order
-    if said is None or "reason" in said:
+    if said is None or "reason" in said or _holds(said, looked):
         return []
+    return [FULL_ORDER]
+
+
+def _holds(said: dict[str, Any], looked: ProofCheck | None) -> bool:
+    """Whether a proof that was looked at proves what a table says, of units against each other as well."""
     if looked is None or looked.looked is None or looked.faults:
-        return [FULL_ORDER]
+        return False
     less = looked.proved is not None and looked.proved < said["proved"] - 1e-9
     slower = looked.alpha is not None and looked.alpha < said["decay"] * (1.0 - 1e-9)
-    return [FULL_ORDER] if less or slower else []
+    return not (less or slower) and ("differential" not in said or _holds(said["differential"], looked.apart))
 
 
 def check_document(outcome: TableCheck) -> dict[str, Any]:
