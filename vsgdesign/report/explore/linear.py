@@ -17,6 +17,7 @@ from vsgdesign.linear.model.coupled import CoupledModel
 from vsgdesign.linear.operating_point.equilibrium import converter_current_rms
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.stability.cells import CellSet, full_order_cells, reduced_cells
+from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loci import mode_movements, modes
 from vsgdesign.linear.stability.loops import FullOrderLoop
 from vsgdesign.linear.stability.margins import MARGINS, eigenvalues_of, margins_named
@@ -65,12 +66,35 @@ def linear_answer(study: Study, ready: Ready, state: State, *, details: bool = F
             reduced = reduced_cells(scene.study, cells.take(model.index))
             for k, figures in zip(places, figures_of(model, signal, details), strict=True):
                 rows[k] |= figures
+            _add_apart(study, scene.shown[places[0]].study, cells.take(model.index), [rows[k] for k in places])
             start = (scene.P if signal == "P" else scene.Q) / scene.study.converter.S_rated
             for name, values in _drawn(model, reduced, omega, signal).items():
                 for k, line in zip(places, values, strict=True):
                     drawn = start + size * line if name in ("step_reduced", "step_full") else line
                     arrays[f"{k}/{name}"] = np.asarray(drawn, dtype=np.float32)
     return Answer({"signal": signal, "step_pu": size, "controllers": rows}, arrays)
+
+
+def _add_apart(study: Study, own: Study, cells: CellSet, rows: list[dict[str, Any]]) -> None:
+    """Adds to the rows what the units against each other do, where the specification asks for it: the study is then a
+    unit of a plant. One whose gains let them grow is not stable, whatever the grid says."""
+    asked = 0.0 if study.specification is None else study.specification.differential_decay
+    if asked == 0.0:
+        return
+    found = differential_modes(own, cells.gains, cells.P, cells.Q, cells.V_rms, study.grid_source.omega_g)
+    for row, s in zip(rows, found.tolist(), strict=True):
+        if not math.isfinite(s.real):
+            row["note"] = _joined(row["note"], "The units against each other have no steady state to be analysed at")
+        elif s.real >= 0.0:
+            why = f"the units against each other grow with {s.real:.2g} 1/s at {s.imag / (2.0 * math.pi):.2g} Hz"
+            row |= {"stable": False, "why": why}
+        else:
+            said = f"Against each other the units decay with {-s.real:.2g} 1/s, and {asked:.2g} are asked"
+            row["note"] = _joined(row["note"], said)
+
+
+def _joined(note: str | None, said: str) -> str:
+    return f"{note.rstrip('.')}. {said}" if note else said
 
 
 def modes_answer(study: Study, ready: Ready, state: State) -> Answer:

@@ -180,7 +180,18 @@ def _session(
         click.echo(sentence, err=True)
 
     show(doing[0])
-    study = load(file if study_file is None else study_file)
+    # A page without a server computes in the browser, for one impedance: there is no second one of units apart.
+    study = load(file if study_file is None else study_file, plants="refused" if opening is None else "whole")
+    of_plant = []
+    if study.plant is not None:
+        from vsgdesign.verbs.pipeline.one_unit import written_as_unit
+
+        units, study = len(study.plant.units), written_as_unit(study, "vsgdesign explore")
+        of_plant = [
+            f"A plant of {units} units, shown as one of them behind its transformer: SCR is that of the plant with all "
+            f"units on line; with n on line the unit sees {units}/n times of it."
+        ]
+        click.echo(of_plant[0], err=True)
     from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
     if study_file is not None:
@@ -202,7 +213,7 @@ def _session(
     from vsgdesign.artifacts.ready import Ready
     from vsgdesign.verbs.pipeline.exploring import session_from
 
-    ready, words = Ready(tables=kept.tables), " ".join(kept.words)
+    ready, words = Ready(tables=kept.tables), " ".join([*of_plant, *kept.words])
     return session_from(study, ready, link, files=kept.files, words=words, bridge=bridge)
 
 
