@@ -24,6 +24,7 @@ from vsgdesign.equations.controller_data import Nothing, flat_settings, flat_sta
 from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.limiter_interface import always, no_memory
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, LimiterLaw, limiter_named
+from vsgdesign.equations.limiters.balanced_power import negative_sequence_of_loop
 from vsgdesign.equations.power_flow import converter_side
 from vsgdesign.equations.sags import sag_sequences
 
@@ -60,6 +61,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "frequency": (-0.1, 0.1), "turned": (-6.0, 6.0), "slow": (-0.1, 0.1), "magnitude": (-0.1, 0.1),
     "angle": (-1.0, 1.0), "phase_noise": (-0.1, 0.1), "voltage_noise": (-0.1, 0.1), "noise": (0.0, 1.0),
     "smoothing_v": (0.01, 1.0), "smoothing_V": (0.01, 1.0), "units": (1.0, 8.0),
+    "untouched": (0.0, 4e3), "least": (1e-3, 0.1), "to_inductor": (-4e3, 4e3),
     "r": (1e-6, 1e-4), "d": (-4e3, 4e3), "omega_t": (5.0, 200.0), "tau_P": (0.0, 0.02), "tau_Q": (0.0, 0.02),
 }  # fmt: skip
 BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
@@ -67,6 +69,7 @@ BY_PREFIX: tuple[tuple[str, tuple[float, float]], ...] = (
     ("ripple_", (-4e3, 4e3)),
     ("mean_", (-4e3, 4e3)),
     ("v_", (-200.0, 200.0)),
+    ("nu_", (-200.0, 200.0)),
     ("i_", (-30.0, 30.0)),
     ("I_", (5.0, 50.0)),
     ("xi_", (-20.0, 20.0)),
@@ -83,7 +86,7 @@ FLAGS = ("zero_sequence", "by_inertia")
 NO_EQUATIONS = (limiter_named, always, no_memory, flat_state, flat_settings, sag_sequences, converter_side)
 """Look a name up, have no numbers, put numbers side by side, or take pairs of numbers."""
 
-CONSTANTS_OF_A_STUDY = tuple(limiter.build for limiter in LIMITERS.values())
+CONSTANTS_OF_A_STUDY = (*(limiter.build for limiter in LIMITERS.values()), negative_sequence_of_loop)
 """Python's alone: the exported C has their numbers."""
 
 OF_ONE_LIMITER = tuple(

@@ -67,7 +67,9 @@ def test_what_is_broken_is_seen(line: str, instead: str, seen: str, folder: Path
     assert (failed, seen in said) == (1, True), said
 
 
-@pytest.mark.parametrize(("limiter", "double"), [("circular", True), ("projection", True), ("projection", False)])
+@pytest.mark.parametrize(
+    ("limiter", "double"), [("circular", True), ("projection", True), ("projection", False), ("balanced_power", True)]
+)
 def test_no_input_spoils_the_controller(limiter: str, double: bool, tmp_path: Path) -> None:
     """A million calls of each limiter: ``python -m evidence exported_c``."""
     table_file, _ = written(tmp_path)

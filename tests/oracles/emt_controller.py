@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.oracles.emt_sequence import SequenceController
 from tests.oracles.emt_source import build_frequency
 from vsgdesign.study.parameters import Study
 
@@ -51,6 +52,7 @@ class SampledController:
         self.lead = cmath.exp(1j * c.omega_n * (c.delay_samples + 0.5) * self.T)
         self.smoothing = [1.0 if tau == 0.0 else 1.0 - math.exp(-self.T / tau) for tau in (study.tau_P, study.tau_Q)]
         self.hits = {"current": 0, "voltage": 0}
+        self.sequence = SequenceController(study) if study.current_limiter == "balanced_power" else None
         # The notch as a difference equation, in powers of z^-1: zeros on the unit circle, poles within.
         turn = 2.0 * math.cos(2.0 * c.omega_n * self.T)
         if study.has_notch:
@@ -79,6 +81,9 @@ class SampledController:
         frame = cmath.exp(-1j * s.theta)
         v, i_s, i_g = v * frame, i_s * frame, i_g * frame
         error = math.sqrt(2.0) * s.V - self.impedance * (i_g - s.i_f) - v
+        if self.sequence is not None:
+            error += self.sequence.nu
+            self.sequence.hear(v, i_s, s.omega)
         wanted = self.voltage_pi[0] * error + s.xi_v + self.feedforward * i_g + self.Y * v
         i_ref = self._shorten(wanted, self.i_max, "current")
         xi_v = s.xi_v + self.T * self.voltage_pi[1] * (error + (i_ref - wanted) / self.voltage_pi[0])

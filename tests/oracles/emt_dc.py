@@ -152,12 +152,14 @@ class WithLink(Changing):
         return y[:n] + 1j * y[n : 2 * n]
 
     def _slopes(self, n: int, piece: tuple) -> Callable[[float, Any], Any]:
-        _, v_b, (peak, peak_slope, phase, omega, omega_slope, *_), (matrices, _) = piece
+        _, v_b, (peak, peak_slope, phase, omega, omega_slope, others, *_), (matrices, _) = piece
         A, b, e = matrices[:3]
 
         def slopes(t: float, y: Any) -> Any:
             x, v = y[:n] + 1j * y[n : 2 * n], y[2 * n]
-            v_g = (peak + peak_slope * t) * cmath.exp(1j * (phase + t * (omega + 0.5 * omega_slope * t)))
+            turned = phase + t * (omega + 0.5 * omega_slope * t)
+            v_g = (peak + peak_slope * t) * cmath.exp(1j * turned)
+            v_g += sum(size * cmath.exp(1j * (order * turned + angle)) for order, size, angle in others)
             of_circuit = A @ x + b * v_b + e * v_g
             p_b = 1.5 * (v_b * x[0].conjugate()).real
             i, of_source = self.source.current(v, y[2 * n + 1])

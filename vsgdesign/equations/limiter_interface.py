@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from vsgdesign.equations.controller_data import ControllerSettings, Nothing
+from vsgdesign.equations.inner_loops import InnerLoopGains
 
 
 class GridEstimate(NamedTuple):
@@ -95,6 +96,12 @@ class LimiterRatings(NamedTuple):
     V_low_pu: float
     V_high_pu: float
     """Least and largest voltage of a sound operating point, pu of the rated voltage."""
+    inner: InnerLoopGains | None = None
+    """Gains of the inner loops; None where a limiter's constants do not follow from them."""
+    omega_t: float = 0.0
+    """Corner of the transient impedance, rad/s."""
+    C: float = 0.0
+    """Capacitor of the filter, F."""
 
     @property
     def limit_pu(self) -> float:

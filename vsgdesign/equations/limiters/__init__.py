@@ -13,6 +13,7 @@ from vsgdesign.equations.limiter_interface import (
     LimiterRatings,
     LimiterView,
 )
+from vsgdesign.equations.limiters.balanced_power import BALANCED_POWER
 from vsgdesign.equations.limiters.circular import CIRCULAR
 from vsgdesign.equations.limiters.hybrid import HYBRID
 from vsgdesign.equations.limiters.projection import PROJECTION
@@ -20,7 +21,7 @@ from vsgdesign.equations.limiters.saturation import SATURATION
 from vsgdesign.equations.limiters.threshold_impedance import THRESHOLD_IMPEDANCE
 
 LIMITERS: dict[str, Limiter] = {
-    limiter.name: limiter for limiter in (CIRCULAR, THRESHOLD_IMPEDANCE, SATURATION, HYBRID, PROJECTION)
+    limiter.name: limiter for limiter in (CIRCULAR, THRESHOLD_IMPEDANCE, SATURATION, HYBRID, PROJECTION, BALANCED_POWER)
 }
 """Every limiter that a study may name."""
 
@@ -33,6 +34,7 @@ def limiter_named(name: str) -> Limiter:
 
 
 __all__ = [
+    "BALANCED_POWER",
     "CIRCULAR",
     "HYBRID",
     "LIMITERS",

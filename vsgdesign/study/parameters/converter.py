@@ -12,7 +12,7 @@ from vsgdesign.equations.frames import (
     rated_current_rms,
     rms_to_peak,
 )
-from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, LimiterRatings
+from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, LimiterParameter, LimiterRatings
 from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import Fault
 from vsgdesign.study.parameters.fields import (
@@ -169,7 +169,11 @@ class _LineToLine:
 
 
 def limiter_fields() -> tuple[Field, ...]:
-    """The parameters of all current limiters."""
+    """The parameters of all current limiters, each once."""
+    limiters: dict[LimiterParameter, list[str]] = {}
+    for limiter in LIMITERS.values():
+        for one in limiter.parameters:
+            limiters.setdefault(one, []).append(f"`{limiter.name}`")
     return tuple(
         Field(
             kind="number",
@@ -179,10 +183,9 @@ def limiter_fields() -> tuple[Field, ...]:
             high=Times(1.0, one.high.words) if one.high.value is None else one.high.value,
             default=one.default.value,
             shown=one.default.words,
-            explained=f"`{limiter.name}`: {one.meaning}",
+            explained=f"{', '.join(names)}: {one.meaning}",
         )
-        for limiter in LIMITERS.values()
-        for one in limiter.parameters
+        for one, names in limiters.items()
     )
 
 

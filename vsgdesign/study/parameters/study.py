@@ -256,7 +256,9 @@ class Study:
         """The sampled controller's constants, those of its limiter among them."""
         c = self.converter
         lead = c.omega_n * (c.delay_samples + 0.5) * c.T_s
-        ratings = limiter_ratings(c, self.filter)
+        ratings = limiter_ratings(c, self.filter)._replace(
+            inner=self.inner_gains, omega_t=self.omega_t, C=self.filter.C
+        )
         return ControllerSettings(
             T_s=c.T_s,
             smoothing_P=_smoothing(self.tau_P, c.T_s),

@@ -30,7 +30,7 @@ class ConverterTable(TypedDict, total=False):
     delay_samples: int
     modulation: Literal["sine_triangle", "min_max"]
     current_limit_pu: Quantity
-    current_limiter: Literal["circular", "threshold_impedance", "saturation", "hybrid", "projection"] | str
+    current_limiter: Literal["circular", "threshold_impedance", "saturation", "hybrid", "projection", "balanced_power"] | str
     limiter: ConverterLimiterTable | Mapping[str, Any]
     V_min_pu: Quantity
     V_max_pu: Quantity
@@ -56,6 +56,9 @@ class ConverterLimiterTable(TypedDict, total=False):
     impedance_doubt: Quantity
     V_low_pu: Quantity
     V_high_pu: Quantity
+    balance_time: Quantity
+    untouched_ripple_pu: Quantity
+    negative_sequence_pu: Quantity
 
 class FilterTable(TypedDict, total=False):
     """The fields of [filter]."""
@@ -340,7 +343,7 @@ class ControllersTable(TypedDict, total=False):
     table: str | Path
     estimate: Literal["truth", "constant", "two_windows", "rls", "kalman", "injection", "prbs", "field", "field_network", "neural"] | str
     knowledge: ControllersKnowledgeTable | Mapping[str, Any]
-    current_limiter: Literal["none", "circular", "threshold_impedance", "saturation", "hybrid", "projection"] | str
+    current_limiter: Literal["none", "circular", "threshold_impedance", "saturation", "hybrid", "projection", "balanced_power"] | str
     current_limit_pu: Quantity
     limiter: Mapping[str, Any]
 
@@ -954,7 +957,7 @@ def controller(
     table: str | Path = ...,
     estimate: Literal["truth", "constant", "two_windows", "rls", "kalman", "injection", "prbs", "field", "field_network", "neural"] | str = ...,
     knowledge: ControllersKnowledgeTable | Mapping[str, Any] = ...,
-    current_limiter: Literal["none", "circular", "threshold_impedance", "saturation", "hybrid", "projection"] | str = ...,
+    current_limiter: Literal["none", "circular", "threshold_impedance", "saturation", "hybrid", "projection", "balanced_power"] | str = ...,
     current_limit_pu: Quantity = ...,
     limiter: Mapping[str, Any] = ...,
 ) -> dict[str, Any]:
