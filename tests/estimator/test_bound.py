@@ -124,6 +124,37 @@ def test_an_efficient_estimator_reaches_it() -> None:
         assert abs(np.mean(values) - truth) < 3.0 * np.std(values) / np.sqrt(draws)
 
 
+def test_a_capacitance_as_a_third_unknown() -> None:
+    """1 MVA, 60 Hz, 6 kHz, in per unit: the bound of R and L is the library's; with a C of 425 Hz as a third unknown it
+    is what docs/field-estimator-evidence.md says, for the impedance at the fundamental."""
+    omega_n, i, s, memory, samples = 120.0 * np.pi, 0.003, 0.002, 300.0, 100.0
+    lines, least = omega_n * np.array([1.5, 2.5]), []
+    for scr in (5.0, 10.0, 15.0):
+        R_g = 1.0 / scr / np.sqrt(10.0)
+        L_g = 3.0 * R_g / omega_n
+        for unknown, C in ((2, 0.0), (3, 1.0 / (L_g * (2.0 * np.pi * 425.0) ** 2))):
+
+            def sloped(
+                omega: float, unknown: int = unknown, C: float = C, R_g: float = R_g, L_g: float = L_g
+            ) -> Phasors:
+                """Z, then its derivatives by R, L and C."""
+                z = R_g + 1j * omega * L_g
+                d = 1.0 / (1.0 + 1j * omega * C * z)
+                return np.array([z * d, d * d, 1j * omega * d * d, -1j * omega * (z * d) ** 2])[: 1 + unknown]
+
+            F = np.zeros((unknown, unknown))
+            variance = phasor_variance(s, samples * effective_cycles(memory)) / i**2
+            for omega in lines:
+                Z, *slope = sloped(omega)
+                F += np.real(np.outer(np.conj(slope), slope)) * 2.0 / (variance * (1.0 + abs(Z) ** 2))
+            Z, *slope = sloped(omega_n)
+            at = np.array([np.real(slope), np.imag(slope)])
+            least.append(float(np.sqrt(np.trace(at @ np.linalg.inv(F) @ at.T)) / abs(Z)))
+        of_two = tracked_probe_bound([i, i], lines, omega_n, SensorNoise(s, s), samples, memory, R_g, L_g)
+        assert least[-2] == pytest.approx(of_two.Z, rel=1e-9)
+    assert 100.0 * np.array(least[1::2]) == pytest.approx([1.2, 2.4, 3.5], abs=0.05)
+
+
 def test_forgetting_costs_what_it_says() -> None:
     """A mean with weights λ^k of white noise has the variance (1 − λ)/(1 + λ): its own recursion says so, too."""
     memory = 7.0
