@@ -8,9 +8,10 @@ import pytest
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.survival.plants import plant_verdict
+from vsgdesign.campaigns.survival.together import verdicts_of
 from vsgdesign.errors import StudyError
-from vsgdesign.metrics.survival import NO_REST, SURVIVED
-from vsgdesign.simulation.survival import GridKnowledge, Subject, fixed_set, plant_set, run_case
+from vsgdesign.metrics.survival import NO_REST, OVER_LIMIT, SURVIVED
+from vsgdesign.simulation.survival import GridKnowledge, Subject, SurvivalCase, fixed_set, plant_set, run_case
 from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.verbs.pipeline.one_unit import as_unit
 from vsgdesign.verbs.pipeline.survival import subjects_of
@@ -44,6 +45,24 @@ def test_units_that_move_alike_are_one_converter(study: Study, subject: Subject,
     assert found.status == expected.status
     for name in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s", "swing_rad"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-6, abs=1e-9), name
+
+
+def test_side_by_side_and_one_after_the_other(subject: Subject) -> None:
+    """Plants that share a loop have the verdicts of runs of their own, also where these alone have the words."""
+    groups: dict[str, list[SurvivalCase]] = {}
+    for one in plant_set(fixed_set(), 2):
+        groups.setdefault(one.group, []).append(one)
+    names = "jump down", "phase 90–180°", "sag with trip", "reference", "wrong estimate", "sag with loss of a unit"
+    cases = [groups[name][len(groups[name]) // 2] for name in names]
+    found = verdicts_of(subject, cases)
+    assert {one.status for one in found} == {SURVIVED, NO_REST, OVER_LIMIT}
+    for case, one in zip(cases, found, strict=True):
+        alone = plant_verdict(subject, case)
+        assert (one.status, one.reason) == (alone.status, alone.reason), case.group
+        for name in ("recovery_s", "peak_pu", "first_peak_pu", "limited_s", "limited_at_end", "swing_rad"):
+            expected = getattr(alone, name)
+            close = expected if expected is None else pytest.approx(expected, rel=1e-6, abs=1e-9)
+            assert getattr(one, name) == close, (case.group, name)
 
 
 def test_the_loss_of_a_unit(subject: Subject) -> None:

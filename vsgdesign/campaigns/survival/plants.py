@@ -51,7 +51,7 @@ def plant_verdict(subject: Subject, case: SurvivalCase) -> Survival:
         record, cleared_s = record_of(run.units[k].study, simulation), case.lead_s + case.cleared_s
         verdict = judge_survival(record, case.instants_s, cleared_s, rests[k], demand)
         verdicts[k] = with_protection(verdict, run.units[k].study, simulation, case.instants_s[0])
-    return _worst({names[k]: one for k, one in verdicts.items()})
+    return worst_of_units({names[k]: one for k, one in verdicts.items()})
 
 
 def study_of_plant_case(subject: Subject, case: SurvivalCase, after_s: float) -> Study:
@@ -87,7 +87,7 @@ def _schedules(subject: Subject, timeline: PlantTimeline, said: list[Told]) -> l
     return found
 
 
-def _worst(verdicts: dict[str, Survival]) -> Survival:
+def worst_of_units(verdicts: dict[str, Survival]) -> Survival:
     """One verdict of those of the units."""
     lost = [(name, one) for name, one in verdicts.items() if not one.survived]
     name, worst = lost[0] if lost else max(verdicts.items(), key=lambda item: item[1].recovery_s or 0.0)

@@ -8,7 +8,7 @@ it is a part of converters that stand alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -29,6 +29,7 @@ from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import REST_SHARE, SurvivalDemand
 from vsgdesign.simulation.batch import Log
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
+from vsgdesign.simulation.feeds import Told
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases, LaneEvents
 from vsgdesign.simulation.lanes.part import (
     Samples,
@@ -42,11 +43,13 @@ from vsgdesign.simulation.lanes.rests import Rests
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.run import drive, judge_part
 from vsgdesign.simulation.lanes.telling import telling
+from vsgdesign.simulation.lanes.told import ToldGrids
 from vsgdesign.simulation.loop import kind_of, side_by_side, watched_names
 from vsgdesign.simulation.numbers_of_runs import Numbers
 from vsgdesign.simulation.run_kind import DISTURBANCE
 from vsgdesign.simulation.run_kind import STEP as STEP_WATCHED
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.simulation.units.body import PlantKind, spec_of_plant
 from vsgdesign.simulation.units.inverters import terminals_at_rest
 from vsgdesign.simulation.units.program import PlantProgram
@@ -95,9 +98,18 @@ class Units(NamedTuple):
     results: LaneResults
 
 
-def run_plants(spec: ControllerSpec, ready: Ready, plants: Plants) -> Units:
+def run_plants(
+    spec: ControllerSpec,
+    ready: Ready,
+    plants: Plants,
+    *,
+    demand: SurvivalDemand | None = None,
+    said: Callable[[int, Study, Timeline], Told] | None = None,
+) -> Units:
     """Runs every plant with a controller in all of its units, and judges each unit. Events of a case are at least 5 ms
-    apart. Raises InfeasibleStudyError where the controller cannot be run in a batch."""
+    apart. ``demand``: of a disturbance; None: that of the controller. ``said``: what is told to a unit of a case (its
+    number), which is a converter with a timeline; None: what the cases say. Raises InfeasibleStudyError where the
+    controller cannot be run in a batch."""
     timelines = [plant_timeline(study, spec) for study in plants.studies]
     units = [(c, k) for c, timeline in enumerate(timelines) for k in range(len(timeline.units))]
     case, unit = (np.array(one, dtype=np.intp) for one in zip(*units, strict=True))
@@ -105,8 +117,12 @@ def run_plants(spec: ControllerSpec, ready: Ready, plants: Plants) -> Units:
     flat = _cases_of_units(plants, timelines, case, unit)
     results = LaneResults.of_none(len(flat))
     on_line = np.ones(len(flat), dtype=bool)
-    demand = demand_of(own.converter, settling_time_of(spec, ready))
-    told = telling(own, spec, ready, flat)
+    demand = demand or demand_of(own.converter, settling_time_of(spec, ready))
+    grids = None
+    if said is not None:
+        each = ((c, timelines[c].units[k], timelines[c].timelines[k]) for c, k in units)
+        grids = ToldGrids.of([said(*one) for one in each])
+    told = telling(own, spec, ready, flat, grids)
     phase = timelines[0].segments[0].source.phase
     first, gains = many_rests_with_measured_gains(own, flat.at_start, told.first, phase=phase)
     refs_at_end = flat.references_at_end(own.converter.references())
