@@ -12,6 +12,9 @@ import pytest
 
 import vsgdesign as vd
 from tests.cli.small_studies import call, failure
+from tests.gain_tables import table
+from vsgdesign.artifacts.gain_table import base_of
+from vsgdesign.artifacts.gain_table_file import write_table_file
 from vsgdesign.artifacts.inner_loops_file import read_inner_loops_file
 from vsgdesign.campaigns import phase_jumps
 from vsgdesign.design.inner import designing, search
@@ -169,6 +172,22 @@ def test_validate_designs_nothing(study: Path, designed: Path) -> None:
     assert not inner_loops_file(study).exists()
     shutil.copy(designed, inner_loops_file(study))
     assert "mine.inner.json" in call("validate", study).stdout
+
+
+def test_a_table_is_not_refused_for_loops_that_are_not_designed_yet(study: Path, designed: Path) -> None:
+    record = read_inner_loops_file(designed)
+    lags = {"R_t": record.gains.R_t, "X_t": record.gains.X_t, "omega_t": record.omega_t}
+    assert record.gains.R_t > 0.0
+    base = replace(base_of(check_study(study)[0]), **lags)
+    write_table_file(table(base=base), study.with_name("own.json"))
+    named = TEXT + 'schedule = "table"\ntable = "own.json"\n'
+    study.write_text(named, encoding="utf-8")
+    assert "not designed yet" in call("validate", study).stdout
+    shutil.copy(designed, inner_loops_file(study))
+    assert "mine.inner.json" in call("validate", study).stdout
+    study.with_name("own.json").unlink()
+    write_table_file(table(base=replace(base, R_t=1.01 * base.R_t)), study.with_name("own.json"))
+    assert "base.R_t is" in failure(2, "validate", study)
 
 
 def test_the_verb_says_what_the_file_says(study: Path, tmp_path: Path) -> None:

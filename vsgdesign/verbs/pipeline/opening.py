@@ -80,7 +80,7 @@ class KeptInnerLoops:
                 return record.gains, record.omega_t
             stale = stale or (record if path == own else None)
         if not self.design:
-            return InnerLoopGains(*[math.nan] * 4), math.nan
+            return InnerLoopGains(*[math.nan] * len(InnerLoopGains._fields)), math.nan
         if stale is not None:
             changes = ", ".join(differing_fields(stale.request, wanted))
             self._tell(f"The inner loops in {own} were designed for other data and are designed again: {changes}.")
