@@ -64,6 +64,8 @@ class CellTask:
 
     beside: tuple[tuple[float, float], ...] = ()
     """True grids (SCR, X/R) around the node at which a table broke a promise: the design has to keep it there too."""
+    refuted: tuple[tuple[float, float], ...] = ()
+    """Those of them at which it was the full-order model alone that refuted it: designs are judged by it there too."""
 
     @property
     def key(self) -> str:
@@ -80,6 +82,7 @@ class CellTask:
             "pull": self.pull,
             "reach": self.reach,
             "beside": self.beside,
+            "refuted": self.refuted,
             "versions": provenance(),
             "code": package_hash(),
         }
@@ -206,8 +209,10 @@ def _distance(spec: Specification, missed: dict[str, float]) -> float:
 
 
 def with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: CellDesign) -> CellRecord:
-    """The record of a design, with its figures in the full-order model."""
+    """The record of a design, with its figures in the full-order model, also at grids that were refuted before."""
     study, spec = task.study, task.spec
+    P, Q = task.target.P, task.target.Q
+    s = joined([s, *(scenarios_of_truth(study, spec, *grid, P, Q) for grid in task.refuted)])
     figures = full_order_figures(study, law.gains(design.normalised, s), s, spec.settling_time, law.apart)
     worst = figures.worst()
     # The network's and the filter's modes are damped by the grid and the inner loops: no promise of the power loops.

@@ -35,6 +35,7 @@ from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import common_design
 from vsgdesign.design.evaluation import LawOfStudy
 from vsgdesign.design.record import CellRecord, CellTask, better, sweep
+from vsgdesign.design.refuted import refuted_between
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
@@ -126,6 +127,8 @@ class Look:
     """Nodes to design again, by number."""
     checked: BetweenCheck | None
     """The look at random grids; None where there was enough to mend without it."""
+    refuted: tuple[PointCheck, ...] = ()
+    """Those of the broken ones that the full-order model alone refutes."""
 
 
 def first_nodes(job: TableJob) -> TableNodes:
@@ -158,7 +161,8 @@ def design_nodes(job: TableJob, nodes: TableNodes) -> TableNodes:
 def look_between(
     job: TableJob, nodes: TableNodes, table: GainTable, seeds: Iterator[int], *, first: bool, last: bool
 ) -> Look:
-    """Look at the middles of edges and rectangles first, and at random grids where these find nothing.
+    """Look at the middles of edges and rectangles first, and at random grids where these find nothing; where these find
+    nothing either, for the slowest mode of the full-order model.
 
     ``first``: nodes that miss a promise by themselves count as rough, too. ``last``: rough nodes are not designed
     again. Each look takes one of the ``seeds``.
@@ -166,13 +170,17 @@ def look_between(
     job.tell("look between nodes", 0.0)
     options = {"count": job.points, "seed": next(seeds), "each": job.each}
     broken, checked = probe(job.study, job.law, job.spec, table, **options), None
+    refuted: tuple[PointCheck, ...] = ()
     rough = rough_nodes(table, nodes.records, broken, first)
     if not broken and (not rough or last):
         checked = look_at_random(job, table, seeds)
         broken = checked.broken
+        if not broken:
+            refuted = refuted_between(job.study, job.controller, job.law, job.spec, table, job.seed)
+            broken, checked = refuted, replace(checked, points=checked.points + refuted)
         rough = rough_nodes(table, nodes.records, broken, False)
     job.tell("look between nodes", 1.0)
-    return Look(tuple(broken), tuple(rough), checked)
+    return Look(tuple(broken), tuple(rough), checked, refuted)
 
 
 def look_at_random(job: TableJob, table: GainTable, seeds: Iterator[int]) -> BetweenCheck:
@@ -188,7 +196,15 @@ def smooth_nodes(job: TableJob, nodes: TableNodes, table: GainTable, look: Look)
     rough = [order[k] for k in look.rough]
     middles = surface(job.variables, table, nodes.records, *np.array(rough).T)
     asked = {
-        node: _task(job, nodes, node, middle, PULL, broken_beside(table, look.broken, node))
+        node: _task(
+            job,
+            nodes,
+            node,
+            middle,
+            PULL,
+            broken_beside(table, look.broken, node),
+            broken_beside(table, look.refuted, node),
+        )
         for node, middle in zip(rough, middles, strict=True)
     }
     return replace(nodes, tasks={**nodes.tasks, **asked})
@@ -212,7 +228,15 @@ def refine_nodes(job: TableJob, nodes: TableNodes, table: GainTable, broken: tup
     return replace(finer, tasks={**nodes.tasks, **asked})
 
 
-def _task(job: TableJob, nodes: TableNodes, node: Node, middle: Array, pull: float, beside: Pairs = ()) -> CellTask:
+def _task(
+    job: TableJob,
+    nodes: TableNodes,
+    node: Node,
+    middle: Array,
+    pull: float,
+    beside: Pairs = (),
+    refuted: Pairs = (),
+) -> CellTask:
     """What is asked of a node: near ``middle``. A node that is asked again keeps its reach, and the grids beside it."""
     before = nodes.tasks.get(node)
     return CellTask(
@@ -226,6 +250,7 @@ def _task(job: TableJob, nodes: TableNodes, node: Node, middle: Array, pull: flo
         pull=pull,
         reach=reach(nodes.scr, nodes.x_over_r, *node) if before is None else before.reach,
         beside=beside if before is None else before.beside + beside,
+        refuted=refuted if before is None else before.refuted + refuted,
     )
 
 
