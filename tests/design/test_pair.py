@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import signal
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,10 +15,12 @@ from numpy.typing import NDArray
 from tests.design.robust_studies import robust_study, scenarios, specification, textbook
 from vsgdesign.certificate import Certificate, Region, certify
 from vsgdesign.certificate.region import AtDesignPoint
+from vsgdesign.design import record
 from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import design_cell
 from vsgdesign.design.evaluation import between_units, law_of, model_in, shortfalls
 from vsgdesign.design.nlp import robust_program, slow_determinant
+from vsgdesign.design.record import CellRecord
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -171,3 +175,37 @@ def test_the_units_against_each_other_are_proved_apart() -> None:
         one = PowerLoopGains(*(np.full(1, value) for value in gains))
         A = model_in(one, between_units(s, f.R_2, f.L_2), lags).A[0]
         assert np.linalg.eigvals(A).real.max() < -proved.decay
+
+
+def test_units_that_grow_against_each_other_come_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of designs with less and less bandwidth, the first one whose units decay against each other, late as it settles;
+    without a pair the search ends where it did."""
+    spec = replace(specification(robust_study()), settling_time=1.3, differential_decay=3.0)
+    settles = {1.0: 1.4, 0.75: 1.5, 0.55: 1.9, 0.4: 2.6, 0.3: 3.6}
+    apart = {1.0: -3.1, 0.75: -1.3, 0.55: 0.1, 0.4: 1.2, 0.3: 0.9}
+    asked: list[float] = []
+
+    def designs(task: Any, law: Any, s: Any, shares: Any = ()) -> Any:
+        del task, law, s
+        for share in (1.0, *shares):
+            asked.append(share)
+            yield SimpleNamespace(share=share, shortfalls={})
+
+    def judged(pair: bool) -> Any:
+        def of(task: Any, law: Any, s: Any, design: Any) -> CellRecord:
+            del task, law, s
+            missed = {"settling_time": settles[design.share]}
+            missed |= {"differential_decay": apart[design.share]} if pair else {}
+            whole: Any = SimpleNamespace(share=design.share, shortfalls=missed)
+            return CellRecord(1.5, 5.0, whole, whole, None)
+
+        return of
+
+    monkeypatch.setattr(record, "designs_of", designs)
+    for pair, kept, tried in ((True, 0.4, [1.0, 0.75, 0.55, 0.4]), (False, 1.0, [1.0, 0.75, 0.55])):
+        asked.clear()
+        monkeypatch.setattr(record, "with_full_order", judged(pair))
+        task: Any = SimpleNamespace(spec=spec)
+        nothing: Any = None
+        best: Any = record._best(task, nothing, nothing).design
+        assert (best.share, asked) == (kept, tried)

@@ -44,6 +44,12 @@ from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 _SLOWER = (0.75, 0.55)
 """Shares of the first design's bandwidth that are tried where the inner loops take its promises away."""
 
+_SLOWEST = (0.4, 0.3)
+"""The same where units would grow against each other with all of these."""
+
+LEAST_APART = 0.5
+"""Decay of equal units against each other, 1/s, that comes before every other promise where not all can be kept."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CellTask:
@@ -137,9 +143,10 @@ def run_task(task: CellTask) -> CellRecord:
 def _best(task: CellTask, law: LawOfStudy, s: Scenarios) -> CellRecord:
     """The best design of a cell for its scenarios ``s``, by the full-order figures."""
     records = []
-    for design in designs_of(task, law, s):
+    for design in designs_of(task, law, s, (*_SLOWER, *_SLOWEST)):
         records.append(with_full_order(task, law, s, design))
-        if design.shortfalls or not records[-1].missed:
+        kept = design.shortfalls or not records[-1].missed
+        if (kept or len(records) > len(_SLOWER)) and not _grows(task.spec, records[-1].missed):
             break  # kept by both models, or not even by the optimizer's: less bandwidth is no cure
     best = min(records, key=lambda record: _distance(task.spec, record.missed))
     return replace(best, ideal=records[0].ideal)
@@ -164,10 +171,12 @@ def _judged(task: CellTask, law: LawOfStudy, whole: Scenarios, more: Scenarios, 
     return replace(with_full_order(task, law, whole, ideal), ideal=record.ideal)
 
 
-def designs_of(task: CellTask, law: LawOfStudy, s: Scenarios) -> Iterator[CellDesign]:
+def designs_of(
+    task: CellTask, law: LawOfStudy, s: Scenarios, shares: Sequence[float] = _SLOWER
+) -> Iterator[CellDesign]:
     """The designs of a cell with ideal inner loops, over its scenarios ``s`` and those of its surroundings.
 
-    The first is the best design, and the others have less and less bandwidth.
+    The first is the best design, and the others have these shares of its bandwidth.
     """
     study, spec = task.study, task.spec
     v = variables(law.structure, spec)
@@ -181,7 +190,7 @@ def designs_of(task: CellTask, law: LawOfStudy, s: Scenarios) -> Iterator[CellDe
     measured = measured_at_limits(study, spec, task.scr, task.x_over_r)
     first = design_cell(law, spec, wide, centre, task.seed, None, task.pull, measured)
     yield first
-    for slower in _SLOWER:
+    for slower in shares:
         ceiling = v.slower(first.normalised, slower)
         yield design_cell(law, spec, wide, centre, task.seed, ceiling, task.pull, measured)
 
@@ -202,10 +211,17 @@ def better(before: CellRecord | None, new: CellRecord) -> CellRecord:
 
 
 def _distance(spec: Specification, missed: dict[str, float]) -> float:
-    """How far a design is from its promises: the sum of what is missed, each over its limit; instability is far."""
+    """How far a design is from its promises: the sum of what is missed, each over its limit; instability is far, of
+    units against each other too."""
     limits = {name: getattr(spec, name) for name in missed if name != "inner_loops"}
     parts = [abs(missed[name] - limit) / max(limit, 1e-9) for name, limit in limits.items()]
-    return float(sum(min(part, 10.0) for part in parts)) + (100.0 if "inner_loops" in missed else 0.0)
+    apart = 50.0 - missed["differential_decay"] if _grows(spec, missed) else 0.0
+    return float(sum(min(part, 10.0) for part in parts)) + (100.0 if "inner_loops" in missed else apart)
+
+
+def _grows(spec: Specification, missed: dict[str, float]) -> bool:
+    """Whether the units against each other do not even have the least decay, where one is asked for."""
+    return missed.get("differential_decay", np.inf) < min(LEAST_APART, spec.differential_decay)
 
 
 def with_full_order(task: CellTask, law: LawOfStudy, s: Scenarios, design: CellDesign) -> CellRecord:
