@@ -190,7 +190,7 @@ def evidence(row: Mapping[str, Any], n: int = 3000, interval_s: float = 1e-3) ->
     trace = Trace(
         t_s=t, P_pu=P, Q_pu=0.1 * swing, f_hz=50.0 + 0.3 * swing, V_pu=1.0 + 0.02 * swing, delta_rad=0.3 + 0.5 * swing,
         i_s_pu=i, i_phase_pu=i, v_alpha_pu=np.cos(wave), v_beta_pu=np.sin(wave), i_g_alpha_pu=P * np.cos(wave),
-        i_g_beta_pu=P * np.sin(wave), P_dc_pu=P, limited=(i >= LIMIT_PU).astype(float),
+        i_g_beta_pu=P * np.sin(wave), P_dc_pu=P, v_dc_pu=np.ones(n), limited=(i >= LIMIT_PU).astype(float),
     )  # fmt: skip
     limits = ()
     if row["suite"] == "dycov":

@@ -35,6 +35,7 @@ def made_trace(t: Array, f_n: float = 50.0, **signals: Any) -> Trace:
         "i_g_alpha_pu": 0.5 * np.cos(angle),
         "i_g_beta_pu": 0.5 * np.sin(angle),
         "P_dc_pu": 0.5,
+        "v_dc_pu": 1.0,
         "limited": 0.0,
     }
     return Trace(t_s=t, **{name: np.broadcast_to(value, t.shape) for name, value in (rest | signals).items()})

@@ -109,6 +109,22 @@ def test_sequences_during_a_fault(hz: float) -> None:
     assert value("P_back_s", run) == 0.0
 
 
+@pytest.mark.parametrize("hz", [50.0, 60.0])
+def test_ripple_of_the_dc_link(hz: float) -> None:
+    """A ripple on a drift; the power of a row is the mean since the row before. An ideal link has no ripple of v."""
+    t = times(0.6)
+    W_2, step = 4.0 * math.pi * hz, t[1] - t[0]
+    inside = (t >= 0.1 - 1e-9) & (t < 0.3 - 1e-9)
+    mean = 0.3 * (np.sin(W_2 * t) - np.sin(W_2 * (t - step))) / (W_2 * step)
+    v = 1.0 - 0.05 * (t - 0.1) + 0.004 * np.cos(W_2 * t + 0.5)
+    trace = made_trace(t, hz, P_dc_pu=np.where(inside, 0.5 + 0.2 * t + mean, 0.5), v_dc_pu=np.where(inside, v, 1.0))
+    run = made_run(trace, *FAULT, f_n=hz)
+    assert value("P_dc_ripple_pu", run) == pytest.approx(0.3, rel=1e-9 if hz == 50.0 else 0.01)
+    assert value("v_dc_ripple_pu", run) == pytest.approx(0.004, rel=1e-9 if hz == 50.0 else 0.01)
+    assert "ideal" in MEASURES["v_dc_ripple_pu"].of(made_run(made_trace(t, hz), *FAULT, f_n=hz)).why
+    assert "no fault" in MEASURES["P_dc_ripple_pu"].of(made_run(made_trace(t), JUMP)).why
+
+
 def test_reactive_current_arrives_a_cycle_s_share_after_a_step() -> None:
     """The fit's positive sequence of a step of the current follows a line: 90 % is reached at 0.9 cycles."""
     t = times(0.6)

@@ -118,8 +118,8 @@ def write_evidence(path: str | Path, evidence: Evidence) -> None:
 
 RECORDED = {
     **{f"{name}_{phase}": unit for name, unit in (("v", "V"), ("i_g", "A")) for phase in "abc"},
-    **{"P": "W", "Q": "var", "P_dc": "W", "f": "Hz", "V_rms": "V", "delta": "rad", "i_s": "A", "i_phase": "A"},
-    "limited": "1",
+    **{"P": "W", "Q": "var", "P_dc": "W", "v_dc": "V", "f": "Hz", "V_rms": "V", "delta": "rad"},
+    **{"i_s": "A", "i_phase": "A", "limited": "1"},
 }
 """Series of a run as COMTRADE, with their units: phases of the capacitor node and of the current into the PCC
 (instantaneous), and what a trace has besides, in SI."""
@@ -135,7 +135,7 @@ def write_evidence_comtrade(path: str | Path, trace: Trace, form: str, converter
     i_g = clarke_inverse(c.I_rated_pk * trace.i_g_alpha_pu, c.I_rated_pk * trace.i_g_beta_pu)
     powers = (c.S_rated * one for one in (trace.P_pu, trace.Q_pu, trace.P_dc_pu))
     currents = (c.I_rated_pk * one for one in (trace.i_s_pu, trace.i_phase_pu))
-    rest = (trace.f_hz, c.V_rated_rms * trace.V_pu, trace.delta_rad, *currents, trace.limited)
+    rest = (c.V_dc * trace.v_dc_pu, trace.f_hz, c.V_rated_rms * trace.V_pu, trace.delta_rad, *currents, trace.limited)
     series = {"t_s": trace.t_s} | dict(zip(RECORDED, (*v, *i_g, *powers, *rest), strict=True))
     f_n = c.omega_n / (2.0 * math.pi)
     write_comtrade(path, series, form, f_n=f_n, station="vsgdesign", trigger_s=trigger_s, units=RECORDED)

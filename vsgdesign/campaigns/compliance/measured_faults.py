@@ -182,20 +182,69 @@ def _both(run: MeasureInput, rows: slice) -> tuple[NDArray[np.float64], Sequence
 
 def _in_fault(run: MeasureInput) -> tuple[Sequences, Sequences] | str:
     """Voltage and current in the last cycle of the first fault, or why there are none."""
-    fault = _fault_of(run)
-    if fault is None:
-        return "the test has no fault and no sag"
-    event, end_s = fault
-    # A row at the clearing itself may show what comes after it.
-    rows = run.rows(event.t_s + 1.5 * run.step_s, end_s)
+    rows = _rows_in_fault(run)
+    if isinstance(rows, str):
+        return rows
     t = run.trace
     angle = frame_angle(t.f_hz[rows], run.step_s)
     hz = run.ratings.f_n_hz
     voltage = last_sequences(t.v_alpha_pu[rows], t.v_beta_pu[rows], angle, run.step_s, hz)
     current = last_sequences(t.i_g_alpha_pu[rows], t.i_g_beta_pu[rows], angle, run.step_s, hz)
     if voltage is None or current is None:
-        return "the fault lasts less than a cycle of the trace"
+        return _TOO_SHORT
     return voltage, current
+
+
+_TOO_SHORT = "the fault lasts less than a cycle of the trace"
+
+
+def _rows_in_fault(run: MeasureInput) -> slice | str:
+    """The rows of the first fault or sag, or why there are none."""
+    fault = _fault_of(run)
+    if fault is None:
+        return "the test has no fault and no sag"
+    event, end_s = fault
+    # A row at the clearing itself may show what comes after it.
+    return run.rows(event.t_s + 1.5 * run.step_s, end_s)
+
+
+@measure(
+    "ripple of the dc power",
+    "pu",
+    "Amplitude at twice the grid's frequency of the power of the dc link in the last cycle of the first fault or sag.",
+)
+def P_dc_ripple_pu(run: MeasureInput) -> Measured:
+    """By a one-cycle fit (:eq:`ripple-fit`); what the mean over a row takes away is given back."""
+    window = 2.0 * run.ratings.f_n_hz * run.step_s
+    return _ripple(run, run.trace.P_dc_pu, 1.0 / float(np.sinc(window)))
+
+
+@measure(
+    "ripple of the dc voltage",
+    "pu",
+    "Amplitude at twice the grid's frequency of the dc link's voltage, over the nominal one, in the last cycle of the "
+    "first fault or sag.",
+)
+def v_dc_ripple_pu(run: MeasureInput) -> Measured:
+    """By a one-cycle fit (:eq:`ripple-fit`)."""
+    if bool((run.trace.v_dc_pu == 1.0).all()):
+        return not_known("the dc link is ideal")
+    return _ripple(run, run.trace.v_dc_pu, 1.0)
+
+
+def _ripple(run: MeasureInput, values: NDArray[np.float64], scale: float) -> Measured:
+    """The amplitude at twice the frame's frequency in the last cycle of the first fault or sag, times ``scale``."""
+    rows = _rows_in_fault(run)
+    if isinstance(rows, str):
+        return not_known(rows)
+    count = round(1.0 / (run.ratings.f_n_hz * run.step_s))
+    if rows.stop - rows.start < count:
+        return not_known(_TOO_SHORT)
+    twice = 2.0 * frame_angle(run.trace.f_hz[rows], run.step_s)[-count:]
+    line = np.linspace(-1.0, 1.0, count)
+    basis = np.stack([np.ones(count), line, np.cos(twice), np.sin(twice)], axis=1)
+    fit = np.linalg.lstsq(basis, values[rows][-count:], rcond=None)[0]
+    return Measured(scale * float(np.hypot(fit[2], fit[3])))
 
 
 def _voltage_after(run: MeasureInput) -> NDArray[np.float64]:
@@ -216,6 +265,8 @@ FAULTS = (
     V2_pu,
     V_min_pu,
     V_max_pu,
+    P_dc_ripple_pu,
+    v_dc_ripple_pu,
     Iq_90_ms,
     P_back_s,
 )

@@ -49,6 +49,8 @@ class Trace:
     """Current into the PCC, over the rated peak."""
     P_dc_pu: Array
     """Power that the dc link gives to the bridge, over the rating, mean over each row's interval."""
+    v_dc_pu: Array
+    """Voltage of the dc link over the nominal one; 1 where the link is ideal."""
     limited: Array
     """Share of the samples since the row before in which the limiter acted."""
 

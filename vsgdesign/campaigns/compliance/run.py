@@ -22,6 +22,7 @@ from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loops import network_frequency_perturbation
 from vsgdesign.metrics.step_response import unwrapped
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
+from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.energy import dc_energy_steps
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulated
@@ -160,8 +161,14 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
         i_g_alpha_pu=at[:, 4] / c.I_rated_pk,
         i_g_beta_pu=at[:, 5] / c.I_rated_pk,
         P_dc_pu=P_dc / c.S_rated,
+        v_dc_pu=np.ones(len(rows)) if simulation.dc_log is None else _v_dc(study, simulation.dc_log[rows]) / c.V_dc,
         limited=np.diff(counted, prepend=counted[:1]) / every,
     )
+
+
+def _v_dc(study: Study, rows: Array) -> Array:
+    """The voltage of the dc link in rows of its log, V."""
+    return rows[:, dc_columns(study).index("v")]
 
 
 def _between_rows(

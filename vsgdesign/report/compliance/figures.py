@@ -40,6 +40,7 @@ _LABELS = {
     "f_hz": ("Frequency", "f [Hz]", 0.0),
     "delta_rad": ("Angle to the grid", "δ [rad]", 30.0),
     "P_dc_pu": ("Power of the dc link", "P_dc [pu]", 3.0),
+    "v_dc_pu": ("Voltage of the dc link", "v_dc [pu]", 2.0),
 }
 """Title, axis, and how far the scale may go for a curve that has gone away."""
 
