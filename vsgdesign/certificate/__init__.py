@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from vsgdesign.certificate.asked import beyond_table, on_basis_of_table, region_of
     from vsgdesign.certificate.certifying import certify, largest_rate
     from vsgdesign.certificate.full_order.statement import FullOrderProof, LeftPart, proof_file, prove_full_order
+    from vsgdesign.certificate.moving.statement import MovingProof, prove_moving
     from vsgdesign.certificate.places import by_place, of_a_pair
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
@@ -31,6 +32,7 @@ _HOMES = {
     "Gap": "results",
     "LeftPart": "full_order.statement",
     "MeasuredSchedule": "region",
+    "MovingProof": "moving.statement",
     "NoFunctionError": "results",
     "Places": "results",
     "Region": "region",
@@ -44,6 +46,7 @@ _HOMES = {
     "on_basis_of_table": "asked",
     "proof_file": "full_order.statement",
     "prove_full_order": "full_order.statement",
+    "prove_moving": "moving.statement",
     "refusal_record": "results",
     "region_of": "asked",
     "step_budget": "step_certificates",
@@ -64,6 +67,7 @@ __all__ = [
     "Gap",
     "LeftPart",
     "MeasuredSchedule",
+    "MovingProof",
     "NoFunctionError",
     "Places",
     "Region",
@@ -77,6 +81,7 @@ __all__ = [
     "on_basis_of_table",
     "proof_file",
     "prove_full_order",
+    "prove_moving",
     "refusal_record",
     "region_of",
     "step_budget",

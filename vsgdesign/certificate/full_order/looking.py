@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,7 +114,7 @@ def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part:
         gains_of((own_low, own_high, cell), group.rest, own, arrays(program), tables(), gains)
         held, where = np.zeros(len(some), dtype=np.int64), np.zeros(len(some), dtype=np.int64)
         pull, middle = np.zeros((len(some), DIMENSIONS)), np.ones((len(some), widest), dtype=complex)
-        good = _high(programs, case, group, own_low, own_high, cell, gains)
+        good = _high(programs.numbers[case], group, own_low, own_high, cell, gains)
         pull[~good] = np.nan
         tried = np.flatnonzero(good)
         if len(tried):
@@ -129,27 +130,48 @@ def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part:
         state[failed] = UNDECIDED
         frequency[failed] = np.where(good, group.frequencies(cell, where), HIGH)[held == 0]
         score[failed] = pull[held == 0]
-    return Looks(state, _to_cut(part, score), frequency, values)
+    return Looks(state, to_cut(part, score), frequency, values)
 
 
-def _high(
-    programs: FullOrderPrograms, case: int, group: CellGroup, low: Array, high: Array, cell: Any, gains: Array
-) -> NDArray[np.bool_]:
-    """Whether \\|det M/s³ − 1\\| < 1 on every high arc, by sizes alone (:eq:`full-order-high`)."""
-    sizes = _part_sizes(programs, case, gains)
+@dataclass(frozen=True)
+class HighSizes:
+    """On the high arcs of some boxes of one cell, each (boxes, arcs): the least \\|s\\|; bounds of what δ and ln V do
+    to P, Q; of the four entries of diag(s², s)⁻¹M − 1 (:eq:`full-order-high`); and of the power loops' parts."""
+
+    own: NDArray[np.intp]
+    s: Array
+    powers: tuple[Array, ...]
+    """P and Q of δ, then of ln V."""
+    entries: tuple[Array, ...]
+    """11, 12, 21, 22."""
+    parts: Array
+    """(boxes, parts)."""
+
+    @property
+    def total(self) -> Array:
+        """What bounds \\|det M/s³ − 1\\|."""
+        e_11, e_12, e_21, e_22 = self.entries
+        return e_11 + e_22 + e_11 * e_22 + e_12 * e_21
+
+
+def high_sizes(
+    numbers: Sequence[float | None], group: CellGroup, low: Array, high: Array, cell: Any, gains: Array
+) -> Iterator[HighSizes]:
+    """The boxes of each cell, by sizes alone."""
+    sizes = _part_sizes(numbers, gains)
     kap_d, iota_d, nu_d, kap_V, iota_V, nu_V, slope, k_P, k_Q, K_ip, K_pq, K_qp, K_iq, A, B, C, D = (
         sizes[:, k, None] for k in range(_PARTS)
     )
     p, q = (np.maximum(np.abs(low[:, k]), np.abs(high[:, k])) for k in (4, 5))
     y = (np.hypot(p, q) / 3.0 * (1.0 + 1e-12))[:, None]
-    good = np.zeros(len(low), dtype=np.bool_)
     for k in np.unique(cell):
-        own = cell == k
+        own = np.flatnonzero(cell == k)
         s, a_1, a_2, b_1, b_2, c, e, ratio = (column[None] for column in group.cells[k].sizes.T)
         at = y[own]
         P_d = 2.0 * ((a_1 + a_2 * at) * at + b_1 + b_2 * at)
         P_V = 2.0 * (c * at + e)
         Q_d, Q_V = ratio * P_d, ratio * P_V
+        powers = P_d, Q_d, P_V, Q_V
         P_d, Q_d, P_V, Q_V = P_d + A[own], Q_d + C[own], P_V + B[own], Q_V + D[own]
         first, second = (k_P[own] + K_ip[own] / s) / s, (k_Q[own] + K_pq[own] / s) / s
         with np.errstate(invalid="ignore", over="ignore"):
@@ -157,21 +179,30 @@ def _high(
             e_12 = kap_V[own] / s + iota_V[own] / s**2 + first * P_V + second * Q_V
             e_21 = slope[own] + (nu_d[own] + K_qp[own] * P_d + K_iq[own] * Q_d) / s
             e_22 = (nu_V[own] + K_qp[own] * P_V + K_iq[own] * Q_V) / s
-            total = e_11 + e_22 + e_11 * e_22 + e_12 * e_21
-            good[own] = ((total < 1.0 - 1e-9) & (s > 0.0)).all(axis=1)
+        yield HighSizes(own, s, powers, (e_11, e_12, e_21, e_22), sizes[own])
+
+
+def _high(
+    numbers: Sequence[float | None], group: CellGroup, low: Array, high: Array, cell: Any, gains: Array
+) -> NDArray[np.bool_]:
+    """Whether \\|det M/s³ − 1\\| < 1 on every high arc, by sizes alone (:eq:`full-order-high`)."""
+    good = np.zeros(len(low), dtype=np.bool_)
+    for found in high_sizes(numbers, group, low, high, cell, gains):
+        with np.errstate(invalid="ignore", over="ignore"):
+            good[found.own] = ((found.total < 1.0 - 1e-9) & (found.s > 0.0)).all(axis=1)
     return good
 
 
-def _part_sizes(programs: FullOrderPrograms, case: int, gains: Array) -> Array:
-    """Bounds of what the power loops are made of, (N, _PARTS)."""
+def _part_sizes(numbers: Sequence[float | None], gains: Array) -> Array:
+    """Bounds of what the power loops are made of, (N, parts)."""
     d = DIMENSIONS
     last = 1 + d + d * (d + 1) // 2
     terms, radii = np.abs(gains[:, :, 1:last]), gains[:, :, last : last + d]
     with np.errstate(over="ignore"):  # a box that is far too large
         bounds = np.abs(gains[:, :, 0]) + terms.sum(axis=2) + radii.sum(axis=2)
-    found = np.empty((len(gains), _PARTS))
+    found = np.empty((len(gains), len(numbers)))
     k = 0
-    for n, number in enumerate(programs.numbers[case]):
+    for n, number in enumerate(numbers):
         if number is None:
             found[:, n] = bounds[:, k] * (1.0 + 1e-12)
             k += 1
@@ -189,7 +220,7 @@ def _turns_as_stable(cell: Cell, middle: Any) -> bool:
     return abs(angle - cell.switch.imag) < np.pi * (1.0 - 1e-9)
 
 
-def _to_cut(part: Part, score: Array) -> NDArray[np.intp]:
+def to_cut(part: Part, score: Array) -> NDArray[np.intp]:
     """The dimension that leaves most unknown; the widest coordinate where there is no bound."""
     half = 0.5 * (part.high - part.low)
     width = half * NATURAL
@@ -200,4 +231,4 @@ def _to_cut(part: Part, score: Array) -> NDArray[np.intp]:
     return np.argmax(np.where(np.hstack([half, none + 1.0]) > 0.0, chosen, -1.0), axis=1)
 
 
-__all__ = ["ARC", "EMPTY", "PROVED", "UNDECIDED", "CellGroup", "Looks", "look_at"]
+__all__ = ["ARC", "EMPTY", "PROVED", "UNDECIDED", "CellGroup", "HighSizes", "Looks", "high_sizes", "look_at", "to_cut"]

@@ -16,7 +16,7 @@ from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.full_order import slowest_decay
-from vsgdesign.linear.operating_point.many import Lanes, many_steady_states, paths_of
+from vsgdesign.linear.operating_point.many import Lanes, ManyStates, many_steady_states, paths_of
 from vsgdesign.runtime.table import TableSchedule
 from vsgdesign.study.parameters.study import Study
 
@@ -62,16 +62,21 @@ def decays_at(study: Study, system: System, points: Array) -> Array:
     where it grows, NaN where there is no rest."""
     if len(points) == 0:
         return np.zeros(0)
+    at, states, lanes = rests_at(study, system, points)
+    return slowest_decay(study, states, lanes, at.gains)
+
+
+def rests_at(study: Study, system: System, points: Array) -> tuple[AtRest, ManyStates, Lanes]:
+    """What is at rest at points (N, 6), with the set points with which the droops lead to the P and Q of each, and the
+    lanes of the loop there."""
     at, source = at_rest(study, system, points), study.grid_source
     own = np.full_like(at.R_g, source.omega_g)
-    # With these set points the droops lead to the P and Q of the point.
-    lanes = Lanes(
-        at.R_g, at.L_g, np.full_like(own, source.V_g_rms), own, points[:, 2], points[:, 3], own, at.V_rms
-    )  # fmt: skip
+    V_g = np.full_like(own, source.V_g_rms)
+    lanes = Lanes(at.R_g, at.L_g, V_g, own, points[:, 2], points[:, 3], own, at.V_rms)
     states = many_steady_states(study, lanes, at.gains)
     if system.apart:  # the same rest, and a circuit that ends at the units' node
         lanes = lanes._replace(R_g=np.zeros_like(own), L_g=np.zeros_like(own))
-    return slowest_decay(study, states, lanes, at.gains)
+    return at, states, lanes
 
 
 def least_decay(study: Study, system: System, region: Region, seed: int = 0, count: int = _RANDOM) -> CertificateCell:

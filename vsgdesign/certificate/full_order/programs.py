@@ -63,7 +63,7 @@ class FullOrderPrograms:
     """For each piece, which of what the power loops are made of are numbers; None: an output of ``gains``."""
 
 
-class _Chart:
+class Chart:
     """The symbols of a box and what follows from them."""
 
     def __init__(self, system: System, region: Region, tracer: Tracer, drawn: bool) -> None:
@@ -144,7 +144,7 @@ def full_order_programs(system: System, region: Region, drawn: bool, ratio: bool
     """The programs of a study's loops in a region; ``drawn``: whether estimates are drawn to a table's edges;
     ``ratio``: whether the filters of P and Q differ."""
     tracer = Tracer(COORDINATES + AT_REST)
-    chart = _Chart(system, region, tracer, drawn)
+    chart = Chart(system, region, tracer, drawn)
     pieces = PIECES if not isinstance(system.schedule, AtDesignPoint) else (PIECES[0],)
     choices: list[list[Symbol]] = []
     if len(pieces) > 1:
@@ -165,18 +165,26 @@ def full_order_programs(system: System, region: Region, drawn: bool, ratio: bool
 def _gains(system: System, region: Region, drawn: bool, piece: Sequence[bool]) -> tuple[list[float | None], Program]:
     """What the power loops are made of, as a program: of each the number where it is one, None where it is a form."""
     tracer = Tracer(COORDINATES + AT_REST)
-    chart = _Chart(system, region, tracer, drawn)
-    p, q, here, inverse_V = chart.p, chart.q, chart.here, chart.inverse_V
-    schedule = system.schedule
+    loops = loops_on(system, Chart(system, region, tracer, drawn), tracer, piece)
+    return values_program(tracer, loops, values_of(loops))
+
+
+def loops_on(system: System, chart: Chart, tracer: Tracer, piece: Sequence[bool]) -> Loops:
+    """The power loops with the gains of a chart's estimate, on a piece of the schedule."""
+    here, inverse_V, schedule = chart.here, chart.inverse_V, system.schedule
     plain = system
     if isinstance(schedule, AtDesignPoint):
         plain = replace(system, schedule=schedule.schedule)
         J = _at_design_point(plain, here, inverse_V)
         normalised = schedule.schedule.normalised(0.0, 0.0)
     else:
-        J, _ = here.scheduled(p, q, piece)
+        J, _ = here.scheduled(chart.p, chart.q, piece)
         normalised = here.normalised(tracer)
-    loops = Loops.of(plain, normalised, J, inverse_V, here.base)
+    return Loops.of(plain, normalised, J, inverse_V, here.base)
+
+
+def values_of(loops: Loops) -> list[Any]:
+    """What :eq:`full-order-loops` is made of, in the order in which :class:`LoopsOnArc` takes it."""
     algebra, gains = loops.algebra, loops.gains
     A, B, C, D = loops.J
     none = References(0.0, 0.0, 0.0, 0.0)
@@ -193,7 +201,12 @@ def _gains(system: System, region: Region, drawn: bool, piece: Sequence[bool]) -
     _, rate, slope = power_loops(1.0, 0.0, 0.0, 0.0, none, gains)
     values[0] = values[0] - rate
     values.append(-slope)
-    values += [gains.k_P, gains.k_Q, gains.K_ip, gains.K_pq, gains.K_qp, gains.K_iq, A, B, C, D]
+    return [*values, gains.k_P, gains.k_Q, gains.K_ip, gains.K_pq, gains.K_qp, gains.K_iq, A, B, C, D]
+
+
+def values_program(tracer: Tracer, loops: Loops, values: Sequence[Any]) -> tuple[list[float | None], Program]:
+    """Values of the loops' algebra as a program: of each the number where it is one, None where it is an output."""
+    algebra = loops.algebra
     outputs: list[Any] = []
     parts: list[float | None] = []
     for value in values:
@@ -219,57 +232,82 @@ def _at_design_point(system: System, here: Estimate, inverse_V: Symbol) -> tuple
     return jacobian_from_powers(P, Q, V, r, x)
 
 
-def _arc(parts: Sequence[float | None], ratio: bool) -> Program:
-    """Re f and Im f, f = det M/(s + divisor)³ (:eq:`full-order-determinant`)."""
-    own = sum(part is None for part in parts)
-    more = 2 if ratio else 0
-    tracer = Tracer(2 + 4 + 2 * FUNCTIONS + more + own)
-    symbols = iter(tracer.symbols())
-    p, q = next(symbols), next(symbols)
-    s, divided = (Phasor(next(symbols), next(symbols)) for _ in range(2))
-    functions = [Phasor(next(symbols), next(symbols)) for _ in range(FUNCTIONS)]
-    of_Q = Phasor(next(symbols), next(symbols)) if ratio else None
-    kap_d, iota_d, nu_d, kap_V, iota_V, nu_V, slope, *rest = (next(symbols) if part is None else part for part in parts)
-    k_P, k_Q, K_ip, K_pq, K_qp, K_iq, A, B, C, D = rest
-    y = Phasor(p * (1.0 / PHASES), q * (-1.0 / PHASES))
+class LoopsOnArc:
+    """The symbols of an arc with the power loops on it: M of :eq:`full-order-loops`, and FG, what δ and ln V do to the
+    filtered powers. ``more``: the parts beyond those of :func:`values_of`."""
+
+    def __init__(self, parts: Sequence[float | None], ratio: bool, given: int = 0) -> None:
+        own = sum(part is None for part in parts)
+        self.tracer = Tracer(2 + 4 + 2 * FUNCTIONS + (2 if ratio else 0) + own + given)
+        symbols = iter(self.tracer.symbols())
+        p, q = next(symbols), next(symbols)
+        self.s, self.divided = (Phasor(next(symbols), next(symbols)) for _ in range(2))
+        functions = [Phasor(next(symbols), next(symbols)) for _ in range(FUNCTIONS)]
+        of_Q = Phasor(next(symbols), next(symbols)) if ratio else None
+        values = [next(symbols) if part is None else part for part in parts]
+        self.given = list(symbols)
+        kap_d, iota_d, nu_d, kap_V, iota_V, nu_V, self.slope, *rest = values
+        k_P, k_Q, K_ip, K_pq, K_qp, K_iq, A, B, C, D, *self.more = rest
+        y = Phasor(p * (1.0 / PHASES), q * (-1.0 / PHASES))
+        self.FG = _powers(functions, y, of_Q)
+        d_P, d_Q, V_P, V_Q = (
+            Phasor(power.re - own, power.im) for power, own in zip(self.FG, (A, C, B, D), strict=True)
+        )
+
+        def acts(first: Any, second: Any, P: Phasor, Q: Phasor) -> Phasor:
+            return plus(times(first, P), times(second, Q))
+
+        s = self.s
+        self.m_11 = plus(
+            plus(product(s, s), product(s, plus(Phasor(kap_d, 0.0), acts(k_P, k_Q, d_P, d_Q)))),
+            plus(Phasor(iota_d, 0.0), acts(K_ip, K_pq, d_P, d_Q)),
+        )
+        self.m_12 = plus(
+            product(s, plus(Phasor(kap_V, 0.0), acts(k_P, k_Q, V_P, V_Q))),
+            plus(Phasor(iota_V, 0.0), acts(K_ip, K_pq, V_P, V_Q)),
+        )
+        self.m_21 = plus(times(self.slope, s), plus(Phasor(nu_d, 0.0), acts(K_qp, K_iq, d_P, d_Q)))
+        self.m_22 = plus(s, plus(Phasor(nu_V, 0.0), acts(K_qp, K_iq, V_P, V_Q)))
+
+    def determinant(self) -> Phasor:
+        """det M."""
+        return minus(product(self.m_11, self.m_22), product(self.m_12, self.m_21))
+
+
+def plus(a: Phasor, b: Phasor) -> Phasor:
+    """a + b."""
+    return scaled_sum(1.0, a, 1.0, b)
+
+
+def minus(a: Phasor, b: Phasor) -> Phasor:
+    """a − b."""
+    return scaled_sum(1.0, a, -1.0, b)
+
+
+def times(real: Any, a: Phasor) -> Phasor:
+    """A real multiple."""
+    return Phasor(real * a.re, real * a.im)
+
+
+def _powers(functions: Sequence[Phasor], y: Phasor, of_Q: Phasor | None) -> list[Phasor]:
+    """P and Q of δ, then P and Q of ln V (:eq:`full-order-powers`)."""
     y_c = Phasor(y.re, -y.im)
-
-    def plus(a: Phasor, b: Phasor) -> Phasor:
-        return scaled_sum(1.0, a, 1.0, b)
-
-    def minus(a: Phasor, b: Phasor) -> Phasor:
-        return scaled_sum(1.0, a, -1.0, b)
-
-    def times(real: Any, a: Phasor) -> Phasor:
-        return Phasor(real * a.re, real * a.im)
-
     a_1, a_2, b_1, b_2, c, e = functions[:6]
     o_1, o_2, n_1, n_2, g, h = functions[6:]
     # (v ī_g + v̄' ...): the signal's own voltage with the current at rest, and the conjugate signal's current.
     S_d = plus(product(plus(a_1, product(a_2, y)), y_c), plus(n_1, product(n_2, y_c)))
     T_d = plus(product(plus(o_1, product(o_2, y_c)), y), plus(b_1, product(b_2, y)))
     S_V, T_V = plus(product(c, y_c), h), plus(product(g, y), e)
-    off: list[Phasor] = []
-    for S, T, of_P, of_other in ((S_d, T_d, A, C), (S_V, T_V, B, D)):
-        both, apart = plus(S, T), minus(S, T)
-        P, Q = both, Phasor(apart.im, -apart.re)
-        Q = Q if of_Q is None else product(Q, of_Q)
-        off += [Phasor(P.re - of_P, P.im), Phasor(Q.re - of_other, Q.im)]
+    found: list[Phasor] = []
+    for S, T in ((S_d, T_d), (S_V, T_V)):
+        apart = minus(S, T)
+        Q = Phasor(apart.im, -apart.re)
+        found += [plus(S, T), Q if of_Q is None else product(Q, of_Q)]
+    return found
 
-    def acts(first: Any, second: Any, P: Phasor, Q: Phasor) -> Phasor:
-        return plus(times(first, P), times(second, Q))
 
-    d_P, d_Q, V_P, V_Q = off
-    s_sq = product(s, s)
-    m_11 = plus(
-        plus(s_sq, product(s, plus(Phasor(kap_d, 0.0), acts(k_P, k_Q, d_P, d_Q)))),
-        plus(Phasor(iota_d, 0.0), acts(K_ip, K_pq, d_P, d_Q)),
-    )
-    m_12 = plus(
-        product(s, plus(Phasor(kap_V, 0.0), acts(k_P, k_Q, V_P, V_Q))),
-        plus(Phasor(iota_V, 0.0), acts(K_ip, K_pq, V_P, V_Q)),
-    )
-    m_21 = plus(times(slope, s), plus(Phasor(nu_d, 0.0), acts(K_qp, K_iq, d_P, d_Q)))
-    m_22 = plus(s, plus(Phasor(nu_V, 0.0), acts(K_qp, K_iq, V_P, V_Q)))
-    f = product(minus(product(m_11, m_22), product(m_12, m_21)), divided)
-    return program_of(tracer, [f.re, f.im])
+def _arc(parts: Sequence[float | None], ratio: bool) -> Program:
+    """Re f and Im f, f = det M/(s + divisor)³ (:eq:`full-order-determinant`)."""
+    loops = LoopsOnArc(parts, ratio)
+    f = product(loops.determinant(), loops.divided)
+    return program_of(loops.tracer, [f.re, f.im])

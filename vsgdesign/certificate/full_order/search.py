@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.certificate.full_order.boxes import DrawnTo, Part, Pieces, pieces_of, whole
 from vsgdesign.certificate.full_order.cells import GOOD, INNER_UNSTABLE, Arcs, Cell, cells_of
 from vsgdesign.certificate.full_order.inner import InnerLoop, InnerTapes, fastest_step
-from vsgdesign.certificate.full_order.looking import ARC, EMPTY, PROVED, UNDECIDED, CellGroup, look_at
+from vsgdesign.certificate.full_order.looking import ARC, EMPTY, PROVED, UNDECIDED, CellGroup, Looks, look_at
 from vsgdesign.certificate.full_order.programs import FullOrderPrograms, full_order_programs
 from vsgdesign.certificate.full_order.rows import inner_rows, power_filter
 from vsgdesign.certificate.region import Region, System
@@ -52,6 +52,10 @@ class Problem:
         pieces = pieces_of(system, region, drawn_to)
         programs = full_order_programs(system, region, pieces.drawn, filters[0] != filters[1])
         return cls(system, region, loop, InnerTapes.of(loop), programs, pieces)
+
+    def look(self, group: CellGroup, part: Part) -> Looks:
+        """One look at some boxes."""
+        return look_at(self.programs, self.pieces, group, part)
 
 
 def _corners(study: Study, system: System, region: Region) -> tuple[Array, Array]:
@@ -148,7 +152,7 @@ def _look(problem: Problem, ready: list[tuple[Waiting, Cell]], found: Found) -> 
     looked = np.zeros(count, dtype=np.int64)
     kept: list[Part] = []
     while len(part):
-        looks = look_at(problem.programs, problem.pieces, group, part)
+        looks = problem.look(group, part)
         found.values += looks.values
         found.looked += len(part)
         np.add.at(looked, part.cell, 1)

@@ -206,7 +206,8 @@ class FullOrderJob(Job[int, dict[str, Any]]):
     def _in_a_mode(self) -> int:
         return -(-len(self._beginning) // _BLOCK)
 
-    def _problem(self, block: int) -> Problem:
+    def problem_of(self, block: int) -> Problem:
+        """What is to be proved in a block."""
         return self.problems[block // self._in_a_mode]
 
     def _cells(self, block: int) -> list[Waiting]:
@@ -217,9 +218,9 @@ class FullOrderJob(Job[int, dict[str, Any]]):
         """What was found of a mode, and the cells of its blocks that are not finished, as what is left of a part."""
         count = self._in_a_mode
         own = range(count * mode, count * (mode + 1))
-        cells = [(block, one) for block in self.left(dict(parts)) if block in own for one in self._cells(block)]
+        cells = [one for block in self.left(dict(parts)) if block in own for one in self._cells(block)]
         found = [parts[str(block)] for block in own if str(block) in parts]
-        return found, [_row(self._problem(block), one, "time") for block, one in cells]
+        return found, [left_row(self.problems[mode], one, "time") for one in cells]
 
     def size(self, block: int, /) -> int:
         """A millionth of the volume counts as one."""
@@ -227,7 +228,7 @@ class FullOrderJob(Job[int, dict[str, Any]]):
 
     def run(self, block: int) -> dict[str, Any]:
         """What a search finds in some cells."""
-        found, problem = Found(), self._problem(block)
+        found, problem = Found(), self.problem_of(block)
         begin, coarse = self._cells(block), Arcs.coarsest(problem.loop.T_s)
         waiting, most = begin, _MOST_LOOKS if self.until is None else _STEP
         while waiting and found.looked < _MOST_LOOKS:
@@ -237,18 +238,19 @@ class FullOrderJob(Job[int, dict[str, Any]]):
         left = [*found.left, *((one, "boxes") for one in waiting)]
         return {
             str(block): {
+                "decay": problem.loop.alpha,
                 "proved": found.proved,
                 "empty": found.empty,
                 "values": found.values,
                 "cells": len(found.cells),
                 "boxes": sum(map(len, found.boxes)),
-                "left": [_row(problem, one, why) for one, why in left],
+                "left": [left_row(problem, one, why) for one, why in left],
                 "record": packed(arrays_of(begin, problem.pieces, found, coarse.edges)),
             }
         }
 
 
-def _row(problem: Problem, one: Waiting, why: str) -> list[Any]:
+def left_row(problem: Problem, one: Waiting, why: str) -> list[Any]:
     """A part that is left, as a journal keeps it: limits of the grids, of P and Q, and of the frequencies."""
     c, boxes = problem.system.study.converter, one.boxes
     basis = SCR_BASES[problem.system.study.scr_basis]
@@ -290,7 +292,7 @@ def prove_full_order(  # noqa: PLR0913 - those of certify
     """
     until = None if seconds is None else time.time() + seconds
     study, region = within_scheduler(study, region, ready.tables.get(spec.name))
-    _known(study, spec, region, ready)
+    check_known(study, spec, region, ready)
     system, _ = prepared(study, spec, region, ready, None, decay)
     own = study.with_limit_of(spec)
     if pair and own.filter.L_2 == 0.0:
@@ -307,9 +309,26 @@ def prove_full_order(  # noqa: PLR0913 - those of certify
             f"{least:.3g} 1/s does. Ask for less, or shrink the region or the error."
         )
     tables = {spec.name: table} if (table := ready.tables.get(spec.name)) is not None else {}
-    goals = [_SHARE * one if decay is None else decay for one in every]
+    goals = [half_of(one) if decay is None else decay for one in every]
     apart = goals[1] if pair else None
     job = FullOrderJob(study=study, spec=spec, tables=tables, region=region, decay=goals[0], apart=apart, until=until)
+    parts = until_done(job, kept, workers, cluster, progress)
+    found = []
+    for k, one in enumerate(modes):
+        own_part = _statement(own, spec, region, one, goals[k], slowest[k], *job.of_mode(k, parts))
+        left = own_part.left if until is not None else _searched(own, one, region, own_part.left)
+        found.append(replace(own_part, left=left))
+    return replace(found[0], differential=found[1] if pair else None)
+
+
+def until_done(
+    job: FullOrderJob,
+    kept: Callable[[FullOrderJob], AbstractContextManager[Journal[Any]]] | None,
+    workers: int | None,
+    cluster: str | None,
+    progress: Progress | None,
+) -> Mapping[str, Any]:
+    """The parts of a job, or those that its time was enough for: its journal then stays."""
     parts: Mapping[str, Any] = {}
     with suppress(_OutOfTimeError), journal_at(job, None) if kept is None else kept(job) as journal:
         left = len(job.left(journal.whole))
@@ -317,12 +336,12 @@ def prove_full_order(  # noqa: PLR0913 - those of certify
             parts = run_job(job, journal, executor=executor, progress=progress)
         if job.left(parts):
             raise _OutOfTimeError
-    found = []
-    for k, one in enumerate(modes):
-        own_part = _statement(own, spec, region, one, goals[k], slowest[k], *job.of_mode(k, parts))
-        left = own_part.left if until is not None else _searched(own, one, region, own_part.left)
-        found.append(replace(own_part, left=left))
-    return replace(found[0], differential=found[1] if pair else None)
+    return parts
+
+
+def half_of(decay: float) -> float:
+    """What is proved where a decay was found, 1/s."""
+    return _SHARE * decay
 
 
 class _OutOfTimeError(Exception):
@@ -339,7 +358,7 @@ def _searched(study: Study, system: System, region: Region, left: tuple[LeftPart
     return tuple(found)
 
 
-def _known(study: Study, spec: ControllerSpec, region: Region, ready: Ready) -> None:
+def check_known(study: Study, spec: ControllerSpec, region: Region, ready: Ready) -> None:
     """Raises StudyError where the proof does not know what the loop does."""
     faults = []
     if np.isfinite(region.rate):
@@ -379,20 +398,7 @@ def _statement(
 ) -> FullOrderProof:
     proved = sum(part["proved"] for part in every)
     rest = [row for part in every for row in part["left"]] + list(not_looked_at)
-    open_share = sum(row[-2] for row in rest)
-    total = max(proved + open_share, 1e-300)
-    left = [
-        LeftPart(
-            scr=(1.0 / row[2], 1.0 / row[0]),
-            x_over_r=(float(np.tan(row[1])), float(np.tan(row[3]))),
-            P=(row[4], row[5]),
-            Q=(row[6], row[7]),
-            frequency=None if row[8] is None else (row[8][0], row[8][1]),
-            share=row[-2] / total,
-            reason=row[-1],
-        )
-        for row in sorted(rest, key=lambda row: -row[-2])
-    ]
+    total, left = left_parts(proved, rest)
     if not rest and not every:
         left = [LeftPart(scr=region.scr, x_over_r=region.x_over_r, P=region.P, Q=region.Q, share=1.0, reason="boxes")]
     filters = (study.tau_P > 0.0) + (study.tau_Q > 0.0) + 4 * study.has_notch
@@ -412,6 +418,23 @@ def _statement(
         delay=study.converter.delay_samples,
         blocks=tuple(part["record"] for part in every),
     )
+
+
+def left_parts(proved: float, rest: Sequence[list[Any]]) -> tuple[float, list[LeftPart]]:
+    """The volume of what is not empty, and the rows of :func:`left_row` as parts, the largest first."""
+    total = max(proved + sum(row[-2] for row in rest), 1e-300)
+    return total, [
+        LeftPart(
+            scr=(1.0 / row[2], 1.0 / row[0]),
+            x_over_r=(float(np.tan(row[1])), float(np.tan(row[3]))),
+            P=(row[4], row[5]),
+            Q=(row[6], row[7]),
+            frequency=None if row[8] is None else (row[8][0], row[8][1]),
+            share=row[-2] / total,
+            reason=row[-1],
+        )
+        for row in sorted(rest, key=lambda row: -row[-2])
+    ]
 
 
 def proof_file(study: Study, proof: FullOrderProof, table: GainTable | None) -> ProofFile:

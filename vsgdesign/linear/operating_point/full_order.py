@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -201,19 +201,42 @@ def slowest_decay(
 
     ``lanes`` and ``gains`` are those with which ``states`` were found. The rate is NaN for a lane with a fault.
     """
+    decay = np.full(len(states), np.nan)
+    for good, A in _sample_matrices(study, states, lanes, gains)[1]:
+        with np.errstate(divide="ignore"):
+            decay[good] = -np.log(np.abs(np.linalg.eigvals(A)).max(axis=1)) / study.converter.T_s
+    return decay
+
+
+def sample_matrices(
+    study: Study, states: ManyStates, lanes: Lanes, gains: PowerLoopGains
+) -> tuple[tuple[str, ...], Array]:
+    """The names of the states, and A (N, n, n) of the full-order model at N steady states, as :func:`slowest_decay`
+    takes them. NaN for a lane with a fault."""
+    names, parts = _sample_matrices(study, states, lanes, gains)
+    found = np.full((len(states), len(names), len(names)), np.nan)
+    for good, A in parts:
+        found[good] = A
+    return names, found
+
+
+def _sample_matrices(
+    study: Study, states: ManyStates, lanes: Lanes, gains: PowerLoopGains
+) -> tuple[tuple[str, ...], Iterator[tuple[NDArray[np.intp], Array]]]:
+    """The names of the states; then parts of the lanes without a fault, and A there."""
     count, good = len(states), np.flatnonzero(states.fault == 0)
     every, of_every = lanes_of(study, lanes, gains)
     lanes = Lanes._make(np.full(count, value)[good] for value in every)
     laws = PowerLoopGains._make(np.full(count, value)[good] for value in of_every)
     functions = _functions(study, lanes)
     z, p = pack(functions.states, states)[good], parameters_of(study, lanes, laws)
-    decay = np.full(count, np.nan)
-    for k in range(0, len(good), _AT_ONCE):
-        part = slice(k, k + _AT_ONCE)
-        (A,) = _matrices(functions.state_matrix, z[part], p[part])
-        with np.errstate(divide="ignore"):
-            decay[good[part]] = -np.log(np.abs(np.linalg.eigvals(A)).max(axis=1)) / study.converter.T_s
-    return decay
+
+    def parts() -> Iterator[tuple[NDArray[np.intp], Array]]:
+        for k in range(0, len(good), _AT_ONCE):
+            part = slice(k, k + _AT_ONCE)
+            yield good[part], _matrices(functions.state_matrix, z[part], p[part])[0]
+
+    return functions.states, parts()
 
 
 def parameter_values(study: Study, cell: Cell) -> list[float]:
@@ -343,6 +366,7 @@ __all__ = [
     "parameter_sensitivity",
     "parameter_values",
     "parameters_of",
+    "sample_matrices",
     "slowest_decay",
     "steady_cells",
 ]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from vsgdesign.artifacts.certificate_record import CertificateCell
 from vsgdesign.artifacts.table_text import MODEL, share_text
-from vsgdesign.certificate import FullOrderProof, LeftPart
+from vsgdesign.certificate import FullOrderProof, LeftPart, MovingProof
 from vsgdesign.report.gain_table.words import CARRIED
 
 if TYPE_CHECKING:  # its kernels are loaded by who checks
@@ -57,16 +60,55 @@ def _text(found: FullOrderProof, head: str) -> str:
         f"{size} {least}",
         "Not decided, the largest parts first:",
     ]
-    for part in found.left[:_SHOWN]:
+    return "\n".join([*lines, *_left_lines(found.left), model])
+
+
+def _left_lines(left: Sequence[LeftPart]) -> list[str]:
+    """The largest parts that are not proved, and how much the others are."""
+    lines = []
+    for part in left[:_SHOWN]:
         lines.append(
             f"  SCR {part.scr[0]:.4g} to {part.scr[1]:.4g}, X/R {part.x_over_r[0]:.4g} to {part.x_over_r[1]:.4g}, "
             f"P {part.P[0] / 1e3:.4g} to {part.P[1] / 1e3:.4g} kW, Q {part.Q[0] / 1e3:.4g} to {part.Q[1] / 1e3:.4g} "
             f"kvar: {share_text(part.share)}, {_REASONS[part.reason]}{_unknown(part)}"
         )
-    if len(found.left) > _SHOWN:
-        rest = sum(part.share for part in found.left[_SHOWN:])
-        lines.append(f"  and {len(found.left) - _SHOWN} more: {share_text(rest)}")
-    return "\n".join([*lines, model])
+    if len(left) > _SHOWN:
+        rest = sum(part.share for part in left[_SHOWN:])
+        lines.append(f"  and {len(left) - _SHOWN} more: {share_text(rest)}")
+    return lines
+
+
+def moving_text(found: MovingProof) -> str:
+    """What is proved while the gains change, what was looked at by points, and how long grids have to last."""
+    head = f"{found.controller}, changing gains: "
+    grids = "on each grid with its P and Q one function falls under all gains of the estimates"
+    if found.why_not is not None:
+        lines = [f"{head}Nothing is proved between points: {found.why_not}."]
+    elif found.decay is None:
+        lines = [f"{head}Not proved anywhere."]
+    else:
+        part = "Proved everywhere" if found.complete else f"Proved on {share_text(found.proved)} of the region"
+        rates = f"at {found.decay[0]:.3g} 1/s or more, at {found.decay[1]:.3g} 1/s on the fastest grids"
+        lines = [f"{head}{part}: {grids}, {rates} ({found.boxes} boxes in {found.cells} cells)."]
+    if found.left:
+        lines += ["Not decided, the largest parts first:", *_left_lines(found.left)]
+    sampled = found.sampled
+    seen, of = sampled.lines
+    whole = "" if seen == of else f", {seen} of {of} lines in the time that was given"
+    held = sampled.places - len(sampled.without)
+    lines.append(f"Sampled: {held} of {sampled.places} places of a lattice have such a function{whole}.")
+    for cell in sampled.without:
+        lines.append(
+            f"  none found at SCR {cell.scr:.4g}, X/R {cell.x_over_r:.4g}, P {cell.P / 1e3:.4g} kW, "
+            f"Q {cell.Q / 1e3:.4g} kvar (least decay {cell.decay:.3g} 1/s)"
+        )
+    if np.isfinite(sampled.near[0]):
+        lines.append(
+            f"Grids that take turns have to last {sampled.near[0]:.2g} s (median; at most {sampled.near[1]:.2g} s) "
+            f"where their SCR differ by {100.0 * (sampled.ratio - 1.0):.0f} %, and {sampled.far[0]:.2g} s (at most "
+            f"{sampled.far[1]:.2g} s) between any two SCR of the lattice: a statement about its places."
+        )
+    return "\n".join(lines)
 
 
 def proof_check_text(path: str, found: ProofCheck) -> str:

@@ -203,6 +203,14 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
     metavar="FILE.proof",
     help="File for the boxes and arcs of --model full.  [default: beside the table, none for a study]",
 )
+@click.option(
+    "--moving",
+    type=click.FloatRange(0.0),
+    default=0.0,
+    metavar="SECONDS",
+    help="Time for --model full to prove decay while the gains change, and as much again to look at a lattice of "
+    "grids.  [default: 0, neither]",
+)
 @in_blocks
 @JSON
 @verb
@@ -221,6 +229,7 @@ def certify(
     decay: float | None,
     boxes: int,
     proof: str | None,
+    moving: float,
     how: How,
     as_json: bool,
 ) -> None:
@@ -233,7 +242,8 @@ def certify(
 
     With --model full it is the sampled full-order loop that is proved, on every grid that rests: processes share the
     work, and an interrupted proof goes on from its finished parts. Its boxes and arcs are kept in a file that "table
-    check --proof" checks.
+    check --proof" checks. With --moving it is asked, too, what the loop does while its gains change. The exit code is
+    that of the first statement.
     """
     from dataclasses import replace
 
@@ -267,8 +277,13 @@ def certify(
     if model == "full":
         if proof is None and study_file is not None:
             proof = str(proof_of(file))
-        _certify_full(study, spec, region, decay, several, proof, how, as_json)
+        if moving and several:
+            raise click.BadOptionUsage("moving", "--moving asks about one unit: the units of a plant have estimates of "
+                                       "their own.")  # fmt: skip
+        _certify_full(study, spec, region, decay, several, proof, moving, how, as_json)
         return
+    if moving:
+        raise click.BadOptionUsage("moving", "--moving asks about the sampled full-order loop: add --model full.")
     with progress(quiet=as_json) as tell:
         ready = study_tables(replace(study, controllers=(spec,)), progress=tell).ready
         prove = of_a_pair if several else certify
@@ -294,20 +309,33 @@ def certify(
 
 
 def _certify_full(
-    study: Any, spec: Any, region: Any, decay: float | None, pair: bool, proof: str | None, how: How, as_json: bool
+    study: Any,
+    spec: Any,
+    region: Any,
+    decay: float | None,
+    pair: bool,
+    proof: str | None,
+    moving: float,
+    how: How,
+    as_json: bool,
 ) -> None:
     """Proves the sampled full-order loop, of a ``pair`` units against each other as well, and ends with exit code 1
     where a part of the region is not proved."""
-    from vsgdesign.report.gain_table.full_order import full_order_text
-    from vsgdesign.verbs.pipeline.full_order import WORK, place_of, prove_full
+    from vsgdesign.report.gain_table.full_order import full_order_text, moving_text
+    from vsgdesign.verbs.pipeline.full_order import WORK, place_of, prove_changing, prove_full
 
     place = place_of(study, spec)
     with results_at(place, lambda: kept_words(place, WORK, "part")), progress(quiet=as_json) as tell:
         found = prove_full(study, spec, region, decay, pair=pair, proof=proof, progress=tell, **how)
+        asked = moving > 0.0 and not found.unstable
+        changing = prove_changing(study, spec, region, moving, progress=tell, **how) if asked else None
     if as_json:
-        print_json(found.as_document())
+        more = {} if changing is None else {"moving": changing.as_document()}
+        print_json(found.as_document() | more)
     else:
         click.echo(full_order_text(found))
+        if changing is not None:
+            click.echo(moving_text(changing))
         if proof is not None and not found.unstable:
             click.echo(f"proof: {proof}")
     if not found.complete:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.proof_file import PROOF_FILE, ProofFile, content_of
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.certificate import FullOrderProof, Region, proof_file, prove_full_order
+from vsgdesign.certificate import FullOrderProof, MovingProof, Region, proof_file, prove_full_order, prove_moving
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, StudyError
 from vsgdesign.execution.journal import Journal, journal_of, work_folder
 from vsgdesign.execution.progress import Progress
@@ -57,6 +57,32 @@ def prove_full(
     if proof is not None and not found.unstable:
         PROOF_FILE.write(proof_file(study, found, ready.tables.get(spec.name)), proof)
     return found
+
+
+def prove_changing(
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    seconds: float,
+    *,
+    workers: int | None = None,
+    cluster: str | None = None,
+    fresh: bool = False,
+    say: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+) -> MovingProof:
+    """The statement of :func:`vsgdesign.certificate.prove_moving`, whose errors it raises. What ``seconds`` were not
+    enough for is named; another call goes on from its finished parts."""
+    ready = study_tables(replace(study, controllers=(spec,)), progress=progress).ready
+
+    def kept(job: Any) -> AbstractContextManager[Journal[Any]]:
+        work = f"{WORK}-{job.what.replace(' ', '-')}"
+        return journal_of(job, out=place_of(study, spec), work=work, fresh=fresh, say=say)
+
+    return prove_moving(
+        study, spec, region, ready=ready, kept=kept, workers=workers, cluster=cluster, progress=progress,
+        seconds=seconds,
+    )  # fmt: skip
 
 
 def with_full_order(

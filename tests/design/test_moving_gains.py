@@ -1,0 +1,195 @@
+"""Gains that change on a grid that rests: the proof's forms against the sampled model's own matrices, and what a
+function promises against sequences of gains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.design.test_full_order_proof import ALPHA, _at, closed_form, determinants, laboratory
+from vsgdesign.certificate.full_order.boxes import Part
+from vsgdesign.certificate.full_order.cells import GOOD, Arcs, cells_of
+from vsgdesign.certificate.full_order.kernel import enclosed
+from vsgdesign.certificate.full_order.looking import CellGroup
+from vsgdesign.certificate.full_order.points import at_rest
+from vsgdesign.certificate.full_order.programs import DIMENSIONS
+from vsgdesign.certificate.full_order.search import Found, Problem, beginning, search
+from vsgdesign.certificate.moving.ball import ball_of, middle_error
+from vsgdesign.certificate.moving.functions import common_function, dwell_time, modal, shortfall
+from vsgdesign.certificate.moving.looking import MovingProblem, with_middle
+from vsgdesign.certificate.moving.places import DROOPS, estimates, feeds, kind_of, loops_at, powers_of, with_estimates
+from vsgdesign.certificate.moving.programs import MovingPrograms
+from vsgdesign.certificate.moving.statement import prove_moving
+from vsgdesign.certificate.proof import arrays
+from vsgdesign.certificate.region import Region
+from vsgdesign.certificate.taylor_kernel import rows
+from vsgdesign.report.gain_table.full_order import moving_text
+from vsgdesign.study.parameters import load_study
+
+PLACES = {
+    laboratory: np.array([[0.25, np.arctan(3.0), 5e3, 1e3], [0.45, np.arctan(2.5), 6e3, 0.4e3]]),
+    closed_form: np.array([[0.2, np.arctan(2.0), 3e3, 1e3], [0.5, np.arctan(6.0), -2e3, 0.5e3]]),
+}
+MADE = {"published law": laboratory, "angle-damped": closed_form}
+
+
+def moving(made: Any, alpha: float = ALPHA) -> tuple[Any, MovingProblem]:
+    """The problem of changing gains, with weights for the two places."""
+    study, problem = made()
+    problem = Problem.of(study, problem.system, problem.region, alpha)
+    ball = ball_of(study, problem.system, problem.region, PLACES[made], alpha)
+    return study, MovingProblem.about(problem, MovingPrograms.of(problem.system, problem.region), ball)
+
+
+@pytest.mark.parametrize("made", MADE.values(), ids=list(MADE))
+def test_gains_act_on_two_powers_and_three_states_alone(made: Any) -> None:
+    """What another estimate changes of A is −T_s times what it changes of the feeds, times the two powers; with droops
+    that stay the same the powers hold them, else what they hold of them is the same for all gains."""
+    study, problem = made()
+    errors = np.vstack([np.zeros((1, 2)), estimates(problem.region, 1.2, 3)])
+    loops = loops_at(study, problem.system, with_estimates(PLACES[made][:1], errors))
+    G, T_s, n = feeds(loops.at.gains), study.converter.T_s, len(loops.states)
+    assert n == {laboratory: 15, closed_form: 17}[made]
+    powers = powers_of(loops, T_s)[0]
+    if kind_of(problem.system) != DROOPS:
+        gains = loops.at.gains
+        powers[0, loops.states.index("omega_r")] -= gains.D_p[0]
+        powers[1, loops.states.index("V")] -= gains.D_q[0]
+    acts = np.zeros((n, 3))
+    acts[loops.moved, range(3)] = T_s
+    wanted = loops.A[0] - acts @ (G - G[0]) @ powers
+    scale = np.abs(loops.A).max(axis=0)
+    assert (np.abs(loops.A - wanted) <= 1e-9 * scale + 1e-15).all()
+    assert np.abs((loops.A[1] - loops.A[0])[loops.moved]).max() > 1e-9
+
+
+@pytest.mark.parametrize("made", MADE.values(), ids=list(MADE))
+def test_forms_hold_the_small_gain_of_the_model(made: Any) -> None:
+    """|f|² − β²|n|² on small boxes and arcs holds the value of the product's matrices, and β all estimates."""
+    study, problem = moving(made)
+    rng, c, d, region = np.random.default_rng(8), study.converter, DIMENSIONS, problem.region
+    error, T_s = middle_error(region), c.T_s
+    for place in PLACES[made]:
+        middle = with_estimates(place[None], np.full((1, 2), error))
+        rest = at_rest(study, problem.system, middle)
+        Z, V = place[0] * c.Z_base, rest.V_rms[0]
+        x = np.array([place[0], place[1], error, error, place[2] * Z / V**2, place[3] * Z / V**2])
+        width, t = np.array([0.005, 0.005, 0.0, 0.0, 0.01, 0.01]), rng.uniform(-1.0, 1.0, d)
+        low, high = x - width * (1.0 + t[:6]), x + width * (1.0 - t[:6])
+        (cell,) = cells_of(problem.tapes, low[None, :2], high[None, :2], [Arcs.coarsest(T_s)])
+        assert cell.state == GOOD
+        group = CellGroup.of([cell])
+        part = Part(low[None], high[None], np.zeros(1, int), np.zeros(1, int), np.array([2.0]), np.ones(1))
+        piece = np.argmax(problem._pieces(group, part.low, part.high, part), axis=0)
+        reach, _ = problem.reach(group, part, piece)
+        errors = np.vstack([np.full((1, 2), error), estimates(region, float(place[1]), 7)])
+        loops = loops_at(study, problem.system, with_estimates(place[None], errors))
+        unit, own = V**2 / Z, np.array([1.0, 1.0, 1.0 / V])[:, None]
+        off = ((feeds(loops.at.gains) - feeds(loops.at.gains)[0]) * unit * own)[1:, problem.ball.first :]
+        inside = np.linalg.inv(problem.ball.left) @ off @ np.linalg.inv(problem.ball.right)
+        most = np.linalg.norm(inside, 2, axis=(1, 2)).max()
+        assert most <= reach[0] < 1.3 * most
+        numbers, program = problem.moving.gains[piece[0]]
+        gains = problem._forms((numbers, program), group, part.low, part.high, part)
+        given = np.zeros((1, 1, rows(d)))
+        given[0, 0, 0] = reach[0] ** 2
+        arcs = np.array([0, 3, 9, 14, 20])
+        forms = np.zeros((len(arcs), 2, rows(d)))
+        many = [np.repeat(value, len(arcs), axis=0) for value in (low[None], high[None])]
+        every = np.repeat(np.concatenate([gains, given], axis=1), len(arcs), axis=0)
+        enclosed(tuple(many), every, group.functions, arcs, arrays(problem.arcs[piece[0]]), d, forms)
+        edges = cell.edges
+        omega = 0.5 * (edges[arcs] + edges[arcs + 1]) + 0.5 * (edges[arcs + 1] - edges[arcs]) * t[6]
+        z = np.exp((-problem.loop.alpha + 1j * omega) * T_s)
+        gains_of = type(rest.gains)(*(np.repeat(value, len(arcs)) for value in rest.gains))
+        f = determinants(study, problem, np.repeat(middle, len(arcs), 0), gains_of, np.full(len(arcs), V), z)
+        n = len(loops.states)
+        acts = np.zeros((n, 3))
+        acts[loops.moved, range(3)] = T_s * np.array([1.0, 1.0, V])
+        powers = powers_of(loops, T_s)[0] / unit
+        if kind_of(problem.system) != DROOPS:
+            powers[0, loops.states.index("omega_r")] -= rest.gains.D_p[0] / unit
+            powers[1, loops.states.index("V")] -= rest.gains.D_q[0] / unit
+        answers = [powers @ np.linalg.solve(at * np.eye(n) - loops.A[0], acts + 0j) for at in z]
+        sizes = np.array([np.linalg.norm(problem.ball.right @ one @ problem.ball.columns) for one in answers])
+        wanted = np.abs(f) ** 2 * (1.0 - (reach[0] * sizes) ** 2)
+        for k, truth in enumerate(wanted):
+            value, radius = _at(forms[k, 0], t, d)
+            assert abs(value - truth) <= radius
+            assert radius < 0.5 * abs(f[k]) ** 2
+
+
+def test_cells_are_proved_and_a_rate_beyond_the_decay_is_not() -> None:
+    """The laboratory: at half of the decay all of a cell is proved, beyond that of its slowest estimate nothing is."""
+    for alpha, proved in ((1.0, True), (3.5, False)):
+        _, problem = moving(laboratory, alpha)
+        one = next(one for one in beginning(problem) if one.low[0] > 1 / 4.3)
+        waiting = [replace(one, boxes=with_middle(one.boxes, middle_error(problem.region)))]
+        found = Found()
+        left = search(problem, waiting, found, most_looks=60)
+        if proved:
+            assert not left
+            assert found.unproved == 0.0
+        else:
+            assert found.proved == 0.0
+
+
+def test_a_function_falls_under_every_sequence_of_gains() -> None:
+    """One function for a place of the angle-damped loop: 60 random sequences of its gains, estimates that no matrix of
+    the search has, and dwell times of two grids that take turns."""
+    study, problem = closed_form()
+    rng, T_s, functions = np.random.default_rng(2), study.converter.T_s, []
+    for place in PLACES[closed_form]:
+        errors = np.vstack([np.zeros((1, 2)), estimates(problem.region, float(place[1]), 5)])
+        A = loops_at(study, problem.system, with_estimates(place[None], errors)).A
+        decay = 0.5 * float(-np.log(np.abs(np.linalg.eigvals(A)).max())) / T_s
+        rho = float(np.exp(-decay * T_s))
+        P = common_function(A, rho)
+        assert P is not None
+        functions.append((P, decay))
+        others = rng.uniform(-problem.region.error, problem.region.error, (30, 2))
+        every = loops_at(study, problem.system, with_estimates(place[None], others)).A
+        assert shortfall(every, P, rho) < 0.0
+        turn = np.linalg.cholesky(P).T
+        x = np.linalg.solve(turn, rng.normal(size=(len(turn), 60)))
+        before = np.linalg.norm(turn @ x, axis=0)
+        for k in rng.integers(len(every), size=200):
+            x = every[k] @ x
+            after = np.linalg.norm(turn @ x, axis=0)
+            assert (after <= rho * before * (1.0 + 1e-9)).all()
+            before = after
+    (P, one), (Q, other) = functions
+    assert dwell_time(P, 7.0 * P, one) == pytest.approx(0.0, abs=1e-6)
+    assert dwell_time(P, Q, min(one, other)) == pytest.approx(dwell_time(5.0 * P, Q, min(one, other)), rel=1e-6)
+    assert dwell_time(P, Q, min(one, other)) > 0.01
+
+
+def test_the_semidefinite_program_finds_what_the_modes_do_not() -> None:
+    """Two oscillators whose modes are no common ones, and two that have no function in common: turns of 90° in opposite
+    directions of unequal axes grow together."""
+    slow = np.array([[0.0, 0.6], [-0.9, 0.0]])
+    A = np.stack([slow, slow.T])
+    assert shortfall(A, modal(A[0]), 0.95) > 0.0
+    P = common_function(A, 0.95)
+    assert P is not None
+    assert shortfall(A, P, 0.95) < 0.0
+    fast = np.array([[0.0, 2.0], [-0.4, 0.0]])
+    assert np.abs(np.linalg.eigvals(fast)).max() < 0.95 < np.abs(np.linalg.eigvals(fast @ fast.T)).max()
+    assert common_function(np.stack([fast, fast.T]), 0.95) is None
+
+
+def test_without_time_everything_is_named_as_not_looked_at() -> None:
+    study = load_study("studies/laboratory/study.toml")
+    region = Region((3.0, 4.0), (3.0, 3.0001), (4e3, 6e3), (0.0, 1e3), 0.1)
+    (spec,) = (spec for spec in study.controllers if spec.name == "scheduled")
+    found = prove_moving(study, spec, region, workers=1, seconds=0.0)
+    assert not found.complete
+    assert found.proved == 0.0
+    assert sum(part.share for part in found.left) == pytest.approx(1.0)
+    assert {part.reason for part in found.left} == {"time"}
+    text = moving_text(found)
+    assert "Not proved anywhere" in text
+    assert "0 of 0 places" in text

@@ -1,0 +1,188 @@
+"""What is proved of the sampled full-order loop whose gains change, and what was looked at by points."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import time
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.certificate.asked import within_scheduler
+from vsgdesign.certificate.certifying import prepared
+from vsgdesign.certificate.full_order.points import decays_at, least_decay
+from vsgdesign.certificate.full_order.search import Problem, Waiting
+from vsgdesign.certificate.full_order.statement import (
+    FullOrderJob,
+    LeftPart,
+    check_known,
+    half_of,
+    left_parts,
+    until_done,
+)
+from vsgdesign.certificate.moving.ball import ball_of, middle_error
+from vsgdesign.certificate.moving.lattice import LatticeJob, Sampled, sampled
+from vsgdesign.certificate.moving.looking import MovingProblem, with_middle
+from vsgdesign.certificate.moving.programs import MovingPrograms
+from vsgdesign.certificate.region import Region, nodes, random_points
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.execution.journal import Journal
+from vsgdesign.execution.progress import Progress
+from vsgdesign.runtime.table import TableSchedule
+from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+Array = NDArray[np.float64]
+AnyJob = TypeVar("AnyJob", bound=FullOrderJob)
+
+_DRAWN = 300
+"""Random points of a cell of grids among which its least decay is looked for, beside its corners."""
+
+TABLE = "the gains are those of a table: its places are looked at by points alone"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingProof:
+    """On the share ``proved`` of the region there is, for every grid with its P and Q, one function that falls under
+    all gains of the estimates within their errors, whenever they change (:eq:`moving-function`).
+
+    ``decay``: the least and the largest rate of the cells of grids, 1/s. ``why_not``: why nothing was tried to be
+    proved, None where something was. ``sampled``: the lattice.
+    """
+
+    controller: str
+    region: Region
+    proved: float
+    left: tuple[LeftPart, ...]
+    decay: tuple[float, float] | None
+    cells: int
+    boxes: int
+    values: int
+    why_not: str | None
+    sampled: Sampled
+
+    @property
+    def complete(self) -> bool:
+        """Whether the whole region is proved."""
+        return self.why_not is None and not self.left
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON's types."""
+        document = asdict(self)
+        del document["controller"], document["region"]
+        return plain(document | {"certified": self.complete, "region": self.region.as_document()})
+
+
+class MovingJob(FullOrderJob):
+    """The proof in blocks of cells of grids, each with a rate and weights of its own."""
+
+    what = "changing gains"
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that a part depends on."""
+        return hashlib.sha256(f"moving {super().key} {package_hash()}".encode()).hexdigest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in super().__getstate__().items() if name not in ("moving", "_beginning")}
+
+    @functools.cached_property
+    def moving(self) -> MovingPrograms:
+        """The programs of all cells."""
+        return MovingPrograms.of(self.problems[0].system, self.region)
+
+    def _cells(self, block: int) -> list[Waiting]:
+        cells = super()._cells(block)
+        return [replace(one, boxes=with_middle(one.boxes, middle_error(self.region))) for one in cells]
+
+    def problem_of(self, block: int) -> Problem:
+        """With half of the least decay of points in its cell, and weights for it."""
+        (one,) = self._cells(block)
+        system, study, rng = self.problems[0].system, self.study.with_limit_of(self.spec), np.random.default_rng(block)
+        ratio = float(np.tan(one.low[1])), float(np.tan(one.high[1]))
+        cell = replace(self.region, scr=(1.0 / one.high[0], 1.0 / one.low[0]), x_over_r=ratio)
+        points, decays = np.empty((0, 6)), np.empty(0)
+        for region in (cell, self.region):  # a cell without a point within the static limits proves nothing
+            points = np.concatenate([nodes(region, 2), random_points(region, _DRAWN, rng)])
+            points = points[system.within_limits(points)]
+            decays = decays_at(study, system, points)
+            points, decays = points[np.isfinite(decays)], decays[np.isfinite(decays)]
+            if len(points):
+                break
+        alpha = half_of(max(float(decays.min()), 2e-3))
+        places = np.unique(points[:, :4], axis=0)
+        ball = ball_of(study, system, self.region, rng.permutation(places), alpha)
+        return MovingProblem.about(Problem.of(study, system, self.region, alpha), self.moving, ball)
+
+
+def prove_moving(
+    study: Study,
+    spec: ControllerSpec,
+    region: Region,
+    *,
+    ready: Ready = NOTHING,
+    kept: Callable[[FullOrderJob], AbstractContextManager[Journal[Any]]] | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    progress: Progress | None = None,
+    seconds: float = 300.0,
+) -> MovingProof:
+    """The statement over a region: the lattice first, then the proof, each in at most ``seconds``.
+
+    Gains in closed form are proved; of a table the lattice is looked at. Errors are those of
+    :func:`~vsgdesign.certificate.full_order.statement.prove_full_order`.
+    """
+    study, region = within_scheduler(study, region, ready.tables.get(spec.name))
+    check_known(study, spec, region, ready)
+    system, _ = prepared(study, spec, region, ready, None, None)
+    own = study.with_limit_of(spec)
+    least = least_decay(own, system, region).decay or 0.0
+    if least <= 0.0:
+        raise InfeasibleStudyError(
+            f"controller {spec.name}: a point of the region is unstable with gains that are held; what changing gains "
+            "do is not asked then. Shrink the region or the error."
+        )
+    tables = {spec.name: table} if (table := ready.tables.get(spec.name)) is not None else {}
+
+    def all_of(kind: type[AnyJob]) -> tuple[AnyJob, Mapping[str, Any]]:
+        job = kind(study=study, spec=spec, tables=tables, region=region, decay=half_of(least),
+                   until=time.time() + seconds)  # fmt: skip
+        return job, until_done(job, kept, workers, cluster, progress)
+
+    found = sampled(*all_of(LatticeJob))
+    why_not: str | None = TABLE if isinstance(system.schedule, TableSchedule) else None
+    if why_not is None:
+        try:
+            MovingPrograms.of(system, region)
+        except InfeasibleStudyError as error:
+            why_not = str(error)
+    if why_not is not None:
+        return MovingProof(
+            controller=spec.name, region=region, proved=0.0, left=(), decay=None, cells=0, boxes=0, values=0,
+            why_not=why_not, sampled=found,
+        )  # fmt: skip
+    job, parts = all_of(MovingJob)
+    every, rest = job.of_mode(0, parts)
+    proved = sum(part["proved"] for part in every)
+    rest = [row for part in every for row in part["left"]] + rest
+    total, left = left_parts(proved, rest)
+    rates = [part["decay"] for part in every if part["proved"] > 0.0]
+    return MovingProof(
+        controller=spec.name,
+        region=region,
+        proved=proved / total,
+        left=tuple(left),
+        decay=(min(rates), max(rates)) if rates else None,
+        cells=sum(part["cells"] for part in every),
+        boxes=sum(part["boxes"] for part in every),
+        values=sum(part["values"] for part in every),
+        why_not=None,
+        sampled=found,
+    )
