@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import cmath
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from tests.oracles.emt_controller import State
+from tests.oracles.emt_dc import WithLink
+from tests.oracles.emt_reference import Start, run_reference
 from tests.simulation.studies import GAINS, lcl_study
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.linear.stability.loci import modes, shares_of
@@ -23,9 +30,10 @@ SECTIONS: dict[str, dict[str, Any]] = {
 P_0 = 1500.0
 
 
-def on(source: str, events: str = "") -> Study:
+def on(source: str, events: str = "", compensation: str = "measured") -> Study:
     study = lcl_study("60 ms", events).with_changes(simulation={"P_ref": P_0})
-    return study.with_changes(dc={"source": source, "C": "3 mF", "R_bleed": "8 kohm", source: SECTIONS[source]})
+    link = {"source": source, "C": "3 mF", "R_bleed": "8 kohm", "compensation": compensation}
+    return study.with_changes(dc=link | {source: SECTIONS[source]})
 
 
 def model_of(study: Study) -> FullOrderModel:
@@ -45,10 +53,10 @@ def test_it_stands_beside_the_circuit(source: str) -> None:
     assert np.abs(model.A[0, n:, :n]).max() > 0.0
 
 
-@pytest.mark.parametrize("source", SECTIONS)
-def test_entries_against_central_differences(source: str) -> None:
+@pytest.mark.parametrize(("source", "compensation"), [*((one, "measured") for one in SECTIONS), ("battery", "none")])
+def test_entries_against_central_differences(source: str, compensation: str) -> None:
     """Of the step itself, by differences of fourth order in units of each state."""
-    model = model_of(on(source))
+    model = model_of(on(source, compensation=compensation))
     z, p = model.z[0], model.p[0]
     unit = np.maximum(np.abs(z), 1e-2)
     found = np.empty_like(model.A[0])
@@ -57,8 +65,8 @@ def test_entries_against_central_differences(source: str) -> None:
         d[k] = 1e-3 * unit[k]
         at = [np.array(model.map.step(z + j * d, p)[0]).ravel() for j in (-2, -1, 1, 2)]
         found[:, k] = (at[0] - 8.0 * at[1] + 8.0 * at[2] - at[3]) / (12.0 * d[k])
-    link = slice(model.states.index("v_dc"), None)
-    scaled = [(A * unit[None, :])[link] for A in (found, model.A[0])]
+    rows = slice(model.states.index("v_dc") if compensation == "measured" else 0, None)
+    scaled = [(A * unit[None, :])[rows] for A in (found, model.A[0])]
     largest = np.abs(scaled[1]).max(axis=1, keepdims=True)
     assert np.abs((scaled[0] - scaled[1]) / largest).max() <= 1e-9
 
@@ -97,13 +105,73 @@ def test_modes_of_a_stage_by_a_second_writing() -> None:
     assert np.abs(found).max() < 500.0
 
 
+class OnePeriod(WithLink):
+    """What an independent integration of one period says of the link and of the voltage that waits."""
+
+    def __init__(self, study: Study, v: float, p: float, memory: list[float]) -> None:
+        super().__init__(study, v, p, memory)
+        self.samples: list[tuple[complex, float, float, float]] = []
+
+    def acting(self, asked: complex) -> complex:
+        self.samples.append((asked, self.v, self.p_b, self.source.s))
+        return super().acting(asked)
+
+
 @pytest.mark.parametrize("source", SECTIONS)
-def test_a_small_step_of_the_emt(source: str) -> None:
+def test_a_link_without_compensation_against_an_independent_integration(source: str) -> None:
+    """All of the matrix by differences of DOP853 with a controller of its own, and its modes slower than 500 1/s."""
+    study = on(source, compensation="none")
+    study = replace(study, simulation=replace(study.simulation, duration=2.0 * study.converter.T_s))
+    model, T = model_of(study), study.converter.T_s
+    assert study.dc is not None
+    names, z = model.states, model.z[0]
+    memory = list(study.dc.at_rest(z[names.index("p_dc")], study.converter, study.filter).memory)
+    begin, turn = cmath.exp(-0.5j * math.pi), study.grid_source.omega_g * T
+
+    def after(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        of = dict(zip(names, z.tolist(), strict=True))
+
+        def pair(name: str, d: str = "_d", q: str = "_q") -> complex:
+            return complex(of[f"{name}{d}"], of[f"{name}{q}"])
+
+        xi_v, xi_i = (pair(name, "d", "q") for name in ("xi_v", "xi_i"))
+        state = State(of["delta"] - 0.5 * math.pi, of["omega_i"], of["V"], 0j, xi_v, xi_i)
+        plant = np.array([pair(name) for name in ("i_s", "v_c", "i_g")]) * begin
+        link = OnePeriod(study, of["v_dc"], of["p_dc"], [of["dc_p"], *memory[1:]] if "dc_p" in of else memory)
+        start = Start(plant, state, pair("pending") * begin)
+        trace = run_reference(study, [GainChange(0.0, GAINS)], False, start, circuits=link)
+        back = cmath.exp(-1j * turn) / begin
+        waits, *own = link.samples[1]
+        found = dict(zip(("v_dc", "p_dc", "dc_p"), own, strict=True))
+        found |= {"delta": trace.theta[1] + 0.5 * math.pi - turn, "omega_i": trace.omega[1], "V": trace.V[1]}
+        vectors = dict(zip(("i_s_", "v_c_", "i_g_"), trace.plant[1] * back, strict=True)) | {"pending_": waits * back}
+        for name, one in (vectors | {"xi_v": trace.xi_v[1], "xi_i": trace.xi_i[1]}).items():
+            found |= {f"{name}d": one.real, f"{name}q": one.imag}
+        return np.array([found[name] for name in names])
+
+    unit = 0.1 * np.maximum(np.abs(z), 1.0)
+    found = np.empty_like(model.A[0])
+    for k in range(len(z)):
+        d = np.zeros_like(z)
+        d[k] = 0.1 * unit[k]
+        at = [after(z + j * d) for j in (-2, -1, 1, 2)]
+        found[:, k] = (at[0] - 8.0 * at[1] + 8.0 * at[2] - at[3]) / (12.0 * d[k])
+    assert np.abs((found - model.A[0]) * unit[None, :] / unit[:, None]).max() < 1e-6
+    with np.errstate(divide="ignore", invalid="ignore"):
+        of_both = [np.log(np.linalg.eigvals(A).astype(complex)) / T for A in (found, model.A[0])]
+    slow = [s for s in of_both[1] if abs(s) < 500.0]
+    assert len(slow) >= 6
+    for s in slow:
+        assert np.nanmin(np.abs(of_both[0] - s)) < 1e-4
+
+
+@pytest.mark.parametrize(("source", "compensation"), [*((one, "measured") for one in SECTIONS), ("converter", "none")])
+def test_a_small_step_of_the_emt(source: str, compensation: str) -> None:
     """The voltage of the link after a step of P_ref by 0.5 % of the rating, against a run without it."""
-    size, still = 25.0, on(source)
+    size, still = 25.0, on(source, compensation=compensation)
     model, T = model_of(still), still.converter.T_s
     v = []
-    for study in (on(source, f"[[events]]\ntime = '5 ms'\nP_ref = {P_0 + size}\n"), still):
+    for study in (on(source, f"[[events]]\ntime = '5 ms'\nP_ref = {P_0 + size}\n", compensation), still):
         run = simulate(study, [GainChange(0.0, GAINS)])
         assert run.dc_log is not None
         v.append(run.dc_log[round(5e-3 / T) :, dc_columns(study).index("v")])

@@ -206,6 +206,10 @@ class Changing:
         """The largest voltage that the bridge makes at a sample: that of an ideal dc link stays."""
         return before
 
+    def modulating(self, study: Study) -> Study:
+        """The study with the voltage by which the modulation divides in a sample."""
+        return study
+
     def acting(self, asked: complex) -> complex:
         """What acts of a voltage that the controller asked for."""
         return asked

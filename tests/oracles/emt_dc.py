@@ -9,6 +9,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -108,9 +109,9 @@ class Module:
 
 
 class WithLink(Changing):
-    """The circuit with a dc link that feeds its bridge."""
+    """The circuit with a dc link that feeds its bridge, averaged or switched (``pwm``)."""
 
-    def __init__(self, study: Study, v: float, p_b: float, memory: Sequence[float]) -> None:
+    def __init__(self, study: Study, v: float, p_b: float, memory: Sequence[float], pwm: bool = False) -> None:
         super().__init__(study, lambda grid: grid)
         assert study.dc is not None
         kinds: dict[str, Any] = {"battery": Battery, "converter": Stage, "photovoltaic": Module}
@@ -118,17 +119,24 @@ class WithLink(Changing):
         self.v, self.p_b, self.C, self.T = v, p_b, study.dc.C, study.converter.T_s
         self.bleed = 0.0 if study.dc.R_bleed is None else 1.0 / study.dc.R_bleed
         self.share = 1.0 / math.sqrt(3.0) if study.converter.zero_sequence else 0.5
+        self.nominal, self.measured = study.converter.V_dc, study.dc.compensation == "measured"
+        self.follows = pwm or not self.measured
+        """Whether the bridge's voltage follows that of the link within a period."""
         self.of_link = 1e-13 * np.array([study.converter.V_dc, 1.0, study.converter.S_rated])
         self.trace: list[float] = []
         self.events = list(study.events)
 
     def bridge_limit(self, before: float) -> float:
         del before
-        return self.share * self.v
+        return self.share * (self.v if self.measured else self.nominal)
 
     def acting(self, asked: complex) -> complex:
-        limit = self.share * self.v
+        limit = self.share * (self.v if self.measured else self.nominal)
         return asked if abs(asked) <= limit else asked * (limit / abs(asked))
+
+    def modulating(self, study: Study) -> Study:
+        self.divides_by = self.v if self.measured else self.nominal
+        return replace(study, converter=replace(study.converter, V_dc=self.divides_by))
 
     def moved(self, x: Array, pieces: Sequence[tuple], atol: NDArray[np.float64], _begin: float = 0.0) -> Any:
         """The circuit's state after a period, with that of the link, its source and the energy that the bridge took."""
@@ -138,7 +146,12 @@ class WithLink(Changing):
         self.trace.append(self.v)
         y = np.concatenate([x.real, x.imag, [self.v, self.source.s, 0.0]])
         tolerance: Any = np.concatenate([atol, atol, self.of_link])
+        n = len(x)
         for piece in pieces:
+            P = piece[-1][1]
+            if P is not None and P is not self.now:  # the network changes
+                jumped = P[0] @ (y[:n] + 1j * y[n : 2 * n]) + P[1] @ (y[:n] - 1j * y[n : 2 * n])
+                y, self.now = np.concatenate([jumped.real, jumped.imag, y[2 * n :]]), P
             solver = DOP853(
                 self._slopes(len(x), piece), 0.0, y, piece[0], rtol=1e-10, atol=tolerance, first_step=0.25 * piece[0]
             )
@@ -147,20 +160,23 @@ class WithLink(Changing):
             if solver.status != "finished":
                 raise RuntimeError("DOP853 failed on the dc link")
             y = solver.y
-        n = len(x)
         self.v, self.source.s, self.p_b = float(y[2 * n]), float(y[2 * n + 1]), float(y[2 * n + 2]) / self.T
         return y[:n] + 1j * y[n : 2 * n]
 
     def _slopes(self, n: int, piece: tuple) -> Callable[[float, Any], Any]:
-        _, v_b, (peak, peak_slope, phase, omega, omega_slope, others, *_), (matrices, _) = piece
-        A, b, e = matrices[:3]
+        _, asked, (peak, peak_slope, phase, omega, omega_slope, others, *_), (matrices, _) = piece
+        A, b, e, A_unequal, b_unequal, e_unequal = matrices
+        divides_by = self.divides_by
 
         def slopes(t: float, y: Any) -> Any:
             x, v = y[:n] + 1j * y[n : 2 * n], y[2 * n]
             turned = phase + t * (omega + 0.5 * omega_slope * t)
             v_g = (peak + peak_slope * t) * cmath.exp(1j * turned)
             v_g += sum(size * cmath.exp(1j * (order * turned + angle)) for order, size, angle in others)
+            v_b = complex(asked * v / divides_by if self.follows else asked)
             of_circuit = A @ x + b * v_b + e * v_g
+            # Real parts are the α axis, imaginary parts the β axis; the conjugate tells them apart.
+            of_circuit += A_unequal @ x.conj() + b_unequal * v_b.conjugate() + e_unequal * v_g.conjugate()
             p_b = 1.5 * (v_b * x[0].conjugate()).real
             i, of_source = self.source.current(v, y[2 * n + 1])
             of_link = [(i - self.bleed * v - p_b / v) / self.C, of_source, p_b]

@@ -154,7 +154,7 @@ def run_reference(
             applied, waiting = waiting, asked
         applied = circuits.acting(applied)
         cuts = [t - k * T for t in instants if COINCIDENT * T < t - k * T < (1.0 - COINCIDENT) * T]
-        pieces = bridge_pieces(applied, study, k, pwm, cuts)
+        pieces = bridge_pieces(applied, circuits.modulating(study), k, pwm, cuts)
         trace.edges += len(pieces) - 1 - len(cuts)
         asked_for = []
         for begin, end, v_b in pieces:

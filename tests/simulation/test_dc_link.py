@@ -80,30 +80,95 @@ V_g_pu = 1.0
 """
 
 
+NOT_COMPENSATED = '[dc]\ncompensation = "none"\n'
+
+IN_SHORT = """
+[[events]]
+time = "1 ms"
+P_ref = "2.6 kW"
+[[events]]
+time = "2.0123 ms"
+phase_jump = "-12 deg"
+[[events]]
+time = "3.33 ms"
+V_g_pu = 0.8
+[[events]]
+time = "5 ms"
+V_g_pu = 1.0
+"""
+
+UNBALANCED = """
+[[events]]
+time = "1.5 ms"
+fault = { kind = "phase_to_phase", phases = "ab", R = "5 ohm" }
+[[events]]
+time = "3.513 ms"
+fault = "cleared"
+[[events]]
+time = "4.52 ms"
+phase_jump = "-12 deg"
+"""
+
+
 def with_source(build, text: str, events: str = EVENTS, duration: str = "18 ms") -> Study:
     return build(duration, events + text)
 
 
-@pytest.mark.parametrize("text", [BATTERY, STAGE, ARRAY], ids=["battery", "converter", "photovoltaic"])
-@pytest.mark.parametrize("build", [lc_study, lcl_study])
-def test_against_dop853(build, text: str) -> None:
-    if build is lc_study and text is ARRAY:
-        text = text.replace("modules = 8", "modules = 16").replace("strings = 3", "strings = 2")
-    study = with_source(build, text)
-    assert study.dc is not None
+def against_dop853(study: Study, bridge: str) -> dict[str, float]:
+    """The largest errors of a run, per unit, that of the link's voltage included."""
     gains = [GainChange(0.0, GAINS)]
-    run = simulate(study, gains, log_states=10**9)
+    run = simulate(study, gains, log_states=10**9, bridge=bridge)
     assert run.dc_log is not None
     names = dc_columns(study)
     first = dict(zip(names, run.dc_log[0].tolist(), strict=True))
     memory = [value for name, value in first.items() if name.startswith("memory.")]
-    link = WithLink(study, first["v"], first["p"], memory)
-    reference = run_reference(study, gains, False, library_start(study, gains), circuits=link)
+    link = WithLink(study, first["v"], first["p"], memory, pwm=bridge == "pwm")
+    reference = run_reference(study, gains, bridge == "pwm", library_start(study, gains), circuits=link)
     errors = errors_pu(study, run, reference)
     v = run.dc_log[:, names.index("v")]
     errors["v_dc"] = float(np.abs(v - np.array(link.trace)).max()) / study.converter.V_dc
-    print(study.dc.source, {name: f"{e:.1e}" for name, e in errors.items()}, f"v {v.min():.5g} to {v.max():.5g} V")
+    print(bridge, {name: f"{e:.1e}" for name, e in errors.items()}, f"v {v.min():.5g} to {v.max():.5g} V")
     assert np.ptp(v) > 0.001 * study.converter.V_dc  # the link moves
+    return errors
+
+
+SOURCES = {"battery": BATTERY, "converter": STAGE, "photovoltaic": ARRAY}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("build", [lc_study, lcl_study])
+def test_against_dop853(build, source: str) -> None:
+    text = SOURCES[source]
+    if build is lc_study:
+        text = text.replace("modules = 8", "modules = 16").replace("strings = 3", "strings = 2")
+    errors = against_dop853(with_source(build, text), "averaged")
+    assert max(errors.values()) < TOLERANCE, errors
+
+
+MOVING = [
+    ("pwm", "battery", True),
+    ("averaged", "battery", False),
+    ("averaged", "converter", False),
+    ("pwm", "converter", False),
+    ("averaged", "photovoltaic", False),
+    ("pwm", "photovoltaic", True),
+    ("pwm", "photovoltaic", False),
+    ("pwm", "converter", True),
+    ("pwm", "battery", False),
+]
+
+
+@pytest.mark.parametrize(("bridge", "source", "compensated"), MOVING)
+def test_a_link_that_moves_the_bridge_against_dop853(bridge: str, source: str, compensated: bool) -> None:
+    """A step, a jump and a sag, or an unbalanced fault and a jump; the carrier has its peak at a sample, or in one."""
+    text = SOURCES[source] if compensated else SOURCES[source].replace("[dc]\n", NOT_COMPENSATED, 1)
+    if source == "battery":
+        study = with_source(lcl_study, text, UNBALANCED, "6 ms")
+    elif source == "converter":
+        study = lcl_study("6 ms", IN_SHORT + text, samples_per_carrier="1", f_sw='"20 kHz"')
+    else:
+        study = with_source(lcl_study, text, IN_SHORT, "6 ms")
+    errors = against_dop853(study, bridge)
     assert max(errors.values()) < TOLERANCE, errors
 
 
@@ -174,25 +239,33 @@ def test_energy_balance() -> None:
     assert taken[-1] > 0.1 * S * duration
 
 
-@pytest.mark.parametrize("control", ["none", "power_clamp"])
-def test_a_batch_has_the_links_of_single_runs(control: str) -> None:
+RUN_SO = [
+    ("none", "averaged", "measured"),
+    ("power_clamp", "averaged", "measured"),
+    ("none", "averaged", "none"),
+    ("none", "pwm", "measured"),
+]
+
+
+@pytest.mark.parametrize(("control", "bridge", "compensation"), RUN_SO)
+def test_a_batch_has_the_links_of_single_runs(control: str, bridge: str, compensation: str) -> None:
     """Voltages of the links of lanes and of single runs, and the same verdicts where half of them block."""
     study, spec = study_named("survival", "decoupled")
-    text = {"source": "converter", "C": "400 uF", "V_low": "300 V", "control": control}
+    text = {"source": "converter", "C": "400 uF", "V_low": "300 V", "control": control, "compensation": compensation}
     study = study.with_changes(dc=text | {"converter": {"p_max": "9 kW", "p_charge_max": "9 kW", "tau": "10 ms"}})
     assert study.dc is not None
     cases = drawn(study, spec, "grid", 6)
     own = study.with_limit_of(spec)
     lowest = []
     for k in range(len(cases)):
-        run = run_one(study, spec, NOTHING, cases, k, "averaged")
+        run = run_one(study, spec, NOTHING, cases, k, bridge)
         figures = dc_figures(own, run.dc_log) if run.dc_log is not None else None
         assert figures is not None
         lowest.append(figures.lowest_v)
     assert np.ptp(lowest) > 1.0
     limit = float(np.median(lowest)) + 1e-6
     narrow = replace(study, dc=replace(study.dc, V_low=limit))
-    results = lanes_run.run_lanes(narrow, spec, NOTHING, cases)
+    results = lanes_run.run_lanes(narrow, spec, NOTHING, cases, bridge=bridge)
     judged = results.status >= JUDGED
     assert judged.sum() >= 4
     assert (results.status == BLOCKED)[judged].tolist() == (np.array(lowest) < limit)[judged].tolist()

@@ -1,7 +1,9 @@
 """The dc link: a capacitor between a source and the bridge, moved from one sample to the next.
 
-The bridge is averaged and compensates the link's voltage: it makes the commanded voltage as long as the link allows it.
-The power that it takes in an interval follows from the circuit's states at both ends, whatever is connected to it.
+An averaged bridge that compensates the link's voltage makes the commanded voltage as long as the link allows it. The
+power that it takes in an interval follows from the circuit's states at both ends, whatever is connected to it. Where
+the voltage of the link moves that of the bridge, both are moved together
+(:mod:`vsgdesign.linear.model.link_interval`), between :func:`held_law` and :func:`link_ends`.
 """
 
 from __future__ import annotations
@@ -105,6 +107,13 @@ def acting_voltage(asked: ActingVoltage, v: Any, per_volt: Any) -> ActingVoltage
     return ActingVoltage(asked.alpha * share, asked.beta * share)
 
 
+def duty_voltage(asked: ActingVoltage, v: Any, per_volt: Any, V_dc: Any) -> ActingVoltage:
+    """The voltage of a bridge at the beginning of an interval whose modulation divides by the nominal voltage of the
+    link instead of the measured one (:eq:`dc-duty`)."""
+    share = v / V_dc
+    return acting_voltage(ActingVoltage(asked.alpha * share, asked.beta * share), v, per_volt)
+
+
 def mean_current(i_0: Any, i_1: Any, v_0: Any, v_1: Any, n_0: Any, n_1: Any, v_b: Any, dc: DcSettings) -> Any:
     """The converter current of one axis in an interval from its ends (:eq:`dc-current`): i_s (A), the voltage of the
     capacitor node without R_c (V), and i_g (A), at the beginning (0) and at the end (1).
@@ -183,19 +192,57 @@ def link_step(state: DcState, power: BridgePower, needs: Any, dc: DcSettings, so
     moved = decay.whole * v + decay.first * n_0 + decay.middle * (n_a + n_m) + decay.last * n_c
     v_1 = np.maximum(moved, LEAST_VOLTAGE * dc.V_dc)
     mean = 0.5 * (v + v_1) + dc.T_s / 12.0 * ((n_0 - decay.rate * v) - (n_c - decay.rate * v_1))
-    taken = dc.T_s * power.mean
-    bled = dc.T_s * dc.bleed * mean * mean
+    return link_after(state, v_1, mean, mean * mean, power.mean, needs, dc, source)
+
+
+def held_law(state: DcState, dc: DcSettings, source: DcSourceLaw) -> Any:
+    """The source's current from a sample to the next (:eq:`dc-flow`). Returns (current, slope, second, p_begin,
+    p_middle, p_end, rate)."""
+    flow = source.flow(state.memory, state.v, state.p, dc.source)
+    return flow.current, flow.slope, flow.second, flow.p_begin, flow.p_middle, flow.p_end, flow.decay.rate
+
+
+def link_after(
+    state: DcState, v_1: Any, mean: Any, square: Any, p: Any, needs: Any, dc: DcSettings, source: DcSourceLaw
+) -> DcState:
+    """The link at the end of an interval: its voltage there, V, the means of v and v² in between, and the mean power
+    that the bridge took, W. ``needs`` as for :func:`link_step`."""
+    v = state.v
+    flow = source.flow(state.memory, v, state.p, dc.source)
+    taken = dc.T_s * p
+    bled = dc.T_s * dc.bleed * square
     stored = 0.5 * (v_1 - v) * (v_1 + v) / dc.over_C
     return DcState(
         v=v_1,
-        p=power.mean,
+        p=p,
         needs=needs,
         spare=np.minimum(state.spare, v - needs),
         lowest=np.minimum(state.lowest, v_1),
         highest=np.maximum(state.highest, v_1),
-        least=np.minimum(state.least, power.mean),
-        most=np.maximum(state.most, power.mean),
+        least=np.minimum(state.least, p),
+        most=np.maximum(state.most, p),
         given=state.given + (taken + bled + stored),
         taken=state.taken + taken,
-        memory=source.remember(state.memory, flow, v, v_1, mean, power.mean, dc.source),
+        memory=source.remember(state.memory, flow, v, v_1, mean, p, dc.source),
     )
+
+
+def link_ends(
+    state: DcState,
+    asked: ActingVoltage,
+    v_end: Any,
+    voltage: Any,
+    squares: Any,
+    energy: Any,
+    dc: DcSettings,
+    source: DcSourceLaw,
+    compensates: bool,
+) -> DcState:
+    """:func:`link_after` from the integrals of v and v² over the interval, Vs and V²s, and from the energy that the
+    bridge took, J."""
+    over_T = 1.0 / dc.T_s
+    needs = np.sqrt(asked.alpha * asked.alpha + asked.beta * asked.beta) / dc.limit
+    if not compensates:
+        needs = needs * (state.v / dc.V_dc)
+    v_1 = np.maximum(v_end, LEAST_VOLTAGE * dc.V_dc)
+    return link_after(state, v_1, over_T * voltage, over_T * squares, over_T * energy, needs, dc, source)

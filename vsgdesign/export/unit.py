@@ -278,6 +278,10 @@ def _link(study: Study, start: SampledState) -> LinkVoltage | None:
 
     if study.dc is None:
         return None
+    if not study.dc.compensates:
+        advice = "Leave it out: the controller then divides by the voltage that it measures."
+        fault = Fault("dc.compensation", study.dc.compensation, "is not in an exported controller yet", advice)
+        raise StudyError(study.name, [fault])
     begun, clamp = dc_at_start(study, start, study.grid_source.omega_g), None
     if study.dc.clamps:
         low, high = study.dc.kind.law.can_give(begun.dc.memory, begun.clamp_of.hold, begun.link.source)

@@ -26,6 +26,8 @@ class Axes(NamedTuple):
     states: int
     degree: int = 0
     coupled: bool = True
+    jumps: bool = False
+    """Whether the states may jump where a circuit begins."""
 
     def on(self, row: int) -> tuple[int, ...]:
         """The axes (0: α) that act on a state."""
@@ -56,8 +58,8 @@ def headed(block: Block, **heads: str) -> Block:
 
 
 def two_axes(axes: Axes, slope: str, applied: Mapping[str, str], *, zero_sequence: bool, carried: bool) -> list[Part]:
-    """From the bridge's voltage to the state at the end of the interval; ``applied``: where that voltage is.
-    ``carried``: Φ x is given."""
+    """From the bridge's voltage to the state at the end of the interval; ``applied``: where that voltage is, and that
+    of the dc link. ``carried``: Φ x is given."""
     moved = functools.partial(_moved_by_both, axes, carried=carried)
     turned = Part(headed(flat_block(circuit_sample.turned_source)))
     if not slope:
@@ -68,15 +70,24 @@ def two_axes(axes: Axes, slope: str, applied: Mapping[str, str], *, zero_sequenc
             ),
             turned,
         ]
+    switching, edges = switched_legs(slope, applied, zero_sequence=zero_sequence)
+    return [*switching, Part(moved(tuple(edges))), turned]
+
+
+def switched_legs(slope: str, applied: Mapping[str, str], *, zero_sequence: bool) -> tuple[list[Part], list[str]]:
+    """What the legs of a switched bridge do in an interval on a slope of the carrier: the bridge's voltage just after
+    its beginning is ``bridge.…``. Returns the names of the edges, too."""
     fixed = {"zero_sequence": zero_sequence, "rising": slope != FALLING}
     parts = [Part(headed(flat_block(circuit_sample.legs_after, fixed=fixed), first="bridge"), applied)]
+    link = {"V_dc": applied.get("V_dc", "V_dc")}
     edges = []
     for rising in {RISING: (True,), FALLING: (False,), PEAK: (True, False)}[slope]:
         word = "falls" if rising else "rises"  # a leg falls where it meets the rising carrier
         heads = {f"edge_{leg}": f"{word}_{leg}" for leg in "abc"}
-        parts.append(Part(headed(flat_block(circuit_sample.edges_on_slope, fixed={"rising": rising}), **heads)))
+        block = headed(flat_block(circuit_sample.edges_on_slope, fixed={"rising": rising}), **heads)
+        parts.append(Part(block, link))
         edges += list(heads.values())
-    return [*parts, Part(moved(tuple(edges))), turned]
+    return parts, edges
 
 
 def _moved_by_both(axes: Axes, edges: tuple[str, ...], *, carried: bool = False) -> Block:

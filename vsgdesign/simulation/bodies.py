@@ -12,8 +12,8 @@ from vsgdesign.codegen.loop_spec import Product
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import LockIn
 from vsgdesign.equations.synchronising import GridWatch
-from vsgdesign.simulation import circuit_sample, sample, seeking_sample, watched_sample
-from vsgdesign.simulation.axes import PEAK, RISING, headed, two_axes
+from vsgdesign.simulation import circuit_sample, link_piece, sample, seeking_sample, watched_sample
+from vsgdesign.simulation.axes import PEAK, RISING, headed, switched_legs, two_axes
 from vsgdesign.simulation.circuit_sample import CarrierPart, EdgeRow, PlantRow
 from vsgdesign.simulation.ramp_sample import with_ramp
 from vsgdesign.simulation.run_kind import DISTURBANCE, FAULT, RELAY, SYNC, Kind, names_of
@@ -21,7 +21,7 @@ from vsgdesign.simulation.run_kind import DISTURBANCE, FAULT, RELAY, SYNC, Kind,
 
 def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], ...]:
     """What a sample moves: (input, output) of every number. ``watched``: the inputs of what is watched."""
-    arrived = "arrived" if kind.added else "moved"
+    arrived = kind.reached
     after = {"state.theta": "next_theta", "state.V": "next_V"} if kind.field else {"state.theta": "kept_angle"}
     found = [(f"x.{name}", f"{arrived}.{name}") for name in kind.states]
     own = kind.names(ControllerState, "state")
@@ -153,7 +153,7 @@ def _found(kind: Kind, moved: tuple[tuple[str, str], ...]) -> list[Part]:
     a run that stands still."""
     parts, line = [], Writer()
     if FAULT in kind.seeks:
-        after = "arrived" if kind.added else "moved"
+        after = kind.reached
         current = Writer()
         for when, head in (("begin", "x"), ("end", after)):
             for axis in ("alpha", "beta"):
@@ -209,21 +209,41 @@ def _waves(kind: Kind) -> list[Part]:
 @functools.cache
 def plant(kind: Kind, slope: str = "") -> Block:
     """From the voltage that acts to the circuit's state at the end of the interval, on a slope of the carrier."""
-    bridge = kind.bridge
-    waits = "pending." if bridge.delayed else "said.v_b_"
-    applied = {f"applied.{axis}": f"{waits}{axis}" for axis in ("alpha", "beta")}
-    parts, behind, row = [], [], {}
-    if kind.dc is not None:
-        parts.append(kind.dc.acts(applied))
-        behind.append(kind.dc.moved("arrived" if kind.added else "moved", applied))
-        applied = {name: name.replace("applied", "acting") for name in applied}
+    applied = _applied(kind)
+    if kind.dc is None:
+        return joined(*_circuit(kind, slope, applied))
+    acting = {name: name.replace("applied", "acting") for name in applied}
+    if not kind.coupled:
+        moved = kind.dc.moved(kind.reached, applied)
+        return joined(kind.dc.acts(applied), *_circuit(kind, slope, acting), moved)
+    piece = _with_link(kind, slope, 0)
+    return joined(kind.dc.acts(applied), kind.dc.holds(), Part(piece), kind.dc.ends(applied))
+
+
+def _applied(kind: Kind) -> dict[str, str]:
+    """Where the voltage is that was asked for."""
+    waits = "pending." if kind.bridge.delayed else "said.v_b_"
+    return {f"applied.{axis}": f"{waits}{axis}" for axis in ("alpha", "beta")}
+
+
+def _with_link(kind: Kind, slope: str, number: int) -> Block:
+    """An interval, or a piece of one, in which the voltage of the dc link moves that of the bridge."""
+    now = {f"applied.{axis}": f"piece.{axis}" for axis in ("alpha", "beta")} | {"V_dc": "running.v"}
+    called = {"running.v": "dc.v"} if number == 0 else {}
+    legs, edges = switched_legs(slope, now, zero_sequence=kind.bridge.zero_sequence) if slope else ([], [])
+    parts = [Part(link_piece.voltage_of_piece()), *_circuit(kind, slope, now), *legs]
+    arrived = "arrived" if kind.added else "moved"
+    found = joined(*parts, Part(link_piece.link_over_piece(kind, arrived, edges, number)))
+    return joined(Part(found, called))
+
+
+def _circuit(kind: Kind, slope: str, applied: dict[str, str]) -> list[Part]:
+    """The circuit alone over an interval, with a dc link whose voltage does not move in it."""
+    bridge, parts, row = kind.bridge, [], {}
     if kind.axes is not None:
-        return joined(
-            *parts,
-            *two_axes(kind.axes, slope, applied, zero_sequence=bridge.zero_sequence, carried=bool(products(kind))),
-            *_added(kind),
-            *behind,
-        )
+        carried = bool(products(kind))
+        both = two_axes(kind.axes, slope, applied, zero_sequence=bridge.zero_sequence, carried=carried)
+        return [*both, *_added(kind)]
     if kind.ramped:
         parts.append(Part(headed(flat_block(with_ramp)), {"T_s": "settings.T_s"}))
         row = {name: name.replace("row.", "moved_row.", 1) for name in names_of(PlantRow, "row")}
@@ -235,7 +255,7 @@ def plant(kind: Kind, slope: str = "") -> Block:
     else:
         fixed["rising"] = slope == RISING
         parts.append(Part(headed(flat_block(circuit_sample.switched_plant, fixed=fixed)), applied | row))
-    return joined(*parts, *_waves(kind), *_added(kind), *behind)
+    return [*parts, *_waves(kind), *_added(kind)]
 
 
 def products(kind: Kind) -> tuple[Product, ...]:
@@ -258,22 +278,29 @@ def piece_names(kind: Kind, number: int) -> dict[str, str]:
 def _plant_in_pieces(kind: Kind) -> Block:
     """The circuit over an interval in pieces. What the source adds is for its phasor at the beginning of the whole
     interval, and so is its turn."""
-    arrived = "arrived" if kind.added else "moved"
-    found = joined(Part(plant(kind, kind.cut[0])))
+    arrived, still = kind.reached, kind._replace(ramped=False)
+    wanted, before = [], {f"x.{name}": f"{arrived}.{name}" for name in kind.states}
+    if kind.coupled:
+        wanted = [f"ran.{name}" for name in link_piece.RAN]
+        before |= {f"running.{name}": f"ran.{name}" for name in link_piece.RAN}
+        found = joined(Part(_with_link(kind, kind.cut[0], 0)))
+    else:
+        found = joined(Part(plant(kind, kind.cut[0])))
     for number, slope in enumerate(kind.cut[1:], 1):
-        own = with_outputs(
-            plant(kind._replace(ramped=False), slope), tuple(f"{arrived}.{name}" for name in kind.states)
-        )
-        before = {f"x.{name}": f"{arrived}.{name}" for name in kind.states}
+        piece = _with_link(still, slope, number) if kind.coupled else plant(still, slope)
+        own = with_outputs(piece, (*(f"{arrived}.{name}" for name in kind.states), *wanted))
         found = joined(Part(found), Part(own, piece_names(kind, number) | before))
-    return found
+    if kind.dc is None or not kind.coupled:
+        return found
+    applied = _applied(kind)
+    return joined(kind.dc.acts(applied), kind.dc.holds(), Part(found), kind.dc.ends(applied))
 
 
 def row_names(kind: Kind) -> list[str]:
     """The numbers of the circuit over an interval, and of its responses to edges of a switched bridge."""
-    switched = bool(kind.bridge.slopes)
+    more = link_piece.names_of_circuit(kind) if kind.coupled else []
     if kind.axes is None:
-        return [*names_of(PlantRow, "row"), *(names_of(EdgeRow, "edge") if switched else [])]
+        return [*names_of(PlantRow, "row"), *(names_of(EdgeRow, "edge") if kind.edged else []), *more]
     axes, rows = kind.axes, range(kind.axes.states)
     pairs = [(row, axis) for row in rows for axis in axes.on(row)]
     if axes.large:  # column by column
@@ -283,9 +310,9 @@ def row_names(kind: Kind) -> list[str]:
     found += [f"row.b_{row}_{axis}" for row, axis in pairs]
     found += [f"row.s_{row}_{axis}" for row in rows for axis in range(2)]
     found += ["row.turn_cos", "row.turn_sin"]
-    if switched:
+    if kind.edged:
         found += [f"edge.c{k}_{row}_{axis}" for k in range(axes.degree + 1) for row, axis in pairs]
-    return found
+    return found + more
 
 
 def _added(kind: Kind) -> list[Part]:

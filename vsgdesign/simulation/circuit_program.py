@@ -19,6 +19,8 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
 from vsgdesign.simulation.axes import FALLING, PEAK, RISING
 from vsgdesign.simulation.circuits import Circuits
+from vsgdesign.simulation.grid_slopes import GridSlopes, grid_slopes
+from vsgdesign.simulation.link_piece import axes_of, kept_of_slopes
 from vsgdesign.simulation.loop import carrier_part
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE, Kind
 from vsgdesign.simulation.segments import Segments, Waves, last_before
@@ -58,6 +60,8 @@ class _Interval(NamedTuple):
     """(n, m): the numbers of the edge polynomials; none of an averaged bridge."""
     V_g: Array
     """Amplitude of the source that is in it, V peak (n,)."""
+    slopes: GridSlopes | None = None
+    """None where no dc link moves the voltage of the bridge."""
 
     def turned(self, angles: Array) -> _Interval:
         """With the source turned by more: (parts, n), rad."""
@@ -106,7 +110,9 @@ class CircuitProgram:
         self._waves, self._first = waves, first
         # A run with a timeline of its own takes up its source's phase anew, and what moves a source is fed.
         self._turns = circuits is None or ("watch" in spans and not kind.moved)
-        self._switched, self._ramped, self._axes = bool(kind.bridge.slopes), kind.ramped, kind.axes
+        self._edged, self._ramped, self._axes = kind.edged, kind.ramped, kind.axes
+        self._of_slopes = kept_of_slopes(axes_of(kind)) if kind.coupled else None
+        self._most_turns = kind.dc.turns if kind.dc is not None else 0.0
         if self._axes is not None:
             rows = range(self._axes.states)
             self._by_state = np.array([[k % 2 in self._axes.on(row) for k in rows] for row in rows])
@@ -160,12 +166,12 @@ class CircuitProgram:
         instants = [at * T_s, *(one.t_s for one in starts), (at + 1) * T_s]
         found = []
         for piece, start, end in zip(pieces, instants[:-1], instants[1:], strict=True):
-            one = self._interval(lanes, piece, np.asarray(end - start, dtype=np.float64))
+            one = self._interval(lanes, piece, np.asarray(end - start, dtype=np.float64), piece.phase - before.phase)
             # The source's phasors at the beginning of the piece, over those at the sample.
             angles = self._orders(lanes) * (piece.phase - before.phase)
             behind = (part._replace(added=_turned(part.added, a)) for part, a in zip(one.source, angles, strict=True))
             found.append(one._replace(source=tuple(behind)).turned(angles))
-        if self._switched:
+        if self._edged:
             ends = zip(found[0].source, found[-1].source, strict=True)
             whole = tuple(_Part(one.added, last.turn) for one, last in ends)
             self._note_cut(lanes, at, [found[0]._replace(source=whole), *found[1:]], instants)
@@ -189,18 +195,20 @@ class CircuitProgram:
 
     def _note_cut(self, lanes: NDArray[np.intp], at: Index, pieces: list[_Interval], instants: list[Array]) -> None:
         """Samples in pieces, whose source is that of the whole interval's beginning."""
-        n = self._study.converter.samples_per_carrier
+        n = max(len(self._slopes), 1)
         begin = (at % n) / n
         places = [begin, *(begin + (t_s / self._T_s - at) / n for t_s in instants[1:-1]), begin + 1.0 / n]
         parts = [np.column_stack(carrier_part(*ends)) for ends in itertools.pairwise(places)]
         whole = self._slopes
         for k, lane in enumerate(lanes.tolist()):
-            slope, slopes = whole[int(at[k]) % n], []
+            slope, slopes = whole[int(at[k]) % n] if whole else "", []
             values: dict[str, Array] = {}
             for number, (piece, part) in enumerate(zip(pieces, parts, strict=True)):
                 head = f"piece_{number}." if number else ""
                 values |= {f"{head}{name}": rows[k] for name, rows in self._rows(piece).items()}
                 values |= {f"{head}part": part[k], f"{head}edge": piece.edge[k]}
+                if piece.slopes is not None:
+                    values[f"{head}slope"] = self._slope_rows(piece, piece.V_g)[k]
                 low, high = part[k, 0], part[k, 1]
                 slopes.append(slope if slope != PEAK or low < 0.5 < high else FALLING if low >= 0.5 else RISING)
             if self._turns:  # else it is fed where it is watched
@@ -242,7 +250,7 @@ class CircuitProgram:
         interval = self._interval(lanes, source, self._T_s)
         if self._ramped:
             whole = interval.source[0]._replace(turn=source.omega * self._T_s)
-            self._put(lanes, at, interval._replace(source=(whole,)))
+            self._put(lanes, at, interval._replace(source=(whole,)), np.ones(len(lanes)))
             self._put_ramp(lanes, at, source)
         else:
             self._put(lanes, at, interval)
@@ -259,7 +267,17 @@ class CircuitProgram:
         self._write(lanes, at, "ramp_of", np.column_stack([*parts, slopes]))
         self._write(lanes, at, "ramp", np.column_stack([rms_to_peak(source.V_g_rms), np.zeros(len(lanes))]))
 
-    def _put(self, lanes: NDArray[np.intp], at: Index, interval: _Interval) -> None:
+    def _slope_rows(self, interval: _Interval, V_g: Array) -> Array:
+        """Values of the grid current's slopes that the runs have."""
+        if interval.slopes is None or self._of_slopes is None:
+            raise ValueError("the interval has no slopes.")
+        return interval.slopes.rows(V_g)[:, self._of_slopes]
+
+    def _put(self, lanes: NDArray[np.intp], at: Index, interval: _Interval, V_g: Array | None = None) -> None:
+        """``V_g``: the amplitude that the slopes have in them, where it is not that of the interval."""
+        if interval.slopes is not None:
+            rows = self._slope_rows(interval, interval.V_g if V_g is None else V_g)
+            self._write(lanes, at, "slope", rows)
         for name, rows in self._rows(interval).items():
             self._write(lanes, at, name, rows)
         self._write(lanes, at, "V_g", interval.V_g)
@@ -274,7 +292,7 @@ class CircuitProgram:
 
     def _steps(self, source: Segments, h: Array | float) -> PlantSteps:
         if self._circuits is None:
-            return plant_steps(self._study, source.R_g, source.L_g, h, source.omega, edges=self._switched)
+            return plant_steps(self._study, source.R_g, source.L_g, h, source.omega, edges=self._edged)
         return self._circuits.steps(source.place, np.broadcast_to(h, source.omega.shape), source.omega)
 
     def _orders(self, lanes: NDArray[np.intp]) -> Array:
@@ -282,8 +300,11 @@ class CircuitProgram:
         orders = np.ones((1, len(lanes)))
         return orders if self._waves is None else np.concatenate([orders, self._waves.order[lanes].T])
 
-    def _interval(self, lanes: NDArray[np.intp], source: Segments, h: Array | float) -> _Interval:
-        """An interval of length h (s) that begins with the segments given, which are those of the lanes."""
+    def _interval(
+        self, lanes: NDArray[np.intp], source: Segments, h: Array | float, angle: Array | float = 0.0
+    ) -> _Interval:
+        """An interval of length h (s) that begins with the segments given, which are those of the lanes. ``angle``:
+        that of the source over its phasor at the sample, rad, for the grid current's slopes."""
         if self._circuits is not None:  # a source on a ramp is added from outside
             steady = (source.V_slope == 0.0) & (source.omega_slope == 0.0)
             source = source._replace(
@@ -301,13 +322,18 @@ class CircuitProgram:
             added = np.einsum("nm,nmi->ni", weights, steps.source)
         else:
             added = steps.source[:, 0] * V[:, None, None]
-        edge = self._edges(steps) if self._switched else np.empty((len(added), 0))
+        edge = self._edges(steps) if self._edged else np.empty((len(added), 0))
         parts = [_Part(added, turn)]
         if self._waves is not None:
             for order, size in zip(self._waves.order[lanes].T, self._waves.size[lanes].T, strict=True):
                 of_wave = plant_steps(self._study, source.R_g, source.L_g, h, order * source.omega).source[:, 0]
                 parts.append(_Part(size[:, None] * of_wave, order * source.omega * h))
-        return _Interval(steps.transition, steps.bridge, tuple(parts), edge, V)
+        slopes = None
+        if self._of_slopes is not None:
+            slopes = grid_slopes(
+                self._study, self._circuits, source, np.asarray(h), np.asarray(angle), self._most_turns
+            )
+        return _Interval(steps.transition, steps.bridge, tuple(parts), edge, V, slopes)
 
     def _rows(self, interval: _Interval) -> dict[str, Array]:
         """Values of :class:`vsgdesign.simulation.circuit_sample.PlantRow`, (n, 20), or those of two axes, and the end
@@ -339,6 +365,8 @@ class CircuitProgram:
             )
         full = np.zeros((count, most, *steps.edge.shape[2:]))
         full[:, :terms] = steps.edge
+        if not self._slopes:  # of an averaged bridge their slopes alone are needed
+            full = full[:, 1:]
         if self._axes is None:
             return full.transpose(0, 2, 1).reshape(count, -1)
         return full[:, :, self._by_axis].reshape(count, -1)

@@ -53,7 +53,7 @@ CircuitOfConnection = Callable[[Connection], FilterGrid | TwoAxisCircuit]
 
 
 class Circuits:
-    """The circuits of runs; ``switched``: whether their bridge switches."""
+    """The circuits of runs; ``switched``: whether their responses to the edges of a bridge are needed."""
 
     def __init__(
         self,
@@ -85,7 +85,8 @@ class Circuits:
                 self.of = lambda one: two_axes(given(one))
                 self._steps.cache_clear()
             full = [two_axes(self.of(one)) for one in self._met]
-            self.axes = Axes(len(full[0].A), degree, any(_coupled(one) for one in full))
+            jumps = any(one.onto is not None for one in full)
+            self.axes = Axes(len(full[0].A), degree, any(_coupled(one) for one in full), jumps)
 
     @property
     def states(self) -> int:
@@ -131,6 +132,18 @@ class Circuits:
             np.stack([getattr(one, name) for one in found]) for name in ("pcc_per_state", "pcc_per_source")
         )
         return per_state, per_source
+
+    def at_grid(self, place: NDArray[np.int64]) -> tuple[Array, Array, Array, Array]:
+        """Of n circuits: A (n, states, states) and E (n, states, 2), how much the bridge drives the grid current at
+        once, A/(Vs), and what the first six states become where they begin, (n, 6, states)."""
+        found = [two_axes(self.of(self._met[one])) for one in place.tolist()]
+        onto = [np.eye(len(one.A)) if one.onto is None else one.onto for one in found]
+        return (
+            np.stack([one.A for one in found]),
+            np.stack([one.E for one in found]),
+            np.array([np.abs(one.B[4:6]).max() for one in found]),
+            np.stack([one[:6] for one in onto]),
+        )
 
     def moved(self, connection: Connection, h: float, x: Array) -> Array:
         """The circuit's states after an interval h (s) with a short-circuited bridge and source."""

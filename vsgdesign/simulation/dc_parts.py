@@ -6,15 +6,31 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from vsgdesign.codegen.blocks import Part
+from vsgdesign.codegen.expressions import Number
 from vsgdesign.codegen.flat import flat_block
 from vsgdesign.codegen.records import Kinds
 from vsgdesign.equations.dc_control import ClampSettings, ClampState, clamped
-from vsgdesign.equations.dc_link import ActingVoltage, DcSettings, DcState, acting_voltage, bridge_limit, dc_step
+from vsgdesign.equations.dc_link import (
+    ActingVoltage,
+    DcSettings,
+    DcState,
+    acting_voltage,
+    bridge_limit,
+    dc_step,
+    duty_voltage,
+    held_law,
+    link_ends,
+)
 from vsgdesign.equations.dc_source_interface import DcSourceLaw
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.linear.operating_point.dc_rest import series_of
 from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.circuit_sample import PlantState
 from vsgdesign.study.parameters.dc_link import DcLink
+from vsgdesign.study.parameters.study import Study
+
+LEAST_OF_NETWORKS = 2.0
+"""By how much filter and grid current may move in a sampling period with a load or a fault, rad, at least."""
 
 
 class DcKind(NamedTuple):
@@ -25,6 +41,13 @@ class DcKind(NamedTuple):
     constants: Any
     clamps: bool = False
     """Whether the controller asks for no more power than the source can give."""
+    compensates: bool = True
+    """Whether the modulation divides by the measured voltage of the link."""
+    order: int = 0
+    """Of the series that move filter and link together, where the voltage of the link moves that of the bridge
+    (:eq:`dc-edges`); 0: it does not, because an averaged bridge compensates it."""
+    turns: float = 0.0
+    """By how much filter and grid current may move in a sampling period, rad, for this order."""
 
     @property
     def records(self) -> dict[Any, dict[str, Any]]:
@@ -60,7 +83,7 @@ class DcKind(NamedTuple):
 
     def limit(self) -> Part:
         """The largest voltage of the bridge, from that of the link at the sample. Its output is ``bridge_max``."""
-        called = {"v": "dc.v", "per_volt": "link.limit"}
+        called = {"v": "dc.v" if self.compensates else "link.V_dc", "per_volt": "link.limit"}
         return Part(headed(flat_block(bridge_limit), bridge_limit="bridge_max"), called)
 
     def asks(self, records: Mapping[Any, Mapping[str, Any]], state: Mapping[str, str]) -> list[Part]:
@@ -77,25 +100,58 @@ class DcKind(NamedTuple):
     def acts(self, asked: dict[str, str]) -> Part:
         """What becomes of the voltage that was asked for. ``asked``: where its axes are. Its output is ``acting``."""
         called = {f"asked.{axis}": asked[f"applied.{axis}"] for axis in ActingVoltage._fields}
-        return Part(
-            headed(flat_block(acting_voltage), acting_voltage="acting"),
-            called | {"v": "dc.v", "per_volt": "link.limit"},
-        )
+        called |= {"v": "dc.v", "per_volt": "link.limit", "V_dc": "link.V_dc"}
+        block = flat_block(acting_voltage if self.compensates else duty_voltage)
+        return Part(headed(block, acting_voltage="acting"), called)
 
     def moved(self, after: str, asked: dict[str, str]) -> Part:
         """The link at the end of the interval. ``after``: what the circuit's states are called there; ``asked``: where
         the voltage is that was asked for."""
-        called = {f"state.{name.removeprefix('dc.')}": name for name in self.state}
-        called |= {f"dc.{name.removeprefix('link.')}": name for name in self.settings}
-        called |= {f"after.{name}": f"{after}.{name}" for name in PlantState._fields}
+        called = self._link | {f"after.{name}": f"{after}.{name}" for name in PlantState._fields}
         called |= {f"v_b.{axis}": f"acting.{axis}" for axis in ActingVoltage._fields}
         called |= {f"asked.{axis}": asked[f"applied.{axis}"] for axis in ActingVoltage._fields}
         block = flat_block(dc_step, fixed={"source": self.law}, kinds=self.records)
         return Part(headed(block, dc_state="dc_after"), called)
+
+    def holds(self) -> Part:
+        """The law of the source over the interval. Its outputs are ``held.…``."""
+        block = flat_block(held_law, fixed={"source": self.law}, kinds=self.records)
+        heads = {name: f"held.{name}" for name, _ in block.outputs}
+        return Part(headed(block, **heads), self._link)
+
+    @property
+    def absent(self) -> frozenset[str]:
+        """What the law of the source does not have: its values are zero, whatever the numbers are."""
+        block = flat_block(held_law, fixed={"source": self.law}, kinds=self.records)
+        return frozenset(name for name, value in block.outputs if isinstance(value, Number) and value.value == 0.0)
+
+    def ends(self, asked: dict[str, str]) -> Part:
+        """The link at the end of the interval, from what was summed up in it (``ran.…``)."""
+        called = self._link | {f"asked.{axis}": asked[f"applied.{axis}"] for axis in ActingVoltage._fields}
+        called |= {"v_end": "ran.v", "voltage": "ran.voltage", "squares": "ran.squares", "energy": "ran.taken"}
+        fixed = {"source": self.law, "compensates": self.compensates}
+        return Part(headed(flat_block(link_ends, fixed=fixed, kinds=self.records), dc_state="dc_after"), called)
+
+    @property
+    def _link(self) -> dict[str, str]:
+        """What an equation's arguments of the link are called in a loop."""
+        called = {f"state.{name.removeprefix('dc.')}": name for name in self.state}
+        return called | {f"dc.{name.removeprefix('link.')}": name for name in self.settings}
 
 
 def dc_kind(link: DcLink | None) -> DcKind | None:
     """What feeds the dc link."""
     if link is None:
         return None
-    return DcKind(link.kind.law, *link.kind.records, link.clamps)
+    return DcKind(link.kind.law, *link.kind.records, link.clamps, link.compensates)
+
+
+def dc_kind_of(study: Study, *, switched: bool, networks: bool = False) -> DcKind | None:
+    """The same with the order of the series, where the link of a study moves the voltage of the bridge; ``networks``:
+    whether more than a grid may be connected, which may be faster. Raises
+    InfeasibleStudyError where the link follows its source too fast for it."""
+    kind = dc_kind(study.dc)
+    if kind is None or (kind.compensates and not switched):
+        return kind
+    order, turns = series_of(study, LEAST_OF_NETWORKS if networks else 0.0)
+    return kind._replace(order=order, turns=turns)

@@ -37,7 +37,7 @@ from vsgdesign.simulation.bodies import (
     wave_names,
 )
 from vsgdesign.simulation.circuit_sample import CarrierPart, carrier
-from vsgdesign.simulation.dc_parts import dc_kind
+from vsgdesign.simulation.dc_parts import dc_kind_of
 from vsgdesign.simulation.ramp_sample import RampRow
 from vsgdesign.simulation.run_kind import DISTURBANCE, SYNC, Bridge, Kind, names_of
 from vsgdesign.simulation.sample import Noise, Sensors
@@ -100,7 +100,8 @@ def kind_of(study: Study, *, switched: bool, axes: Axes | None = None) -> Kind:
     memory, constants = (typing.get_type_hints(made)["return"] for made in (limiter.at_rest, limiter.build))
     slopes = slopes_of(c.samples_per_carrier) if switched else ()
     bridge = Bridge(slopes, zero_sequence=bool(c.zero_sequence), delayed=c.delay_samples > 0)
-    return Kind(limiter.law, memory, constants, bridge, axes, second_inductor=f.L_2 + f.R_2 > 0.0, dc=dc_kind(study.dc))
+    dc = dc_kind_of(study, switched=switched, networks=axes is not None)
+    return Kind(limiter.law, memory, constants, bridge, axes, second_inductor=f.L_2 + f.R_2 > 0.0, dc=dc)
 
 
 class KindLoop(NamedTuple):

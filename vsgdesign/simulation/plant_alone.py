@@ -38,7 +38,7 @@ class PlantAlone:
 
     def __init__(self, study: Study, gains: PowerLoopGains) -> None:
         """At rest with these gains, or without energy, as the study says. Raises InfeasibleStudyError where the study
-        has no rest at t = 0."""
+        has no rest at t = 0, or a dc link that the modulation does not compensate."""
         quiet = self._study = study.undisturbed
         self.T_s, self.sample, self._R_c = study.converter.T_s, 0, study.filter.R_c
         self.timeline = build_timeline(quiet)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
+from vsgdesign.errors import SimulationDivergedError
 from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
 from vsgdesign.identification import Probe
 from vsgdesign.simulation.added_source import PROGRESS_STRETCH
@@ -253,12 +253,11 @@ def begin_together(runs: Sequence[RunState], switched: bool) -> Batch:
     study, first = runs[0].study, runs[0]
     timelines = [run.timeline for run in runs]
     possible = [one for run in runs for one in run.search.possible(run.timeline)]
-    circuits = Circuits(study, timelines, first.of.circuit, switched=switched, possible=possible)
+    edged = kind_of(study, switched=switched).edged
+    circuits = Circuits(study, timelines, first.of.circuit, switched=edged, possible=possible)
     memory = first.feed.memory
     sensors = study.sensors is not None and study.sensors.act
     seeks = tuple(dict.fromkeys(what for run in runs for what in run.search.seeks))
-    if switched and study.dc is not None:
-        raise InfeasibleStudyError('a switched bridge has an ideal dc link. Take bridge = "averaged", or remove [dc].')
     kind = kind_of(study, switched=switched, axes=circuits.axes)
     kind = kind._replace(sensors=sensors, field=memory is not None, seeks=seeks)
     samples = max(run.samples for run in runs)

@@ -77,6 +77,24 @@ class Kind(NamedTuple):
     """Of runs that may wait: whether no cycle ends before the last sample of the loop. Then none has to stand still."""
 
     @property
+    def coupled(self) -> bool:
+        """Whether the voltage of the dc link moves that of the bridge within a sample."""
+        return self.dc is not None and self.dc.order > 0
+
+    @property
+    def edged(self) -> bool:
+        """Whether the circuit's responses to edges are needed. An interval in which events fall is then computed piece
+        by piece, by a loop of its own."""
+        return bool(self.bridge.slopes) or self.coupled
+
+    @property
+    def reached(self) -> str:
+        """What the circuit's states at the end of a sample are called."""
+        if self.coupled:
+            return "coupled"
+        return "arrived" if self.added else "moved"
+
+    @property
     def records(self) -> dict[Any, dict[str, Any]]:
         """The records in fields whose type hint says Any."""
         return {ControllerState: {"limiter": self.memory}, ControllerSettings: {"limiter": self.constants}}

@@ -311,8 +311,7 @@ class RunState:
         self.feed.follow(self.timeline, changes)
 
     def _added_source(self) -> AddedSource:
-        switched = bool(self._batch.kind.bridge.slopes)
-        return AddedSource(self.study, self.timeline, self._circuits, switched=switched)
+        return AddedSource(self.study, self.timeline, self._circuits, switched=self._batch.kind.edged)
 
     def write(self, writer: ProgramWriter) -> list[CutSample]:
         """Writes what circuit and source do in the run, and what it looks for. Returns the samples in whose intervals

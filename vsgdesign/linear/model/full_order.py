@@ -21,7 +21,7 @@ from vsgdesign.equations.frames import instantaneous_power, rms_to_peak, rotate_
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.linear.model.dc_link import LinkInModel
+from vsgdesign.linear.model.dc_link import CircuitOfPeriod, LinkInModel
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
 
 PARAMETERS = (
@@ -46,6 +46,8 @@ OUTPUTS = ("P", "Q", "omega", "V", "delta", "v_b_d", "v_b_q")
 applied from this sample on (peak, in the source's frame)."""
 
 _TAYLOR_ORDER = 13
+_EDGE_DEGREE = 16
+"""Of the responses to edges: 1e-12 of them is left out where the fastest mode moves by 3 rad in a period."""
 _PLANT = 6
 """States of the filter, which come first."""
 _NOTCH = ("ripple_P", "ripple_Q", "mean_P", "mean_Q")
@@ -256,10 +258,20 @@ def _one_period(
     V_g = rms_to_peak(values["V_g"] + push["V_g"])
     transition, bridge, source_re, source_im = _exact_step(circuit, omega_g, settings.T_s, squarings)
     turn_cos, turn_sin = np.cos(omega_g * settings.T_s), np.sin(omega_g * settings.T_s)
+    acting = applied
+    if link is not None and link.order:  # the modulation divides by the nominal voltage of the link
+        share = state["v_dc"] / values["link.V_dc"]
+        acting = (share * applied[0], share * applied[1])
     along = [transition @ ca.vertcat(*(state[f"{n}_{a}"] for n in ("i_s", "v_c", "i_g"))) for a in "dq"]
-    along = [x + bridge * v for x, v in zip(along, applied, strict=True)]
+    along = [x + bridge * v for x, v in zip(along, acting, strict=True)]
     # The source's phasor is V_g∠0 at the start of the period: what it adds has a part in each axis.
     along = [along[0] + source_re * V_g, along[1] + source_im * V_g]
+    before = [state[f"{n}_{a}"] for n in ("i_s", "v_c", "i_g") for a in "dq"]
+    of_link: dict[str, ca.SX] = {}
+    if link is not None and link.order:
+        of = _circuit_of_period(circuit, omega_g, V_g, settings.T_s, squarings, (turn_cos, turn_sin))
+        of_link, added = link.together(state, values, before, applied, of)
+        along = [x + ca.vertcat(*more) for x, more in zip(along, added, strict=True)]
     plant = [rotate_back(along[0][k], along[1][k], turn_cos, turn_sin) for k in range(3)]
     following = {
         **{f"{n}_{a}": plant[k][j] for k, n in enumerate(("i_s", "v_c", "i_g")) for j, a in enumerate("dq")},
@@ -269,10 +281,10 @@ def _one_period(
     }
     pending = rotate_back(output.v_b_alpha, output.v_b_beta, turn_cos, turn_sin)
     following |= {"pending_d": pending[0], "pending_q": pending[1]}
-    if link is not None:
-        before = [state[f"{n}_{a}"] for n in ("i_s", "v_c", "i_g") for a in "dq"]
+    if link is not None and not link.order:
         beyond = [along[j][k] for k in range(3) for j in range(2)]
-        following |= link.following(state, values, before, beyond, applied)
+        of_link = link.following(state, values, before, beyond, applied)
+    following |= of_link
     outputs = ca.vertcat(output.P, output.Q, output.omega, controller.V, controller.theta, *applied)
     return ca.vertcat(*(following[name] for name in names)), outputs
 
@@ -326,6 +338,29 @@ def controller_map(
         ca.Function("sample_linear", [z, p], [result, derivative], {"cse": True}),
         pairs=(("pending_d", "pending_q"),) if delay else (),
     )
+
+
+def _circuit_of_period(
+    circuit: FilterGrid, omega: ca.SX, V_g: ca.SX, T_s: ca.SX, squarings: int, turn: tuple[ca.SX, ca.SX]
+) -> CircuitOfPeriod:
+    """What a dc link needs of the circuit, with the source's phasor V_g∠0 at the beginning and turned at the end."""
+    A, b = _rates(circuit)
+    middle = _exact_step(circuit, omega, 0.5 * T_s, squarings)[0] @ b
+    edge = []
+    for k in range(1, _EDGE_DEGREE + 1):  # the Taylor series about the middle (:eq:`edge-polynomial`)
+        middle = middle * (0.5 * T_s / k)
+        edge.append(ca.vertsplit(middle))
+        middle = A @ middle
+    per_source = filter_grid_derivative(0.0, 0.0, 0.0, 0.0, V_g, circuit)[2]
+    rest = [(per_source, per_source * turn[0]), (0.0, per_source * turn[1])]
+    return CircuitOfPeriod(near=[A[2, k] for k in range(3)], rest=rest, edge=edge)
+
+
+def _rates(circuit: FilterGrid) -> tuple[ca.SX, ca.SX]:
+    """A and b of a circuit."""
+    symbols = ca.SX.sym("s", 4)
+    found = ca.jacobian(ca.vertcat(*filter_grid_derivative(*ca.vertsplit(symbols), 0.0, circuit)), symbols)
+    return found[:, :3], found[:, 3]
 
 
 def _exact_step(circuit: FilterGrid, omega: ca.SX, h: ca.SX, squarings: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:

@@ -24,7 +24,7 @@ from vsgdesign.linear.model.full_order import (
     full_order_map,
     limiter_states,
 )
-from vsgdesign.linear.operating_point.dc_rest import power_of_plant
+from vsgdesign.linear.operating_point.dc_rest import power_of_plant, series_of
 from vsgdesign.linear.operating_point.many import Lanes, ManyStates, clamped_lanes, lanes_of, many_steady_states
 from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, fault_of_rest
@@ -171,7 +171,8 @@ def link_in_model(study: Study) -> LinkInModel | None:
     if study.dc is None:
         return None
     kind = study.dc.kind
-    return LinkInModel(kind.law, *kind.records, kind.moving)
+    order = 0 if study.dc.compensates else series_of(study)[0]
+    return LinkInModel(kind.law, *kind.records, kind.moving, order)
 
 
 def _link_at_rest(

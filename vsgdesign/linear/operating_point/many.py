@@ -293,10 +293,16 @@ def _states_of(
     v_b = (v - paths.node_from_source * to_source) / paths.node_per_bridge
     x = paths.per_bridge.T * v_b + paths.from_source.T * to_source
     i_s, i_g = x[0], x[2]
+    v_dc, asked = None, v_b
+    if study.dc is not None:
+        held = links or [study.dc] * len(V)
+        v_dc = links_at_rest(study, held, np.where(_lost(fault, V), np.nan, bridge_power(study, v, i_s)))
+        if not study.dc.compensates:  # the controller asks for what the nominal voltage of the link would make of it
+            asked = v_b * np.where(np.isfinite(v_dc), c.V_dc / v_dc, 1.0)
     # The voltage on the bridge now was computed `delay` samples ago, in the frame of that time.
     lead = settings.advance_cos + 1j * settings.advance_sin
-    v_b_dq = v_b * np.exp(1j * c.delay_samples * paths.omega_g * settings.T_s) / lead
-    u = v_b / (settings.half_cos + 1j * settings.half_sin)
+    v_b_dq = asked * np.exp(1j * c.delay_samples * paths.omega_g * settings.T_s) / lead
+    u = asked / (settings.half_cos + 1j * settings.half_sin)
     i_ref = i_s + inner.kappa * settings.T_over_L * (u - v - 1j * settings.omega_L * i_s)
     xi_v = i_ref - inner.K_ff * i_g - 1j * settings.omega_C * v
     xi_i = v_b_dq - v - 1j * settings.omega_L * i_s
@@ -322,7 +328,7 @@ def _states_of(
     )
     memory = study.limiter.at_rest(view, paths.omega_g, settings)
     memory = type(memory)(*(np.full(V.shape, value, dtype=float) for value in memory))
-    plant, applied = x / turn, v_b / turn
+    plant, applied = x / turn, asked / turn
     state = ControllerState(
         theta=theta,
         omega_i=omega_i,
@@ -348,10 +354,7 @@ def _states_of(
     _mark(found, lost & ~np.isfinite(gains).all(axis=0), NO_GAINS)
     _mark(found, lost, NO_POINT)
     v_max: Any = settings.v_max_pk
-    if study.dc is not None:
-        v_dc = links_at_rest(
-            study, links or [study.dc] * len(V), np.where(found > 0, np.nan, bridge_power(study, v, i_s))
-        )
+    if v_dc is not None:
         _mark(found, np.isnan(v_dc), DC_SOURCE)
         v_max = linear_modulation_limit(v_dc, c.zero_sequence)
     _mark(found, np.abs(v_b) > v_max, BRIDGE_VOLTAGE)
@@ -376,6 +379,11 @@ def _states_of(
         v_b_pk=np.abs(v_b),
         fault=found,
     )
+
+
+def _lost(fault: NDArray[np.int64] | None, V: Array) -> NDArray[np.bool_]:
+    """Lanes that have no steady state."""
+    return ~np.isfinite(V) if fault is None else ~np.isfinite(V) | (fault > 0)
 
 
 def _mark(fault: NDArray[np.int64], where: NDArray[np.bool_], code: int) -> None:

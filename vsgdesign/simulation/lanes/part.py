@@ -215,7 +215,8 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     studies = [study_of_case(study, cases, k, int(end)) for k, end in enumerate(ends)] if moved or linked else []
     if studies:
         lines = [build_timeline(one) for one in studies]
-        circuits = Circuits(study, lines, switched=bridge == "pwm", states=rests.states)
+        edged = kind_of(study, switched=bridge == "pwm").edged
+        circuits = Circuits(study, lines, switched=edged, states=rests.states)
         segments = segments_of_timelines(lines, circuits.place)
     watch = STEP_WATCHED if step else DISTURBANCE
     kind = kind_of(study, switched=bridge == "pwm", axes=None if circuits is None else circuits.axes)

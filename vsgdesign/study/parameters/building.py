@@ -253,7 +253,7 @@ def build_study(
     if root.has("replay"):
         _check_replay(root, faults)
     dc = read_dc(root.child("dc"), converter)
-    check_beside(root, dc, simulation.bridge, alone=plant is None)
+    check_beside(root, dc, alone=plant is None)
     check_events(root, dc, events, verification.families)
     if simulation.survival:
         _check_survival(root, source_, events, background, sensors)

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 CONTROLS = NONE, POWER_CLAMP = ("none", "power_clamp")
 """What a controller may do about its link: nothing, or ask for no more power than the source can give."""
 
+COMPENSATIONS = MEASURED, NOT_MEASURED = ("measured", "none")
+"""By which voltage of the link the modulation divides: the measured one, or the nominal one."""
+
 V_DC = Times(1.0, "`V_dc`")
 """Nominal voltage of the link."""
 
@@ -43,6 +46,9 @@ class _Link:
     """Below, the bridge blocks, and the run is lost."""
     V_high: float = number("V", 1.0 * V_DC, 5.0 * V_DC, default=1.2 * V_DC)
     """Above, the bridge blocks, and the run is lost."""
+    compensation: str = word(COMPENSATIONS, default=MEASURED)
+    """By which voltage of the link the modulation divides: the measured one, or, with `none`, `V_dc`
+    ([modulation](theory/dc-side.md#where-the-link-moves-the-bridge))."""
 
 
 class _Control:
@@ -126,6 +132,8 @@ class DcLink:
     """Voltages beyond which the bridge blocks, V."""
     given: tuple[tuple[str, Any], ...]
     """Every parameter of the source by name, in SI."""
+    compensation: str = MEASURED
+    """One of COMPENSATIONS."""
     control: str = NONE
     """One of CONTROLS."""
     hold: float = 5.0
@@ -136,6 +144,11 @@ class DcLink:
     def clamps(self) -> bool:
         """Whether the controller asks for no more power than the source can give."""
         return self.control == POWER_CLAMP
+
+    @property
+    def compensates(self) -> bool:
+        """Whether the modulation divides by the measured voltage of the link."""
+        return self.compensation == MEASURED
 
     @property
     def kind(self) -> DcSource:
@@ -262,15 +275,11 @@ def _read_source(table: TableReader, source: DcSource, ratings: DcRatings) -> di
     return found
 
 
-def check_beside(root: TableReader, dc: DcLink | None, bridge: str, *, alone: bool) -> None:
+def check_beside(root: TableReader, dc: DcLink | None, *, alone: bool) -> None:
     """What a dc link cannot stand beside."""
-    if dc is None:
-        return
-    given = f'source = "{dc.source}"'
-    if not alone:
+    if dc is not None and not alone:
+        given = f'source = "{dc.source}"'
         root.fault("dc", given, "the units of a plant have ideal dc links", "Remove [dc], or the plant.")
-    if bridge == "pwm":
-        root.fault("dc", given, "a switched bridge has an ideal dc link", 'Set bridge = "averaged", or remove [dc].')
 
 
 def not_of(dc: DcLink | None, quantity: str) -> str | None:

@@ -716,6 +716,7 @@ class DcTable(TypedDict, total=False):
     R_bleed: Quantity
     V_low: Quantity
     V_high: Quantity
+    compensation: Literal["measured", "none"]
     control: Literal["none", "power_clamp"]
     battery: DcBatteryTable | Mapping[str, Any]
     converter: DcConverterTable | Mapping[str, Any]

@@ -1,0 +1,213 @@
+"""An interval in which the voltage of the dc link moves that of the bridge, in the body of a loop (:eq:`dc-edges`).
+
+The circuit has made its step with the voltage that the link has at the beginning. Here filter and link are moved
+together, and what the link's change does to every state is added from the circuit's responses to edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsgdesign.codegen.blocks import Writer
+from vsgdesign.codegen.flat import Block
+from vsgdesign.codegen.traced import Traced, chosen, expression
+from vsgdesign.equations.dc_link import DcSettings
+from vsgdesign.linear.model.link_interval import Edge, Interval, SourceLaw, link_over
+from vsgdesign.simulation.axes import Axes
+from vsgdesign.simulation.run_kind import LARGEST_DEGREE, Kind
+
+RAN = ("v", "voltage", "squares", "taken", "elapsed")
+"""What is handed from one piece of an interval to the next: the voltage of the link, the integrals of v and v², the
+energy that the bridge took, and how much of the interval is over."""
+
+NODES_OF_SAMPLE, NODES_OF_PIECE = 4, 3
+"""Nodes of Gauss over an interval without edges, and between two edges, which are nearer."""
+
+_OF_LINK = ("over_C", "R_1", "over_L_1", "over_C_f", "R_c")
+
+
+def axes_of(kind: Kind) -> Axes:
+    """The axes of a kind, also where they are alike."""
+    return kind.axes or Axes(6, LARGEST_DEGREE, coupled=False)
+
+
+def names_of_circuit(kind: Kind) -> list[str]:
+    """The numbers of a circuit: its interval, s; what the slope of the grid current over it is per state and per source
+    at the beginning and at the end, A, and how the source bends it; with networks whether this current is too fast to
+    be moved with the filter, the slope of this slope without the filter's part, and what the first six states become
+    where the circuit begins."""
+    axes = axes_of(kind)
+    return [name for name, kept in zip(_every_name(axes), kept_of_slopes(axes), strict=True) if kept]
+
+
+def _every_name(axes: Axes) -> list[str]:
+    """The same of circuits whose axes act on each other and whose states may jump."""
+    states = range(axes.states)
+    found = ["slope.h", "slope.fast", "slope.arc", *(f"slope.x_{axis}_{k}" for axis in range(2) for k in states)]
+    ends = [f"{when}_{axis}_{j}" for when in ("begin", "end") for axis in range(2) for j in range(2)]
+    found += [f"slope.{end}" for end in ends]
+    found += [f"slope.bend_{axis}_{k}" for axis in range(2) for k in states] + [f"slope.bend_{end}" for end in ends]
+    return found + [f"slope.on_{row}_{k}" for row in range(6) for k in states]
+
+
+def kept_of_slopes(axes: Axes) -> NDArray[np.bool_]:
+    """Which of these a circuit has."""
+    on = np.array([[k % 2 in axes.on(row) for k in range(axes.states)] for row in range(6)])
+    bends = np.concatenate([on[:2].ravel(), np.ones(8, dtype=bool)]) & axes.jumps
+    return np.concatenate(
+        [[True, axes.jumps, not axes.jumps], on[:2].ravel(), np.ones(8, dtype=bool), bends, (on & axes.jumps).ravel()]
+    )
+
+
+def voltage_of_piece() -> Block:
+    """The bridge's voltage at the beginning of a piece: that of the sample, with the voltage that the link has now."""
+    line = Writer()
+    share = line.does("/", line.input("running.v"), line.input("dc.v"))
+    for axis in ("alpha", "beta"):
+        line.output(f"piece.{axis}", line.does("*", line.input(f"acting.{axis}"), share))
+    return line.block()
+
+
+class _GridSlope:
+    """The slope of the grid current of one axis over a piece."""
+
+    def __init__(
+        self,
+        number_of: Callable[[str], Traced],
+        own: Sequence[int],
+        axis: int,
+        begin: Sequence[Traced],
+        end: Sequence[Traced],
+        source: Sequence[Traced],
+    ) -> None:
+        """``begin``, ``end``: all states, as they are before the circuit begins and at the end."""
+        self._number, self._own, self._axis = number_of, own, axis
+        self._ends = (("begin", begin), ("end", end))
+        self._source = source
+
+    def _of(self, head: str, states: Sequence[Any], which: Sequence[int]) -> Any:
+        return sum_of([self._number(f"slope.{head}_{self._axis}_{k}") * states[k] for k in which])
+
+    def _filter(self) -> dict[int, Any]:
+        return {k: self._number(f"slope.x_{self._axis}_{k}") for k in self._own if k < 6}
+
+    def alone(self) -> tuple[dict[int, Any], list[Any]]:
+        """What the filter's states do, and the rest, which is the source's alone, as a parabola: it bends with −ω²."""
+        first, last = (self._of(when, self._source, (0, 1)) for when, _ in self._ends)
+        arc = self._number("slope.arc") * (first + last)
+        return self._filter(), [first, last - first - arc, arc]
+
+    def bent(self, start: Sequence[Any]) -> tuple[dict[int, Any], list[Any]]:
+        """The same with a network: the rest is a cubic. Where the grid current is too fast, it is a cubic itself.
+        ``start``: what the first six states become where the circuit begins."""
+        near, rest, bends, whole = self._filter(), [], [], []
+        for (when, states), six in zip(self._ends, (start, self._ends[1][1]), strict=True):
+            whole.append(self._of("x", states, self._own) + self._of(when, self._source, (0, 1)))
+            rest.append(whole[-1] - sum_of([one * six[k] for k, one in near.items()]))
+            bends.append(self._of("bend", states, self._own) + self._of(f"bend_{when}", self._source, (0, 1)))
+        fast, g = self._number("slope.fast"), 4 + self._axis
+        current = _cubic(0.0, self._ends[1][1][g] - start[g], *whole)
+        straight = [current[1], 2.0 * current[2], 3.0 * current[3], 0.0]
+        left = [one + fast * (other - one) for one, other in zip(_cubic(*rest, *bends), straight, strict=True)]
+        return {k: one * (1.0 - fast) for k, one in near.items()}, left
+
+
+def link_over_piece(kind: Kind, arrived: str, edges: Sequence[str], number: int) -> Block:
+    """The circuit's states at the end of a piece, and the link there. ``arrived``: what the states are called that they
+    have without a change of the link; ``edges``: names of the edges of a switched bridge; ``number``: of the piece."""
+    line, axes, cut = Writer(), axes_of(kind), bool(kind.cut)
+    dc = kind.dc
+    if dc is None:
+        raise ValueError("the dc link is ideal.")
+
+    def number_of(name: str) -> Traced:
+        return Traced(line, line.input(name))
+
+    def linear(head: str, row: int, values: Sequence[Any], own: Sequence[int]) -> Any:
+        return sum_of([number_of(f"slope.{head}_{row}_{k}") * values[k] for k in own])
+
+    own = [[k for k in range(axes.states) if k % 2 in axes.on(row)] for row in range(6)]
+    x = [number_of(f"x.{name}") for name in kind.states]
+    begin = [linear("on", row, x, own[row]) for row in range(6)] if axes.jumps else x[:6]
+    after = [number_of(f"{arrived}.{name}") for name in kind.states]
+    source = [number_of("source.cosine"), number_of("source.sine")]
+    if kind.ramped:
+        source = [one * number_of("ramp.V_pk") for one in source]
+    near, rest = [], []
+    for k in range(2):
+        slopes = _GridSlope(number_of, own[k], k, x, after, source)
+        of_filter, left = slopes.alone() if not axes.jumps else slopes.bent(begin)
+        near.append(of_filter)
+        rest.append(left)
+    v, over_v = number_of("running.v"), 1.0 / number_of("running.v")
+    head = "bridge" if edges else "piece"
+    h, elapsed = number_of("slope.h"), number_of("running.elapsed") if number else 0.0
+    share = h / number_of("link.T_s") if cut else 1.0
+    of = Interval(
+        h=h,
+        elapsed=elapsed,
+        share=share,
+        x=begin,
+        near=near,
+        rest=rest,
+        switching=[number_of(f"{head}.{axis}") * over_v for axis in ("alpha", "beta")],
+        edges=[one for k in range(0, len(edges), 3) for one in _in_order(line, edges[k : k + 3], over_v)],
+    )
+    held = {name: number_of(f"held.{name}") for name in SourceLaw._fields[1:]}
+    settings = DcSettings(
+        **dict.fromkeys(DcSettings._fields, 0.0) | {name: number_of(f"link.{name}") for name in _OF_LINK}
+    )
+    degree = axes.degree
+    nodes = NODES_OF_PIECE if edges else NODES_OF_SAMPLE
+    law = SourceLaw(number_of("dc.v"), **{k: v if k not in dc.absent else 0.0 for k, v in held.items()})
+    found = link_over(v, of, law, settings, order=dc.order, nodes=nodes, degree=degree)
+    for row, name in enumerate(kind.states):
+        terms = [after[row]]
+        for axis in axes.on(row):
+            terms += [number_of(_edge(kind, k + 1, row, axis)) * found.moments[axis][k] for k in range(degree)]
+        line.output(f"coupled.{name}", expression(sum_of(terms)))
+    ran = {"v": found.v, "elapsed": elapsed + share}
+    for name in ("voltage", "squares", "taken"):
+        before = number_of(f"running.{name}") if number else None
+        ran[name] = getattr(found, name) if before is None else before + getattr(found, name)
+    for name in RAN:
+        line.output(f"ran.{name}", expression(ran[name]))
+    return line.block()
+
+
+def _cubic(begin: Any, end: Any, slope_begin: Any, slope_end: Any) -> list[Any]:
+    """Coefficients of the cubic with these values and slopes at 0 and 1."""
+    step, both = end - begin, slope_begin + slope_end
+    return [begin, slope_begin, 3.0 * step - slope_begin - both, both - 2.0 * step]
+
+
+def _edge(kind: Kind, k: int, row: int, axis: int) -> str:
+    """The name of a coefficient of an edge polynomial."""
+    return f"edge.{('i_s', 'v_c', 'i_g')[row // 2]}.c{k}" if kind.axes is None else f"edge.c{k}_{row}_{axis}"
+
+
+def _in_order(line: Writer, names: Sequence[str], over_v: Traced) -> list[Edge]:
+    """Three edges on one slope of the carrier as changes of the switching vector, the earliest first. One that is not
+    there changes nothing, wherever it is."""
+    found = []
+    for name in names:
+        left, alpha, beta = (Traced(line, line.input(f"{name}.{part}")) for part in ("place", "alpha", "beta"))
+        found.append(Edge(0.5 - 0.5 * left, alpha * over_v, beta * over_v))
+    for k in (0, 1, 0):
+        one, other = found[k], found[k + 1]
+        later = one.place > other.place
+        found[k] = Edge(*(chosen(later, b, a) for a, b in zip(one, other, strict=True)))
+        found[k + 1] = Edge(*(chosen(later, a, b) for a, b in zip(one, other, strict=True)))
+    return found
+
+
+def sum_of(terms: Sequence[Any]) -> Any:
+    """The terms added from the left."""
+    total = terms[0]
+    for term in terms[1:]:
+        total = total + term
+    return total
