@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.report.explore.linear import linear_answer
+from vsgdesign.report.explore.maps import map_cells, quick_figures
+from vsgdesign.report.explore.scene import shown_of
 from vsgdesign.simulation.units.scenario import run_plant
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.verbs.pipeline.exploring import session_from
@@ -55,6 +58,11 @@ def test_the_units_against_each_other(scr: float, stable: bool) -> None:
     s = split.differential[0].s.real
     said = row["note"] if stable else row["why"]
     assert f"{'decay' if stable else 'grow'} with {abs(s):.2g} 1/s" in said
+    one = shown_of(session.study_of(state), Ready(), state)[-1]
+    found = quick_figures(one.study, map_cells(one, state, np.array([scr]), np.array([5.0])), "decay")
+    assert found.stable.tolist() == [stable]
+    # The page has P and Q themselves, and the plant's Q follows its droop.
+    assert found.values[0] == pytest.approx(min(row["decay"], -s), rel=0.05)
 
 
 def test_a_plant_with_more_than_equal_units() -> None:

@@ -22,6 +22,12 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
+def asked_apart(study: Study) -> float:
+    """The decay of the units against each other that the specification asks for, 1/s; 0: none, as of a converter that
+    stands alone."""
+    return 0.0 if study.specification is None else study.specification.differential_decay
+
+
 def differential_modes(
     study: Study, gains: PowerLoopGains, P: Array, Q: Array, V_rms: Array, omega_g: float | Array
 ) -> Complex:
@@ -75,7 +81,7 @@ def worst_differential(study: Study, controller: str, field: MarginMap) -> Diffe
     """The differential mode in every cell of a map that counts, with the gains of the cell."""
     flat = field.analysed[field.counted]
     cells = field.cells.take(flat)
-    asked = 0.0 if study.specification is None else study.specification.differential_decay
+    asked = asked_apart(study)
     if len(flat) == 0:
         nowhere = complex(np.nan, np.nan)
         return DifferentialWorst(controller=controller, cells=0, s=nowhere, where="", asked=asked, missing=0)

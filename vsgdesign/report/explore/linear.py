@@ -17,7 +17,7 @@ from vsgdesign.linear.model.coupled import CoupledModel
 from vsgdesign.linear.operating_point.equilibrium import converter_current_rms
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.stability.cells import CellSet, full_order_cells, reduced_cells
-from vsgdesign.linear.stability.differential import differential_modes
+from vsgdesign.linear.stability.differential import asked_apart, differential_modes
 from vsgdesign.linear.stability.loci import mode_movements, modes
 from vsgdesign.linear.stability.loops import FullOrderLoop
 from vsgdesign.linear.stability.margins import MARGINS, eigenvalues_of, margins_named
@@ -78,7 +78,7 @@ def linear_answer(study: Study, ready: Ready, state: State, *, details: bool = F
 def _add_apart(study: Study, own: Study, cells: CellSet, rows: list[dict[str, Any]]) -> None:
     """Adds to the rows what the units against each other do, where the specification asks for it: the study is then a
     unit of a plant. One whose gains let them grow is not stable, whatever the grid says."""
-    asked = 0.0 if study.specification is None else study.specification.differential_decay
+    asked = asked_apart(study)
     if asked == 0.0:
         return
     found = differential_modes(own, cells.gains, cells.P, cells.Q, cells.V_rms, study.grid_source.omega_g)

@@ -13,6 +13,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.linear.operating_point.equilibrium import static_limit_uses
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, gains_in_force, grid_arrays
+from vsgdesign.linear.stability.differential import asked_apart, differential_modes
 from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
 from vsgdesign.linear.stability.step_responses import full_order_settling
 from vsgdesign.metrics.modes import least_damping
@@ -50,7 +51,8 @@ def quick_figures(study: Study, cells: CellSet, figure: str) -> QuickFigures:
 
     ``disk_margin_output`` is found on 60 frequencies and then refined, as
     :func:`vsgdesign.linear.stability.margins.full_order_margins` does on more. ``decay`` is the decay rate of the
-    slowest mode (1/s). ``settling_s`` (2 %) and ``overshoot`` (a share of the step) are those of P after a step of its
+    slowest mode (1/s), of a unit of a plant also of the units against each other, without which no cell is stable.
+    ``settling_s`` (2 %) and ``overshoot`` (a share of the step) are those of P after a step of its
     reference, read from 500 points over ten time constants of the slowest mode. Raises ValueError for another name.
     """
     if figure not in QUICK_FIGURES:
@@ -63,6 +65,11 @@ def quick_figures(study: Study, cells: CellSet, figure: str) -> QuickFigures:
     stable[index] = eigenvalues.real.max(axis=1) < 0.0
     if len(index):
         values[index] = _of(model, figure)
+    if len(index) and asked_apart(study) > 0.0:
+        each, omega = cells.take(index), study.grid_source.omega_g
+        growth = differential_modes(study, each.gains, each.P, each.Q, each.V_rms, omega).real
+        stable[index] &= growth < 0.0
+        values[index] = np.fmin(values[index], -growth) if figure == "decay" else values[index]
     return QuickFigures(values, known, stable)
 
 
@@ -120,7 +127,9 @@ def map_figures(study: Study) -> tuple[MapFigure, ...]:
         MapFigure("damping_all_modes", damping, "", "high", (0.0, 1.0), gates.damping_ratio),
         MapFigure("settling_s", "2 % settling of P", "s", "low", (0.0, 2.0 * settling), settling),
         MapFigure("overshoot", "Overshoot of P", "%", "low", (0.0, 6.0 * (overshoot or 5.0)), overshoot, 100.0),
-        MapFigure("decay", "Decay of the slowest mode", "1/s", "high", (0.0, 10.0 / settling), None),
+        MapFigure(
+            "decay", "Decay of the slowest mode", "1/s", "high", (0.0, 10.0 / settling), asked_apart(study) or None
+        ),
         MapFigure("survived", "Survived event (EMT)", "", "high", (0.0, 1.0), 1.0),
     )
 
