@@ -163,6 +163,14 @@ def test_what_it_refuses(small: Path) -> None:
     assert "larger" in failure(1, "size", small, "--capacitor", "1 uF")
     assert "power=…" in failure(2, "size", small, "--keep", "speed=1 W")
     assert "must be positive" in failure(2, "size", small, "--keep", "power=-1 W")
+    assert failure(2, "size", small, "--keep", "capacitor=0").count("keep = ") == 1
+    own = (
+        TEXT.partition("[dc]")[0]
+        + "[dc]\nsource = 'battery'\nC = '1 mF'\n[dc.battery]\ni_max = 9\ncapacity_Ah = 9\nR_i = 1\n"
+    )
+    small.write_text(own, encoding="utf-8")
+    assert "no battery follows" in failure(1, "size", small, "--keep", "power=100 W")
+    small.write_text(TEXT, encoding="utf-8")
     with pytest.raises(vd.VsgDesignError, match="photovoltaic: is not sized"):
         vd.size(small, source="photovoltaic")
     with pytest.raises(vd.VsgDesignError, match="nothing is left to size"):

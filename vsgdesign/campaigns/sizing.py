@@ -27,6 +27,7 @@ from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.study.parameters.units import format_quantity
 
 Array = NDArray[np.float64]
 
@@ -245,9 +246,10 @@ def _large_enough(search: LinkSearch, asked: Asked, link: DcLink, first: Size) -
     while not search.survives([big])[0]:
         if POWER in keep or ENERGY in keep or asked.C or CAPACITOR in keep or big.C > _MOST_DOUBLED * link.C:
             kept = f" and the {' and '.join(keep)} that {'is' if len(keep) == 1 else 'are'} kept" if keep else ""
+            more = "more of what is kept, " if keep else ""
             raise InfeasibleStudyError(
-                f"no source of this kind survives the events with {big.C * 1e6:.4g} µF{kept}: the capacitor alone has "
-                "to give the power until the source follows. Give a larger one, or a smaller tau in [dc.converter]."
+                f"no {asked.source} follows the power of the events with {format_quantity(big.C, 'F')}{kept}. Give "
+                f"{more}a larger capacitor, or a smaller tau of a converter or R_i of a battery in [dc]."
             )
         big = replace(big, C=2.0 * big.C)
     return big

@@ -21,9 +21,8 @@ from vsgdesign.verbs.cli.common import JSON, STUDY, echo_aside, keeping, load, p
 @click.option(
     "--source",
     type=click.Choice(["converter", "battery"]),
-    default="converter",
-    show_default=True,
-    help="Behind a dc–dc stage, or a battery directly on the link.",
+    default=None,
+    help="Behind a dc–dc stage, or a battery directly on the link.  [default: that of [dc], else converter]",
 )
 @click.option(
     "--keep",
@@ -47,7 +46,7 @@ def size(
     out: str | None,
     controller: str | None,
     capacitor: str | None,
-    source: str,
+    source: str | None,
     kept: tuple[str, ...],
     suites: tuple[str, ...],
     as_json: bool,

@@ -53,7 +53,7 @@ def size(
     *,
     controller: str | None = None,
     capacitor: float | None = None,
-    source: str = "converter",
+    source: str | None = None,
     keep: Mapping[str, float] | None = None,
     suites: Sequence[str] = (),
     progress: Callable[[str, float], None] | None = None,
@@ -61,8 +61,9 @@ def size(
     """Finds the power, capacitor and energy that the dc side of a controller needs, as ``vsgdesign size`` does.
 
     The folder ``out`` (None: out/NAME-dc-side) gets the page and results.json. ``controller``: its name (None: the last
-    one). ``capacitor``: the one with which the least power is found, F. ``source``: "converter" or "battery". ``keep``:
-    sizes that are given, such as {"power": 9e3}, also "capacitor" (F) and "energy" (J). ``suites``: names or files of
+    one). ``capacitor``: the one with which the least power is found, F. ``source``: "converter" or "battery" (None:
+    that of [dc], else "converter"). ``keep``: sizes that are given, such as {"power": 9e3}, also "capacitor" (F) and
+    "energy" (J). ``suites``: names or files of
     grid-code tests in place of the study's events. Raises the errors of
     :func:`vsgdesign.verbs.pipeline.sizing.size_study`.
     """

@@ -28,21 +28,26 @@ def size_study(
     *,
     controller: str | None = None,
     C: float | None = None,
-    source: str = "converter",
+    source: str | None = None,
     keep: Mapping[str, float] | None = None,
     suites: Sequence[str] = (),
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Sizes the dc side of a controller (None: the last one) for the events of its study, or for suites of grid-code
-    tests by their names or files, and writes report.html and results.json. ``C``, ``source`` and ``keep``: as in
+    tests by their names or files, and writes report.html and results.json.
+
+    ``C``, ``source`` (None: that of [dc], a converter where it is not sized) and ``keep``: as in
     :class:`vsgdesign.campaigns.sizing.Asked`. Returns results.json. Raises the errors of
-    :func:`vsgdesign.campaigns.sizing.size_dc_side`, of the suites, and ArtifactError."""
-    from vsgdesign.campaigns.sizing import Asked, size_dc_side
+    :func:`vsgdesign.campaigns.sizing.size_dc_side`, of the suites, and ArtifactError.
+    """
+    from vsgdesign.campaigns.sizing import KINDS, Asked, size_dc_side
     from vsgdesign.export.unit import controller_named
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.sizing import sizing_page
 
+    if source is None:
+        source = study.dc.source if study.dc is not None and study.dc.source in KINDS else "converter"
     faults = list(_faults(study, C, source, keep or {}, suites))
     if faults:
         raise StudyError(study.name, faults)
@@ -85,22 +90,23 @@ def _faults(
     study: Study, C: float | None, source: str, keep: Mapping[str, float], suites: Sequence[str]
 ) -> Iterator[Fault]:
     """What is asked for and cannot be sized."""
-    from vsgdesign.campaigns.sizing import CAPACITOR, KEEPS, KINDS
+    from vsgdesign.campaigns.sizing import CAPACITOR, KEEPS, KINDS, POWER
 
-    of_C = [("capacitor", C)] if C is not None else []
-    of_C += [("keep", keep[CAPACITOR])] if CAPACITOR in keep else []
-    for name, value in of_C:
+    of_C = [("capacitor", "", C)] if C is not None else []
+    of_C += [("keep", "capacitor = ", keep[CAPACITOR])] if CAPACITOR in keep else []
+    for name, which, value in of_C:
         if not LEAST_C <= value <= MOST_C:  # NaN as well
             limits = f"must be a capacitance from {LEAST_C * 1e9:g} nF to {MOST_C:g} F"
-            yield Fault(name, f"{value:g} F", limits, "Give it in F.")
+            yield Fault(name, f"{which}{value:g} F", limits, "Give it in F.")
     if source not in KINDS:
         advice = "The power of an array is that of its modules and of the weather: choose these."
         yield Fault("source", source, f"is not sized; {' and '.join(KINDS)} are", advice)
     for name, value in keep.items():
         if name not in KEEPS:
             yield Fault("keep", name, "is no size", f"Give one of {', '.join(KEEPS)}.")
-        elif not 0.0 < value < math.inf:
-            yield Fault("keep", f"{name} = {value:g}", "must be positive and finite", "Give another value.")
+        elif name != CAPACITOR and not 0.0 < value < math.inf:
+            unit = "W" if name == POWER else "J"
+            yield Fault("keep", f"{name} = {value:g} {unit}", "must be positive and finite", "Give another value.")
     if len(keep) == len(KEEPS):
         yield Fault("keep", ", ".join(keep), "nothing is left to size", "vsgdesign simulate runs a given dc side.")
     if not suites and any(event.of_dc for event in study.events):
