@@ -9,7 +9,6 @@ ten times everything else. What is told beforehand is run anyway. ``VSGDESIGN_DC
 from __future__ import annotations
 
 import os
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -83,18 +82,13 @@ def measure(study: Study, count: int) -> dict[str, Any]:
     found: dict[str, Any] = {control: dict.fromkeys(counted, 0) for control in CONTROLS}
     found |= dict.fromkeys(("judged", "ideal", "same", "judged_not_full", "same_not_full"), 0)
     per = -(-count // len(CHARGES))
-    seconds = {"ideal": 0.0, "battery": 0.0}
     for k, charge in enumerate(CHARGES.tolist()):
         cases, _ = cases_of(boxed(study), spec, uniforms_of(SEED, k * per, per), ready=NOTHING)
-        begin = time.process_time()
         ideal = run_lanes(study, spec, NOTHING, cases).status
-        seconds["ideal"] += time.process_time() - begin
         judged, held = ideal >= JUDGED, on_battery(study, charge)
         for control in CONTROLS:
             own, of = with_control(held, control), found[control]
-            begin = time.process_time()
             fed = run_lanes(own, spec, NOTHING, cases).status
-            seconds["battery"] += time.process_time() - begin if control == CONTROLS[0] else 0.0
             told = judged & (fed <= OVER_LIMIT)
             of["survived"] += int((judged & (fed == JUDGED)).sum())
             of["blocked"] += int((judged & (fed == BLOCKED)).sum())
@@ -110,7 +104,7 @@ def measure(study: Study, count: int) -> dict[str, Any]:
         if charge < 1.0:
             found["judged_not_full"] += int(judged.sum())
             found["same_not_full"] += int((judged & (large == ideal)).sum())
-    return found | {"share_of_speed": seconds["ideal"] / seconds["battery"]}
+    return found
 
 
 def main(folder: Path) -> None:
@@ -138,14 +132,12 @@ def main(folder: Path) -> None:
         "converter",
         "ten times: the same verdict",
         "of these below full charge",
-        "speed of the batch over that of an ideal link",
     ]
     more = [
         [
             name,
             f"{one['same']} of {one['judged']}",
             f"{one['same_not_full']} of {one['judged_not_full']}",
-            f"{100.0 * one['share_of_speed']:.0f} %",
         ]
         for name, one in document.items()
     ]

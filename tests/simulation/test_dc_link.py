@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.oracles.dc_energy import energies
 from tests.oracles.emt_dc import WithLink
 from tests.oracles.emt_reference import run_reference
 from tests.simulation.one_by_one import run_one
@@ -15,6 +16,7 @@ from tests.simulation.studies import GAINS, lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import errors_pu, library_start
 from tests.simulation.test_lanes import drawn, study_named
 from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.dc_source_interface import DcRatings
 from vsgdesign.equations.dc_sources import DC_SOURCES
 from vsgdesign.equations.dc_sources.photovoltaic import array_curve
@@ -237,6 +239,32 @@ def test_energy_balance() -> None:
     # An independent sum of the bridge's energy, from the filter's states alone.
     assert abs(dc_energy(run, study)[-1] - taken[-1]) < 2e-7 * S * duration
     assert taken[-1] > 0.1 * S * duration
+
+
+@pytest.mark.parametrize(
+    ("bridge", "compensation"), [("averaged", "none"), ("pwm", "measured"), ("averaged", "measured")]
+)
+def test_energy_of_the_source_goes_to_the_grid(bridge: str, compensation: str) -> None:
+    """By an integration of every sample of its own, over a step and a sag: ∫p_src − ∫p_grid − losses − ΔW."""
+    events = """
+    [[events]]
+    time = "50 ms"
+    P_ref = "2.6 kW"
+    [[events]]
+    time = "0.25 s"
+    V_g_pu = 0.9
+    """
+    study = with_source(lcl_study, BATTERY.replace("capacity_Ah = 0.5", "capacity_Ah = 5"), events, "0.5 s")
+    study = study.with_changes(dc={"compensation": compensation})
+    run = simulate(study, [GainChange(0.0, GAINS)], log_states=10**9, bridge=bridge)
+    columns = [ControllerState._fields.index(name) for name in ("u_alpha", "u_beta")]
+    found = energies(study, run, run.controller_log[:, columns], pwm=bridge == "pwm")
+    limit = 1e-8 * study.converter.S_rated * run.t_s[-1]
+    # What the run sums up has the error of the link's step in it alone; what the battery gives by its own voltage, that
+    # of its charge in the middle of a sample as well, which the transients of the first seconds leave.
+    assert abs(found.given - found.grid - found.lost - found.stored) < limit
+    assert abs(found.source - found.given) < 8.0 * limit
+    assert found.grid > 0.2 * study.converter.S_rated * run.t_s[-1]
 
 
 RUN_SO = [
