@@ -14,11 +14,12 @@ from vsgdesign.certificate.full_order.boxes import Part
 from vsgdesign.certificate.full_order.cells import GOOD, Arcs, cells_of
 from vsgdesign.certificate.full_order.kernel import enclosed
 from vsgdesign.certificate.full_order.looking import CellGroup
-from vsgdesign.certificate.full_order.points import at_rest
+from vsgdesign.certificate.full_order.points import at_rest, rests_at
 from vsgdesign.certificate.full_order.programs import DIMENSIONS
 from vsgdesign.certificate.full_order.search import Found, Problem, beginning, search
 from vsgdesign.certificate.moving.ball import ball_of, middle_error
 from vsgdesign.certificate.moving.functions import common_function, dwell_time, modal, shortfall
+from vsgdesign.certificate.moving.levels import level_set
 from vsgdesign.certificate.moving.looking import MovingProblem, with_middle
 from vsgdesign.certificate.moving.places import DROOPS, estimates, feeds, kind_of, loops_at, powers_of, with_estimates
 from vsgdesign.certificate.moving.programs import MovingPrograms
@@ -26,6 +27,11 @@ from vsgdesign.certificate.moving.statement import prove_moving
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.region import Region
 from vsgdesign.certificate.taylor_kernel import rows
+from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.frames import rms_to_peak, rotate_back
+from vsgdesign.equations.inner_loops import current_loop, voltage_loop
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.linear.operating_point.full_order import pack
 from vsgdesign.report.gain_table.full_order import moving_text
 from vsgdesign.study.parameters import load_study
 
@@ -181,6 +187,65 @@ def test_the_semidefinite_program_finds_what_the_modes_do_not() -> None:
     assert common_function(np.stack([fast, fast.T]), 0.95) is None
 
 
+def test_a_level_set_keeps_every_limit_away() -> None:
+    """At a place of the laboratory: on the edge of the set, the current that the voltage loop asks for and the voltage
+    that the current loop sets are below their limits, by the equations of the loops and finite differences alone."""
+    study, problem = laboratory()
+    place = PLACES[laboratory][0]
+    level = level_set(study, problem.system, problem.region, place)
+    assert level is not None
+    assert (level.sizes > 0.01).all()
+    errors = np.random.default_rng(4).uniform(-0.2, 0.2, (20, 2))
+    points = with_estimates(place[None], np.vstack([np.zeros((1, 2)), errors]))
+    loops, T_s = loops_at(study, problem.system, points), study.converter.T_s
+    assert loops.states == level.states
+    assert shortfall(loops.A, level.P, float(np.exp(-level.decay * T_s))) < 0.0
+    _, states, _ = rests_at(study, problem.system, points[:1])
+    names = [name for name in level.states if name != "omega_r"]
+    rest = dict(zip(names, pack(names, states)[0], strict=True))
+
+    def shares(x: Any) -> Any:
+        return _of_limits(study, {**rest, **{k: rest.get(k, 0.0) + v for k, v in zip(level.states, x, strict=True)}})
+
+    n, inverse = len(level.states), np.linalg.inv(level.P)
+    assert (shares(np.zeros(n)) < 1.0).all()
+    size = np.sqrt(np.diag(inverse))
+    slopes = np.array([(shares(1e-6 * unit) - shares(-1e-6 * unit)) / 2e-6 for unit in np.diag(size)]) / size[:, None]
+    far = [inverse @ slope / np.sqrt(slope @ inverse @ slope) for slope in slopes.T]
+    rng, half = np.random.default_rng(6), np.linalg.cholesky(inverse)
+    others = [half @ (y / np.linalg.norm(y)) for y in rng.normal(size=(100, n))]
+    # The statement is linear: a hundredth of the way there may use a hundredth of the room.
+    base = shares(np.zeros(n))
+    found = np.array([(shares(0.01 * x) - base) / (0.01 * (1.0 - base)) for x in (*far, *others)])
+    assert 0.9 < found.max() < 1.001  # the set is as large as one of the limits lets it be
+
+
+def _of_limits(study: Any, at: dict[str, Any]) -> Any:
+    """The shares of their limits that the wanted current and the bridge voltage are at."""
+    settings, circuit = study.controller_settings(), study.circuit()
+    turn: Any = np.cos(at["delta"]), np.sin(at["delta"])
+    at_node: Any = [(at[f"i_s_{axis}"], at[f"v_c_{axis}"], at[f"i_g_{axis}"], circuit) for axis in "dq"]
+    pairs: Any = [tuple(capacitor_node_voltage(*own) for own in at_node)]
+    pairs += [(at[f"{name}_d"], at[f"{name}_q"]) for name in ("i_s", "i_g", "pending")]
+    rotated: Any = [rotate_back(*pair, *turn) for pair in pairs]
+    v, i_s, i_g, u = rotated
+    u = rotate_back(u[0], u[1], settings.half_cos, settings.half_sin)
+    own = study.inner_gains
+    asked: Any = (rms_to_peak(at["V"]), 0.0, 0.0, *v, *i_g, at["xi_vd"], at["xi_vq"], own, settings.omega_C)
+    _, _, *i = voltage_loop(*asked)
+    numbers = settings.omega_L, settings.T_over_L, 1e9, settings.T_s
+    asked = (*i, *i_s, *v, *u, at["xi_id"], at["xi_iq"], own, *numbers)
+    v_b = current_loop(*asked)
+    return np.array([np.hypot(*i) / settings.i_max_pk, np.hypot(*v_b[:2]) / settings.v_max_pk])
+
+
+def test_a_limiter_that_looks_at_something_else_is_refused() -> None:
+    study, problem = closed_form()
+    other = replace(study, current_limiter="projection")
+    with pytest.raises(InfeasibleStudyError, match=r'"projection": what it looks at is not known.*circular'):
+        level_set(other, problem.system, problem.region, PLACES[closed_form][0])
+
+
 def test_without_time_everything_is_named_as_not_looked_at() -> None:
     study = load_study("studies/laboratory/study.toml")
     region = Region((3.0, 4.0), (3.0, 3.0001), (4e3, 6e3), (0.0, 1e3), 0.1)
@@ -193,3 +258,4 @@ def test_without_time_everything_is_named_as_not_looked_at() -> None:
     text = moving_text(found)
     assert "Not proved anywhere" in text
     assert "0 of 0 places" in text
+    assert "Steps after which no limit acts are not known" in text

@@ -29,6 +29,9 @@ _WORST = 4
 
 _CONDITION_LIMIT = 1e8
 
+_LITTLE = 1e-9
+"""How little the largest eigenvalue of a smallest function counts."""
+
 
 @dataclass(frozen=True)
 class Family:
@@ -87,14 +90,21 @@ class Fit:
     active: tuple[int, ...]
 
 
-def fit(A: Array, family: Family, decay: float, start: tuple[int, ...] = ()) -> tuple[Fit | None, tuple[int, ...]]:
+Level = tuple[Array, Array]
+"""Of a function that is to be small: matrices (M, n, n) that it is not below, and W (n, n) of tr(WP)."""
+
+
+def fit(
+    A: Array, family: Family, decay: float, start: tuple[int, ...] = (), level: Level | None = None
+) -> tuple[Fit | None, tuple[int, ...]]:
     """A function for all cells (N, n, n) at a decay, or None where there is none; and the cells that were in play.
 
-    ``start``: cells to begin with, from an earlier fit.
+    ``start``: cells to begin with, from an earlier fit. ``level``: the smallest one of these, not the one of the best
+    condition.
     """
     active = list(start) or [int(np.argmax(np.linalg.eigvals(A).real.max(axis=1)))]
     for _ in range(_ROUNDS):
-        P = _solve(A[active], family.take(active), decay)
+        P = _solve(A[active], family.take(active), decay, level)
         if P is None:
             return None, tuple(active)
         try:
@@ -133,8 +143,8 @@ def best_fit(A: Array, family: Family, limit: float, tolerance: float) -> tuple[
     return best, active
 
 
-def _solve(A: Array, family: Family, decay: float) -> Array | None:
-    """The best-conditioned P for a few cells, or None if there is none.
+def _solve(A: Array, family: Family, decay: float, level: Level | None) -> Array | None:
+    """The best-conditioned P for a few cells, or the smallest one of a level, or None if there is none.
 
     Variables: the triangles of P_0 … P_K and t. Least t with I ⪯ P(ρ) ⪯ t·I at the corners and the inequality,
     by a little strict, at every cell and way of moving.
@@ -150,10 +160,11 @@ def _solve(A: Array, family: Family, decay: float) -> Array | None:
     m = len(basis)
     blocks, offsets = [], []
     eye = _triangle(np.eye(n))
+    floors = [np.eye(n)] if level is None else list(level[0])
     for corner in family.corners:
         here = np.concatenate([w * _triangle(basis).T for w in corner], axis=1)
-        blocks += [np.column_stack([-here, 0.0 * eye]), np.column_stack([here, -eye])]
-        offsets += [-eye, 0.0 * eye]
+        blocks += [*(np.column_stack([-here, 0.0 * eye]) for _ in floors), np.column_stack([here, -eye])]
+        offsets += [*(-_triangle(floor) for floor in floors), 0.0 * eye]
     for a, weights, rates in zip(A, family.weights, family.rates, strict=True):
         still = _triangle(a.T @ basis + basis @ a + 2.0 * decay * basis).T
         shape = _triangle(basis).T
@@ -165,6 +176,8 @@ def _solve(A: Array, family: Family, decay: float) -> Array | None:
     width = family.size * m + 1
     cost = np.zeros(width)
     cost[-1] = 1.0
+    if level is not None:
+        cost[:m], cost[-1] = np.tensordot(basis, level[1], 2), _LITTLE * float(np.trace(level[1]))
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
@@ -179,7 +192,7 @@ def _solve(A: Array, family: Family, decay: float) -> Array | None:
     if solution.status != clarabel.SolverStatus.Solved:
         return None
     x = np.array(solution.x)
-    if not 1.0 <= x[-1] + 1e-3 <= _CONDITION_LIMIT:
+    if level is None and not 1.0 <= x[-1] + 1e-3 <= _CONDITION_LIMIT:
         return None
     P = np.tensordot(x[:-1].reshape(family.size, m), basis, 1)
     # What the solver returns is not believed: positive at the corners, hence at all weights between them.

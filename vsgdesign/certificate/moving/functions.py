@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.lyapunov import Family, fit, move_factor
+from vsgdesign.certificate.lyapunov import Family, Level, fit, move_factor
 
 Array = NDArray[np.float64]
 
@@ -31,28 +31,34 @@ def shortfall(A: Array, P: Array, rho: float) -> float:
     return float(np.linalg.eigvalsh(np.swapaxes(turned, 1, 2) @ turned).max()) / rho**2 - 1.0
 
 
-def common_function(A: Array, rho: float) -> Array | None:
+def common_function(A: Array, rho: float, level: Level | None = None) -> Array | None:
     """P (n, n) with AᵀPA ≺ ρ²P for all of A (M, n, n), or None where none is found (:eq:`moving-function`).
 
     The sum of the squares of the first one's modes is tried, then a semidefinite program: with the bilinear transform
-    the inequality is that of :func:`~vsgdesign.certificate.lyapunov.fit`, with the same P.
+    the inequality is that of :func:`~vsgdesign.certificate.lyapunov.fit`, with the same P. ``level``: the smallest one
+    of this kind is looked for.
     """
     try:
         P = modal(A[_FIRST])
-        if shortfall(A, P, rho) < 0.0:
+        if level is None and shortfall(A, P, rho) < 0.0:
             return P
         turn = np.linalg.cholesky(P).T
     except np.linalg.LinAlgError:
         return None
-    turned = turn @ A @ np.linalg.inv(turn) / rho
+    back = np.linalg.inv(turn)
+    turned = turn @ A @ back / rho
     eye = np.eye(A.shape[1])
     sides = (np.swapaxes(turned + side * eye, 1, 2) for side in (1.0, -1.0))
     rates: Array = np.asarray(np.linalg.solve(*sides).swapaxes(1, 2), dtype=np.float64)
     count = len(A)
     family = Family(np.ones((count, 1)), np.zeros((count, 1, 1)), np.ones((1, 1)))
+    own = None if level is None else (back.T @ level[0] @ back, turn @ level[1] @ turn.T)
+    if own is not None:  # numbers of one size
+        size = max(float(np.linalg.norm(floor, 2)) for floor in own[0])
+        own = own[0] / size, own[1] / np.trace(own[1])
     # The solver at times stops before its end: the matrices that it begins with then decide.
     for start in (tuple(range(min(count, _TOGETHER))), ()):
-        found, _ = fit(rates, family, 0.0, start)
+        found, _ = fit(rates, family, 0.0, start, own)
         if found is not None and shortfall(A, P := turn.T @ found.P[0] @ turn, rho) < 0.0:
             return P
     return None

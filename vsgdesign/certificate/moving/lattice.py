@@ -92,7 +92,9 @@ class LatticeJob(FullOrderJob):
             decay = float(-np.log(np.abs(np.linalg.eigvals(every.A)).max()) / T_s)
             rho = float(np.exp(-half_of(decay) * T_s))
             P = common_function(some.A, rho) if decay > 0.0 else None
-            held = P is not None and shortfall(every.A, P, rho) < 0.0
+            if decay > 0.0 and (P is None or shortfall(every.A, P, rho) >= 0.0):
+                P = common_function(every.A, rho)
+            held = P is not None
             places.append([*place.tolist(), decay, held])
             if held and P is not None:
                 functions.append((float(place[0]), P, half_of(decay)))
@@ -106,7 +108,7 @@ class LatticeJob(FullOrderJob):
         return {str(block): {"places": places, "near": near, "far": far}}
 
 
-_SCR, _X_OVER_R, _WIDEST = 14, 10, 1.05
+_SCR, _X_OVER_R, _WIDEST = 15, 10, 1.05
 """Values of SCR, of X/R at most, and the ratio of those of X/R up to which one is enough."""
 
 

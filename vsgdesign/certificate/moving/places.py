@@ -72,7 +72,8 @@ def powers_of(loops: MovingLoops, T_s: float) -> Array:
     _, k, m = loops.moved
     eye = np.eye(len(loops.states))
     own = feeds(loops.at.gains)[:, 1:, :]
-    return -np.linalg.solve(own, (loops.A[:, [k, m], :] - eye[[k, m]]) / T_s)
+    found: Any = np.linalg.solve(own, (eye[[k, m]] - loops.A[:, [k, m], :]) / T_s)
+    return found
 
 
 DROOPS, PRODUCTS = "droops", "products"

@@ -29,7 +29,8 @@ from vsgdesign.certificate.full_order.statement import (
     until_done,
 )
 from vsgdesign.certificate.moving.ball import ball_of, middle_error
-from vsgdesign.certificate.moving.lattice import LatticeJob, Sampled, sampled
+from vsgdesign.certificate.moving.lattice import LatticeJob, Sampled, lattice_of, sampled
+from vsgdesign.certificate.moving.levels import StepsAtPlaces, steps_at
 from vsgdesign.certificate.moving.looking import MovingProblem, with_middle
 from vsgdesign.certificate.moving.programs import MovingPrograms
 from vsgdesign.certificate.region import Region, nodes, random_points
@@ -44,6 +45,9 @@ AnyJob = TypeVar("AnyJob", bound=FullOrderJob)
 
 _DRAWN = 300
 """Random points of a cell of grids among which its least decay is looked for, beside its corners."""
+
+_STEP_PLACES = 8
+"""Places of the lattice, evenly apart, at which steps are sized."""
 
 TABLE = "the gains are those of a table: its places are looked at by points alone"
 
@@ -67,6 +71,8 @@ class MovingProof:
     values: int
     why_not: str | None
     sampled: Sampled
+    steps: StepsAtPlaces | str
+    """Steps after which no limit acts, at places of the lattice; else why none are known."""
 
     @property
     def complete(self) -> bool:
@@ -134,7 +140,7 @@ def prove_moving(
     progress: Progress | None = None,
     seconds: float = 300.0,
 ) -> MovingProof:
-    """The statement over a region: the lattice first, then the proof, each in at most ``seconds``.
+    """The statement over a region: the lattice first, then steps, then the proof, each in at most ``seconds``.
 
     Gains in closed form are proved; of a table the lattice is looked at. Errors are those of
     :func:`~vsgdesign.certificate.full_order.statement.prove_full_order`.
@@ -157,6 +163,9 @@ def prove_moving(
         return job, until_done(job, kept, workers, cluster, progress)
 
     found = sampled(*all_of(LatticeJob))
+    lattice = lattice_of(region).reshape(-1, 4)
+    lattice = lattice[system.within_limits(np.hstack([lattice, np.zeros((len(lattice), 2))]))]
+    steps = steps_at(own, system, region, lattice, _STEP_PLACES, time.time() + seconds)
     why_not: str | None = TABLE if isinstance(system.schedule, TableSchedule) else None
     if why_not is None:
         try:
@@ -166,7 +175,7 @@ def prove_moving(
     if why_not is not None:
         return MovingProof(
             controller=spec.name, region=region, proved=0.0, left=(), decay=None, cells=0, boxes=0, values=0,
-            why_not=why_not, sampled=found,
+            why_not=why_not, sampled=found, steps=steps,
         )  # fmt: skip
     job, parts = all_of(MovingJob)
     every, rest = job.of_mode(0, parts)
@@ -185,4 +194,5 @@ def prove_moving(
         values=sum(part["values"] for part in every),
         why_not=None,
         sampled=found,
+        steps=steps,
     )

@@ -363,6 +363,34 @@ def _rates(circuit: FilterGrid) -> tuple[ca.SX, ca.SX]:
     return found[:, :3], found[:, 3]
 
 
+WATCHED = ("i_want_d", "i_want_q", "v_b_d", "v_b_q", "V")
+"""What the limits look at: the current that is asked for and the bridge voltage that is set (peak), and V (rms)."""
+
+
+@functools.cache
+def watched_map(
+    delay: int, filter_P: bool, filter_Q: bool, transient: bool, limiter: LimiterInModel, notch: bool
+) -> tuple[tuple[str, ...], ca.Function]:
+    """The names of z, and ``watched(z, p)``: WATCHED of a sample, and their derivative by z."""
+    names = _state_names(delay, filter_P, filter_Q, transient, notch, limiter)
+    z = ca.SX.sym("z", len(names))
+    p = ca.SX.sym("p", len(PARAMETERS) + len(SETTINGS) + len(limiter.constants._fields))
+    views: list[Any] = []
+
+    def limit(memory: Any, view: Any, *others: Any) -> Any:
+        views.append(view)
+        return limiter.law.limit(memory, view, *others)
+
+    looking = limiter._replace(law=LimiterLaw(limit, limiter.law.move))
+    with numpy_on_symbols():
+        state = dict(zip(names, ca.vertsplit(z), strict=True))
+        still: dict[str, ca.SX] = {name: ca.SX(0.0) for name in INPUTS}
+        found = _sampled(state, _values_of(p, limiter), still, looking)
+    (view,) = views
+    result = ca.vertcat(view.i_want_d, view.i_want_q, found.output.v_b_alpha, found.output.v_b_beta, state["V"])
+    return names, ca.Function("watched", [z, p], [result, ca.densify(ca.jacobian(result, z))], {"cse": True})
+
+
 def _exact_step(circuit: FilterGrid, omega: ca.SX, h: ca.SX, squarings: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """Φ, Γ and the real and imaginary response to a source e^{jωs}: one exponential of a 6×6 matrix.
 

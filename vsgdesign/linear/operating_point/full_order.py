@@ -23,6 +23,7 @@ from vsgdesign.linear.model.full_order import (
     controller_map,
     full_order_map,
     limiter_states,
+    watched_map,
 )
 from vsgdesign.linear.operating_point.dc_rest import power_of_plant, series_of
 from vsgdesign.linear.operating_point.many import Lanes, ManyStates, clamped_lanes, lanes_of, many_steady_states
@@ -240,6 +241,18 @@ def _sample_matrices(
     return functions.states, parts()
 
 
+def watched_at(
+    study: Study, states: ManyStates, lanes: Lanes, gains: PowerLoopGains
+) -> tuple[tuple[str, ...], Array, Array]:
+    """The states of the model, WATCHED of :mod:`vsgdesign.linear.model.full_order` (N, 5) at N steady states, and their
+    derivative by the states (N, 5, n)."""
+    names, function = watched_map(*_structure(study))
+    values, derivative = _matrices(
+        function, pack(names, states), parameters_of(study, *lanes_of(study, lanes, gains))
+    )  # fmt: skip
+    return names, values[:, :, 0], derivative
+
+
 def parameter_values(study: Study, cell: Cell) -> list[float]:
     """The map's PARAMETERS for a cell, in order."""
     row = parameters_of(study, *lanes_of(study, cell.lanes(study), cell.gains))[0]
@@ -370,4 +383,5 @@ __all__ = [
     "sample_matrices",
     "slowest_decay",
     "steady_cells",
+    "watched_at",
 ]

@@ -108,6 +108,15 @@ def moving_text(found: MovingProof) -> str:
             f"where their SCR differ by {100.0 * (sampled.ratio - 1.0):.0f} %, and {sampled.far[0]:.2g} s (at most "
             f"{sampled.far[1]:.2g} s) between any two SCR of the lattice: a statement about its places."
         )
+    if isinstance(found.steps, str):
+        lines.append(f"Steps after which no limit acts are not known: {found.steps.rstrip('.')}.")
+    else:
+        P, Q, phase, V_g, omega_g = found.steps.least
+        lines.append(
+            f"No limit acts after one step of P_ref by {P:.2g} pu, of Q_ref by {Q:.2g} pu, of the phase by "
+            f"{np.degrees(phase):.2g}°, of V_g by {100.0 * V_g:.2g} % or of ω_g by {omega_g:.2g} rad/s: the least of "
+            f"{found.steps.places} places of the lattice."
+        )
     return "\n".join(lines)
 
 

@@ -209,7 +209,7 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
     default=0.0,
     metavar="SECONDS",
     help="Time for --model full to prove decay while the gains change, and as much again to look at a lattice of "
-    "grids.  [default: 0, neither]",
+    "grids and to size steps there.  [default: 0, none of it]",
 )
 @in_blocks
 @JSON
