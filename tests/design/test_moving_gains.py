@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.design.test_full_order_proof import ALPHA, _at, closed_form, determinants, laboratory
+from vsgdesign.artifacts.certificate_record import CertificateCell
 from vsgdesign.certificate.full_order.boxes import Part
 from vsgdesign.certificate.full_order.cells import GOOD, Arcs, cells_of
 from vsgdesign.certificate.full_order.kernel import enclosed
@@ -19,11 +20,12 @@ from vsgdesign.certificate.full_order.programs import DIMENSIONS
 from vsgdesign.certificate.full_order.search import Found, Problem, beginning, search
 from vsgdesign.certificate.moving.ball import ball_of, middle_error
 from vsgdesign.certificate.moving.functions import common_function, dwell_time, modal, shortfall
-from vsgdesign.certificate.moving.levels import level_set
+from vsgdesign.certificate.moving.lattice import Sampled
+from vsgdesign.certificate.moving.levels import StepsAtPlaces, level_set
 from vsgdesign.certificate.moving.looking import MovingProblem, with_middle
 from vsgdesign.certificate.moving.places import DROOPS, estimates, feeds, kind_of, loops_at, powers_of, with_estimates
 from vsgdesign.certificate.moving.programs import MovingPrograms
-from vsgdesign.certificate.moving.statement import prove_moving
+from vsgdesign.certificate.moving.statement import MovingProof, prove_moving
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.region import Region
 from vsgdesign.certificate.taylor_kernel import rows
@@ -259,3 +261,34 @@ def test_without_time_everything_is_named_as_not_looked_at() -> None:
     assert "Not proved anywhere" in text
     assert "0 of 0 places" in text
     assert "Steps after which no limit acts are not known" in text
+
+
+def test_what_was_found_is_said_with_its_limits() -> None:
+    """Shares, places without a function, dwell times with the rate that follows from them, and the least steps."""
+    place = CertificateCell(scr=2.0, x_over_r=3.0, P=4e3, Q=1e3, error_R=0.0, error_L=0.0, decay=3.0)
+    region = Region((2.0, 4.0), (3.0, 4.0), (4e3, 6e3), (0.0, 1e3), 0.2)
+    sampled = Sampled(
+        places=40, without=(place,), decay=(0.5, 1.5), ratio=1.2, near=(0.3, 0.5), far=(0.9, 2.0), lines=(3, 4)
+    )
+    found = MovingProof(
+        controller="scheduled", region=region, proved=1.0, left=(), decay=(0.5, 1.25), cells=3, boxes=12, values=99,
+        why_not=None, sampled=sampled, steps=StepsAtPlaces(5, (0.2, 0.3, 0.05, 0.06, 0.25), (0.2,) * 5, 0),
+    )  # fmt: skip
+    assert found.complete
+    text = moving_text(found)
+    for words in (
+        "Proved everywhere", "at 0.5 1/s or more, at 1.25 1/s on the fastest grids (12 boxes in 3 cells)",
+        "39 of 40 places of a lattice have such a function, 3 of 4 lines in the time that was given",
+        "none found at SCR 2, X/R 3, P 4 kW, Q 1 kvar (least decay 3 1/s)",
+        "0.3 s (median; at most 0.5 s) where their SCR differ by 20 %",
+        "SCR may move by 36 % a second",  # ln 1.2 in half a second
+        "P_ref by 0.2 pu, of Q_ref by 0.3 pu, of the phase by 2.9°, of V_g by 6 % or of ω_g by 0.25 rad/s",
+    ):  # fmt: skip
+        assert words in text
+    document = found.as_document()
+    assert document["certified"] is True
+    assert document["sampled"]["without"][0]["scr"] == 2.0
+    nothing = replace(found, why_not="the gains are those of a table", decay=None, steps="no level set was found")
+    assert not nothing.complete
+    assert "Nothing is proved between points: the gains are those of a table." in moving_text(nothing)
+    assert "not known: no level set was found." in moving_text(nothing)

@@ -106,7 +106,8 @@ def moving_text(found: MovingProof) -> str:
         lines.append(
             f"Grids that take turns have to last {sampled.near[0]:.2g} s (median; at most {sampled.near[1]:.2g} s) "
             f"where their SCR differ by {100.0 * (sampled.ratio - 1.0):.0f} %, and {sampled.far[0]:.2g} s (at most "
-            f"{sampled.far[1]:.2g} s) between any two SCR of the lattice: a statement about its places."
+            f"{sampled.far[1]:.2g} s) between any two SCR of the lattice. From neighbour to neighbour SCR may move by "
+            f"{100.0 * np.log(sampled.ratio) / sampled.near[1]:.2g} % a second. Both are statements about places."
         )
     if isinstance(found.steps, str):
         lines.append(f"Steps after which no limit acts are not known: {found.steps.rstrip('.')}.")
