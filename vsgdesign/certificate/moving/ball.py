@@ -45,6 +45,13 @@ class Ball:
     first: int
 
     @property
+    def rounding(self) -> float:
+        """How much larger a bound of Δ has to be, for what products with the inverses of L and R are off by: each is
+        known to a few roundings of the product of the sizes, which is at most so many times Δ."""
+        both = [np.abs(np.linalg.inv(matrix)) @ np.abs(matrix) for matrix in (self.left, self.right)]
+        return 1.0 + 1e-13 * float(np.prod([np.linalg.norm(one) for one in both]))
+
+    @property
     def columns(self) -> Array:
         """L with all three rows."""
         return np.vstack([np.zeros((self.first, len(self.left))), self.left])

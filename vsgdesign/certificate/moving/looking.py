@@ -136,7 +136,7 @@ class MovingProblem(Problem):
                 larger = some[size > most[some]]
                 moved[larger] = linear[size > most[some], 1:]
                 most[some] = np.maximum(most[some], size * _UP)
-        return most, moved
+        return most * self.ball.rounding, moved
 
     def _pieces(self, group: CellGroup, low: Array, high: Array, part: Part) -> NDArray[np.bool_]:
         """Which pieces of the schedule occur in boxes, (pieces, N)."""
