@@ -24,18 +24,26 @@ from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.full_order.points import at_rest, decays_at
 from vsgdesign.certificate.region import System, random_points
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.metrics.modes import participation_factors, to_continuous
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import Study
 
 CASES = (
-    *("sized_125kva_480v_60hz", "sized_50kva_208v_60hz", "sized_100kva_no_delay", "sized_1kva_208v_60hz"),
-    *("motulator_10kva_lcl", "sized_30kva_sic", "sized_500kva_storage", "sized_5mva_3300v", "simplus_100kva"),
-    *("yang2020_1mva", "darco2015_2750kva", "sized_250kva_480v_60hz", "microgrid_gym_3kva_60hz", "pogaku2007_10kva"),
-    *("article_10kva_lc_4khz", "hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz"),
+    *("hoang2025_5kva", "lab_12kva_lcl", "utility_1mva_60hz", "sized_125kva_480v_60hz", "sized_50kva_208v_60hz"),
+    *("sized_100kva_no_delay", "sized_1kva_208v_60hz", "motulator_10kva_lcl", "sized_30kva_sic"),
+    *(
+        "sized_500kva_storage",
+        "sized_5mva_3300v",
+        "simplus_100kva",
+        "yang2020_1mva",
+        "darco2015_2750kva",
+        "sized_250kva_480v_60hz",
+    ),
+    *("microgrid_gym_3kva_60hz", "pogaku2007_10kva", "article_10kva_lc_4khz"),
 )
-SCR, X_OVER_R, POINTS = (2.0, 20.0), (0.3, 20.0), 20_000
+SCR, X_OVER_R, DECAY, POINTS = (2.0, 20.0), (0.5, 20.0), 0.5, 10_000
 
 _CIRCUIT, _INNER = ("i_s", "v_c", "i_g", "pending"), ("xi_", "i_f")
 
@@ -66,7 +74,10 @@ def case(name: str) -> dict[str, Any]:
     region = Region(SCR, X_OVER_R, (-0.9 * S, 0.9 * S), (-0.4 * S, 0.4 * S), 0.2)
     begin = time.process_time()
     seconds = float(os.environ.get("VSGDESIGN_PROOF_SECONDS", "600"))
-    found = prove_full_order(study, spec, region, workers=1, seconds=seconds)
+    try:
+        found = prove_full_order(study, spec, region, decay=DECAY, workers=1, seconds=seconds)
+    except InfeasibleStudyError:  # a point decays more slowly: half of the least decay
+        found = prove_full_order(study, spec, region, workers=1, seconds=seconds)
     cpu = time.process_time() - begin
     system, _ = prepared(study, spec, region, NOTHING, None, None)
     worst = found.slowest
@@ -162,6 +173,6 @@ def _near(row: dict[str, Any]) -> list[str]:
         *(f"{100.0 * near[name]:.4g} %" for name in ("both", "only_reduced", "neither")),
         f"{near['reduced']:.3g}, {near['full']:.3g} 1/s",
         f"{near['s'][0]:+.3g} ± {near['s'][1]:.3g}j 1/s at SCR {scr:.3g}, X/R {ratio:.2g}, "
-        f"P {P / 1e3:.3g} kW, Q {Q / 1e3:.3g} kvar, errors {100.0 * e_R:+.0f}, {100.0 * e_L:+.0f} %",
+        f"P {P / 1e3:.4g} kW, Q {Q / 1e3:.4g} kvar, errors {100.0 * e_R:+.0f}, {100.0 * e_L:+.0f} %",
         ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in parts if share > 0.05),
     ]
