@@ -102,7 +102,7 @@ V_g_pu = 1.0
 UNBALANCED = """
 [[events]]
 time = "1.5 ms"
-fault = { kind = "phase_to_phase", phases = "ab", R = "5 ohm" }
+fault = { kind = "phase_to_phase", phases = "ab", R = "8 ohm" }
 [[events]]
 time = "3.513 ms"
 fault = "cleared"
@@ -149,6 +149,7 @@ def test_against_dop853(build, source: str) -> None:
 
 MOVING = [
     ("pwm", "battery", True),
+    ("averaged", "battery", True),
     ("averaged", "battery", False),
     ("averaged", "converter", False),
     ("pwm", "converter", False),

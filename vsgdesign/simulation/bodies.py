@@ -228,7 +228,9 @@ def _applied(kind: Kind) -> dict[str, str]:
 
 def _with_link(kind: Kind, slope: str, number: int) -> Block:
     """An interval, or a piece of one, in which the voltage of the dc link moves that of the bridge."""
-    now = {f"applied.{axis}": f"piece.{axis}" for axis in ("alpha", "beta")} | {"V_dc": "running.v"}
+    held = kind.dc is not None and kind.dc.held
+    now = {f"applied.{axis}": f"{'acting' if held else 'piece'}.{axis}" for axis in ("alpha", "beta")}
+    now |= {"V_dc": "running.v"}
     called = {"running.v": "dc.v"} if number == 0 else {}
     legs, edges = switched_legs(slope, now, zero_sequence=kind.bridge.zero_sequence) if slope else ([], [])
     parts = [Part(link_piece.voltage_of_piece()), *_circuit(kind, slope, now), *legs]

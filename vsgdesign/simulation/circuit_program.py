@@ -110,7 +110,8 @@ class CircuitProgram:
         self._waves, self._first = waves, first
         # A run with a timeline of its own takes up its source's phase anew, and what moves a source is fed.
         self._turns = circuits is None or ("watch" in spans and not kind.moved)
-        self._edged, self._ramped, self._axes = kind.edged, kind.ramped, kind.axes
+        self._edged, self._in_pieces = kind.edged, kind.in_pieces
+        self._ramped, self._axes = kind.ramped, kind.axes
         self._of_slopes = kept_of_slopes(axes_of(kind)) if kind.coupled else None
         self._most_turns = kind.dc.turns if kind.dc is not None else 0.0
         if self._axes is not None:
@@ -171,7 +172,7 @@ class CircuitProgram:
             angles = self._orders(lanes) * (piece.phase - before.phase)
             behind = (part._replace(added=_turned(part.added, a)) for part, a in zip(one.source, angles, strict=True))
             found.append(one._replace(source=tuple(behind)).turned(angles))
-        if self._edged:
+        if self._in_pieces:
             ends = zip(found[0].source, found[-1].source, strict=True)
             whole = tuple(_Part(one.added, last.turn) for one, last in ends)
             self._note_cut(lanes, at, [found[0]._replace(source=whole), *found[1:]], instants)

@@ -48,6 +48,9 @@ class DcKind(NamedTuple):
     (:eq:`dc-edges`); 0: it does not, because an averaged bridge compensates it."""
     turns: float = 0.0
     """By how much filter and grid current may move in a sampling period, rad, for this order."""
+    held: bool = False
+    """Whether the bridge's voltage is held over a sample although there is an order: an averaged bridge compensates it,
+    and only the link needs how the currents move with a network."""
 
     @property
     def records(self) -> dict[Any, dict[str, Any]]:
@@ -151,7 +154,8 @@ def dc_kind_of(study: Study, *, switched: bool, networks: bool = False) -> DcKin
     whether more than a grid may be connected, which may be faster. Raises
     InfeasibleStudyError where the link follows its source too fast for it."""
     kind = dc_kind(study.dc)
-    if kind is None or (kind.compensates and not switched):
+    held = kind is not None and kind.compensates and not switched
+    if kind is None or (held and not networks):
         return kind
     order, turns = series_of(study, LEAST_OF_NETWORKS if networks else 0.0)
-    return kind._replace(order=order, turns=turns)
+    return kind._replace(order=order, turns=turns, held=held)

@@ -154,14 +154,15 @@ def link_over_piece(kind: Kind, arrived: str, edges: Sequence[str], number: int)
         x=begin,
         near=near,
         rest=rest,
-        switching=[number_of(f"{head}.{axis}") * over_v for axis in ("alpha", "beta")],
+        switching=[] if dc.held else [number_of(f"{head}.{axis}") * over_v for axis in ("alpha", "beta")],
+        held=[number_of(f"acting.{axis}") for axis in ("alpha", "beta")] if dc.held else None,
         edges=[one for k in range(0, len(edges), 3) for one in _in_order(line, edges[k : k + 3], over_v)],
     )
     held = {name: number_of(f"held.{name}") for name in SourceLaw._fields[1:]}
     settings = DcSettings(
         **dict.fromkeys(DcSettings._fields, 0.0) | {name: number_of(f"link.{name}") for name in _OF_LINK}
     )
-    degree = axes.degree
+    degree = 0 if dc.held else axes.degree
     nodes = NODES_OF_PIECE if edges else NODES_OF_SAMPLE
     law = SourceLaw(number_of("dc.v"), **{k: v if k not in dc.absent else 0.0 for k, v in held.items()})
     found = link_over(v, of, law, settings, order=dc.order, nodes=nodes, degree=degree)

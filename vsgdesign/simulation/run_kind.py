@@ -78,13 +78,17 @@ class Kind(NamedTuple):
 
     @property
     def coupled(self) -> bool:
-        """Whether the voltage of the dc link moves that of the bridge within a sample."""
+        """Whether the dc link is moved together with the circuit within a sample."""
         return self.dc is not None and self.dc.order > 0
 
     @property
     def edged(self) -> bool:
-        """Whether the circuit's responses to edges are needed. An interval in which events fall is then computed piece
-        by piece, by a loop of its own."""
+        """Whether the circuit's responses to edges are needed."""
+        return bool(self.bridge.slopes) or (self.dc is not None and self.dc.order > 0 and not self.dc.held)
+
+    @property
+    def in_pieces(self) -> bool:
+        """Whether an interval in which events fall is computed piece by piece, by a loop of its own."""
         return bool(self.bridge.slopes) or self.coupled
 
     @property

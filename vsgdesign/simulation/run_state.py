@@ -311,7 +311,7 @@ class RunState:
         self.feed.follow(self.timeline, changes)
 
     def _added_source(self) -> AddedSource:
-        return AddedSource(self.study, self.timeline, self._circuits, switched=self._batch.kind.edged)
+        return AddedSource(self.study, self.timeline, self._circuits, switched=self._batch.kind.in_pieces)
 
     def write(self, writer: ProgramWriter) -> list[CutSample]:
         """Writes what circuit and source do in the run, and what it looks for. Returns the samples in whose intervals

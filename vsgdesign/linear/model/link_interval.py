@@ -62,6 +62,9 @@ class Interval(NamedTuple):
     switching: Sequence[Any]
     """s at the beginning, on both axes."""
     edges: Sequence[Edge] = ()
+    held: Sequence[Any] | None = None
+    """The voltage of a bridge that compensates the link's, on both axes, V peak; the switching vector is then not
+    read, and no state gets a response to the link. None: it is s·v."""
 
 
 class LinkMoved(NamedTuple):
@@ -93,10 +96,11 @@ def link_over(v_begin: Any, of: Interval, source: SourceLaw, dc: DcSettings, *, 
         length = end - begin
         h = of.h * length if of.edges else of.h
         states, volts, current = _series(v, x, s, source, dc, of, (begin, length, h), order)
-        voltage, squares, taken = _integrals(volts, current)
+        voltage, squares, taken = _integrals(volts, current, held=of.held is not None)
         sums.append([h * voltage, h * squares, h * taken])
         size = [2.0 * length * weight for weight in weights.tolist()]
-        for k, of_piece in enumerate(_moments(volts, v_begin, begin, length, places.tolist(), size, degree)):
+        shares = [] if of.held else _moments(volts, v_begin, begin, length, places.tolist(), size, degree)
+        for k, of_piece in enumerate(shares):
             for axis in range(2):
                 added = s[axis] * of_piece
                 if number:
@@ -124,21 +128,23 @@ def _series(
     states = [[one] for one in x]
     volts, current, inverse, bent = [v], [], [], []
     power = None if _nothing(source.p_begin, source.p_middle, source.p_end) else _power(source, of, begin, length)
-    per_volt = [SPACE_VECTOR_POWER * one for one in s]
+    per_volt = [SPACE_VECTOR_POWER * one for one in of.held or s]  # with a voltage that is held: the power itself
     bends = not _nothing(source.slope, source.second)
     rest = [_shifted(one, begin, length) for one in of.rest]
     for n in range(order):
         step, share = h * (1.0 / (n + 1)), length * (1.0 / (n + 1))
         now = [one[n] for one in states]
         current.append(per_volt[0] * now[0] + per_volt[1] * now[1])
-        into = -current[n]
+        if of.held is None:
+            into = -current[n]
+        else:
+            inverse.append(_next_inverse(volts, inverse))
+            into = -_sum([current[k] * inverse[n - k] for k in range(n + 1)])
         if n == 0 and not _nothing(source.current):
             into = source.current + into
         if power is not None and n <= BENDS:
-            if n == 0:
-                inverse.append(1.0 / v)
-            else:
-                inverse.append(-inverse[0] * _sum([volts[k] * inverse[n - k] for k in range(1, n + 1)]))
+            if of.held is None:
+                inverse.append(_next_inverse(volts, inverse))
             into = into + _sum([power[k] * inverse[n - k] for k in range(min(n, 2) + 1)])
         if bends and n <= BENDS:
             bent.append(volts[n] - source.v if n == 0 else volts[n])
@@ -149,7 +155,11 @@ def _series(
             node = c + dc.R_c * (i - g)
             slope = _sum([one * now[k] for k, one in of.near[axis].items()])
             slope = slope + rest[axis][n] if n < len(rest[axis]) else slope
-            states[axis].append(step * dc.over_L_1 * (s[axis] * volts[n] - dc.R_1 * i - node))
+            drop = dc.R_1 * i + node
+            if of.held is None:
+                states[axis].append(step * dc.over_L_1 * (s[axis] * volts[n] - drop))
+            else:
+                states[axis].append(step * dc.over_L_1 * (of.held[axis] - drop if n == 0 else -drop))
             states[2 + axis].append(step * dc.over_C_f * (i - g))
             states[4 + axis].append(share * slope)
         volts.append(step * (dc.over_C * into - source.rate * volts[n]))
@@ -177,11 +187,19 @@ def _power(source: SourceLaw, of: Interval, begin: Any, length: Any) -> list[Any
     return _shifted([source.p_begin, line, curve], first, whole)
 
 
-def _integrals(volts: Sequence[Any], current: Sequence[Any]) -> tuple[Any, Any, Any]:
-    """Means of v, v² and v·i over a piece, from their series."""
+def _next_inverse(volts: Sequence[Any], inverse: Sequence[Any]) -> Any:
+    """The next coefficient of 1/v."""
+    n = len(inverse)
+    return -inverse[0] * _sum([volts[k] * inverse[n - k] for k in range(1, n + 1)]) if n else 1.0 / volts[0]
+
+
+def _integrals(volts: Sequence[Any], current: Sequence[Any], *, held: bool) -> tuple[Any, Any, Any]:
+    """Means of v, v² and v·i over a piece, from their series; ``held``: the third one is that of the power itself."""
     mean = _sum([value * (1.0 / (n + 1)) for n, value in enumerate(volts)])
     rest = _sum([volts[k] * volts[j] * (1.0 / (k + j + 1)) for k in range(1, 4) for j in range(1, 4)])
     squares = volts[0] * (2.0 * mean - volts[0]) + rest
+    if held:
+        return mean, squares, _sum([one * (1.0 / (n + 1)) for n, one in enumerate(current)])
     taken = volts[0] * _sum([one * (1.0 / (n + 1)) for n, one in enumerate(current)])
     for k in range(1, min(6, len(volts))):
         later = [one * (1.0 / (n + k + 1)) for n, one in enumerate(current) if n + k <= len(current)]

@@ -100,7 +100,7 @@ class _SourceOfLane:
     def __init__(self, batch: Batch, number: int, study: Study, timeline: Timeline, circuits: Circuits) -> None:
         self._batch, self._number, self._timeline = batch, number, timeline
         self._T_s = study.converter.T_s
-        self._added = AddedSource(study, timeline, circuits, switched=batch.kind.edged)
+        self._added = AddedSource(study, timeline, circuits, switched=batch.kind.in_pieces)
         samples = round(study.simulation.duration / self._T_s) + 1
         self.marks = sorted(self._added.marks(samples) | {0, samples})
         """The samples at which its stretches begin, and the first one after its end."""
