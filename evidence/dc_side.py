@@ -23,6 +23,7 @@ from tests.simulation.one_by_one import run_one
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns.verification.draws import cases_of, uniforms_of
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.linear.operating_point.many import DC_ENERGY
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.results import BLOCKED, JUDGED, OVER_LIMIT
 from vsgdesign.simulation.lanes.run import run_lanes
@@ -78,9 +79,9 @@ def anyway(study: Study, spec: ControllerSpec, cases: LaneCases, told: Index) ->
 def measure(study: Study, count: int) -> dict[str, Any]:
     """So many cases in equal parts over the states of charge, on an ideal link, on the battery, and on ten of them."""
     (spec,) = [one for one in study.controllers if one.name == CONTROLLER]
-    counted = ("survived", "blocked", "told", "late", "refused", "lost")
+    counted = ("survived", "blocked", "told", "by_energy", "late", "refused", "lost", "lost_by_energy")
     found: dict[str, Any] = {control: dict.fromkeys(counted, 0) for control in CONTROLS}
-    found |= dict.fromkeys(("judged", "ideal", "same", "judged_not_full", "same_not_full"), 0)
+    found |= dict.fromkeys(("judged", "ideal", "same", "same_or_told"), 0)
     per = -(-count // len(CHARGES))
     for k, charge in enumerate(CHARGES.tolist()):
         cases, _ = cases_of(boxed(study), spec, uniforms_of(SEED, k * per, per), ready=NOTHING)
@@ -88,22 +89,23 @@ def measure(study: Study, count: int) -> dict[str, Any]:
         judged, held = ideal >= JUDGED, on_battery(study, charge)
         for control in CONTROLS:
             own, of = with_control(held, control), found[control]
-            fed = run_lanes(own, spec, NOTHING, cases).status
+            results = run_lanes(own, spec, NOTHING, cases)
+            fed, by_energy = results.status, results.fault == DC_ENERGY
             told = judged & (fed <= OVER_LIMIT)
             of["survived"] += int((judged & (fed == JUDGED)).sum())
             of["blocked"] += int((judged & (fed == BLOCKED)).sum())
             of["told"] += int(told.sum())
             of["late"] += int((judged & (fed > JUDGED) & (fed != BLOCKED)).sum())
-            refused, lost = anyway(own, spec, cases, np.flatnonzero(told))
-            of["refused"] += refused
-            of["lost"] += lost
+            for which, prefix in ((told & ~by_energy, ""), (told & by_energy, "_by_energy")):
+                refused, lost = anyway(own, spec, cases, np.flatnonzero(which))
+                of["refused"] += refused
+                of[f"lost{prefix}"] += lost
+            of["by_energy"] += int((told & by_energy).sum())
         large = run_lanes(on_battery(study, charge, 10.0), spec, NOTHING, cases).status
         found["judged"] += int(judged.sum())
         found["ideal"] += int((ideal == JUDGED).sum())
         found["same"] += int((judged & (large == ideal)).sum())
-        if charge < 1.0:
-            found["judged_not_full"] += int(judged.sum())
-            found["same_not_full"] += int((judged & (large == ideal)).sum())
+        found["same_or_told"] += int((judged & ((large == ideal) | (large <= OVER_LIMIT))).sum())
     return found
 
 
@@ -114,15 +116,26 @@ def main(folder: Path) -> None:
         study = load_study(STUDIES / f"{CONVERTERS[name]}.toml")
         document[name] = measure(study, count)
         print(name, document[name], flush=True)
-    head = ["converter", "control", "judged and survived with an ideal link", "survived", "told before"]
-    head += ["of these cannot begin", "run anyway: lost", "blocked", "lost otherwise"]
+    head = ["converter", "control", "judged and survived with an ideal link", "survived", "told: no rest"]
+    head += [
+        "of these cannot begin",
+        "run anyway: lost",
+        "told: energy",
+        "run anyway: lost",
+        "blocked",
+        "lost otherwise",
+    ]
     rows = [
         [
             name,
             f"`{control}`",
             f"{one['judged']}, {one['ideal']}",
-            *(str(one[control][key]) for key in ("survived", "told", "refused")),
-            f"{one[control]['lost']} of {one[control]['told'] - one[control]['refused']}",
+            str(one[control]["survived"]),
+            str(one[control]["told"] - one[control]["by_energy"]),
+            str(one[control]["refused"]),
+            f"{one[control]['lost']} of {one[control]['told'] - one[control]['by_energy'] - one[control]['refused']}",
+            str(one[control]["by_energy"]),
+            f"{one[control]['lost_by_energy']} of {one[control]['by_energy']}",
             *(str(one[control][key]) for key in ("blocked", "late")),
         ]
         for name, one in document.items()
@@ -131,13 +144,13 @@ def main(folder: Path) -> None:
     own = [
         "converter",
         "ten times: the same verdict",
-        "of these below full charge",
+        "the same, or told",
     ]
     more = [
         [
             name,
             f"{one['same']} of {one['judged']}",
-            f"{one['same_not_full']} of {one['judged_not_full']}",
+            f"{one['same_or_told']} of {one['judged']}",
         ]
         for name, one in document.items()
     ]

@@ -42,9 +42,19 @@ class ClampState(NamedTuple):
 def clamp_cut(omega: Any, refs: References, gains: PowerLoopGains, limits: SourceLimits, own: Any) -> Any:
     """By how much P_ref has to change so that reference and P–f droop together stay within what the source can give, W
     (:eq:`dc-clamp`). It is an exact zero where they do."""
-    wanted = refs.P_ref + gains.D_p * (refs.omega_0 - omega)
+    return cut_of(refs.P_ref + gains.D_p * (refs.omega_0 - omega), limits, own)
+
+
+def cut_of(wanted: Any, limits: SourceLimits, own: Any) -> Any:
+    """By how much a power that is asked for has to change to stay within what the source can give, W
+    (:eq:`dc-clamp`)."""
     most = limits.high - own
     return np.minimum(most - wanted, 0.0) + np.maximum(np.minimum(limits.low, most) - wanted, 0.0)
+
+
+def clamped_rest(wanted: Any, limits: SourceLimits, own: Any) -> Any:
+    """The power at which a converter rests that is asked for ``wanted``, W, while its source can give this much."""
+    return wanted + cut_of(wanted, limits, own)
 
 
 def clamp_of_sample(
@@ -107,4 +117,13 @@ def clamped(
     )
 
 
-__all__ = ["ClampSettings", "ClampState", "SourceLimits", "clamp_cut", "clamp_of_sample", "clamped"]
+__all__ = [
+    "ClampSettings",
+    "ClampState",
+    "SourceLimits",
+    "clamp_cut",
+    "clamp_of_sample",
+    "clamped",
+    "clamped_rest",
+    "cut_of",
+]

@@ -135,9 +135,11 @@ class DcSource:
     """The parameters of which a share is left where a share of the source is lost."""
     moving: tuple[str, ...] = ()
     """Fields of the memory that move at once, and not as slowly as a charge."""
-    recharged: Callable[[float, Any], Mapping[str, float]] | None = None
+    recharged: Callable[[Any, Any], Mapping[str, Any]] | None = None
     """What the memory has at a state of charge, by its fields; the second argument are the constants. None: the source
     has no charge."""
+    stored: Callable[[Any], Any] | None = None
+    """The energy of a full charge from the constants, J. None: the source has no charge."""
 
     @property
     def records(self) -> tuple[Any, Any]:

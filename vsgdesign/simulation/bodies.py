@@ -345,11 +345,14 @@ def watch(kind: Kind) -> Block | None:
         return joined(Part(headed(at_pcc, P="P_pcc", Q="Q_pcc"), {"circuit.R_c": "R_c"}), Part(headed(own)))
     own = flat_block(watched_sample.watched_disturbance, fixed={} if kind.ramped or kind.moved else {"extra": 0.0})
     called = {"P": "said.P", "Q": "said.Q", "theta": "state.theta", "next_theta": "following.theta"}
+    clamp = kind.dc.rests({"wanted": "of.P_rest"}) if kind.dc is not None and kind.dc.clamps else []
+    called |= {"of.P_rest": "P_rest_now"} if clamp else {}
     if not kind.field:
-        return joined(Part(headed(own), called))
+        return joined(*clamp, Part(headed(own), called))
     # The angle that is watched is that of the commanded voltage, as a log has it.
     called |= {"theta": "commanded_theta", "watch.delta": "commanded_delta"}
     return joined(
+        *clamp,
         Part(_sum("watch.delta", "added_theta", "+", "commanded_delta")),
         Part(headed(own), called),
         Part(_sum("watched.delta", "added_theta", "-", "next_delta")),

@@ -9,7 +9,7 @@ from vsgdesign.codegen.blocks import Part
 from vsgdesign.codegen.expressions import Number
 from vsgdesign.codegen.flat import flat_block
 from vsgdesign.codegen.records import Kinds
-from vsgdesign.equations.dc_control import ClampSettings, ClampState, clamped
+from vsgdesign.equations.dc_control import ClampSettings, ClampState, clamped, clamped_rest
 from vsgdesign.equations.dc_link import (
     ActingVoltage,
     DcSettings,
@@ -99,6 +99,12 @@ class DcKind(NamedTuple):
         own = {f"settings.{name}": f"clamp_of.{name}" for name in ClampSettings._fields}
         own |= {f"gains.{name}": f"power_gains.{name}" for name in PowerLoopGains._fields}
         return [limits, Part(headed(flat_block(clamped, kinds=records), P_ref="clamped_P"), own | dict(state))]
+
+    def rests(self, called: Mapping[str, str]) -> list[Part]:
+        """Where the power rests with what the source can give at the sample. ``called``: where the power is that is
+        asked for. Its output is ``P_rest_now``."""
+        block = headed(flat_block(clamped_rest), clamped_rest="P_rest_now")
+        return [Part(block, {"own": "clamp_of.own"} | dict(called))]
 
     def acts(self, asked: dict[str, str]) -> Part:
         """What becomes of the voltage that was asked for. ``asked``: where its axes are. Its output is ``acting``."""

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.records import numbers_of
-from vsgdesign.equations.dc_control import ClampSettings, ClampState
+from vsgdesign.equations.dc_control import ClampSettings, ClampState, clamped_rest
 from vsgdesign.equations.dc_link import DcSettings, DcState
+from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.simulation.dc_parts import dc_kind
@@ -95,6 +97,24 @@ def dc_series(study: Study, rows: Array) -> dict[str, Array]:
         elif name.startswith("memory."):
             found[f"dc_{name.removeprefix('memory.').replace('.', '_')}"] = values.copy()
     return found
+
+
+def moved_rest(study: Study, link: DcLink | None, rows: Array) -> Array | float:
+    """By how much the power at which a clamped converter rests lies above that with the charge of ``link``, W: of each
+    row of ``dc_log``, since the charge has moved. Zero where the clamp does not act at the end."""
+    if link is None or not link.clamps or not len(rows):
+        return 0.0
+    columns = dict(zip(dc_columns(study), rows.T, strict=True))
+    end, of = float(columns["clamp.cut"][-1]), (study.converter, study.filter)
+    if end == 0.0:
+        return 0.0
+    memory = {name.removeprefix("memory."): values for name, values in columns.items() if name.startswith("memory.")}
+    clamp = link.clamp(*of)
+    limits = link.kind.law.can_give(SimpleNamespace(**memory), clamp.hold, link.settings(*of).source)
+    low, high = (np.broadcast_to(one, len(rows)) for one in limits)
+    wanted = float(low[-1] if end > 0.0 else high[-1] - clamp.own) - end
+    moved: Array = clamped_rest(wanted, SourceLimits(low, high), clamp.own)
+    return moved - clamped_rest(wanted, link.can_give(*of), clamp.own)
 
 
 @dataclass(frozen=True)

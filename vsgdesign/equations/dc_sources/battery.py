@@ -167,7 +167,8 @@ def battery_rest(
     current = (e - v) * c.over_R
     low = c.i_min if charge < 1.0 else 0.0
     high = c.i_max if charge > 0.0 else 0.0
-    if not low <= current <= high:
+    rounding = 1e-12 * v * c.over_R
+    if not low - rounding <= current <= high + rounding:
         raise ValueError(
             f"a battery at {100.0 * charge:.3g} % of its charge would give {current:.4g} A, and its limits are "
             f"{low:.4g} to {high:.4g} A"
@@ -216,5 +217,6 @@ BATTERY = DcSource(
     _check,
     lost=("i_max", "i_charge_max"),
     recharged=lambda charge, _: {"charge": charge},
+    stored=lambda c: c.coulombs * open_voltage(1.0, c.open),
 )
 """A battery without a dc–dc stage."""

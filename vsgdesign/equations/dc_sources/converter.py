@@ -138,7 +138,8 @@ def stage_rest(p: float, ratings: DcRatings, c: StageConstants, values: Mapping[
         v -= (c.k_p * (c.V - v) + c.forward * p - p - g * v * v) / (-c.k_p - 2.0 * g * v)
     needed, charge = p + g * v * v, values["charge"]
     low, high = c.p_min if charge < 1.0 else 0.0, c.p_max if charge > 0.0 else 0.0
-    if not (low <= needed <= high) or not v > 0.0:
+    rounding = 1e-12 * ratings.S_rated
+    if not (low - rounding <= needed <= high + rounding) or not v > 0.0:
         raise ValueError(f"the stage would give {needed:.4g} W, and its limits are {low:.4g} to {high:.4g} W")
     return v, StageMemory(p=needed, target=needed, stored=values["charge"] * values["energy"])
 
@@ -174,5 +175,6 @@ CONVERTER = DcSource(
     lost=("p_max", "p_charge_max"),
     moving=("p",),
     recharged=lambda charge, c: {"stored": charge * c.energy},
+    stored=lambda c: c.energy,
 )
 """A stage that holds the voltage of the link."""

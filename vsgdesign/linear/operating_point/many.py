@@ -33,7 +33,9 @@ from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-NO_POINT, BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, NOT_CONVERGED, NO_GAINS, LIMITER_PULLS, DC_SOURCE = range(1, 9)
+NO_POINT, BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, NOT_CONVERGED, NO_GAINS, LIMITER_PULLS, DC_SOURCE, DC_ENERGY = range(
+    1, 10
+)
 FAULTS = (
     "",
     "no operating point",
@@ -44,6 +46,7 @@ FAULTS = (
     "no gains",
     "the current limiter pulls the power loops away from the steady state",
     "the source of the dc link does not give the power of the steady state",
+    "the source of the dc link is full or empty, and the events move more energy than the capacitor can take or give",
 )
 """The meaning of the codes of :attr:`ManyStates.fault`. The code 0 means that there is a steady state."""
 

@@ -396,7 +396,8 @@ def _entry_anew(part: Watched, writer: ProgramWriter, lanes: NDArray[np.intp], a
 def watch_disturbance(part: Watched, writer: ProgramWriter, cases: LaneCases, rests: Rests) -> None:
     """A disturbance is watched from its first event on, its recovery from its end on, and the angle after each."""
     place, kept, T_s, events = part.place, part.kept, part.study.converter.T_s, cases.events
-    part.put("of.P_rest", rests.P_end)
+    clamps = part.study.dc is not None and part.study.dc.clamps
+    part.put("of.P_rest", rests.P_asked if clamps else rests.P_end)  # a clamp says in each sample what is left of it
     part.put("of.Q_rest", rests.Q_end)
     part.put("watch.delta", rests.delta_start)
     least = place["watch.least"]

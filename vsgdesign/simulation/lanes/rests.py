@@ -13,12 +13,15 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.many import (
     BRIDGE_VOLTAGE,
     CURRENT,
+    DC_ENERGY,
     DC_SOURCE,
     LIMITER_ACTS,
     LIMITER_PULLS,
     NO_POINT,
     Lanes,
     ManyStates,
+    lanes_of,
+    power_of,
     powers_at_pcc,
 )
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
@@ -26,6 +29,7 @@ from vsgdesign.linear.operating_point.network import NetworkCircuit, NetworkStat
 from vsgdesign.metrics.survival import REST_SHARE, WATCHED, SurvivalDemand
 from vsgdesign.simulation.circuits import Connection, no_rest_with
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
+from vsgdesign.simulation.lanes.dc_energy import beyond_the_capacitor
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.telling import GainsAtRest
 from vsgdesign.simulation.segments import Segments
@@ -56,6 +60,8 @@ class Rests:
     Q_start: Array
     P_end: Array
     Q_end: Array
+    P_asked: Array
+    """What reference and P–f droop ask for at the end, W, whatever the source of the dc link can give."""
     delta_start: Array
     delta_end: Array
     states: NetworkStates | None = None
@@ -90,7 +96,7 @@ def rests_of(
     phase, linked = cases.around.phase, circuits_at_rest(study, cases, at_end)
     start, gains = many_rests_with_measured_gains(study, cases.at_start, told.first, phase=phase, circuit=linked.start)
     held = cases.links(study.dc)
-    end, _ = many_rests_with_measured_gains(
+    end, at_last = many_rests_with_measured_gains(
         study,
         at_end,
         told.known_at_end(),
@@ -114,18 +120,23 @@ def rests_of(
         Q_start=np.where(step, at_pcc[0][1], start.Q),
         P_end=np.where(step, at_pcc[1][0], end.P),
         Q_end=np.where(step, at_pcc[1][1], end.Q),
+        P_asked=power_of(*lanes_of(study, at_end, at_last)),
         delta_start=start.controller.theta - phase,
         delta_end=end.controller.theta,
         states=linked.states,
     )
     fault = np.where(start.fault > 0, start.fault, end.fault)
+    beyond = beyond_the_capacitor(
+        study, cases, segments, start, rests.delta_start, (gains, at_last), demand.settling_time
+    )
+    fault[beyond & (fault == 0)] = DC_ENERGY
     results.fault[:] = fault
     results.status[fault == 0] = JUDGED
     if demand.i_max_pu is not None:
         largest = REST_SHARE * demand.i_max_pu * study.converter.I_rated_pk
         over = ~step & (fault == 0) & (np.maximum(start.i_s_pk, end.i_s_pk) > largest)
         results.status[over] = OVER_LIMIT
-    limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS, DC_SOURCE))
+    limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS, DC_SOURCE, DC_ENERGY))
     results.status[limited] = OVER_LIMIT
     return rests, gains
 

@@ -241,7 +241,7 @@ def _rests(prepared: Sequence[_Prepared], begin: Index, count: int, kind: NDArra
                 found[4 + column // 2, f] = rest.controller(at, 0.0)[0].theta
     start: Any = None  # the lanes are put at rest by what knows the plant
     names = ("P_start", "Q_start", "P_end", "Q_end", "delta_start", "delta_end")
-    return Rests(start=start, **dict(zip(names, found, strict=True)))
+    return Rests(start=start, P_asked=found[2], **dict(zip(names, found, strict=True)))
 
 
 def _powers(rest: UnitsAtRest, unit: int, step: bool) -> tuple[float, float]:

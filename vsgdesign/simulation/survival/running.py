@@ -33,6 +33,7 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.circuits import Connection, circuit_at_rest
+from vsgdesign.simulation.dc_start import moved_rest
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.feeds import LateSchedule, safe_grid
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -265,13 +266,16 @@ def rest_on(
 
 
 def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
-    """What the judge sees of a run."""
+    """What the judge sees of a run. Where the charge moves the rest of a clamped converter, P has moved back with
+    it."""
     log, t_s = simulation.log, simulation.t_s
     every = max(round(simulation.interval / study.converter.T_s), 1)
-    counted = simulation.column("limited_samples")
+    counted, moved = simulation.column("limited_samples"), 0.0
+    if simulation.dc_log is not None:
+        moved = moved_rest(study, simulation.timeline.link_at(float(t_s[-1])), simulation.dc_log)
     return SurvivalRecord(
         t_s=t_s,
-        P=np.ascontiguousarray(simulation.column("P")),
+        P=np.ascontiguousarray(simulation.column("P") - moved),
         Q=np.ascontiguousarray(simulation.column("Q")),
         delta=simulation.column("theta") - simulation.timeline.source_phase(t_s, _SAME_INSTANT * study.converter.T_s),
         i_s_pu=np.hypot(log[:, 0], log[:, 1]) / study.converter.I_rated_pk,
