@@ -18,7 +18,7 @@ from tests.export.cigre_host import Dll, Hosted
 from tests.export.test_fmu import slave_of, step_of
 from tests.export.test_other_tools import Sizes, State, script_of
 from tests.export.test_unit import FIELD, UnitsFeed
-from tests.export.unit_loop import FIXED, Library, clamping, on_a_battery, run_loop, simulated, study_with
+from tests.export.unit_loop import FIXED, Library, clamping, drooping, on_a_battery, run_loop, simulated, study_with
 from vsgdesign.equations.dc_control import clamp_of_sample
 from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.export import export_dll, export_fmu, export_modelica, export_plecs, unit_of
@@ -118,6 +118,27 @@ def test_a_clamp_is_that_of_the_simulation(controller: str, tmp_path: Path) -> N
             return other.step(given)
 
         assert np.max(np.abs(run_loop(study, unit, deaf).figures - emt)) > 1e-3
+
+
+def test_a_droop_of_the_links_voltage_is_that_of_the_simulation(tmp_path: Path) -> None:
+    """The frequency follows v_dc, in the whole controller and in the power loops alone."""
+    study = drooping(study_with(1))
+    unit = unit_of(study)
+    assert unit.link is not None
+    folder = export_unit_c(unit, tmp_path / "c").folder
+    library = Library(folder, tmp_path, unit)
+    run = run_loop(study, unit, library.instance().step)
+    assert np.max(np.abs(run.figures - simulated(study, unit))) <= 1e-11  # 1e-14 at worst
+    loops = Library(folder, tmp_path, unit, "reference")
+    at = {port.name: k for k, port in enumerate(loops.ports.inputs)}
+    given = np.array([port.start for port in loops.ports.inputs])
+    told = {port.name: k for k, port in enumerate(loops.ports.outputs)}
+    omega = []
+    for v in (unit.link.rest, unit.link.rest + 10.0, np.nan):
+        given[at["v_dc"]] = v
+        omega.append(loops.instance().step(given)[told["omega"]])
+    assert omega[1] - omega[0] == pytest.approx(0.2 * unit.omega_n * 10.0 / study.converter.V_dc, rel=1e-9)
+    assert omega[2] == omega[0]
 
 
 @pytest.mark.parametrize("variant", ["controller", "reference"])

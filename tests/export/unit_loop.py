@@ -83,6 +83,14 @@ def clamping(study: Study) -> Study:
     return replace(found, events=tuple(sorted((*found.events, Event(0.09, "lost", dc_power=0.6)), key=lambda e: e.t_s)))
 
 
+def drooping(study: Study) -> Study:
+    """On a battery with a drop of 5 %, whose voltage moves the frequency."""
+    S, V = study.converter.S_rated, study.converter.V_dc
+    battery = {"R_i": 0.05 * V * V / S, "i_max": 3.0 * S / V, "capacity_Ah": S / V}
+    dc = {"source": "battery", "C": 0.04 * S / V**2, "control": "voltage_droop", "battery": battery}
+    return study.with_changes(dc=dc | {"voltage_droop": {"share": 0.2}})
+
+
 def run_loop(
     study: Study,
     unit: Unit,

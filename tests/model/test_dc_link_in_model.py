@@ -30,10 +30,16 @@ SECTIONS: dict[str, dict[str, Any]] = {
 P_0 = 1500.0
 
 
-def on(source: str, events: str = "", compensation: str = "measured") -> Study:
+def on(source: str, events: str = "", compensation: str = "measured", share: float | None = None) -> Study:
+    """On a source; ``share``: with a droop of the link's voltage."""
     study = lcl_study("60 ms", events).with_changes(simulation={"P_ref": P_0})
     link = {"source": source, "C": "3 mF", "R_bleed": "8 kohm", "compensation": compensation}
-    return study.with_changes(dc=link | {source: SECTIONS[source]})
+    droop: dict[str, Any] = {"control": "voltage_droop", "voltage_droop": {"share": share}}
+    return study.with_changes(dc=link | {source: SECTIONS[source]} | ({} if share is None else droop))
+
+
+DROOPS = (("battery", "measured", 0.1), ("converter", "measured", 1.0), ("photovoltaic", "measured", 0.05))
+EACH = (*((source, "measured", None) for source in SECTIONS), *DROOPS, ("converter", "none", 0.1))
 
 
 def model_of(study: Study) -> FullOrderModel:
@@ -53,10 +59,10 @@ def test_it_stands_beside_the_circuit(source: str) -> None:
     assert np.abs(model.A[0, n:, :n]).max() > 0.0
 
 
-@pytest.mark.parametrize(("source", "compensation"), [*((one, "measured") for one in SECTIONS), ("battery", "none")])
-def test_entries_against_central_differences(source: str, compensation: str) -> None:
+@pytest.mark.parametrize(("source", "compensation", "share"), [*EACH, ("battery", "none", None)])
+def test_entries_against_central_differences(source: str, compensation: str, share: float | None) -> None:
     """Of the step itself, by differences of fourth order in units of each state."""
-    model = model_of(on(source, compensation=compensation))
+    model = model_of(on(source, compensation=compensation, share=share))
     z, p = model.z[0], model.p[0]
     unit = np.maximum(np.abs(z), 1e-2)
     found = np.empty_like(model.A[0])
@@ -65,7 +71,9 @@ def test_entries_against_central_differences(source: str, compensation: str) -> 
         d[k] = 1e-3 * unit[k]
         at = [np.array(model.map.step(z + j * d, p)[0]).ravel() for j in (-2, -1, 1, 2)]
         found[:, k] = (at[0] - 8.0 * at[1] + 8.0 * at[2] - at[3]) / (12.0 * d[k])
-    rows = slice(model.states.index("v_dc") if compensation == "measured" else 0, None)
+    link, delta = model.states.index("v_dc"), model.states.index("delta")
+    assert share is None or model.A[0][delta, link] > 0.0
+    rows = [*range(link if compensation == "measured" else 0, len(z)), *([] if share is None else [delta])]
     scaled = [(A * unit[None, :])[rows] for A in (found, model.A[0])]
     largest = np.abs(scaled[1]).max(axis=1, keepdims=True)
     assert np.abs((scaled[0] - scaled[1]) / largest).max() <= 1e-9
@@ -165,13 +173,34 @@ def test_a_link_without_compensation_against_an_independent_integration(source: 
         assert np.nanmin(np.abs(of_both[0] - s)) < 1e-4
 
 
-@pytest.mark.parametrize(("source", "compensation"), [*((one, "measured") for one in SECTIONS), ("converter", "none")])
-def test_a_small_step_of_the_emt(source: str, compensation: str) -> None:
+@pytest.mark.parametrize(("source", "compensation", "share"), DROOPS)
+def test_a_rest_with_a_droop_of_the_voltage(source: str, compensation: str, share: float) -> None:
+    """P = P_ref + D_p s ω_n (v − V_dc)/V_dc (:eq:`dc-droop-rest`), and the run stays there."""
+    study = on(source, compensation=compensation, share=share)
+    assert study.dc is not None
+    run, c = simulate(study, [GainChange(0.0, GAINS)]), study.converter
+    assert run.dc_log is not None
+    v, P = run.dc_log[:, dc_columns(study).index("v")], run.column("P")
+    assert abs(v[0] / c.V_dc - 1.0) > 5e-4
+    expected = P_0 + GAINS.D_p * share * c.omega_n * (v[0] / c.V_dc - 1.0)
+    assert P[0] == pytest.approx(expected, abs=1e-6 * c.S_rated)
+    assert np.ptp(P) < 1e-4 * c.S_rated
+    assert run.column("omega") == pytest.approx(c.omega_n, abs=1e-4)
+
+
+def test_no_share_of_the_droop_changes_no_bit() -> None:
+    events = f"[[events]]\ntime = '5 ms'\nP_ref = {P_0 + 500.0}\n"
+    runs = [simulate(on("battery", events, share=share), [GainChange(0.0, GAINS)]) for share in (None, 0.0)]
+    np.testing.assert_array_equal(runs[0].log, runs[1].log)
+
+
+@pytest.mark.parametrize(("source", "compensation", "share"), [*EACH, ("converter", "none", None)])
+def test_a_small_step_of_the_emt(source: str, compensation: str, share: float | None) -> None:
     """The voltage of the link after a step of P_ref by 0.5 % of the rating, against a run without it."""
-    size, still = 25.0, on(source, compensation=compensation)
+    size, still = 25.0, on(source, compensation=compensation, share=share)
     model, T = model_of(still), still.converter.T_s
     v = []
-    for study in (on(source, f"[[events]]\ntime = '5 ms'\nP_ref = {P_0 + size}\n", compensation), still):
+    for study in (on(source, f"[[events]]\ntime = '5 ms'\nP_ref = {P_0 + size}\n", compensation, share), still):
         run = simulate(study, [GainChange(0.0, GAINS)])
         assert run.dc_log is not None
         v.append(run.dc_log[round(5e-3 / T) :, dc_columns(study).index("v")])

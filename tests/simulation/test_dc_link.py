@@ -271,6 +271,7 @@ def test_energy_of_the_source_goes_to_the_grid(bridge: str, compensation: str) -
 RUN_SO = [
     ("none", "averaged", "measured"),
     ("power_clamp", "averaged", "measured"),
+    ("voltage_droop", "averaged", "measured"),
     ("none", "averaged", "none"),
     ("none", "pwm", "measured"),
 ]

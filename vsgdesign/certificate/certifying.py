@@ -38,6 +38,7 @@ from vsgdesign.certificate.results import (
 )
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.runtime.of_study import follows_measured, schedule_of
+from vsgdesign.study.parameters.dc_link import without_voltage_droop
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -101,6 +102,7 @@ def certify(
     controller is not scheduled or its table is not there, or where every cell that was looked at is stable but no
     function of the kind exists.
     """
+    without_voltage_droop(study, "a certificate")
     system, motion = prepared(study, spec, region, ready, schedule, decay)
     system = replace(system, apart=apart, placed=placed)
     rng = np.random.default_rng(seed)

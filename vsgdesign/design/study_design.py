@@ -47,6 +47,11 @@ def design_study(study: Study) -> StudyDesign:
         for spec in study.controllers
         if spec not in known
     ]
+    if study.dc is not None and study.dc.droops:
+        missing.append(
+            "A droop of the link's voltage has no closed form: the gains are made as for an ideal link. margins and "
+            "simulate have this voltage as a state."
+        )
     flows = [power_flow(study, spec, ready) for spec in study.controllers]
     designs = [design_closed_form(study, spec, grid, ready) for spec in known for grid in distinct_grids(study)]
     return StudyDesign(study, ready, tuple(flows), tuple(designs), tuple(missing))

@@ -39,6 +39,7 @@ from vsgdesign.execution.workers import WorkerPool
 from vsgdesign.linear.operating_point.equilibrium import static_limits
 from vsgdesign.linear.stability.safe_place import table_safe_place
 from vsgdesign.runtime.table import table_schedule
+from vsgdesign.study.parameters.dc_link import without_voltage_droop
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 SMOOTHINGS = 2
@@ -93,6 +94,7 @@ def build_table(
     study has no specification or no cell has an operating point, WorkerError if a process is lost, and ArtifactError if
     finished cells cannot be saved.
     """
+    without_voltage_droop(study, "a gain table")
     spec = study.specification
     if spec is None:
         raise InfeasibleStudyError(

@@ -1,4 +1,5 @@
-"""What the controller does about its dc link: it asks for no more power than the source can give now."""
+"""What the controller does about its dc link: it asks for no more power than the source can give now, or turns with the
+link's voltage."""
 
 from __future__ import annotations
 
@@ -37,6 +38,26 @@ class ClampState(NamedTuple):
     """Its integral, J, whatever its sign."""
     acted: Any
     """For how long it was not zero, s."""
+
+
+class DroopSettings(NamedTuple):
+    """Constants of the droop of the link's voltage."""
+
+    per_volt: Any
+    """Frequency over the voltage, rad/(s·V)."""
+
+
+def droop_of_link(v: Any, V_dc: Any, per_volt: Any) -> Any:
+    """By how much the frame turns faster than the power loops say, rad/s (:eq:`dc-droop`). ``v``: voltage of the link
+    at the sample, V."""
+    return per_volt * (v - V_dc)
+
+
+def turned_with_link(theta: Any, omega: Any, v: Any, V_dc: Any, per_volt: Any, T_s: Any) -> tuple[Any, Any]:
+    """Angle of the next sample (rad) and frequency (rad/s) of the power loops with the droop of the link's voltage
+    (:eq:`dc-droop`). Returns (turned_theta, turned_omega)."""
+    faster = droop_of_link(v, V_dc, per_volt)
+    return advanced(theta, T_s * faster), omega + faster
 
 
 def clamp_cut(omega: Any, refs: References, gains: PowerLoopGains, limits: SourceLimits, own: Any) -> Any:
@@ -120,10 +141,13 @@ def clamped(
 __all__ = [
     "ClampSettings",
     "ClampState",
+    "DroopSettings",
     "SourceLimits",
     "clamp_cut",
     "clamp_of_sample",
     "clamped",
     "clamped_rest",
     "cut_of",
+    "droop_of_link",
+    "turned_with_link",
 ]

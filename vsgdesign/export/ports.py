@@ -80,6 +80,8 @@ def _of_reference(unit: Unit) -> Iterator[Port]:
     measured = _number(ControllerState, "V")._replace(meaning="Measured voltage")
     yield _port(measured, "V", INPUT, unit.rest.V, 0.0, 2.0 * V_n)
     yield _one(Asked, "delta", INPUT, unit.rest.theta, name="delta_v")
+    if unit.link is not None and unit.link.droop is not None:
+        yield _one(Asked, "v_dc", INPUT, unit.link.rest, *unit.link.limits)
     yield from _source_limits(unit)
     yield _one(Asked, "closed", INPUT, 1.0, 0.0, 1.0)
     yield from _references(unit.references, unit.S_rated)

@@ -75,6 +75,8 @@ class LinkVoltage:
     """Largest peak voltage of the bridge over the link's."""
     clamp: Clamp | None = None
     """None: the controller asks for any power."""
+    droop: float | None = None
+    """Frequency over the voltage, rad/(s·V), of the droop of the link's voltage; None: the controller has none."""
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -287,7 +289,8 @@ def _link(study: Study, start: SampledState) -> LinkVoltage | None:
         low, high = study.dc.kind.law.can_give(begun.dc.memory, begun.clamp_of.hold, begun.link.source)
         limits = SourceLimits(float(low), float(high))
         clamp = Clamp(limits, float(begun.clamp_of.own), float(begun.clamp_of.smoothing))
-    return LinkVoltage(float(begun.dc.v), float(begun.link.V_dc), float(begun.link.limit), clamp)
+    droop = float(begun.droop_of.per_volt) if study.dc.droops else None
+    return LinkVoltage(float(begun.dc.v), float(begun.link.V_dc), float(begun.link.limit), clamp, droop)
 
 
 def _scheduler(study: Study, spec: ControllerSpec, ready: Ready, changes: dict[str, Any]) -> tuple[Scheduler, Origin]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from vsgdesign.codegen import c_functions
 from vsgdesign.codegen.comments import ascii_text
-from vsgdesign.equations.dc_control import clamp_of_sample
+from vsgdesign.equations.dc_control import clamp_of_sample, turned_with_link
 from vsgdesign.equations.dc_link import bridge_limit
 from vsgdesign.equations.frames import clarke, clarke_inverse, instantaneous_power, rotate
 from vsgdesign.equations.grid import grid_of_each
@@ -82,6 +82,7 @@ def unit_content(unit: Unit) -> dict[str, Any]:
     clamp = None if link is None else link.clamp
     needed = [*FRAMES, *([bridge_limit] if link else []), *([grid_of_each] if unit.on_line else [])]
     needed += [clamp_of_sample] if clamp else []
+    needed += [turned_with_link] if link is not None and link.droop is not None else []
     frames = c_functions(needed, prefix="unit_", names=NAMES)
     return {
         "controller_name": ascii_text(unit.controller),
@@ -116,6 +117,7 @@ def unit_content(unit: Unit) -> dict[str, Any]:
         "probes": [initialiser(one) for one in unit.probes],
         "per_volt": None if link is None else literal(link.per_volt),
         "clamp": None if clamp is None else [literal(one) for one in (*clamp.numbers, unit.omega)],
+        "droop": None if link is None or link.droop is None else [literal(one) for one in (link.nominal, link.droop)],
         "pair": unit.pair,
         "v_dc": None if link is None else [literal(one) for one in (link.rest, *link.limits)],
         "units": None if unit.on_line is None else [literal(one) for one in (unit.on_line.least, unit.on_line.most)],

@@ -84,19 +84,21 @@ def control(kind: Kind) -> Block:
         chosen |= {"refs.P_ref": "clamped_P"}
     if kind.sensors:
         parts.append(Part(headed(flat_block(sample.sensed))))
+    turns, angle = ([], "following.theta") if kind.dc is None else (kind.dc.drooped(), kind.dc.angle)
     if kind.field:
         commanded = {"state.theta": "commanded_theta", "state.V": "commanded_V"}
         before = {"theta": "state.theta", "V_rms": "state.V"}
         heard = {"theta": "commanded_theta", "acted": "said.limited"}
-        after = {"theta": "following.theta", "V_rms": "following.V"}
+        after = {"theta": angle, "V_rms": "following.V"}
         parts += [
             Part(headed(flat_block(sample.probing)), before),
             Part(own, chosen | commanded),
+            *turns,
             Part(headed(flat_block(sample.hearing)), heard),
             Part(headed(flat_block(sample.without_probe)), after),
         ]
     else:
-        parts += [Part(own, chosen), Part(headed(flat_block(sample.kept_angle)), {"theta": "following.theta"})]
+        parts += [Part(own, chosen), *turns, Part(headed(flat_block(sample.kept_angle)), {"theta": angle})]
     parts += [] if SYNC in kind.seeks else _source(kind)
     return joined(*parts, *_relay(kind))
 
@@ -344,7 +346,8 @@ def watch(kind: Kind) -> Block | None:
         at_pcc = flat_block(watched_sample.power_at_pcc)
         return joined(Part(headed(at_pcc, P="P_pcc", Q="Q_pcc"), {"circuit.R_c": "R_c"}), Part(headed(own)))
     own = flat_block(watched_sample.watched_disturbance, fixed={} if kind.ramped or kind.moved else {"extra": 0.0})
-    called = {"P": "said.P", "Q": "said.Q", "theta": "state.theta", "next_theta": "following.theta"}
+    angle = "following.theta" if kind.dc is None else kind.dc.angle
+    called = {"P": "said.P", "Q": "said.Q", "theta": "state.theta", "next_theta": angle}
     clamp = kind.dc.rests({"wanted": "of.P_rest"}) if kind.dc is not None and kind.dc.clamps else []
     called |= {"of.P_rest": "P_rest_now"} if clamp else {}
     if not kind.field:

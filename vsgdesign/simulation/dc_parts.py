@@ -9,7 +9,14 @@ from vsgdesign.codegen.blocks import Part
 from vsgdesign.codegen.expressions import Number
 from vsgdesign.codegen.flat import flat_block
 from vsgdesign.codegen.records import Kinds
-from vsgdesign.equations.dc_control import ClampSettings, ClampState, clamped, clamped_rest
+from vsgdesign.equations.dc_control import (
+    ClampSettings,
+    ClampState,
+    DroopSettings,
+    clamped,
+    clamped_rest,
+    turned_with_link,
+)
 from vsgdesign.equations.dc_link import (
     ActingVoltage,
     DcSettings,
@@ -52,6 +59,9 @@ class DcKind(NamedTuple):
     """Whether the bridge's voltage is held over a sample although there is an order: an averaged bridge compensates it,
     and only the link needs how the currents move with a network."""
 
+    droops: bool = False
+    """Whether the controller turns with the link's voltage."""
+
     @property
     def records(self) -> dict[Any, dict[str, Any]]:
         """The records in fields whose type hint says Any."""
@@ -76,7 +86,8 @@ class DcKind(NamedTuple):
     def settings(self) -> list[str]:
         """Names of its constants."""
         found = [f"link.{path}" for path in Kinds(self.records).paths(DcSettings)]
-        return found + ([f"clamp_of.{name}" for name in ClampSettings._fields] if self.clamps else [])
+        found += [f"clamp_of.{name}" for name in ClampSettings._fields] if self.clamps else []
+        return found + ([f"droop_of.{name}" for name in DroopSettings._fields] if self.droops else [])
 
     @property
     def moves(self) -> list[tuple[str, str]]:
@@ -105,6 +116,20 @@ class DcKind(NamedTuple):
         asked for. Its output is ``P_rest_now``."""
         block = headed(flat_block(clamped_rest), clamped_rest="P_rest_now")
         return [Part(block, {"own": "clamp_of.own"} | dict(called))]
+
+    def drooped(self) -> list[Part]:
+        """The angle of the next sample and the frequency with the droop of the link's voltage; nothing without one. Its
+        outputs are those of :func:`vsgdesign.equations.dc_control.turned_with_link`."""
+        if not self.droops:
+            return []
+        called = {"theta": "following.theta", "omega": "said.omega", "v": "dc.v", "V_dc": "link.V_dc"}
+        called |= {"per_volt": "droop_of.per_volt", "T_s": "settings.T_s"}
+        return [Part(headed(flat_block(turned_with_link)), called)]
+
+    @property
+    def angle(self) -> str:
+        """Where the angle of the next sample is."""
+        return "turned_theta" if self.droops else "following.theta"
 
     def acts(self, asked: dict[str, str]) -> Part:
         """What becomes of the voltage that was asked for. ``asked``: where its axes are. Its output is ``acting``."""
@@ -152,7 +177,7 @@ def dc_kind(link: DcLink | None) -> DcKind | None:
     """What feeds the dc link."""
     if link is None:
         return None
-    return DcKind(link.kind.law, *link.kind.records, link.clamps, link.compensates)
+    return DcKind(link.kind.law, *link.kind.records, link.clamps, link.compensates, droops=link.droops)
 
 
 def dc_kind_of(study: Study, *, switched: bool, networks: bool = False) -> DcKind | None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.records import numbers_of
-from vsgdesign.equations.dc_control import ClampSettings, ClampState, clamped_rest
+from vsgdesign.equations.dc_control import ClampSettings, ClampState, DroopSettings, clamped_rest
 from vsgdesign.equations.dc_link import DcSettings, DcState
 from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.linear.operating_point.dc_rest import power_of_plant
@@ -31,6 +31,7 @@ class DcStart(NamedTuple):
     dc: DcState
     clamp: ClampState
     clamp_of: ClampSettings
+    droop_of: DroopSettings
 
 
 def dc_at_start(study: Study, start: SampledState, omega: float) -> DcStart:
@@ -41,7 +42,8 @@ def dc_at_start(study: Study, start: SampledState, omega: float) -> DcStart:
         raise ValueError("the dc link is ideal.")
     p = float(power_of_plant(study, start.plant))
     of = study.converter, study.filter
-    return DcStart(study.dc.settings(*of), study.dc.at_rest(p, *of), clamp_at_rest(omega), study.dc.clamp(*of))
+    clamp, droop = study.dc.clamp(*of), study.dc.droop(study.converter)
+    return DcStart(study.dc.settings(*of), study.dc.at_rest(p, *of), clamp_at_rest(omega), clamp, droop)
 
 
 def clamp_at_rest(omega: float) -> ClampState:

@@ -189,7 +189,8 @@ def log_names(kind: Kind, states_logged: bool = False) -> tuple[str, ...]:
     if SYNC in kind.seeks:
         commanded = {name: name.replace("state.", "chosen.", 1) for name in kind.names(ControllerState, "state")}
     logged = [f"x.{name}" for name in kind.states[:6]]
-    logged += ["v_g_alpha", "v_g_beta", "said.P", "said.Q", "said.omega"]
+    omega = "turned_omega" if kind.dc is not None and kind.dc.droops else "said.omega"
+    logged += ["v_g_alpha", "v_g_beta", "said.P", "said.Q", omega]
     logged += [commanded.get(name, name) for name in ("state.V", "state.theta")]
     logged += ["limited_samples", "at_bridge", *(SENSED_COLUMNS if kind.sensors else ())]
     logged += [f"x.{name}" for name in kind.states[6:]]

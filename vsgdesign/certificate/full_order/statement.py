@@ -35,6 +35,7 @@ from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, journal_at, run_job
 from vsgdesign.execution.progress import Progress
 from vsgdesign.runtime.guards import settings_of
+from vsgdesign.study.parameters.dc_link import without_voltage_droop
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -290,6 +291,7 @@ def prove_full_order(  # noqa: PLR0913 - those of certify
     where the region is empty, where the loop has something that the proof does not know, or where a point decays more
     slowly than is asked.
     """
+    without_voltage_droop(study, "a proof of the sampled loop")
     until = None if seconds is None else time.time() + seconds
     study, region = within_scheduler(study, region, ready.tables.get(spec.name))
     check_known(study, spec, region, ready)

@@ -1,8 +1,9 @@
 """The dc link in the full-order model: its voltage, the power of the bridge in the period before, and its source.
 
-As long as the bridge is not at its limit and compensates the link's voltage, the link does not act on the circuit: its
-modes stand beside those of an ideal link, and what happens in the circuit drives them (:eq:`dc-battery-mode`). Without
-compensation the link acts on the circuit, and both are moved together (:eq:`dc-edges`).
+As long as the bridge is not at its limit and compensates the link's voltage, and the controller does not turn with it,
+the link does not act on the circuit: its modes stand beside those of an ideal link, and what happens in the circuit
+drives them (:eq:`dc-battery-mode`). Without compensation the link acts on the circuit, and both are moved together
+(:eq:`dc-edges`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.records import Kinds, numbers_of, record_like, zero_record
+from vsgdesign.equations.dc_control import DroopSettings, turned_with_link
 from vsgdesign.equations.dc_link import (
     ActingVoltage,
     DcSettings,
@@ -54,6 +56,8 @@ class LinkInModel(NamedTuple):
     moving: tuple[str, ...]
     order: int = 0
     """Of the series that move circuit and link together; 0: the bridge compensates the link's voltage."""
+    droops: bool = False
+    """Whether the frame turns with the link's voltage."""
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -66,11 +70,18 @@ class LinkInModel(NamedTuple):
         """Names of the constants, and of what the source remembers."""
         own = Kinds({DcSettings: {"source": self.constants}, DcState: {"memory": self.memory}})
         settings = [f"link.{path}" for path in own.paths(DcSettings)]
-        return (*settings, *(f"memory.{path}" for path in own.paths(self.memory)))
+        droop = ("droop",) if self.droops else ()
+        return (*settings, *(f"memory.{path}" for path in own.paths(self.memory)), *droop)
 
-    def values(self, settings: DcSettings, state: DcState) -> list[float]:
+    def values(self, settings: DcSettings, state: DcState, droop: DroopSettings) -> list[float]:
         """The numbers of the parameters."""
-        return [*numbers_of(settings), *numbers_of(state.memory)]
+        return [*numbers_of(settings), *numbers_of(state.memory), *(numbers_of(droop) if self.droops else [])]
+
+    def turned(self, theta: Any, omega: Any, state: Mapping[str, Any], values: Mapping[str, Any], T_s: Any) -> Any:
+        """Angle of the next sample and frequency with the droop of the link's voltage."""
+        if not self.droops:
+            return theta, omega
+        return turned_with_link(theta, omega, state["v_dc"], values["link.V_dc"], values["droop"], T_s)
 
     def at_rest(self, state: DcState) -> list[float]:
         """The numbers of the states."""
@@ -129,7 +140,7 @@ class LinkInModel(NamedTuple):
         own = len(numbers_of(zero_record(self.constants)))
         source = record_like(zero_record(self.constants), iter(numbers[count : count + own]))
         settings = DcSettings(*numbers[:count], source=source)
-        memory = record_like(zero_record(self.memory), iter(numbers[count + own :]))
+        memory = record_like(zero_record(self.memory), iter(numbers[count + own :]))  # a droop comes last
         memory = memory._replace(**{name: state[f"dc_{name}"] for name in self.moving})
         counted = dict.fromkeys(DcState._fields, 0.0)
         return DcState(**counted | {"v": state["v_dc"], "p": state["p_dc"], "memory": memory}), settings

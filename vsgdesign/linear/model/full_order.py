@@ -273,10 +273,13 @@ def _one_period(
         of_link, added = link.together(state, values, before, applied, of)
         along = [x + ca.vertcat(*more) for x, more in zip(along, added, strict=True)]
     plant = [rotate_back(along[0][k], along[1][k], turn_cos, turn_sin) for k in range(3)]
+    theta, omega = after.theta, output.omega
+    if link is not None:
+        theta, omega = link.turned(theta, omega, state, values, settings.T_s)
     following = {
         **{f"{n}_{a}": plant[k][j] for k, n in enumerate(("i_s", "v_c", "i_g")) for j, a in enumerate("dq")},
         **after._asdict(),
-        "delta": after.theta - settings.T_s * omega_g,
+        "delta": theta - settings.T_s * omega_g,
         **dict(zip(limiter_states(limiter.memory._fields), after.limiter, strict=True)),
     }
     pending = rotate_back(output.v_b_alpha, output.v_b_beta, turn_cos, turn_sin)
@@ -285,7 +288,7 @@ def _one_period(
         beyond = [along[j][k] for k in range(3) for j in range(2)]
         of_link = link.following(state, values, before, beyond, applied)
     following |= of_link
-    outputs = ca.vertcat(output.P, output.Q, output.omega, controller.V, controller.theta, *applied)
+    outputs = ca.vertcat(output.P, output.Q, omega, controller.V, controller.theta, *applied)
     return ca.vertcat(*(following[name] for name in names)), outputs
 
 

@@ -149,7 +149,9 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
         z, p = pack(circuit, states)[good], parameters_of(study, lanes, gains)[good]
         if link is not None:
             rests = [_link_at_rest(study, link, cells[k], states, k) for k in good.tolist()]
-            z, p = (np.hstack([a, np.reshape(b, (len(good), -1))]) for a, b in zip((z, p), _split(rests), strict=True))
+            widths = len(link.states), len(link.parameters)
+            own = (np.reshape(b, (len(good), n)) for b, n in zip(_split(rests), widths, strict=True))
+            z, p = (np.hstack(pair) for pair in zip((z, p), own, strict=True))
     A, B, C, D = _matrices(functions.linear, z, p)
     return FullOrderModel(
         states=functions.states,
@@ -173,7 +175,7 @@ def link_in_model(study: Study) -> LinkInModel | None:
         return None
     kind = study.dc.kind
     order = 0 if study.dc.compensates else series_of(study)[0]
-    return LinkInModel(kind.law, *kind.records, kind.moving, order)
+    return LinkInModel(kind.law, *kind.records, kind.moving, order, study.dc.droops)
 
 
 def _link_at_rest(
@@ -185,7 +187,8 @@ def _link_at_rest(
         raise ValueError("the dc link is ideal.")
     power = float(power_of_plant(study, states.plant[:, lane]))
     state = dc.at_rest(power, study.converter, study.filter)
-    return link.at_rest(state), link.values(dc.settings(study.converter, study.filter), state)
+    of = study.converter, study.filter
+    return link.at_rest(state), link.values(dc.settings(*of), state, dc.droop(study.converter))
 
 
 def _split(pairs: Sequence[tuple[list[float], list[float]]]) -> tuple[Array, Array]:

@@ -7,21 +7,21 @@ by the sampling, and the steady state is an operating point on it (:eq:`sampled-
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.dc_control import clamp_cut
+from vsgdesign.equations.dc_control import clamp_cut, droop_of_link
 from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.equations.filters import capacitor_node_voltage, pcc_voltage
 from vsgdesign.equations.frames import instantaneous_power, linear_modulation_limit, peak_to_rms, rms_to_peak
 from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.linear.operating_point.dc_rest import bridge_power, links_at_rest
+from vsgdesign.linear.operating_point.dc_rest import bridge_power, links_at_rest, power_of_plant
 from vsgdesign.linear.operating_point.equilibrium import points_with_droop
 from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit, plant_step
@@ -142,10 +142,14 @@ def many_steady_states(
     alone, or one for each lane, all with the same states. ``links``: the dc link of each lane; None: that of the study.
     """
     lanes, gains = lanes_of(study, lanes, gains)
-    lanes = clamped_lanes(study, links, lanes, gains)
     paths = paths_of(study, lanes, circuit)
-    V, delta = points_of(paths, lanes, gains)
-    return states_at(study, paths, lanes, gains, V, delta, phase, free_of_limits, links=links)
+
+    def solve(lanes: Lanes) -> tuple[ManyStates, None]:
+        held = clamped_lanes(study, links, lanes, gains)
+        V, delta = points_of(paths, held, gains)
+        return states_at(study, paths, held, gains, V, delta, phase, free_of_limits, links=links), None
+
+    return with_voltage_droop(study, links, lanes, solve)[0]
 
 
 def lanes_of(study: Study, lanes: Lanes, gains: PowerLoopGains) -> tuple[Lanes, PowerLoopGains]:
@@ -172,6 +176,55 @@ def clamped_lanes(study: Study, links: Sequence[DcLink] | None, lanes: Lanes, ga
     limits = SourceLimits(*np.array([known[id(link)] for link in held], dtype=float).T)
     cut = clamp_cut(lanes.omega_g, lanes.refs, gains, limits, study.dc.clamp(*of).own)
     return lanes._replace(P_ref=lanes.P_ref + cut)
+
+
+_More = TypeVar("_More")
+
+_ROUNDS, _FIRST, _SAME = 60, 1e-6, 1e-12
+"""Of the search for a rest with a droop of the link's voltage. The first step and the end are shares of ω_n."""
+
+
+def with_voltage_droop(
+    study: Study, links: Sequence[DcLink] | None, lanes: Lanes, solve: Callable[[Lanes], tuple[ManyStates, _More]]
+) -> tuple[ManyStates, _More]:
+    """What ``solve`` finds, where the frequency follows the link's voltage (:eq:`dc-droop-rest`): the power loops of each
+    lane rest at ω_g less what the link adds, and the link rests at the power that they then have.
+
+    ``lanes`` are arrays (N,). To the P–f droop, a frequency that the link adds is a higher ω_0. Lanes whose power and
+    voltage do not agree within some rounds count as not converged.
+    """
+    states, more = solve(lanes)
+    if study.dc is None or not study.dc.droops:
+        return states, more
+    c, held, count = study.converter, links or [study.dc] * len(states), len(states)
+    per_volt = np.array([one.droop(c).per_volt for one in held])
+    first, same = _FIRST * c.omega_n, _SAME * c.omega_n
+    faster, away = np.zeros(count), np.zeros(count)
+    good, good_away = np.zeros(count), np.full(count, np.nan)  # the last place with a rest
+    for _ in range(_ROUNDS):
+        none = np.isin(states.fault, (NO_POINT, NOT_CONVERGED, NO_GAINS))
+        v = links_at_rest(study, held, np.where(none, np.nan, power_of_plant(study, states.plant)))
+        away = np.asarray(droop_of_link(v, c.V_dc, per_volt)) - faster
+        lost, begun = np.isnan(away), np.isfinite(good_away)
+        if np.all(np.where(lost, ~begun, np.abs(away) <= same)):
+            break
+        # More frequency asks for more power and leaves the link less voltage, so that the slope is −1 or steeper. The
+        # first step measures it. Where there is no rest, the step was too long.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = -away / np.minimum((away - good_away) / (faster - good), -1.0)
+        step = np.where(np.isfinite(newton), newton, np.clip(away, -first, first))
+        back = np.where(begun, 0.5 * (faster + good), faster)
+        following = np.where(lost, back, faster + step)
+        good, good_away = np.where(lost, good, faster), np.where(lost, good_away, away)
+        faster = following
+        states, more = solve(lanes._replace(omega_0=lanes.omega_0 + faster))
+    away = np.where(np.isnan(away), np.where(np.isfinite(good_away), np.inf, 0.0), away)
+    _mark(states.fault, np.abs(away) > 1e3 * _SAME * c.omega_n, NOT_CONVERGED)
+    s = states.controller
+    memory = s.limiter
+    if "omega" in memory._fields:
+        memory = memory._replace(omega=memory.omega - faster)
+    return replace(states, controller=s._replace(omega_i=s.omega_i - faster, limiter=memory)), more
 
 
 def paths_of(study: Study, lanes: Lanes, circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None) -> Paths:

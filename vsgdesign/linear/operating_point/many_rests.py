@@ -22,6 +22,7 @@ from vsgdesign.linear.operating_point.many import (
     points_of,
     power_of,
     states_at,
+    with_voltage_droop,
 )
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit
 from vsgdesign.linear.operating_point.sampled import SampledState, fault_of_rest, state_of_lane
@@ -66,7 +67,22 @@ def many_rests_with_measured_gains(
     :func:`vsgdesign.linear.operating_point.many.many_steady_states`.
     """
     lanes, _ = lanes_of(study, lanes, PowerLoopGains(0.0, 0.0, 0.0, 0.0))
-    c, paths, count = study.converter, paths_of(study, lanes, circuit), len(lanes.R_g)
+    paths = paths_of(study, lanes, circuit)
+    return with_voltage_droop(
+        study, links, lanes, lambda shifted: _rests(study, shifted, gains_of, phase, free_of_limits, paths, links)
+    )
+
+
+def _rests(
+    study: Study,
+    lanes: Lanes,
+    gains_of: GainsOfMany,
+    phase: Array | float,
+    free_of_limits: bool,
+    paths: Paths,
+    links: Sequence[DcLink] | None,
+) -> tuple[ManyStates, PowerLoopGains]:
+    c, count = study.converter, len(lanes.R_g)
     scale = np.array([[c.S_rated], [c.S_rated], [c.V_rated_rms]])
     first = np.array([lanes.P_ref, lanes.Q_ref, np.full(count, c.V_rated_rms)])
     measured, losses, step = first.copy(), np.zeros(count, dtype=int), np.ones(count)

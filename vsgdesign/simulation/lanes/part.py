@@ -326,6 +326,8 @@ def _rest_link(part: Part, link: DcLink, start: ManyStates, cases: LaneCases) ->
         part.put(part.span("clamp").start, np.array([clamp_at_rest(omega) for omega in cases.omega_g.tolist()]).T)
         of = np.array(link.clamp(study.converter, study.filter))
         part.put(part.span("clamp_of").start, np.repeat(of[:, None], len(part), axis=1))
+    if link.droops:
+        part.put("droop_of.per_volt", np.full(len(part), link.droop(study.converter).per_volt))
 
 
 def _flat(state: ControllerState) -> list[tuple[str, Array]]:

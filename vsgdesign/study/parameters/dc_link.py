@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.equations.dc_control import ClampSettings
+from vsgdesign.equations.dc_control import ClampSettings, DroopSettings
 from vsgdesign.equations.dc_link import DcSettings, DcState
 from vsgdesign.equations.dc_source_interface import DcRatings, DcSource, SourceLimits
 from vsgdesign.equations.dc_sources import DC_SOURCES
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from vsgdesign.study.parameters.event import Event
     from vsgdesign.study.parameters.study import Study
 
-CONTROLS = NONE, POWER_CLAMP = ("none", "power_clamp")
-"""What a controller may do about its link: nothing, or ask for no more power than the source can give."""
+CONTROLS = NONE, POWER_CLAMP, VOLTAGE_DROOP = ("none", "power_clamp", "voltage_droop")
+"""What a controller may do about its link: nothing, ask for no more power than the source can give, or turn with the
+link's voltage."""
 
 COMPENSATIONS = MEASURED, NOT_MEASURED = ("measured", "none")
 """By which voltage of the link the modulation divides: the measured one, or the nominal one."""
@@ -67,6 +68,14 @@ class _Clamp:
     """Time constant of the frequency by which the P–f droop is limited. Its faster part goes on damping."""
 
 
+class _Droop:
+    """Fields of [dc.voltage_droop]."""
+
+    share: float = number("1", 0.0, 1.0, default=0.05)
+    """How far the frequency follows the voltage of the link: 0 is no droop, 1 the matching law, ω = ω_n v/V_dc, beside
+    the power loops."""
+
+
 def source_fields() -> tuple[Field, ...]:
     """The parameters of all sources, each as a table of the source's name."""
     return tuple(
@@ -105,15 +114,19 @@ def parameter_fields(source: DcSource) -> tuple[Field, ...]:
     return tuple(found)
 
 
-_CLAMP_TABLE = Field(
-    kind="table",
-    name=POWER_CLAMP,
-    default=None,
-    shown="defaults",
-    of=fields_of(_Clamp),
-    explained=f'Parameters of `control = "{POWER_CLAMP}"`.',
+_OF_CONTROLS: dict[str, type] = {POWER_CLAMP: _Clamp, VOLTAGE_DROOP: _Droop}
+_CONTROL_TABLES = tuple(
+    Field(
+        kind="table",
+        name=name,
+        default=None,
+        shown="defaults",
+        of=fields_of(of),
+        explained=f'Parameters of `control = "{name}"`.',
+    )
+    for name, of in _OF_CONTROLS.items()
 )
-DC = (*fields_of(_Link), *fields_of(_Control), *source_fields(), _CLAMP_TABLE)
+DC = (*fields_of(_Link), *fields_of(_Control), *source_fields(), *_CONTROL_TABLES)
 """The fields of [dc]."""
 
 
@@ -139,6 +152,17 @@ class DcLink:
     hold: float = 5.0
     droop_time: float = 0.3
     """Of the clamp, s."""
+    share: float = 0.0
+    """Of the droop of the link's voltage."""
+
+    @property
+    def droops(self) -> bool:
+        """Whether the controller turns with the link's voltage."""
+        return self.control == VOLTAGE_DROOP
+
+    def droop(self, converter: Converter) -> DroopSettings:
+        """The constants of this droop."""
+        return DroopSettings(per_volt=self.share * converter.omega_n / converter.V_dc)
 
     @property
     def clamps(self) -> bool:
@@ -240,12 +264,15 @@ def read_dc(table: TableReader | None, converter: Converter) -> DcLink | None:
     if table is None:
         return None
     own = values(_Link, table, {V_DC.of: converter.V_dc}) | values(_Control, table)
-    clamp = table.child(POWER_CLAMP)
-    if clamp is not None and own["control"] != POWER_CLAMP:
-        table.fault(POWER_CLAMP, None, f'control = "{own["control"]}" does not read this table', "Remove it.")
-    own |= values(_Clamp, clamp or TableReader({}, table.name(POWER_CLAMP), table.faults))
-    if clamp is not None:
-        clamp.finish()
+    for name, of in _OF_CONTROLS.items():
+        child = table.child(name)
+        if child is not None and own["control"] != name:
+            table.fault(name, None, f'control = "{own["control"]}" does not read this table', "Remove it.")
+        own |= values(of, child or TableReader({}, table.name(name), table.faults))
+        if child is not None:
+            child.finish()
+    if own["control"] != VOLTAGE_DROOP:
+        own["share"] = 0.0
     ratings = DcRatings(
         converter.T_s, converter.V_dc, own["C"] or math.nan, own["R_bleed"] or math.inf, converter.S_rated
     )
@@ -311,4 +338,21 @@ def ideal_link(study: Study, what: str) -> None:
         raise StudyError(study.name, [Fault("dc", given, f"{what} knows an ideal dc link alone", advice)])
 
 
-__all__ = ["DC", "DcLink", "check_beside", "check_events", "ideal_link", "not_of", "read_dc"]
+def without_voltage_droop(study: Study, what: str) -> None:
+    """Refuses a study whose frequency follows its link. ``what``: what does not know the link's voltage."""
+    if study.dc is not None and study.dc.droops:
+        problem = f"{what} knows no voltage of the link, on which the frequency depends"
+        advice = 'Set control = "none" or "power_clamp"; margins, simulate and verify have this voltage as a state.'
+        raise StudyError(study.name, [Fault("dc.control", f'"{VOLTAGE_DROOP}"', problem, advice)])
+
+
+__all__ = [
+    "DC",
+    "DcLink",
+    "check_beside",
+    "check_events",
+    "ideal_link",
+    "not_of",
+    "read_dc",
+    "without_voltage_droop",
+]

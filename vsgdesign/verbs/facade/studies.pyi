@@ -717,11 +717,12 @@ class DcTable(TypedDict, total=False):
     V_low: Quantity
     V_high: Quantity
     compensation: Literal["measured", "none"]
-    control: Literal["none", "power_clamp"]
+    control: Literal["none", "power_clamp", "voltage_droop"]
     battery: DcBatteryTable | Mapping[str, Any]
     converter: DcConverterTable | Mapping[str, Any]
     photovoltaic: DcPhotovoltaicTable | Mapping[str, Any]
     power_clamp: DcPowerClampTable | Mapping[str, Any]
+    voltage_droop: DcVoltageDroopTable | Mapping[str, Any]
 
 class DcBatteryTable(TypedDict, total=False):
     """The fields of [dc.battery]."""
@@ -764,6 +765,11 @@ class DcPowerClampTable(TypedDict, total=False):
 
     hold: Quantity
     droop_time: Quantity
+
+class DcVoltageDroopTable(TypedDict, total=False):
+    """The fields of [dc.voltage_droop]."""
+
+    share: Quantity
 
 def load(
     source: str | Path | Mapping[str, Any],

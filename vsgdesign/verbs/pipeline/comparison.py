@@ -16,6 +16,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.study.parameters.dc_link import without_voltage_droop
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.specification import Specification
 from vsgdesign.study.parameters.study import Study
@@ -93,6 +94,7 @@ def compare_study(
     from vsgdesign.design.single import best_fixed
     from vsgdesign.execution.threads import one_thread
 
+    without_voltage_droop(study, "the comparison with fixed gains")
     tell = progress or silent
     spec = study.specification
     if spec is None or not spec.settles:
