@@ -28,10 +28,12 @@ from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.results import BLOCKED, JUDGED, OVER_LIMIT
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.study.parameters import load_study
-from vsgdesign.study.parameters.dc_link import CONTROLS
+from vsgdesign.study.parameters.dc_link import NONE, POWER_CLAMP
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Index = NDArray[np.intp]
+
+CONTROLS = (NONE, POWER_CLAMP)
 
 SEED, COUNT = 282_033, 2000
 CHARGES = np.linspace(0.2, 1.0, 8)

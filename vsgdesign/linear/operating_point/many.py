@@ -187,8 +187,8 @@ _ROUNDS, _FIRST, _SAME = 60, 1e-6, 1e-12
 def with_voltage_droop(
     study: Study, links: Sequence[DcLink] | None, lanes: Lanes, solve: Callable[[Lanes], tuple[ManyStates, _More]]
 ) -> tuple[ManyStates, _More]:
-    """What ``solve`` finds, where the frequency follows the link's voltage (:eq:`dc-droop-rest`): the power loops of each
-    lane rest at ω_g less what the link adds, and the link rests at the power that they then have.
+    """What ``solve`` finds, where the frequency follows the link's voltage (:eq:`dc-droop-rest`): the power loops of
+    each lane rest at ω_g less what the link adds, and the link rests at the power that they then have.
 
     ``lanes`` are arrays (N,). To the P–f droop, a frequency that the link adds is a higher ω_0. Lanes whose power and
     voltage do not agree within some rounds count as not converged.

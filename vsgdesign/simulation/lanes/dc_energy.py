@@ -2,8 +2,8 @@
 
 A full battery takes nothing, an array takes nothing, and an empty source gives nothing. What an event then pushes into
 the link has to find room in the capacitor. The sum is that of the power loops alone: phasors of the grid, a current of
-at most its limit, and a balance of energies (:eq:`dc-pushed`, :eq:`dc-jump-by-hand`). It is made before a case runs, and no inner loop, no
-sampling and no voltage of the link are in it.
+at most its limit, and a balance of energies (:eq:`dc-pushed`, :eq:`dc-jump-by-hand`). It is made before a case runs,
+and no inner loop, no sampling and no voltage of the link are in it.
 """
 
 from __future__ import annotations
