@@ -217,7 +217,7 @@ def test_a_study_from_answers(here: Path) -> None:
         ("rms or peak", ""), ("Current limit", "150 A rms"), ("L_1", "0,5 mH"), ("resistance", ""),
         ("capacitor C", "20 uF"), ("star or delta", "delta"), ("series with each", ""), ("L_2", "0.2 mH"),
         ("transformer", ""), ("resistance", ""), ("Short-circuit ratios", "200 kVA to 2 MVA"), ("X/R", ""),
-        ("called", "Bench"), ("from", ""),
+        ("dc source", ""), ("called", "Bench"), ("from", ""),
     ):  # fmt: skip
         terminal.expect(question)
         if text or question not in (

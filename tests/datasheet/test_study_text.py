@@ -16,6 +16,7 @@ from tests.datasheet.test_resolving import of
 from vsgdesign.equations.frames import phase_to_ll, rms_to_peak
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_flow import operating_point
+from vsgdesign.errors import StudyError
 from vsgdesign.study.datasheet import Datasheet, read_sheet, resolve, study_text
 from vsgdesign.study.datasheet.study_text import middle, nodes
 from vsgdesign.study.parameters import Study, study_from_text
@@ -143,3 +144,28 @@ def test_nodes_keep_the_ends_and_increase(ends: tuple[float, float]) -> None:
     else:
         assert found[0] < ends[0] <= ends[1] < found[-1]
     assert ends[0] <= middle(ends) <= ends[1]
+
+
+def test_a_dc_side_in_the_study_is_that_of_the_datasheet() -> None:
+    """Given and assumed; its rows without a power are not used; a fault names its row and its limits."""
+    given = {"dc_power": "120 kW", "charge power": "60 kW", "C_dc": "3 mF", "usable energy": "40 kWh"}
+    study = study_of(of(**given))
+    assert study.dc is not None
+    assert (study.dc.source, study.dc.control, study.dc.C) == ("converter", "power_clamp", 3e-3)
+    values = study.dc.values
+    assert [values[name] for name in ("p_max", "p_charge_max", "energy", "charge")] == [1.2e5, 6e4, 1.44e8, 0.5]
+    sheet = of(dc_power="120 kW")
+    study = study_of(sheet)
+    assert study.dc is not None
+    assert pytest.approx(0.02 * 100e3 / 750.0**2, rel=5e-3) == study.dc.C
+    assert {"dc_charge_power", "dc_capacitor", "dc_energy", "dc source"} <= {one.field for one in sheet.assumptions}
+    sheet = of(**{name: value for name, value in given.items() if name != "dc_power"})
+    assert sheet.dc is None
+    assert study_of(sheet).dc is None
+    assert {"charge power", "C_dc", "usable energy"} <= set(sheet.unused)
+    with pytest.raises(StudyError) as caught:
+        of(**{"dc_power": "20 kW", "C_dc": "0 F", "usable energy": "nan kWh"})
+    said = str(caught.value)
+    assert "is 20 kW, 0.2 pu, and so outside 50 kW to 2 MW" in said
+    assert 'dc_capacitor (C_dc) = "0 F"' in said
+    assert 'dc_energy (usable energy) = "nan kWh"' in said

@@ -215,7 +215,7 @@ class Asked:
 DC = {
     "battery": "R_i = 1\ni_max = 30\ncapacity_Ah = 1\n",
     "converter": "p_max = 9000\n",
-    "photovoltaic": "modules = 8\nstrings = 3\n",
+    "photovoltaic": "modules = 24\nstrings = 3\n",
 }
 """What each source of the dc link needs."""
 

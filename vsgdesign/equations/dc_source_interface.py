@@ -70,6 +70,8 @@ class DcRatings(NamedTuple):
     V_low: float = 0.0
     V_high: float = math.inf
     """Voltages of the link beyond which the bridge blocks, V."""
+    V_needed: float = 0.0
+    """What the bridge needs for the rated voltage, V."""
 
     def decay(self, conductance: float) -> Decay:
         """The numbers of an interval in which a conductance (S) lies across the link beside the bleeder."""

@@ -180,6 +180,11 @@ def _check(ratings: DcRatings, values: Mapping[str, Any]) -> Mapping[str, str]:
     points = values["open_circuit"]
     if len(points) != POINTS:
         return {"open_circuit": f"must have {POINTS} voltages: at 0, 20, 40, 60, 80 and 100 % of the charge"}
+    if any(after < before for before, after in itertools.pairwise(points)):
+        return {"open_circuit": "must not fall with the charge"}
+    if max(points) < ratings.V_needed:
+        least = f"{ratings.V_needed:.5g} V for the rated voltage: take more cells in series, or a stage in between"
+        return {"open_circuit": f"is at most {max(points):.5g} V, and the bridge needs {least}"}
     return {}
 
 

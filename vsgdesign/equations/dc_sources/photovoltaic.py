@@ -144,6 +144,15 @@ def array_rest(p: float, ratings: DcRatings, c: ArrayConstants, values: Mapping[
     return float(low), ArrayMemory(u=u)
 
 
+def _check(ratings: DcRatings, values: Mapping[str, Any]) -> Mapping[str, str]:
+    v, _ = array_curve(array_constants(ratings, values))
+    most = float(v.max(initial=0.0))
+    if most >= ratings.V_needed:
+        return {}
+    least = f"{ratings.V_needed:.5g} V for the rated voltage: take more of them in series, or a stage in between"
+    return {"modules": f"make at most {most:.5g} V, and the bridge needs {least}"}
+
+
 PHOTOVOLTAIC = DcSource(
     "photovoltaic",
     DcSourceLaw(array_flow, array_remembers, array_can_give),
@@ -161,6 +170,7 @@ PHOTOVOLTAIC = DcSource(
         DcParameter("R_sh", "ohm", 1.0, 1e6, "shunt resistance of a module at 1,000 W/m²", default=381.68),
         DcParameter("alpha_sc", "A/K", -0.1, 0.1, "change of the photocurrent with the temperature", default=0.004539),
     ),
+    check=_check,
     lost=("strings",),
 )
 """An array without a dc–dc stage. The default module is the CS5P-220M of the database of the CEC."""

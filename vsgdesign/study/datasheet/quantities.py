@@ -138,7 +138,7 @@ def is_unit(text: str) -> bool:
     if _ANGULAR.fullmatch(text):
         return True
     try:
-        read_amount(f"1 {text}", ("V", "VA", "W", "var", "Hz", "H", "F", "ohm", "A", "s", RATIO))
+        read_amount(f"1 {text}", ("V", "VA", "W", "var", "Hz", "H", "F", "ohm", "A", "s", "Wh", "J", RATIO))
     except AmountError:
         return False
     return bool(text.strip()) and not re.match(r"\s*[\d.,+-]", text)
@@ -241,6 +241,8 @@ def _named(bases: tuple[str, ...]) -> str:
         "A": "A or kA",
         "var": "kvar",
         "s": "s or us",
+        "Wh": "Wh or kWh",
+        "J": "J or kJ",
     }
     return ", ".join(shown[base] for base in bases)
 

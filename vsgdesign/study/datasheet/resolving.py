@@ -20,6 +20,7 @@ from vsgdesign.study.datasheet.circuit import (
     read_scr,
     strongest_inductance,
 )
+from vsgdesign.study.datasheet.dc_side import DcSheet, read_dc_side
 from vsgdesign.study.datasheet.fields import BY_NAME, FILTERS, Field
 from vsgdesign.study.datasheet.measured_impedance import SeriesFit
 from vsgdesign.study.datasheet.quantities import RATIO, AmountError, read_amount
@@ -84,6 +85,8 @@ class Datasheet:
     """Rows of the datasheet that no study needs."""
     measured: SeriesFit | None = None
     """The measured impedance of its grids, where there is one."""
+    dc: DcSheet | None = None
+    """The dc side; None: the link is ideal."""
 
 
 def resolve(sheet: Sheet) -> Datasheet:
@@ -94,6 +97,7 @@ def resolve(sheet: Sheet) -> Datasheet:
     f_n = read_frequency(rows)
     Z, omega = base_impedance(S, ll_to_phase(V)), 2.0 * math.pi * f_n
     V_dc = read_dc_link(rows)
+    dc = read_dc_side(rows, S, V_dc)
     modulation = read_modulation(rows)
     check_voltages(rows, V, V_dc, modulation)
     f_sw = rows.plain("carrier", "Hz", math.nan)
@@ -124,7 +128,7 @@ def resolve(sheet: Sheet) -> Datasheet:
             *_notes(V, V_dc, modulation, f_sw * samples, delay, L_1, C, outer),
             _jump_note(limit, omega * (delay + 1) / (f_sw * samples), omega * L_1 / Z),
         ),
-        remarks=rows.remarks, assumptions=tuple(rows.assumptions), unused=tuple(rows.unused),
+        remarks=rows.remarks, assumptions=tuple(rows.assumptions), unused=tuple(rows.unused), dc=dc,
     )  # fmt: skip
 
 
@@ -170,7 +174,8 @@ def faults_of(sheet: Sheet) -> list[Fault]:
 
 _ORDER = (
     "rating", "power_factor", "voltage", "frequency", "pwm", "dc_link", "carrier", "sampling", "delay", "current_limit",
-    "L_1", "R_1", "C", "capacitor_connection", "R_c", "L_2", "transformer", "R_2", "scr", "x_over_r", "title", "source",
+    "L_1", "R_1", "C", "capacitor_connection", "R_c", "L_2", "transformer", "R_2", "scr", "x_over_r",
+    "dc_power", "dc_charge_power", "dc_capacitor", "dc_energy", "title", "source",
 )  # fmt: skip
 
 TERMINAL = "the terminal"
@@ -185,6 +190,8 @@ def next_question(answers: Sequence[Entry], asked: Sequence[str]) -> Field | Non
         if name == "power_factor" and not _reads(given.get("rating", ""), "W"):
             continue
         if name == "capacitor_connection" and not _needs_connection(given.get("C", "")):
+            continue
+        if name in ("dc_charge_power", "dc_capacitor", "dc_energy") and "dc_power" not in given:
             continue
         if name == "R_2" and not {"L_2", "transformer"} & given.keys():
             continue

@@ -17,6 +17,10 @@ LIMITS = {
     "voltage": (30.0, 50e3),
     "frequency": (10.0, 1000.0),
     "dc_link": (10.0, 200e3),
+    "dc_power": (0.5, 20.0),
+    "dc_charge_power": (0.0, 20.0),
+    "dc_capacitor": (5e-5, 100.0),
+    "dc_energy": (0.01, 1e6),
     "carrier": (300.0, 1e6),
     "power_factor": (0.1, 1.0),
     "inductor_x_over_r": (3.0, 1000.0),
@@ -31,7 +35,8 @@ LIMITS = {
     "scr": (0.5, 1000.0),
     "x_over_r": (0.05, 100.0),
 }
-"""Plausibility limits in SI; those of the filter and the current are in per unit."""
+"""Plausibility limits in SI; those of the filter and the current are in per unit, and
+so are those of the dc side: of the rating, and of what stores it for a second."""
 
 _ANY_CONVERTER = {"H": (1e-7, 0.5), "F": (1e-8, 0.1), "ohm": (0.0, 100.0)}
 """Limits of the filter as long as rating, voltage or frequency are not known."""

@@ -21,6 +21,7 @@ def study_text(sheet: Datasheet, origin: str) -> str:
         _head(sheet, origin),
         _converter(sheet),
         _filter(sheet),
+        *_dc(sheet),
         _INNER,
         _grid(sheet),
         _power_loops(sheet),
@@ -84,6 +85,24 @@ def _filter(sheet: Datasheet) -> str:
         lines.append(_line(sheet, "L_2", format_quantity(sheet.L_2, "H")))
         lines.append(_line(sheet, "R_2", format_quantity(sheet.R_2, "ohm")))
     return "\n".join(lines) + "\n"
+
+
+def _dc(sheet: Datasheet) -> tuple[str, ...]:
+    if sheet.dc is None:
+        return ()
+    lines = [
+        "[dc]",
+        _line(sheet, "source", "converter", "behind a dc-dc stage"),
+        _line(sheet, "C", format_quantity(sheet.dc.C, "F"), "vsgdesign size FILE finds the least one"),
+        _line(sheet, "control", "power_clamp", "asks for no more than the source can give"),
+        "",
+        "[dc.converter]",
+        _line(sheet, "p_max", format_quantity(sheet.dc.power, "W")),
+        _line(sheet, "p_charge_max", format_quantity(sheet.dc.charge_power, "W")),
+    ]
+    if sheet.dc.energy is not None:
+        lines += [_line(sheet, "energy", sheet.dc.energy, "J"), _line(sheet, "charge", 0.5, "of it at the start")]
+    return ("\n".join(lines) + "\n",)
 
 
 _INNER = """\

@@ -12,7 +12,7 @@ from vsgdesign.equations.dc_control import ClampSettings, DroopSettings
 from vsgdesign.equations.dc_link import DcSettings, DcState
 from vsgdesign.equations.dc_source_interface import DcRatings, DcSource, SourceLimits
 from vsgdesign.equations.dc_sources import DC_SOURCES
-from vsgdesign.equations.frames import SPACE_VECTOR_POWER, linear_modulation_limit
+from vsgdesign.equations.frames import SPACE_VECTOR_POWER, linear_modulation_limit, rms_to_peak
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
@@ -204,7 +204,8 @@ class DcLink:
     def ratings(self, converter: Converter) -> DcRatings:
         """From which the source's constants follow."""
         bleed = math.inf if self.R_bleed is None else self.R_bleed
-        return DcRatings(converter.T_s, converter.V_dc, self.C, bleed, converter.S_rated, self.V_low, self.V_high)
+        limits = self.V_low, self.V_high, _needed(converter)
+        return DcRatings(converter.T_s, converter.V_dc, self.C, bleed, converter.S_rated, *limits)
 
     def clamp(self, converter: Converter, filter_: Filter) -> ClampSettings:
         """The constants of the clamp. The current is at most its limit, or 1.5 times the rated one without a limit."""
@@ -259,6 +260,11 @@ class DcLink:
         )
 
 
+def _needed(converter: Converter) -> float:
+    """Voltage of the link that the bridge needs for the rated voltage, V."""
+    return rms_to_peak(converter.V_rated_rms) / linear_modulation_limit(1.0, converter.zero_sequence)
+
+
 def read_dc(table: TableReader | None, converter: Converter) -> DcLink | None:
     """The section; None where a study has none."""
     if table is None:
@@ -274,7 +280,12 @@ def read_dc(table: TableReader | None, converter: Converter) -> DcLink | None:
     if own["control"] != VOLTAGE_DROOP:
         own["share"] = 0.0
     ratings = DcRatings(
-        converter.T_s, converter.V_dc, own["C"] or math.nan, own["R_bleed"] or math.inf, converter.S_rated
+        converter.T_s,
+        converter.V_dc,
+        own["C"] or math.nan,
+        own["R_bleed"] or math.inf,
+        converter.S_rated,
+        V_needed=_needed(converter),
     )
     source, given = DC_SOURCES.get(own["source"]), {}
     if source is not None:
