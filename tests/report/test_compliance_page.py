@@ -16,7 +16,14 @@ import pytest
 from tests.compliance_documents import document, evidence, traces_of
 from vsgdesign.campaigns.compliance.evidence import figures_of
 from vsgdesign.campaigns.compliance.rows import FAIL, INFORMATIONAL, PASS, VERDICTS
-from vsgdesign.report.compliance.answer import below_headline, counts_answer, headline, limits_table, strip
+from vsgdesign.report.compliance.answer import (
+    below_headline,
+    counts_answer,
+    dc_side_suffices,
+    headline,
+    limits_table,
+    strip,
+)
 from vsgdesign.report.compliance.arranged import LOOKS, Arranged, arrange, asked_words, value_words
 from vsgdesign.report.compliance.figures import shown_signal
 from vsgdesign.report.compliance.matrix import explore_command
@@ -293,3 +300,22 @@ def test_a_source_without_an_edition_has_no_comma_of_one(tmp_path: Path) -> None
     assert "; confidence: " in html
     assert ", ; confidence" not in html
     assert "</a> , " not in html
+
+
+def test_whether_the_dc_side_suffices() -> None:
+    """Blocked bridges, and powers that the source has no rest for, by controller; nothing of an ideal link."""
+    why = {
+        "blocked": "the dc link fell below V_low",
+        "no rest": "before the test: dc: the bridge takes 9 kW, and …",
+    }
+    rows = [
+        {"controller": name, "test": f"{name}{k}", "status": status, "why": why.get(status, "")}
+        for name, statuses in (("A", ["survived", "slipped", ""]), ("B", ["survived", "blocked", "no rest", "no rest"]))
+        for k, status in enumerate(statuses)
+    ]
+    rows[-1]["why"] = "before the test: the current limiter acts"
+    assert dc_side_suffices({"converter": {"dc_source": None}, "rows": rows}) == []
+    assert dc_side_suffices({"converter": {"dc_source": "battery"}, "rows": rows}) == [
+        "A: the energy and power of the dc side suffice in all 2 tests that were run.",
+        "B: the energy and power of the dc side do not suffice in 2 of 3 tests: B1; B2.",
+    ]

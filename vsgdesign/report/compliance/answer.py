@@ -11,6 +11,8 @@ import numpy as np
 from markupsafe import Markup
 
 from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL, NOT_APPLICABLE, PASS
+from vsgdesign.metrics.survival import BLOCKED
+from vsgdesign.metrics.survival import VERDICTS as JUDGED
 from vsgdesign.report.compliance.arranged import LOOKS, WHOSE, Arranged, Counts, Tested, asked_words, deadline_words
 from vsgdesign.report.drawing.counts import counts_figure
 from vsgdesign.report.drawing.figure_types import NamedFigure
@@ -19,6 +21,13 @@ from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row, T
 
 MOST_FAILING = 12
 """Failing tests that are named on top; the matrix has all of them."""
+
+MOST_SHORT = 3
+"""Tests that are named for which the dc side does not suffice."""
+
+DC_SHORT = "dc: the bridge takes "
+"""How the reason begins that a source has no rest at a power
+(:meth:`vsgdesign.study.parameters.dc_link.DcLink.at_rest`)."""
 
 MOST_LETTERS = 130
 """Of a reason on top; the matrix has it whole."""
@@ -76,6 +85,29 @@ def below_headline(arranged: Arranged) -> list[str]:
         begin = any(counts.not_begun for _, counts in named)
         why = " What could not begin fails, because the converter has no rest before the test." if begin else ""
         said.append(f"Tests without a run: {'; '.join(missing)}.{why}")
+    return said
+
+
+def dc_side_suffices(document: Mapping[str, Any]) -> list[str]:
+    """One sentence for each controller on whether the energy and power of the dc side suffice in the tests of
+    ``document``, a results.json; none where the link is ideal."""
+    if not (document.get("converter") or {}).get("dc_source"):
+        return []
+    said = []
+    for name in dict.fromkeys(row["controller"] for row in document["rows"]):
+        own = [row for row in document["rows"] if row["controller"] == name]
+        short = [row["test"] for row in own if row["status"] == BLOCKED or DC_SHORT in row["why"]]
+        count = sum(row["status"] in JUDGED for row in own) + sum(
+            row["status"] not in JUDGED and DC_SHORT in row["why"] for row in own
+        )
+        if not short:
+            said.append(f"{name}: the energy and power of the dc side suffice in all {count} tests that were run.")
+            continue
+        more = f" and {len(short) - MOST_SHORT} more" if len(short) > MOST_SHORT else ""
+        said.append(
+            f"{name}: the energy and power of the dc side do not suffice in {len(short)} of {count} tests: "
+            f"{'; '.join(short[:MOST_SHORT])}{more}."
+        )
     return said
 
 

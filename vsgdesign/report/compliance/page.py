@@ -17,6 +17,7 @@ from vsgdesign.report.compliance.answer import (
     MOST_FAILING,
     below_headline,
     counts_answer,
+    dc_side_suffices,
     failing_tests,
     headline,
     limits_table,
@@ -88,7 +89,7 @@ def compliance_page(document: Mapping[str, Any], arranged: Arranged, drawn: Draw
         Box(
             [
                 words(headline(arranged), style=HEADLINE),
-                *(words(said) for said in below_headline(arranged)),
+                *(words(said) for said in (*below_headline(arranged), *dc_side_suffices(document))),
                 counts_answer(arranged),
                 Live(_strips(arranged), [OnPaper(lambda flow: draw_strips(flow, arranged))]),
                 *_failing(arranged),

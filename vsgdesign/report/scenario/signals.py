@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.dc_sources.converter import UNLIMITED_J
 from vsgdesign.equations.frames import clarke, peak_to_rms
 from vsgdesign.metrics import EventMetrics, cycle_mean
 from vsgdesign.report.drawing.decimation import Trace, ripple_level
@@ -50,6 +51,7 @@ def signals(result: ScenarioResult) -> Iterator[Signal]:
     yield _frequency(result)
     if result.study.dc is not None:
         yield _dc_link(result.study.dc, result)
+        yield from _charge(result.study.dc, result)
 
 
 def power_signals(result: ScenarioResult) -> Iterator[Signal]:
@@ -157,6 +159,24 @@ def _dc_link(link: DcLink, result: ScenarioResult) -> Signal:
         band=(link.V_low / factor, link.V_high / factor),
         band_label="limits of the link",
         si_factor=factor,
+    )
+
+
+def _charge(link: DcLink, result: ScenarioResult) -> Iterator[Signal]:
+    """The state of charge of the source; nothing for one without a charge or without a limit of its energy."""
+    study = result.study
+    if link.kind.recharged is None or link.values.get("energy", 0.0) >= UNLIMITED_J:
+        return
+    ((name, full),) = link.kind.recharged(1.0, link.settings(study.converter, study.filter).source).items()
+    values = [100.0 * controller.series[f"dc_{name}"] / full for controller in result.controllers]
+    yield Signal(
+        name="dc_charge",
+        title="charge",
+        axis_label="State of charge",
+        unit="%",
+        caption="State of charge of the source of the dc link",
+        traces=_traces(result, values, 1.0),
+        smallest_range=0.1,
     )
 
 

@@ -143,11 +143,11 @@ class Compliance(_Campaign):
 
     def sentences(self) -> Sequence[str]:
         """The answer and what it rests on, as on the page."""
-        from vsgdesign.report.compliance.answer import below_headline, headline
+        from vsgdesign.report.compliance.answer import below_headline, dc_side_suffices, headline
         from vsgdesign.report.compliance.arranged import arrange
 
         arranged = arrange(self.document)
-        return [headline(arranged), *below_headline(arranged)]
+        return [headline(arranged), *below_headline(arranged), *dc_side_suffices(self.document)]
 
     def _figures(self) -> Iterator[NamedFigure]:
         from vsgdesign.report.compliance.answer import counts_of_suites
