@@ -32,7 +32,7 @@ from vsgdesign.certificate.full_order.looking import CellGroup
 from vsgdesign.certificate.full_order.points import at_rest, decays_at, least_decay
 from vsgdesign.certificate.full_order.programs import DIMENSIONS
 from vsgdesign.certificate.full_order.record import arrays_of
-from vsgdesign.certificate.full_order.search import Found, Problem, beginning, search
+from vsgdesign.certificate.full_order.search import Found, Problem, _halved, beginning, search
 from vsgdesign.certificate.full_order.tape import program_of, run
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.region import Region, random_points
@@ -464,6 +464,17 @@ def test_what_is_left_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert f"the least decay that a search found there is {first.least_decay:.3g} 1/s" in text
     assert f"P {first.P[0] / 1e3:.4g} to {first.P[1] / 1e3:.4g} kW" in text
     assert "rad/s" in text
+
+
+def test_a_cell_is_not_cut_to_a_sliver() -> None:
+    """Whatever its boxes ask for, its other coordinate is halved before the first one is a twentieth of it."""
+    _, problem = laboratory()
+    one = beginning(problem)[0]
+    for _ in range(12):
+        one = _halved(one, one.boxes, np.array([1.0, 0.1]))[0]
+        half = 0.5 * (one.high - one.low)
+        width = 1.5 * half[0] / (0.5 * (one.low[0] + one.high[0])), 2.0 * half[1]
+        assert 0.05 < width[0] / width[1] < 20.0
 
 
 def test_inner_loops_that_lose_the_network_are_named() -> None:

@@ -27,6 +27,10 @@ _AT_ONCE = 32
 _BOXES_OF_CELL = 600
 """Boxes that are looked at in a cell before it is cut itself."""
 
+_FLATTEST = 0.125
+"""A cell is not cut in a coordinate that is flatter than so much of the other one: what is not known of its functions
+counts as that of its first coordinate, also where it comes from the other."""
+
 _DEEPEST = 20
 """Cuts of a cell after which what is left of it is not decided."""
 
@@ -200,6 +204,7 @@ def _halved(one: Waiting, boxes: Part, asks: Any) -> list[Waiting]:
     width = np.array([1.5 * half[0] / (0.5 * (one.low[0] + one.high[0])), 2.0 * half[1]])
     ratio = width if asks is None else np.where(half > 0.0, asks, -1.0)
     k = int(np.argmax(ratio))
+    k = k if width[k] >= _FLATTEST * width.max() else int(np.argmax(width))
     middle = 0.5 * (one.low[k] + one.high[k])
     found = []
     for side in range(2):
