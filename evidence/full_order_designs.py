@@ -170,7 +170,7 @@ def _near(row: dict[str, Any]) -> list[str]:
     parts = sorted(near["takes_part"].items(), key=lambda item: -item[1])
     return [
         row["case"],
-        *(f"{100.0 * near[name]:.4g} %" for name in ("both", "only_reduced", "neither")),
+        *(f"{100.0 * near[name]:.4g} %" for name in ("both", "only_reduced", "only_full", "neither")),
         f"{near['reduced']:.3g}, {near['full']:.3g} 1/s",
         f"{near['s'][0]:+.3g} ± {near['s'][1]:.3g}j 1/s at SCR {scr:.3g}, X/R {ratio:.2g}, "
         f"P {P / 1e3:.4g} kW, Q {Q / 1e3:.4g} kvar, errors {100.0 * e_R:+.0f}, {100.0 * e_L:+.0f} %",
