@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import vsgdesign as vd
 from tests.simulation.event_kinds import TEXT
 from vsgdesign.equations.dc_control import clamp_cut
 from vsgdesign.equations.dc_source_interface import SourceLimits
@@ -18,6 +19,13 @@ from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import Study, study_from_text
 
+SPECIFICATION = {
+    "settling_time": "0.5 s",
+    "P": ["0 W", "4 kW"],
+    "Q": ["0 var", "1 kvar"],
+    "scr": [2, 8],
+    "x_over_r": [1, 5],
+}
 STAGE: dict[str, Any] = {"p_max": "3 kW", "p_charge_max": "1 kW", "tau": "5 ms"}
 
 
@@ -116,3 +124,17 @@ def test_limits_of_the_sources() -> None:
         if dc["source"] == "photovoltaic":
             v, i = array_curve(study.dc.settings(*of).source)
             assert limits.high == pytest.approx(0.98 * (v * i)[v >= study.dc.V_low].max(), rel=1e-9)
+
+
+def test_what_knows_no_voltage_of_the_link_refuses_a_droop_of_it() -> None:
+    study = study_with("", "voltage_droop")
+    for verb in (vd.certify, vd.compare):
+        with pytest.raises(vd.VsgDesignError, match="knows no voltage of the link"):
+            verb(study)
+    (spec,) = study.controllers
+    tabled = study.with_changes(
+        specification=SPECIFICATION, controllers=[{"name": spec.name, "kind": "scheduled", "schedule": "table"}]
+    )
+    with pytest.raises(vd.VsgDesignError, match="a gain table knows no voltage of the link"):
+        vd.design_table(tabled)
+    assert "has no closed form" in " ".join(vd.design_study(study).sentences())
