@@ -10,7 +10,7 @@ import time
 import pytest
 
 from vsgdesign.execution.interrupts import interrupts_deferred
-from vsgdesign.execution.signals import STOPPING, Stop, signals_raise
+from vsgdesign.execution.signals import _ONCE_MORE_S, STOPPING, Stop, signals_raise
 
 
 @pytest.mark.parametrize("number", STOPPING)
@@ -72,6 +72,24 @@ def test_a_signal_where_python_loses_the_exception(capfd: pytest.CaptureFixture[
     assert reached == ["after it"]
     assert (stops[0].number, sys.unraisablehook) == (signal.SIGINT, hook)
     assert capfd.readouterr().err == ""
+
+
+def test_a_lost_signal_does_not_come_after_the_block() -> None:
+    """It was sent again to whoever ran by then."""
+    after: list[int] = []
+
+    def block() -> None:
+        with signals_raise():
+            del noisy[0]
+
+    noisy, before = [_Noisy()], signal.signal(signal.SIGINT, lambda number, _frame: after.append(number))
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            block()
+        time.sleep(3.0 * _ONCE_MORE_S)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert after == []
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a thread that waits there hears no signal")

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator
+    from threading import Timer
     from types import FrameType
     from typing import Any
 
@@ -82,15 +83,21 @@ def signals_raise() -> Iterator[Stop]:
             before(unraisable)
             return
         stop.at = -math.inf
-        _send_again(stop.number)
+        again.append(_send_again(stop.number))
 
     before = sys.unraisablehook
+    again: list[Timer] = []
     with _handled(stopping) as handled, _woken(stop, handled):
         sys.unraisablehook = lost
         try:
             yield stop
         finally:
             sys.unraisablehook = before
+            for timer in again:  # what comes after the block would meet somebody else
+                timer.cancel()
+                timer.join()
+        if again and stop.at == -math.inf:
+            raise KeyboardInterrupt  # the block was over before it came again
 
 
 @contextmanager
@@ -114,7 +121,8 @@ def _woken(stop: Stop, handled: Container[int]) -> Iterator[None]:
         while noted := os.read(read, 1):
             since, pause = time.monotonic() - _AGAIN_S, _ONCE_MORE_S
             while noted[0] in handled and stop.heard < since and not over.wait(pause):
-                _send(noted[0], main)
+                if stop.heard < since:  # still: it may have been handled within the pause
+                    _send(noted[0], main)
                 pause = min(2.0 * pause, _AGAIN_S)
 
     listener = threading.Thread(target=listen, name="signals", daemon=True)
@@ -137,13 +145,14 @@ def _send(number: int, thread: int) -> None:
         signal.raise_signal(number)
 
 
-def _send_again(number: int) -> None:
+def _send_again(number: int) -> Timer:
     """Sends a signal to the main thread, soon."""
     import threading
 
     timer = threading.Timer(_ONCE_MORE_S, _send, (number, threading.main_thread().ident or 0))
     timer.daemon = True
     timer.start()
+    return timer
 
 
 @contextmanager
