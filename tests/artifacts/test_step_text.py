@@ -70,8 +70,9 @@ def test_the_sentence_names_the_limits() -> None:
         'The current limiter "projection" begins to act at 1.15 pu, its soft limit, and it clips V at 0.7 and 1.3 pu. '
     )
     circular = replace(FOUND, limiter="circular", soft=False, V_low_pu=None, V_high_pu=None, clips_V=False)
-    assert "begins to act at 1.15 pu, its limit. In the linear model, it is certified that no" in step_sentence(
-        circular
+    assert (
+        "begins to act at 1.15 pu, its limit. In the linear model with ideal inner loops, it is certified that no"
+        in step_sentence(circular)
     )
     assert "gridded" not in step_sentence(FOUND)  # a row without steps is not graded
     some = replace(FOUND, rows=(replace(ROW, proof="gridded"),))

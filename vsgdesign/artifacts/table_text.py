@@ -376,8 +376,8 @@ def step_sentence(found: StepStatement) -> str:
     points = any(row.possible and row.proof != "gap-free" for row in found.rows)
     grade = ' A "gridded" row is verified at points, with a margin of 20 %, and not between them.' if points else ""
     return (
-        f"{first} In the linear model, it is certified that {asked} after a step of the sizes in the table, each "
-        f"alone, on a grid and to P and Q of the row. Their Lyapunov function{decay}.{grade}"
+        f"{first} In the linear model with ideal inner loops, it is certified that {asked} after a step of the sizes "
+        f"in the table, each alone, on a grid and to P and Q of the row. Their Lyapunov function{decay}.{grade}"
     )
 
 
