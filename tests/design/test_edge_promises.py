@@ -64,7 +64,7 @@ def run(study: Study, monkeypatch: pytest.MonkeyPatch) -> tuple[CellRecord, list
     y = centre(study)
     usual, asked = len(scenarios_at(study, NODE)[0]), []
 
-    def designs(task: CellTask, of: LawOfStudy, s: Scenarios) -> Iterator[CellDesign]:
+    def designs(task: CellTask, of: LawOfStudy, s: Scenarios, _shares: tuple[float, ...]) -> Iterator[CellDesign]:
         asked.append(len(s))
         damped = y.copy()
         damped[variables(of.structure, task.spec).names.index("d_1_or_zeta")] += 0.2 * (len(s) > usual)
