@@ -41,7 +41,7 @@ REGION = Region((8.0, 8.2), (3.0, 3.01), (5e3, 6e3), (0.0, 5e2), 0.02)
 class _Fixed:
     """The same gains for every estimate."""
 
-    def gains_measured(self, *_: Any) -> Any:
+    def gains_measured(self, *_: Any, **_named: Any) -> Any:
         return GAINS
 
 

@@ -362,7 +362,8 @@ def _circuit_of_period(
 def _rates(circuit: FilterGrid) -> tuple[ca.SX, ca.SX]:
     """A and b of a circuit."""
     symbols = ca.SX.sym("s", 4)
-    found = ca.jacobian(ca.vertcat(*filter_grid_derivative(*ca.vertsplit(symbols), 0.0, circuit)), symbols)
+    i_s, v_c, i_g, v_b = ca.vertsplit(symbols)
+    found = ca.jacobian(ca.vertcat(*filter_grid_derivative(i_s, v_c, i_g, v_b, 0.0, circuit)), symbols)
     return found[:, :3], found[:, 3]
 
 
