@@ -125,7 +125,9 @@ def test_a_proof_that_is_not_there_is_carried_and_one_without_its_study_refused(
     asked = ["table", "check", "--proof", str(tmp_path / "a.proof")]
     result = CliRunner().invoke(main, [*asked, "--study", LABORATORY[0]])
     assert result.exit_code == 0
-    assert result.output == "carried, not checked: full-order proof (its file is missing)\n"
+    assert result.output == f"{asked[-1]}: carried, not checked: full-order proof (its file is missing)\n"
+    moved = CliRunner().invoke(main, ["certify", LABORATORY[0], "--model", "full", "--moving", "nan"])
+    assert (moved.exit_code, "nan is not in the range" in moved.output) == (2, True)
     assert "--proof needs --study" in CliRunner().invoke(main, asked).output
     assert "give a TABLE.json, or the --proof" in CliRunner().invoke(main, ["table", "check"]).output
 

@@ -278,7 +278,7 @@ def test_what_was_found_is_said_with_its_limits() -> None:
     text = moving_text(found)
     for words in (
         "Proved everywhere", "at 0.5 1/s or more, at 1.25 1/s on the fastest grids (12 boxes in 3 cells)",
-        "39 of 40 places of a lattice have such a function, 3 of 4 lines in the time that was given",
+        "39 of 40 places of a lattice have such a function, on 3 of its 4 lines of one X/R, P and Q in the time",
         "none found at SCR 2, X/R 3, P 4 kW, Q 1 kvar (least decay 3 1/s)",
         "0.3 s (median; at most 0.5 s) where their SCR differ by 20 %",
         "SCR may move by 36 % a second",  # ln 1.2 in half a second

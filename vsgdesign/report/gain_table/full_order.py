@@ -94,7 +94,7 @@ def moving_text(found: MovingProof) -> str:
         lines += ["Not decided, the largest parts first:", *_left_lines(found.left)]
     sampled = found.sampled
     seen, of = sampled.lines
-    whole = "" if seen == of else f", {seen} of {of} lines in the time that was given"
+    whole = "" if seen == of else f", on {seen} of its {of} lines of one X/R, P and Q in the time that was given"
     held = sampled.places - len(sampled.without)
     lines.append(f"Sampled: {held} of {sampled.places} places of a lattice have such a function{whole}.")
     for cell in sampled.without:
@@ -126,7 +126,7 @@ def proof_check_text(path: str, found: ProofCheck) -> str:
     if found.faults:
         return f"{path}: refused\n" + "\n".join(f"  - {fault}" for fault in found.faults)
     if found.carried:
-        return f"{CARRIED}: {', '.join(found.carried)}"
+        return f"{path}: {CARRIED}: {', '.join(found.carried)}"
     text = _confirmed(path, found)
     return text if found.apart is None else f"{text}\n{_confirmed(f'{path}, units against each other', found.apart)}"
 

@@ -15,6 +15,7 @@ from vsgdesign.verbs.cli.common import (
     EXPLORER,
     JSON,
     STUDY,
+    Real,
     echo_aside,
     in_blocks,
     kept_words,
@@ -205,7 +206,7 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
 )
 @click.option(
     "--moving",
-    type=click.FloatRange(0.0),
+    type=Real(0.0),
     default=0.0,
     metavar="SECONDS",
     help="Time for --model full to prove decay while the gains change, and as much again to look at a lattice of "
