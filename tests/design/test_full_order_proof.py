@@ -19,7 +19,6 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import GainTable, ValidityBox, base_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.certificate import box_check, region_of, taylor_kernel, tracing
-from vsgdesign.certificate.asked import within_scheduler
 from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.full_order import points as search_of_points
 from vsgdesign.certificate.full_order import statement
@@ -42,7 +41,6 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.report.gain_table.full_order import full_order_text
-from vsgdesign.runtime.guards import settings_of
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.verbs.pipeline.one_unit import as_unit
@@ -95,27 +93,6 @@ def with_table(error_Z: float = 0.0) -> Any:
     tables = {"table": a_table()}
     region = Region((2.0, 9.0), (0.3, 10.0), (-4500.0, 4500.0), (-2e3, 2e3), 0.2, error_Z=error_Z)
     return problem_of("table", "table", region, tables=tables)
-
-
-def test_a_proof_keeps_to_the_limits_that_a_scheduler_holds_in_single_precision() -> None:
-    """0.85 · 398.37 V is no number of single precision: the scheduler keeps the next one inside, and so must the proof.
-    Limits that are narrower on purpose stay a fault."""
-    study = load_study("studies/table/study.toml")
-    V = 690.0 / np.sqrt(3.0)
-    study = replace(study, converter=replace(study.converter, V_rated_rms=V))
-    own = table(validity=replace(table().validity, V_rms=study.converter.V_limits_rms, P=(-4321.1, 4321.1)))
-    region = Region((2.0, 9.0), (0.3, 10.0), (-4321.1, 4321.1), (-1e3, 1e3), 0.2)
-    box, (kept, narrowed) = settings_of(own), within_scheduler(study, region, own)
-    for asked, mine, held in (
-        (study.converter.V_limits_rms, kept.converter.V_limits_rms, box.V_rms),
-        (region.P, narrowed.P, box.P),
-    ):
-        assert asked[0] < held[0] <= mine[0] < asked[0] + 2e-7 * abs(asked[0])
-        assert asked[1] > held[1] >= mine[1] > asked[1] - 2e-7 * abs(asked[1])
-    assert narrowed == replace(region, P=narrowed.P)
-    less = table(validity=replace(own.validity, V_rms=(0.9 * V, 1.1 * V)))
-    assert within_scheduler(study, region, less)[0].converter.V_limits_rms == study.converter.V_limits_rms
-    assert within_scheduler(study, region, None) == (study, region)
 
 
 @functools.cache

@@ -15,8 +15,11 @@ from vsgdesign.artifacts.gain_table import GainTable, ValidityBox, base_of
 from vsgdesign.artifacts.gain_table_file import read_table_file, table_faults, write_table_file
 from vsgdesign.artifacts.proof_file import PROOF_FILE, proof_of, proved_table
 from vsgdesign.artifacts.table_text import full_order_sentence, proof_sentences, table_summary
+from vsgdesign.certificate import Region
+from vsgdesign.certificate.asked import within_scheduler
 from vsgdesign.export.c_content import Origin, content_of
 from vsgdesign.report.gain_table.words import heading
+from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.study.parameters import load_study
 from vsgdesign.verbs.cli.common import going_on
@@ -113,3 +116,24 @@ def test_a_statement_that_is_none_is_named() -> None:
     faults = "; ".join(table_faults(replace(one, full_order={"certified": True, "proved": 0.5, "decay": -1.0})))
     for part in ("proved: must be 1", "decay: must be", "states: missing", "inner_hash: missing", "region: missing"):
         assert f"full_order{'[0]' if 'must be 1' not in part else ''}.{part}" in faults
+
+
+def test_a_proof_keeps_to_the_limits_that_a_scheduler_holds_in_single_precision() -> None:
+    """0.85 · 398.37 V is no number of single precision: the scheduler keeps the next one inside, and so must the proof.
+    Limits that are narrower on purpose stay a fault."""
+    study = load_study(STUDY)
+    V = 690.0 / np.sqrt(3.0)
+    study = replace(study, converter=replace(study.converter, V_rated_rms=V))
+    own = table(validity=replace(table().validity, V_rms=study.converter.V_limits_rms, P=(-4321.1, 4321.1)))
+    region = Region((2.0, 9.0), (0.3, 10.0), (-4321.1, 4321.1), (-1e3, 1e3), 0.2)
+    box, (kept, narrowed) = settings_of(own), within_scheduler(study, region, own)
+    for asked, mine, held in (
+        (study.converter.V_limits_rms, kept.converter.V_limits_rms, box.V_rms),
+        (region.P, narrowed.P, box.P),
+    ):
+        assert asked[0] < held[0] <= mine[0] < asked[0] + 2e-7 * abs(asked[0])
+        assert asked[1] > held[1] >= mine[1] > asked[1] - 2e-7 * abs(asked[1])
+    assert narrowed == replace(region, P=narrowed.P)
+    less = table(validity=replace(own.validity, V_rms=(0.9 * V, 1.1 * V)))
+    assert within_scheduler(study, region, less)[0].converter.V_limits_rms == study.converter.V_limits_rms
+    assert within_scheduler(study, region, None) == (study, region)

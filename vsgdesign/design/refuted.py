@@ -15,11 +15,8 @@ from vsgdesign.design.between import PointCheck, check_points
 from vsgdesign.design.evaluation import LawOfStudy
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.runtime.table import table_schedule
-from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.specification import Specification, settled_decay
 from vsgdesign.study.parameters.study import ControllerSpec, Study
-
-_LEAVES = 3.9
-"""Time constants after which 2 % of a mode are left."""
 
 _SLOW = 0.25
 """Of the decay that the settling time stands for, below which a mode counts as too slow: a mode that hardly takes part
@@ -40,7 +37,7 @@ def refuted_between(
     region = Region(box.scr, box.x_over_r, box.P, box.Q, box.error, error_Z=box.error_Z)
     own = replace(study.with_limit_of(controller), scr_basis=spec.scr_basis)
     system, _ = prepared(own, controller, region, NOTHING, table_schedule(table), None)
-    settles = _LEAVES / spec.settling_time if spec.settles else 0.0
+    settles = settled_decay(spec.settling_time) if spec.settles else 0.0
     found: list[PointCheck] = []
     for apart, asked in ((False, settles), (True, spec.differential_decay)):
         if apart and asked == 0.0:
@@ -52,7 +49,11 @@ def refuted_between(
         decay = slowest.decay or 0.0
         if decay > _SLOW * asked:
             continue
-        missed = {"differential_decay": decay} if apart else {"settling_time": _LEAVES / decay if decay > 0 else np.inf}
+        missed = (
+            {"differential_decay": decay}
+            if apart
+            else {"settling_time": spec.settling_time * settles / decay if decay > 0.0 else np.inf}
+        )
         grid = np.array([[slowest.scr, slowest.x_over_r]])
         found += [replace(at, missed=missed) for at in check_points(study, law, spec, table, grid) if at.promised]
     return tuple(found)
