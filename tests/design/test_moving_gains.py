@@ -3,7 +3,9 @@ function promises against sequences of gains."""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,8 @@ import pytest
 
 from tests.design.test_full_order_proof import ALPHA, _at, closed_form, determinants, laboratory
 from vsgdesign.artifacts.certificate_record import CertificateCell
+from vsgdesign.artifacts.ready import NOTHING
+from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.full_order.boxes import Part
 from vsgdesign.certificate.full_order.cells import GOOD, Arcs, cells_of
 from vsgdesign.certificate.full_order.kernel import enclosed
@@ -18,6 +22,7 @@ from vsgdesign.certificate.full_order.looking import CellGroup
 from vsgdesign.certificate.full_order.points import at_rest, rests_at
 from vsgdesign.certificate.full_order.programs import DIMENSIONS
 from vsgdesign.certificate.full_order.search import Found, Problem, beginning, search
+from vsgdesign.certificate.moving import statement
 from vsgdesign.certificate.moving.ball import ball_of, middle_error
 from vsgdesign.certificate.moving.functions import common_function, dwell_time, modal, shortfall
 from vsgdesign.certificate.moving.lattice import Sampled
@@ -32,16 +37,38 @@ from vsgdesign.certificate.taylor_kernel import rows
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak, rotate_back
 from vsgdesign.equations.inner_loops import current_loop, voltage_loop
+from vsgdesign.equations.limiter_interface import GridEstimate, LimiterView
+from vsgdesign.equations.limiters.projection import ProjectionMemory, projection_limit
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.full_order import pack
 from vsgdesign.report.gain_table.full_order import moving_text
 from vsgdesign.study.parameters import load_study
+from vsgdesign.verbs.pipeline.one_unit import as_unit
+
+
+@functools.cache
+def units_apart() -> Any:
+    """Equal units against each other with gains in closed form."""
+    region = Region((2.0, 20.0), (1.0, 20.0), (-11.25e3, 11.25e3), (-3.75e3, 3.75e3), 0.2)
+    study, spec = _units()
+    system, _ = prepared(study, spec, region, NOTHING, None, None)
+    study, system = study.with_limit_of(spec), replace(system, apart=True)
+    return study, Problem.of(study, system, region, ALPHA)
+
+
+def _units() -> Any:
+    """A unit of the plant, and its controller with gains in closed form."""
+    study = replace(as_unit(load_study("studies/plant/study.toml"), "a test"), scr_basis="impedance")
+    return study, replace(study.controllers[-1], schedule="closed_form")
+
 
 PLACES = {
     laboratory: np.array([[0.25, np.arctan(3.0), 5e3, 1e3], [0.45, np.arctan(2.5), 6e3, 0.4e3]]),
     closed_form: np.array([[0.2, np.arctan(2.0), 3e3, 1e3], [0.5, np.arctan(6.0), -2e3, 0.5e3]]),
+    units_apart: np.array([[0.2, np.arctan(5.0), 5e3, 1e3], [0.12, np.arctan(2.0), -4e3, -1e3]]),
 }
-MADE = {"published law": laboratory, "angle-damped": closed_form}
+MADE = {"published law": laboratory, "angle-damped": closed_form, "units against each other": units_apart}
 
 
 def moving(made: Any, alpha: float = ALPHA) -> tuple[Any, MovingProblem]:
@@ -60,7 +87,7 @@ def test_gains_act_on_two_powers_and_three_states_alone(made: Any) -> None:
     errors = np.vstack([np.zeros((1, 2)), estimates(problem.region, 1.2, 3)])
     loops = loops_at(study, problem.system, with_estimates(PLACES[made][:1], errors))
     G, T_s, n = feeds(loops.at.gains), study.converter.T_s, len(loops.states)
-    assert n == {laboratory: 15, closed_form: 17}[made]
+    assert n == {laboratory: 15, closed_form: 17, units_apart: 19}[made]
     powers = powers_of(loops, T_s)[0]
     if kind_of(problem.system) != DROOPS:
         gains = loops.at.gains
@@ -189,10 +216,13 @@ def test_the_semidefinite_program_finds_what_the_modes_do_not() -> None:
     assert common_function(np.stack([fast, fast.T]), 0.95) is None
 
 
-def test_a_level_set_keeps_every_limit_away() -> None:
-    """At a place of the laboratory: on the edge of the set, the current that the voltage loop asks for and the voltage
-    that the current loop sets are below their limits, by the equations of the loops and finite differences alone."""
+@pytest.mark.parametrize("limiter", ["circular", "projection"])
+def test_a_level_set_keeps_every_limit_away(limiter: str) -> None:
+    """At a place of the laboratory: on the edge of the set, the current that the voltage loop asks for, the voltage
+    that the current loop sets and, for a projection, the test current are below their limits, by the equations of the
+    loops and finite differences alone. A projection's own law then finds nothing to limit."""
     study, problem = laboratory()
+    study = replace(study, current_limiter=limiter)
     place = PLACES[laboratory][0]
     level = level_set(study, problem.system, problem.region, place)
     assert level is not None
@@ -220,10 +250,50 @@ def test_a_level_set_keeps_every_limit_away() -> None:
     base = shares(np.zeros(n))
     found = np.array([(shares(0.01 * x) - base) / (0.01 * (1.0 - base)) for x in (*far, *others)])
     assert 0.9 < found.max() < 1.001  # the set is as large as one of the limits lets it be
+    if limiter == "projection":
+        for x in (*far, *others):
+            near = {**rest, **{k: rest.get(k, 0.0) + 0.9 * v for k, v in zip(level.states, x, strict=True)}}
+            assert _limited(study, near, points[1:], loops) == 0.0
+        far_off = {**rest, **{k: rest.get(k, 0.0) + 20.0 * v for k, v in zip(level.states, far[2], strict=True)}}
+        assert _limited(study, far_off, points[1:], loops) == 1.0
+
+
+def _limited(study: Any, at: dict[str, Any], points: Any, loops: Any) -> float:
+    """Whether a projection whose low-passes are at rest limits anything in one sample, with any of some estimates."""
+    settings, found = study.controller_settings(), 0.0
+    _, view = _asked(study, at)
+    v, i_g = view["v"], view["i_g"]
+    omega = study.converter.omega_n
+    measured: Any = (*v, *view["i_s"], *i_g, 0.0, 0.0, *view["i_want"])
+    rest: Any = (at["V"], omega, 0.0, 0.0, 1.0, 0.0)
+    refs = References(0.0, 0.0, omega, study.converter.V_rated_rms)
+    seen = LimiterView(*measured, *rest)
+    at_rest_, gains = loops.at, PowerLoopGains(0.0, 0.0, 0.0, 0.0)
+    for errors in points[:, 4:]:
+        grid = GridEstimate(at_rest_.R_g[0] * (1.0 + errors[0]), at_rest_.L_g[0] * (1.0 + errors[1]))
+        R, X = grid.R_g + settings.limiter.R_2, refs.omega_0 * (grid.L_g + settings.limiter.L_2)
+        i_w = i_g[0] + 1j * i_g[1] + 1j * settings.omega_C * (v[0] + 1j * v[1])
+        i_w += (rms_to_peak(at["V"]) - v[0] - 1j * v[1]) / settings.limiter.Z_v * abs(R + 1j * X) / (R + 1j * X)
+        memory = ProjectionMemory(i_w.real, i_w.imag, v[0], v[1], refs.omega_0, 0.0)
+        found = max(found, float(projection_limit(memory, seen, grid, refs, gains, settings).limited))
+    return found
 
 
 def _of_limits(study: Any, at: dict[str, Any]) -> Any:
-    """The shares of their limits that the wanted current and the bridge voltage are at."""
+    """The shares of their limits that the wanted current and the bridge voltage are at; and the test current of a
+    projection with an exact estimate."""
+    shares, view = _asked(study, at)
+    if study.current_limiter != "projection":
+        return shares
+    v, i_g = (view[name][0] + 1j * view[name][1] for name in ("v", "i_g"))
+    settings = study.controller_settings()
+    turn = np.exp(1j * np.arctan(3.0))  # the grid of the place: its X/R is that of the path, with little behind it
+    i_w = i_g + 1j * settings.omega_C * v + (rms_to_peak(at["V"]) - v) / (settings.limiter.Z_v * turn)
+    return np.append(shares, abs(i_w) / settings.limiter.i_soft_pk)
+
+
+def _asked(study: Any, at: dict[str, Any]) -> Any:
+    """The shares of their limits that the wanted current and the bridge voltage are at, and what was measured."""
     settings, circuit = study.controller_settings(), study.circuit()
     turn: Any = np.cos(at["delta"]), np.sin(at["delta"])
     at_node: Any = [(at[f"i_s_{axis}"], at[f"v_c_{axis}"], at[f"i_g_{axis}"], circuit) for axis in "dq"]
@@ -238,13 +308,14 @@ def _of_limits(study: Any, at: dict[str, Any]) -> Any:
     numbers = settings.omega_L, settings.T_over_L, 1e9, settings.T_s
     asked = (*i, *i_s, *v, *u, at["xi_id"], at["xi_iq"], own, *numbers)
     v_b = current_loop(*asked)
-    return np.array([np.hypot(*i) / settings.i_max_pk, np.hypot(*v_b[:2]) / settings.v_max_pk])
+    shares = np.array([np.hypot(*i) / settings.i_max_pk, np.hypot(*v_b[:2]) / settings.v_max_pk])
+    return shares, {"v": v, "i_s": i_s, "i_g": i_g, "i_want": i}
 
 
 def test_a_limiter_that_looks_at_something_else_is_refused() -> None:
     study, problem = closed_form()
-    other = replace(study, current_limiter="projection")
-    with pytest.raises(InfeasibleStudyError, match=r'"projection": what it looks at is not known.*circular'):
+    other = replace(study, current_limiter="saturation")
+    with pytest.raises(InfeasibleStudyError, match=r'"saturation": what it looks at is not known.*circular'):
         level_set(other, problem.system, problem.region, PLACES[closed_form][0])
 
 
@@ -261,6 +332,23 @@ def test_without_time_everything_is_named_as_not_looked_at() -> None:
     assert "Not proved anywhere" in text
     assert "0 of 0 places" in text
     assert "Steps after which no limit acts are not known" in text
+
+
+def test_units_against_each_other_are_looked_at_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without time for the proof, and with a decay in place of that of a search: both parts are said."""
+    decays = iter((4.0, 2.0))
+    monkeypatch.setattr(statement, "least_decay", lambda *_: SimpleNamespace(decay=next(decays)))
+    study, spec = _units()
+    region = Region((4.0, 5.0), (5.0, 5.0001), (4e3, 5e3), (0.0, 1e3), 0.1)
+    found = prove_moving(study, spec, region, workers=1, seconds=0.0, pair=True)
+    assert found.differential is not None
+    assert not found.complete
+    assert sum(part.share for part in found.differential.left) == pytest.approx(1.0)
+    text = moving_text(found)
+    assert "all units together: All units have the gains of one estimate. Not proved anywhere" in text
+    assert "units against each other: Not proved anywhere" in text
+    assert "a step of one unit moves all of them" in text
+    assert found.as_document()["differential"]["certified"] is False
 
 
 def test_what_was_found_is_said_with_its_limits() -> None:

@@ -48,7 +48,8 @@ class Sampled:
 
 
 class LatticeJob(FullOrderJob):
-    """The lattice in lines of constant X/R, P and Q. A part has, by the number of its line, what was found there."""
+    """The lattice in lines of constant X/R, P and Q. A part has, by the number of its line, what was found there; the
+    lines of units against each other follow those of the loop on the grids."""
 
     what = "places"
 
@@ -65,7 +66,7 @@ class LatticeJob(FullOrderJob):
     @property
     def blocks(self) -> range:
         """Numbers of all lines."""
-        return range(len(self.lattice))
+        return range(len(self.lattice) * len(self.problems))
 
     def size(self, block: int, /) -> int:  # noqa: ARG002 - all lines have as many places
         """One."""
@@ -75,9 +76,9 @@ class LatticeJob(FullOrderJob):
         """The functions along a line."""
         if self.until is not None and time.time() > self.until:
             return {}
-        problem, study = self.problems[0], self.study.with_limit_of(self.spec)
-        system = problem.system
-        line = self.lattice[block]
+        mode, place_of_line = divmod(block, len(self.lattice))
+        system, study = self.problems[mode].system, self.study.with_limit_of(self.spec)
+        line = self.lattice[place_of_line]
         line = line[system.within_limits(np.hstack([line, np.zeros((len(line), 2))]))]
         places, functions = [], []
         for place in line:
@@ -131,8 +132,9 @@ def ratio_of(lattice: Array) -> float:
     return float(first[1] / first[0]) if len(first) > 1 else 1.0
 
 
-def sampled(job: LatticeJob, parts: Mapping[str, Any]) -> Sampled:
-    """The parts of a lattice as one."""
+def sampled(job: LatticeJob, parts: Mapping[str, Any], mode: int = 0) -> Sampled:
+    """The parts of a lattice as one; ``mode`` 1: of units against each other."""
+    parts = {name: part for name, part in parts.items() if int(name) // len(job.lattice) == mode}
     rows = [row for name in sorted(parts, key=int) for row in parts[name]["places"]]
     without = [
         CertificateCell(

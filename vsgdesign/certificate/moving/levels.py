@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from vsgdesign.certificate.moving.functions import common_function, shortfall
 from vsgdesign.certificate.moving.places import MovingLoops, estimates, loops_at, with_estimates
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.certificate.step_terms import STEPS, acting_limits
+from vsgdesign.equations.limiters.projection import LOW_VOLTAGE, current_at_reference
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.full_order import pack, watched_at
@@ -29,8 +31,11 @@ _STEPS = 9
 _SMALL = 1e-4
 """Of the rating, of V_g and of ω_g: a step whose answer is still linear."""
 
-_LIMITERS = ("circular",)
+_LIMITERS = ("circular", "projection")
 """Those of which is known what they look at."""
+
+_ANGLES = 3
+"""Of the estimates' impedance, for which the test current of a projection is looked at."""
 
 
 @dataclass(frozen=True)
@@ -134,12 +139,47 @@ def _floors(study: Study, loops: MovingLoops) -> Array | None:
     rooms = [
         (C[:2], (settings.i_max_pk if limits.current_pu is not None else np.inf) - np.hypot(*values[:2])),
         (C[2:4], settings.v_max_pk - np.hypot(*values[2:4])),
-        (C[4:], V_rated * (np.inf if limits.V_high_pu is None else limits.V_high_pu) - values[4]),
-        (C[4:], values[4] - V_rated * (-np.inf if limits.V_low_pu is None else limits.V_low_pu)),
+        (C[4:5], V_rated * (np.inf if limits.V_high_pu is None else limits.V_high_pu) - values[4]),
+        (C[4:5], values[4] - V_rated * (-np.inf if limits.V_low_pu is None else limits.V_low_pu)),
     ]
+    if study.current_limiter == "projection":
+        rooms += _of_projection(study, loops, values, C)
     if min(room for _, room in rooms) <= 0.0:
         return None
     return np.stack([rows.T @ rows / room**2 for rows, room in rooms if np.isfinite(room)])
+
+
+def _of_projection(study: Study, loops: MovingLoops, values: Array, C: Array) -> list[tuple[Array, float]]:
+    """Derivatives (2, n) and rooms of what a projection looks at beside the limits of the others
+    (:eq:`moving-projection`): the test current; and voltage and grid current as far as its gate stays open and its
+    voltage of the grid is not low. Behind its low-pass neither is ever larger than it was in a sample."""
+    settings, circuit = study.controller_settings(), study.circuit()
+    c: Any = settings.limiter
+    first, R_hat, X_hat = loops.at, *(loops.points[:, k] + 1.0 for k in (4, 5))
+    R_g, X_g = first.R_g * R_hat, first.L_g * X_hat * study.converter.omega_n
+    Z_g = R_g + 1j * X_g
+    Z = Z_g + circuit.R_2 + 1j * study.converter.omega_n * circuit.L_2
+    # Each is linear: its value at rest and its derivatives in one array.
+    V, v_d, v_q, i_d, i_q = np.hstack([values[4:, None], C[4:]])
+    view: Any = SimpleNamespace(V=V, v_d=v_d, v_q=v_q, i_g_d=i_d, i_g_q=i_q)
+    rooms = []
+    for angle in np.linspace(np.angle(Z).min(), np.angle(Z).max(), _ANGLES):
+        i_w = np.array(current_at_reference(view, np.cos(angle), np.sin(angle), c.Z_v, settings.omega_C))
+        rooms.append((i_w[:, 1:], float(c.i_soft_pk - np.hypot(*i_w[:, 0]))))
+    v, i_g = v_d[0] + 1j * v_q[0], i_d[0] + 1j * i_q[0]
+    behind = v - Z * i_g
+    size = np.abs(behind)
+    share = np.clip(-(behind * (Z_g * i_g).conj()).real / np.maximum(np.abs(Z_g * i_g) ** 2, 1e-18), 0.0, 1.0)
+    least = np.abs(behind + share * Z_g * i_g)
+    # Voltages of which both terms of the gate are one, and its doubt in them; v may move by so much, and Z i_g as well.
+    gate, doubt = (float(np.hypot(value, value)) for value in (c.v_gate_pk, c.doubt))
+    each = [
+        0.5 * (size - LOW_VOLTAGE * gate),
+        0.5 * (least - gate),
+        (size - gate - doubt * np.abs(Z * i_g)) / (2.0 + doubt),
+    ]
+    room = float(np.min(each))
+    return [*rooms, (C[5:7], room), (C[7:9], room / float(np.abs(Z).max()))]
 
 
 def _moved(study: Study, loops: MovingLoops) -> list[Array]:

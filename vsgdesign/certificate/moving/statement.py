@@ -49,6 +49,8 @@ _DRAWN = 300
 _STEP_PLACES = 8
 """Places of the lattice, evenly apart, at which steps are sized."""
 
+OF_ALL_UNITS = "those above are steps that all units take, and a step of one unit moves all of them"
+
 TABLE = "the gains are those of a table: its places are looked at by points alone"
 
 
@@ -73,17 +75,23 @@ class MovingProof:
     sampled: Sampled
     steps: StepsAtPlaces | str
     """Steps after which no limit acts, at places of the lattice; else why none are known."""
+    differential: MovingProof | None = None
+    """The same of equal units against each other, all with the gains of one estimate (:eq:`plant-split`); None: one
+    converter."""
 
     @property
     def complete(self) -> bool:
-        """Whether the whole region is proved."""
-        return self.why_not is None and not self.left
+        """Whether the whole region is proved, of units against each other as well."""
+        own = self.why_not is None and not self.left
+        return own and (self.differential is None or self.differential.complete)
 
     def as_document(self) -> dict[str, Any]:
         """JSON's types."""
-        document = asdict(self)
-        del document["controller"], document["region"]
-        return plain(document | {"certified": self.complete, "region": self.region.as_document()})
+        document = asdict(replace(self, differential=None))
+        del document["controller"], document["region"], document["differential"]
+        document |= {"certified": self.why_not is None and not self.left, "region": self.region.as_document()}
+        other = self.differential
+        return plain(document | ({} if other is None else {"differential": other.as_document()}))
 
 
 class MovingJob(FullOrderJob):
@@ -111,7 +119,8 @@ class MovingJob(FullOrderJob):
     def problem_of(self, block: int) -> Problem:
         """With half of the least decay of points in its cell, and weights for it."""
         (one,) = self._cells(block)
-        system, study, rng = self.problems[0].system, self.study.with_limit_of(self.spec), np.random.default_rng(block)
+        system, study = super().problem_of(block).system, self.study.with_limit_of(self.spec)
+        rng = np.random.default_rng(block)
         ratio = float(np.tan(one.low[1])), float(np.tan(one.high[1]))
         cell = replace(self.region, scr=(1.0 / one.high[0], 1.0 / one.low[0]), x_over_r=ratio)
         points, decays = np.empty((0, 6)), np.empty(0)
@@ -134,6 +143,7 @@ def prove_moving(
     region: Region,
     *,
     ready: Ready = NOTHING,
+    pair: bool = False,
     kept: Callable[[FullOrderJob], AbstractContextManager[Journal[Any]]] | None = None,
     workers: int | None = None,
     cluster: str | None = None,
@@ -142,15 +152,17 @@ def prove_moving(
 ) -> MovingProof:
     """The statement over a region: the lattice first, then steps, then the proof, each in at most ``seconds``.
 
-    Gains in closed form are proved; of a table the lattice is looked at. Errors are those of
+    Gains in closed form are proved; of a table the lattice is looked at. ``pair``: it is one unit of several with one
+    estimate, and the units against each other are proved as well. Errors are those of
     :func:`~vsgdesign.certificate.full_order.statement.prove_full_order`.
     """
     study, region = within_scheduler(study, region, ready.tables.get(spec.name))
     check_known(study, spec, region, ready)
     system, _ = prepared(study, spec, region, ready, None, None)
     own = study.with_limit_of(spec)
-    least = least_decay(own, system, region).decay or 0.0
-    if least <= 0.0:
+    modes = [system, replace(system, apart=True)] if pair else [system]
+    least = [least_decay(own, one, region).decay or 0.0 for one in modes]
+    if min(least) <= 0.0:
         raise InfeasibleStudyError(
             f"controller {spec.name}: a point of the region is unstable with gains that are held; what changing gains "
             "do is not asked then. Shrink the region or the error."
@@ -158,11 +170,12 @@ def prove_moving(
     tables = {spec.name: table} if (table := ready.tables.get(spec.name)) is not None else {}
 
     def all_of(kind: type[AnyJob]) -> tuple[AnyJob, Mapping[str, Any]]:
-        job = kind(study=study, spec=spec, tables=tables, region=region, decay=half_of(least),
+        apart = half_of(least[1]) if pair else None
+        job = kind(study=study, spec=spec, tables=tables, region=region, decay=half_of(least[0]), apart=apart,
                    until=time.time() + seconds)  # fmt: skip
         return job, until_done(job, kept, workers, cluster, progress)
 
-    found = sampled(*all_of(LatticeJob))
+    lattice_job, lattice_parts = all_of(LatticeJob)
     lattice = lattice_of(region).reshape(-1, 4)
     lattice = lattice[system.within_limits(np.hstack([lattice, np.zeros((len(lattice), 2))]))]
     steps = steps_at(own, system, region, lattice, _STEP_PLACES, time.time() + seconds)
@@ -172,27 +185,27 @@ def prove_moving(
             MovingPrograms.of(system, region)
         except InfeasibleStudyError as error:
             why_not = str(error)
-    if why_not is not None:
-        return MovingProof(
-            controller=spec.name, region=region, proved=0.0, left=(), decay=None, cells=0, boxes=0, values=0,
-            why_not=why_not, sampled=found, steps=steps,
-        )  # fmt: skip
-    job, parts = all_of(MovingJob)
-    every, rest = job.of_mode(0, parts)
-    proved = sum(part["proved"] for part in every)
-    rest = [row for part in every for row in part["left"]] + rest
-    total, left = left_parts(proved, rest)
-    rates = [part["decay"] for part in every if part["proved"] > 0.0]
-    return MovingProof(
-        controller=spec.name,
-        region=region,
-        proved=proved / total,
-        left=tuple(left),
-        decay=(min(rates), max(rates)) if rates else None,
-        cells=sum(part["cells"] for part in every),
-        boxes=sum(part["boxes"] for part in every),
-        values=sum(part["values"] for part in every),
-        why_not=None,
-        sampled=found,
-        steps=steps,
-    )
+    job, parts = (None, {}) if why_not is not None else all_of(MovingJob)
+    found = []
+    for mode in range(len(modes)):
+        every, rest = ([], []) if job is None else job.of_mode(mode, parts)
+        proved = sum(part["proved"] for part in every)
+        rest = [row for part in every for row in part["left"]] + rest
+        total, left = left_parts(proved, rest)
+        rates = [part["decay"] for part in every if part["proved"] > 0.0]
+        found.append(
+            MovingProof(
+                controller=spec.name,
+                region=region,
+                proved=proved / total,
+                left=tuple(left),
+                decay=(min(rates), max(rates)) if rates else None,
+                cells=sum(part["cells"] for part in every),
+                boxes=sum(part["boxes"] for part in every),
+                values=sum(part["values"] for part in every),
+                why_not=why_not,
+                sampled=sampled(lattice_job, lattice_parts, mode),
+                steps=steps if mode == 0 else OF_ALL_UNITS,
+            )
+        )
+    return replace(found[0], differential=found[1] if pair else None)

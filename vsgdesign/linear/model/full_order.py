@@ -367,8 +367,9 @@ def _rates(circuit: FilterGrid) -> tuple[ca.SX, ca.SX]:
     return found[:, :3], found[:, 3]
 
 
-WATCHED = ("i_want_d", "i_want_q", "v_b_d", "v_b_q", "V")
-"""What the limits look at: the current that is asked for and the bridge voltage that is set (peak), and V (rms)."""
+WATCHED = ("i_want_d", "i_want_q", "v_b_d", "v_b_q", "V", "v_d", "v_q", "i_g_d", "i_g_q")
+"""What the limits look at: the current that is asked for and the bridge voltage that is set (peak), V (rms), and the
+voltage and the grid current that were measured (peak, in the converter's frame)."""
 
 
 @functools.cache
@@ -391,7 +392,9 @@ def watched_map(
         still: dict[str, ca.SX] = {name: ca.SX(0.0) for name in INPUTS}
         found = _sampled(state, _values_of(p, limiter), still, looking)
     (view,) = views
-    result = ca.vertcat(view.i_want_d, view.i_want_q, found.output.v_b_alpha, found.output.v_b_beta, state["V"])
+    measured = view.v_d, view.v_q, view.i_g_d, view.i_g_q
+    set_ = found.output.v_b_alpha, found.output.v_b_beta
+    result = ca.vertcat(view.i_want_d, view.i_want_q, *set_, state["V"], *measured)
     return names, ca.Function("watched", [z, p], [result, ca.densify(ca.jacobian(result, z))], {"cse": True})
 
 

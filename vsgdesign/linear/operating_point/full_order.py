@@ -247,8 +247,8 @@ def _sample_matrices(
 def watched_at(
     study: Study, states: ManyStates, lanes: Lanes, gains: PowerLoopGains
 ) -> tuple[tuple[str, ...], Array, Array]:
-    """The states of the model, WATCHED of :mod:`vsgdesign.linear.model.full_order` (N, 5) at N steady states, and their
-    derivative by the states (N, 5, n)."""
+    """The states of the model, WATCHED of :mod:`vsgdesign.linear.model.full_order` (N, 9) at N steady states, and their
+    derivative by the states (N, 9, n)."""
     names, function = watched_map(*_structure(study))
     values, derivative = _matrices(
         function, pack(names, states), parameters_of(study, *lanes_of(study, lanes, gains))

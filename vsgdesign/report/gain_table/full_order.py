@@ -79,8 +79,18 @@ def _left_lines(left: Sequence[LeftPart]) -> list[str]:
 
 
 def moving_text(found: MovingProof) -> str:
-    """What is proved while the gains change, what was looked at by points, and how long grids have to last."""
+    """What is proved while the gains change, what was looked at by points, and how long grids have to last; of several
+    units, together and against each other."""
     head = f"{found.controller}, changing gains: "
+    if found.differential is None:
+        return _moving_text(found, head)
+    alike = "All units have the gains of one estimate."
+    together = _moving_text(found, f"{found.controller}, changing gains, all units together: {alike} ")
+    apart = f"{found.controller}, changing gains, units against each other: "
+    return f"{together}\n{_moving_text(found.differential, apart)}"
+
+
+def _moving_text(found: MovingProof, head: str) -> str:
     grids = "on each grid with its P and Q one function falls under all gains of the estimates"
     if found.why_not is not None:
         lines = [f"{head}Nothing is proved between points: {found.why_not}."]

@@ -243,8 +243,8 @@ def certify(
 
     With --model full it is the sampled full-order loop that is proved, on every grid that rests: processes share the
     work, and an interrupted proof goes on from its finished parts. Its boxes and arcs are kept in a file that "table
-    check --proof" checks. With --moving it is asked, too, what the loop does while its gains change. The exit code is
-    that of the first statement.
+    check --proof" checks. With --moving it is asked, too, what the loop does while its gains change; the units of a
+    plant then have one estimate. The exit code is that of the first statement.
     """
     from dataclasses import replace
 
@@ -278,9 +278,6 @@ def certify(
     if model == "full":
         if proof is None and study_file is not None:
             proof = str(proof_of(file))
-        if moving and several:
-            raise click.BadOptionUsage("moving", "--moving asks about one unit: the units of a plant have estimates of "
-                                       "their own.")  # fmt: skip
         _certify_full(study, spec, region, decay, several, proof, moving, how, as_json)
         return
     if moving:
@@ -329,7 +326,7 @@ def _certify_full(
     with results_at(place, lambda: kept_words(place, WORK, "part")), progress(quiet=as_json) as tell:
         found = prove_full(study, spec, region, decay, pair=pair, proof=proof, progress=tell, **how)
         asked = moving > 0.0 and not found.unstable
-        changing = prove_changing(study, spec, region, moving, progress=tell, **how) if asked else None
+        changing = prove_changing(study, spec, region, moving, pair=pair, progress=tell, **how) if asked else None
     if as_json:
         more = {} if changing is None else {"moving": changing.as_document()}
         print_json(found.as_document() | more)

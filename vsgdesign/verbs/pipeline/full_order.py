@@ -65,6 +65,7 @@ def prove_changing(
     region: Region,
     seconds: float,
     *,
+    pair: bool = False,
     workers: int | None = None,
     cluster: str | None = None,
     fresh: bool = False,
@@ -80,7 +81,7 @@ def prove_changing(
         return journal_of(job, out=place_of(study, spec), work=work, fresh=fresh, say=say)
 
     return prove_moving(
-        study, spec, region, ready=ready, kept=kept, workers=workers, cluster=cluster, progress=progress,
+        study, spec, region, ready=ready, pair=pair, kept=kept, workers=workers, cluster=cluster, progress=progress,
         seconds=seconds,
     )  # fmt: skip
 
