@@ -101,6 +101,41 @@ def test_gains_act_on_two_powers_and_three_states_alone(made: Any) -> None:
     assert np.abs((loops.A[1] - loops.A[0])[loops.moved]).max() > 1e-9
 
 
+def _at_middle(study: Any, problem: MovingProblem, place: Any) -> Any:
+    """The loops of the middle and of a lattice of estimates at a place, the unit of power, and V."""
+    errors = np.vstack([np.full((1, 2), middle_error(problem.region)), estimates(problem.region, float(place[1]), 7)])
+    loops = loops_at(study, problem.system, with_estimates(place[None], errors))
+    V = loops.at.V_rms[0]
+    return loops, V**2 / (place[0] * study.converter.Z_base), V
+
+
+def true_ball(study: Any, problem: MovingProblem, place: Any) -> float:
+    """The largest Δ of a lattice of estimates at a place, from the product's gains."""
+    loops, unit, V = _at_middle(study, problem, place)
+    own = np.array([1.0, 1.0, 1.0 / V])[:, None]
+    off = ((feeds(loops.at.gains) - feeds(loops.at.gains)[0]) * unit * own)[1:, problem.ball.first :]
+    inside = np.linalg.inv(problem.ball.left) @ off @ np.linalg.inv(problem.ball.right)
+    return float(np.linalg.norm(inside, 2, axis=(1, 2)).max())
+
+
+def true_gain(study: Any, problem: MovingProblem, place: Any, z: Any, reach: float) -> Any:
+    """f (n,) and the difference of :eq:`moving-difference` at z (n,), from the product's matrices alone."""
+    loops, unit, V = _at_middle(study, problem, place)
+    middle, count, T_s = loops.points[:1], len(z), study.converter.T_s
+    gains = type(loops.at.gains)(*(np.repeat(value[:1], count) for value in loops.at.gains))
+    f = determinants(study, problem, np.repeat(middle, count, 0), gains, np.full(count, V), z)
+    n = len(loops.states)
+    acts = np.zeros((n, 3))
+    acts[loops.moved, range(3)] = T_s * np.array([1.0, 1.0, V])
+    powers = powers_of(loops, T_s)[0] / unit
+    if kind_of(problem.system) != DROOPS:
+        powers[0, loops.states.index("omega_r")] -= loops.at.gains.D_p[0] / unit
+        powers[1, loops.states.index("V")] -= loops.at.gains.D_q[0] / unit
+    answers = [powers @ np.linalg.solve(at * np.eye(n) - loops.A[0], acts + 0j) for at in z]
+    sizes = np.array([np.linalg.norm(problem.ball.right @ one @ problem.ball.columns) for one in answers])
+    return f, np.abs(f) ** 2 * (1.0 - (reach * sizes) ** 2)
+
+
 @pytest.mark.parametrize("made", MADE.values(), ids=list(MADE))
 def test_forms_hold_the_small_gain_of_the_model(made: Any) -> None:
     """|f|² − β²|n|² on small boxes and arcs holds the value of the product's matrices, and β all estimates."""
@@ -120,12 +155,7 @@ def test_forms_hold_the_small_gain_of_the_model(made: Any) -> None:
         part = Part(low[None], high[None], np.zeros(1, int), np.zeros(1, int), np.array([2.0]), np.ones(1))
         piece = np.argmax(problem._pieces(group, part.low, part.high, part), axis=0)
         reach, _ = problem.reach(group, part, piece)
-        errors = np.vstack([np.full((1, 2), error), estimates(region, float(place[1]), 7)])
-        loops = loops_at(study, problem.system, with_estimates(place[None], errors))
-        unit, own = V**2 / Z, np.array([1.0, 1.0, 1.0 / V])[:, None]
-        off = ((feeds(loops.at.gains) - feeds(loops.at.gains)[0]) * unit * own)[1:, problem.ball.first :]
-        inside = np.linalg.inv(problem.ball.left) @ off @ np.linalg.inv(problem.ball.right)
-        most = np.linalg.norm(inside, 2, axis=(1, 2)).max()
+        most = true_ball(study, problem, place)
         assert most <= reach[0] < 1.3 * most
         numbers, program = problem.moving.gains[piece[0]]
         gains = problem._forms((numbers, program), group, part.low, part.high, part)
@@ -139,18 +169,7 @@ def test_forms_hold_the_small_gain_of_the_model(made: Any) -> None:
         edges = cell.edges
         omega = 0.5 * (edges[arcs] + edges[arcs + 1]) + 0.5 * (edges[arcs + 1] - edges[arcs]) * t[6]
         z = np.exp((-problem.loop.alpha + 1j * omega) * T_s)
-        gains_of = type(rest.gains)(*(np.repeat(value, len(arcs)) for value in rest.gains))
-        f = determinants(study, problem, np.repeat(middle, len(arcs), 0), gains_of, np.full(len(arcs), V), z)
-        n = len(loops.states)
-        acts = np.zeros((n, 3))
-        acts[loops.moved, range(3)] = T_s * np.array([1.0, 1.0, V])
-        powers = powers_of(loops, T_s)[0] / unit
-        if kind_of(problem.system) != DROOPS:
-            powers[0, loops.states.index("omega_r")] -= rest.gains.D_p[0] / unit
-            powers[1, loops.states.index("V")] -= rest.gains.D_q[0] / unit
-        answers = [powers @ np.linalg.solve(at * np.eye(n) - loops.A[0], acts + 0j) for at in z]
-        sizes = np.array([np.linalg.norm(problem.ball.right @ one @ problem.ball.columns) for one in answers])
-        wanted = np.abs(f) ** 2 * (1.0 - (reach[0] * sizes) ** 2)
+        f, wanted = true_gain(study, problem, place, z, float(reach[0]))
         for k, truth in enumerate(wanted):
             value, radius = _at(forms[k, 0], t, d)
             assert abs(value - truth) <= radius
@@ -361,6 +380,7 @@ def test_what_was_found_is_said_with_its_limits() -> None:
     found = MovingProof(
         controller="scheduled", region=region, proved=1.0, left=(), decay=(0.5, 1.25), cells=3, boxes=12, values=99,
         why_not=None, sampled=sampled, steps=StepsAtPlaces(5, (0.2, 0.3, 0.05, 0.06, 0.25), (0.2,) * 5, 0),
+        slowest=place,
     )  # fmt: skip
     assert found.complete
     text = moving_text(found)

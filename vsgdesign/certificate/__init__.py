@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from vsgdesign.certificate.asked import beyond_table, on_basis_of_table, region_of
     from vsgdesign.certificate.certifying import certify, largest_rate
     from vsgdesign.certificate.full_order.statement import FullOrderProof, LeftPart, proof_file, prove_full_order
-    from vsgdesign.certificate.moving.statement import MovingProof, prove_moving
+    from vsgdesign.certificate.moving.statement import MovingProof, moving_proof_file, prove_moving
     from vsgdesign.certificate.places import by_place, of_a_pair
     from vsgdesign.certificate.region import MeasuredSchedule, Region
     from vsgdesign.certificate.results import (
@@ -42,6 +42,7 @@ _HOMES = {
     "certified_steps": "step_certificates",
     "certify": "certifying",
     "largest_rate": "certifying",
+    "moving_proof_file": "moving.statement",
     "of_a_pair": "places",
     "on_basis_of_table": "asked",
     "proof_file": "full_order.statement",
@@ -77,6 +78,7 @@ __all__ = [
     "certified_steps",
     "certify",
     "largest_rate",
+    "moving_proof_file",
     "of_a_pair",
     "on_basis_of_table",
     "proof_file",

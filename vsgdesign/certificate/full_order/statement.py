@@ -117,7 +117,7 @@ class FullOrderProof:
     @property
     def inner_hash(self) -> str:
         """Of the inner gains that it holds for."""
-        return hashlib.sha256(repr(sorted(self.inner_gains.items())).encode()).hexdigest()[:16]
+        return inner_hash(self.inner_gains)
 
     def as_document(self) -> dict[str, Any]:
         """JSON's types."""
@@ -142,6 +142,11 @@ class FullOrderProof:
             }
             | ({} if self.differential is None else {"differential": self.differential.as_document()})
         )
+
+
+def inner_hash(gains: Mapping[str, float]) -> str:
+    """What a statement calls some inner gains."""
+    return hashlib.sha256(repr(sorted(gains.items())).encode()).hexdigest()[:16]
 
 
 _DECIDING = (
@@ -247,8 +252,13 @@ class FullOrderJob(Job[int, dict[str, Any]]):
                 "boxes": sum(map(len, found.boxes)),
                 "left": [left_row(problem, one, why) for one, why in left],
                 "record": packed(arrays_of(begin, problem.pieces, found, coarse.edges)),
+                **self.more_of(problem),
             }
         }
+
+    def more_of(self, problem: Problem) -> dict[str, Any]:  # noqa: ARG002 - what other statements add
+        """What a part keeps of its problem beside its rate."""
+        return {}
 
 
 def left_row(problem: Problem, one: Waiting, why: str) -> list[Any]:

@@ -13,11 +13,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.certificate_record import CertificateCell
 from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.proof_file import ProofFile
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.asked import within_scheduler
 from vsgdesign.certificate.certifying import prepared
+from vsgdesign.certificate.full_order.cells import Arcs
 from vsgdesign.certificate.full_order.points import decays_at, least_decay
 from vsgdesign.certificate.full_order.search import Problem, Waiting
 from vsgdesign.certificate.full_order.statement import (
@@ -25,6 +28,7 @@ from vsgdesign.certificate.full_order.statement import (
     LeftPart,
     check_known,
     half_of,
+    inner_hash,
     left_parts,
     until_done,
 )
@@ -51,6 +55,9 @@ _STEP_PLACES = 8
 
 OF_ALL_UNITS = "those above are steps that all units take, and a step of one unit moves all of them"
 
+MODEL = "moving"
+"""The model of its proof's file."""
+
 TABLE = "the gains are those of a table: its places are looked at by points alone"
 
 
@@ -75,6 +82,13 @@ class MovingProof:
     sampled: Sampled
     steps: StepsAtPlaces | str
     """Steps after which no limit acts, at places of the lattice; else why none are known."""
+    slowest: CertificateCell
+    """The point with the least decay of gains that are held, of a search."""
+    blocks: tuple[dict[str, str], ...] = ()
+    """The trees of boxes and the arcs, as in a :class:`~vsgdesign.certificate.FullOrderProof`; a block for each of
+    ``balls``."""
+    balls: tuple[dict[str, Any], ...] = ()
+    """The rate of each block, 1/s, and the weights L and R of :eq:`moving-ball`: ``decay``, ``L``, ``R``."""
     differential: MovingProof | None = None
     """The same of equal units against each other, all with the gains of one estimate (:eq:`plant-split`); None: one
     converter."""
@@ -87,8 +101,9 @@ class MovingProof:
 
     def as_document(self) -> dict[str, Any]:
         """JSON's types."""
-        document = asdict(replace(self, differential=None))
-        del document["controller"], document["region"], document["differential"]
+        document = asdict(replace(self, differential=None, blocks=(), balls=()))
+        for name in ("controller", "region", "differential", "slowest", "blocks", "balls"):
+            del document[name]
         document |= {"certified": self.why_not is None and not self.left, "region": self.region.as_document()}
         other = self.differential
         return plain(document | ({} if other is None else {"differential": other.as_document()}))
@@ -136,6 +151,47 @@ class MovingJob(FullOrderJob):
         ball = ball_of(study, system, self.region, rng.permutation(places), alpha)
         return MovingProblem.about(Problem.of(study, system, self.region, alpha), self.moving, ball)
 
+    def more_of(self, problem: Problem) -> dict[str, Any]:
+        """The weights of its ball."""
+        ball = problem.ball if isinstance(problem, MovingProblem) else None
+        return {} if ball is None else {"L": ball.left.tolist(), "R": ball.right.tolist()}
+
+
+def moving_proof_file(study: Study, spec: ControllerSpec, found: MovingProof) -> ProofFile | None:
+    """The file of a proof with gains in closed form; None where nothing is proved between points."""
+    if found.decay is None:
+        return None
+    own = study.with_limit_of(spec)
+    system, _ = prepared(study, spec, found.region, NOTHING, None, None)
+
+    def statement(one: MovingProof) -> dict[str, Any]:
+        same = {
+            "model": MODEL,
+            "controller": one.controller,
+            "certified": not one.left,
+            "proved": one.proved,
+            "decay": min((ball["decay"] for ball in one.balls), default=0.0),
+            "region": one.region.as_document(),
+            "static_limits": asdict(system.static),
+            "slowest": {name: value for name, value in asdict(one.slowest).items() if value is not None},
+            "inner_gains": own.inner_gains._asdict(),
+            "inner_hash": inner_hash(own.inner_gains._asdict()),
+            "delay_samples": own.converter.delay_samples,
+            "parts": one.balls,
+        }
+        return plain(same if one.differential is None else same | {"differential": statement(one.differential)})
+
+    return ProofFile(
+        study=study.name,
+        study_hash=study.hash,
+        scr_basis=study.scr_basis,
+        table="",
+        statement=statement(found),
+        coarse_arcs=tuple(Arcs.coarsest(own.converter.T_s).edges.tolist()),
+        blocks=found.blocks,
+        apart=() if found.differential is None else found.differential.blocks,
+    )
+
 
 def prove_moving(
     study: Study,
@@ -161,7 +217,8 @@ def prove_moving(
     system, _ = prepared(study, spec, region, ready, None, None)
     own = study.with_limit_of(spec)
     modes = [system, replace(system, apart=True)] if pair else [system]
-    least = [least_decay(own, one, region).decay or 0.0 for one in modes]
+    slowest = [least_decay(own, one, region) for one in modes]
+    least = [found.decay or 0.0 for found in slowest]
     if min(least) <= 0.0:
         raise InfeasibleStudyError(
             f"controller {spec.name}: a point of the region is unstable with gains that are held; what changing gains "
@@ -206,6 +263,9 @@ def prove_moving(
                 why_not=why_not,
                 sampled=sampled(lattice_job, lattice_parts, mode),
                 steps=steps if mode == 0 else OF_ALL_UNITS,
+                slowest=slowest[mode],
+                blocks=tuple(part["record"] for part in every),
+                balls=tuple({name: part[name] for name in ("decay", "L", "R")} for part in every),
             )
         )
     return replace(found[0], differential=found[1] if pair else None)

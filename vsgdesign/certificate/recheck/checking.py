@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vsgdesign.artifacts.proof_file import EMPTY, LEFT, PROVED
+from vsgdesign.certificate.recheck.changing import difference_of, middles_of, reach_of
 from vsgdesign.certificate.recheck.inner import Arcs, arcs_of, cells_of
 from vsgdesign.certificate.recheck.loops import OMEGA, Boxes, Loops, boxes_of, f_of, jacobians, made_of
 from vsgdesign.certificate.recheck.polynomials import Polynomial
@@ -54,13 +55,14 @@ class Checked:
 
 
 def check_boxes(
-    loops: Loops,
+    loops: Sequence[Loops],
     leaves: Leaves,
     seed: int = 0,
     most_seconds: float = LEAST_SECONDS,
     tell: Callable[[float], None] | None = None,
 ) -> Checked:
     """Each box that is looked at is enclosed on its arcs; where that does not do, it is halved, or its arcs are.
+    ``loops``: those of each block, or one for all.
 
     A proof of at most SMALL boxes is checked whole. Of a larger one so many are drawn by volume as ``most_seconds``
     allow, and at least LEAST_SAMPLE.
@@ -74,8 +76,10 @@ def check_boxes(
         if not whole and done >= LEAST_SAMPLE and time.monotonic() - begin > most_seconds:
             break
         some = order[done : done + _AT_ONCE]
-        count, broken = _confirm(loops, leaves, some)
-        pieces += count
+        for block in np.unique(leaves.block[some] % len(loops)):
+            if not broken:
+                count, broken = _confirm(loops[block], leaves, some[leaves.block[some] % len(loops) == block])
+                pieces += count
         done += len(some)
         if tell is not None:
             tell(done / (len(order) if whole else max(LEAST_SAMPLE, done)))
@@ -135,6 +139,11 @@ def _look(loops: Loops, leaves: Leaves, now: list[Piece]) -> list[list[Piece]]:
         if live:
             arcs, owner = _arcs_of(loops, cells, [now[k] for k in live], index[live])
             _judge(loops, arcs, owner, at, now, live, found)
+            held = [(k, own) for k, own in zip(live, owner, strict=True) if not found[k]]
+            if loops.ball is not None and held:
+                live, owner = [k for k, _ in held], [own for _, own in held]
+                boxes = low, high, np.array([p.estimates for p in now])
+                _judge_gain(loops, arcs, owner, (cells, index, boxes, at), now, live, found)
     return found
 
 
@@ -171,7 +180,7 @@ def _judge(
             found[k] = _halved(now[k], int(np.argmax(_width(now[k])[:2])), 3)
     box = np.concatenate([np.full(len(own), k) for k, own in zip(live, owner, strict=True)])
     arc = np.concatenate(owner)
-    for good, J in jacobians(loops, at):
+    for good, J in jacobians(loops, at) if loops.ball is None else middles_of(loops, at):
         some = good[box] & np.array([not found[k] for k in range(len(now))])[box]
         if not some.any():
             continue
@@ -189,6 +198,28 @@ def _judge(
                     found[k] = _halved(now[k], int(np.argmax(_width(now[k]))), 3)
                 continue
             found[k] = _cut(now[k], turned.take(lanes[bad]), bad)
+
+
+def _judge_gain(
+    loops: Loops, arcs: Arcs, owner: list[Array], given: Any, now: list[Piece], live: list[int], found: list[Any]
+) -> None:
+    """Writes what is left of the pieces on which the ball of gains is not known to leave the loop stable
+    (:eq:`moving-difference`)."""
+    cells, index, limits, at = given
+    middles = middles_of(loops, at)
+    reach = reach_of(loops, cells, index, limits, at, middles)
+    box, arc = np.concatenate([np.full(len(own), k) for k, own in zip(live, owner, strict=True)]), np.concatenate(owner)
+    for good, J in middles:
+        some = good[box]
+        if not some.any():
+            continue
+        value = difference_of(loops, arcs, arc[some], at, made_of(loops, at, J), box[some], reach)
+        known = lower(value)
+        for k in np.unique(box[some]).tolist():
+            lanes = np.flatnonzero(box[some] == k)
+            bad = ~(known[lanes] > 0.0)
+            if bad.any():
+                found[k] = _cut(now[k], value.take(lanes[bad]), bad)
 
 
 def lower(x: Polynomial) -> Array:

@@ -17,7 +17,7 @@ from vsgdesign.certificate.recheck.inner import Arcs, Cells, Inner
 from vsgdesign.certificate.recheck.polynomials import Polynomial, Space
 from vsgdesign.certificate.region import AtDesignPoint, Region
 from vsgdesign.equations.frames import PHASES
-from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
+from vsgdesign.equations.structures import STRUCTURES, NormalisedGains, Structure
 from vsgdesign.study.parameters.study import Study
 
 Array = Any
@@ -36,6 +36,17 @@ _LEAST_SHARE, _MARGIN = 0.2, 1.3
 """Of what the gains are made of (:eq:`well-posed`, :eq:`drawn-in`)."""
 
 
+@dataclass(frozen=True)
+class Ball:
+    """All gains of an estimate as L Δ R about those of the middle (:eq:`moving-ball`): L (rows, rows), R (2, 2), the
+    first of the rows, and both errors of the middle."""
+
+    left: Array
+    right: Array
+    first: int
+    middle: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Loops:
     """A study's power loops, and where they are looked at."""
@@ -50,6 +61,19 @@ class Loops:
     bridge_voltage: float | None
     alpha: float
     divisor: float
+    ball: Ball | None = None
+    """Of gains that change; None: they are held."""
+
+    @property
+    def structure(self) -> Structure:
+        """That of the power loops."""
+        schedule = self.schedule.schedule if isinstance(self.schedule, AtDesignPoint) else self.schedule
+        return STRUCTURES[schedule.structure]
+
+    @property
+    def kept_droops(self) -> bool:
+        """Whether the droops are the same for all gains; else the products of gain and droop."""
+        return bool(self.structure.P_droop)
 
     @property
     def estimate_by_reactance(self) -> bool:
@@ -286,7 +310,7 @@ def made_of(loops: Loops, at: Boxes, J: tuple[Polynomial, ...]) -> dict[str, Any
         "nu_delta": A * g.K_qp + C * g.K_iq,
         "nu_V": B * g.K_qp + D * g.K_iq,
         "slope": g.K_qp * g.D_p,
-        **{name: getattr(g, name) for name in ("k_P", "k_Q", "K_ip", "K_pq", "K_qp", "K_iq")},
+        **{name: getattr(g, name) for name in ("k_P", "k_Q", "K_ip", "K_pq", "K_qp", "K_iq", "D_p", "D_q")},
         **dict(zip("ABCD", J, strict=True)),
     }
     return {name: x.into(PAIR, _COORDINATES) if isinstance(x, Polynomial) else x for name, x in found.items()}
@@ -297,6 +321,11 @@ _COORDINATES = tuple(range(6))
 
 def f_of(loops: Loops, arcs: Arcs, arc: Array, at: Boxes, made: dict[str, Any], box: Array) -> Polynomial:
     """det M/(s + divisor)³ on pairs of an arc and a box, by their numbers (n,) (:eq:`full-order-determinant`)."""
+    return loop_of(loops, arcs, arc, at, made, box)[0]
+
+
+def loop_of(loops: Loops, arcs: Arcs, arc: Array, at: Boxes, made: dict[str, Any], box: Array) -> tuple[Any, ...]:
+    """f, the entries of M, what δ and ln V do to the filtered P and Q, s, and 1/(s + divisor)³, as :func:`f_of`."""
     places = (0, 1, OMEGA)
     s = arcs.s.take(arc).into(PAIR, places)
     p, q = (x.take(box).into(PAIR, _COORDINATES) for x in (at.p, at.q))
@@ -313,6 +342,7 @@ def f_of(loops: Loops, arcs: Arcs, arc: Array, at: Boxes, made: dict[str, Any], 
     o_1, o_y, o_V, n_1, n_y, n_V = minus
     P_d, Q_d = powers(v_1 + v_y * y, i_1 + i_y * y, o_1 + o_y * y_c, n_1 + n_y * y_c)
     P_V, Q_V = powers(v_V, i_V, o_V, n_V)
+    answers = (P_d, Q_d), (P_V, Q_V)
     P_d, P_V, Q_d, Q_V = P_d - k["A"], P_V - k["B"], Q_d - k["C"], Q_V - k["D"]
     by_P, by_Q = s * k["k_P"] + k["K_ip"], s * k["k_Q"] + k["K_pq"]
     m_11 = s * (s + k["kappa_delta"]) + k["iota_delta"] + by_P * P_d + by_Q * Q_d
@@ -320,4 +350,5 @@ def f_of(loops: Loops, arcs: Arcs, arc: Array, at: Boxes, made: dict[str, Any], 
     m_21 = s * k["slope"] + k["nu_delta"] + P_d * k["K_qp"] + Q_d * k["K_iq"]
     m_22 = s + k["nu_V"] + P_V * k["K_qp"] + Q_V * k["K_iq"]
     over = (s + loops.divisor).reciprocal()
-    return (m_11 * m_22 - m_12 * m_21) * (over * over * over)
+    over = over * over * over
+    return (m_11 * m_22 - m_12 * m_21) * over, (m_11, m_12, m_21, m_22), answers, s, over

@@ -37,6 +37,8 @@ class Leaves:
     share: Array
     cell: Array
     arcs: tuple[Array, ...]
+    block: Array
+    """The number of the block of each, (N,)."""
 
     def __len__(self) -> int:
         return len(self.symbol)
@@ -67,15 +69,15 @@ def leaves_of(proof: ProofFile) -> tuple[Leaves, Array, Array]:
         if ((symbol == PROVED) & (of < 0)).any():
             k = int(np.argmax((symbol == PROVED) & (of < 0)))
             raise NotCoveredError(f"block {number}: a proved box has no arcs ({_where(low[k], high[k])})")
-        found.append((low, high, symbol, estimates[own], of))
+        found.append((low, high, symbol, estimates[own], of, np.full(len(low), number)))
         roots.append(root)
         limits.append(estimates)
     if not found:
         raise NotCoveredError("the proof has no boxes")
-    low, high, symbol, estimates, of = (np.concatenate([one[k] for one in found]) for k in range(5))
+    low, high, symbol, estimates, of, block = (np.concatenate([one[k] for one in found]) for k in range(6))
     every, every_estimates = np.concatenate(roots), np.concatenate(limits)
     share = np.where(high > low, high - low, 1.0).prod(axis=1)
-    return Leaves(low, high, symbol, estimates, share / share.sum(), of, tuple(arcs)), every, every_estimates
+    return Leaves(low, high, symbol, estimates, share / share.sum(), of, tuple(arcs), block), every, every_estimates
 
 
 def _unfolded(number: int, root: Array, tree: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
@@ -141,8 +143,11 @@ def check_covered(loops: Loops, proof: ProofFile, roots: Array, estimates: Array
         for k, (least, most) in zip((4, 5), powers, strict=True):
             if (low[own, k] > least + _CLOSE).any() or (high[own, k] < most - _CLOSE).any():
                 raise NotCoveredError(f"powers beyond {low[own, k].max():.4g} to {high[own, k].min():.4g} are left out")
-        most = region.largest_error
-        if (low[own, 2:4] > -most + _CLOSE).any() or (high[own, 2:4] < most - _CLOSE).any():
+        ball, most = loops.ball, region.largest_error
+        if ball is not None:  # the others are those of the ball
+            if (low[own, 2:4] != ball.middle).any() or (high[own, 2:4] != ball.middle).any():
+                raise NotCoveredError(f"the errors of the middle are not {ball.middle:.4g}")
+        elif (low[own, 2:4] > -most + _CLOSE).any() or (high[own, 2:4] < most - _CLOSE).any():
             raise NotCoveredError(f"errors beyond {high[own, 2:4].min():.4g} are left out")
         e, e_Z = region.error, region.error_Z
         for one, two in ((np.cos(cell[1]), np.cos(cell[3])), (np.sin(cell[1]), np.sin(cell[3]))):

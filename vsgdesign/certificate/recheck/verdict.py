@@ -17,9 +17,9 @@ from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.full_order.points import decays_at, least_decay
 from vsgdesign.certificate.recheck.checking import LEAST_SECONDS, Checked, check_boxes
 from vsgdesign.certificate.recheck.inner import Inner
-from vsgdesign.certificate.recheck.loops import Loops
+from vsgdesign.certificate.recheck.loops import Ball, Loops
 from vsgdesign.certificate.recheck.reading import NotCoveredError, check_covered, leaves_of
-from vsgdesign.certificate.region import Region, System, region_faults
+from vsgdesign.certificate.region import AtDesignPoint, Region, System, region_faults
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.runtime.guards import settings_of
@@ -109,7 +109,8 @@ def _check(
     tell("least decay", 1.0)
     try:
         leaves, roots, estimates = leaves_of(proof)
-        check_covered(loops, proof, roots, estimates)
+        every = _of_blocks(loops, proof)
+        check_covered(every[0], proof, roots, estimates)
     except (NotCoveredError, ValueError) as error:
         return ProofCheck(faults=(*faults, str(error)), decay=least)
     proved, left = (float(leaves.share[leaves.symbol == k].sum()) for k in (PROVED, LEFT))
@@ -120,7 +121,7 @@ def _check(
         faults.append(f"proved: is {statement['proved']:.6g}, and {share:.6g} of the boxes' volume are")
     if faults:
         return ProofCheck(faults=tuple(faults), decay=least, proved=share)
-    looked = check_boxes(loops, leaves, seed, most_seconds, lambda done: tell("boxes", done))
+    looked = check_boxes(every, leaves, seed, most_seconds, lambda done: tell("boxes", done))
     unconfirmed = [f"a box is not confirmed: {words}" for words in looked.not_confirmed]
     return ProofCheck(faults=tuple(unconfirmed), looked=looked, decay=least, proved=share, alpha=loops.alpha)
 
@@ -158,6 +159,47 @@ def _read(proof: ProofFile, study: Study, table: GainTable | None, apart: bool) 
         divisor=max(4.0, 3.0 * decay),
     )
     return loops, replace(system, apart=apart)
+
+
+def _of_blocks(loops: Loops, proof: ProofFile) -> list[Loops]:
+    """Where gains change, the loops of each block with its rate and its ball; else those of all. Raises
+    NotCoveredError."""
+    if proof.statement.get("model") != "moving":
+        return [loops]
+    parts = proof.statement["parts"]
+    if len(parts) != len(proof.blocks):
+        raise NotCoveredError(f"there are {len(parts)} balls of gains for {len(proof.blocks)} blocks")
+    if loops.table is not None or not _one_pair(loops):
+        raise NotCoveredError("with gains of a table, or with a droop that changes by itself, nothing is proved")
+    found, first = [], 0 if loops.kept_droops else 1
+    for part in parts:
+        left, right = np.array(part["L"], dtype=float), np.array(part["R"], dtype=float)
+        alpha = float(part["decay"])
+        sizes = left.shape == (3 - first, 3 - first) and right.shape == (2, 2)
+        if not sizes or not np.isfinite([*left.flat, *right.flat]).all():
+            raise NotCoveredError("the weights of a ball are no matrices of numbers")
+        if not alpha >= loops.alpha:
+            raise NotCoveredError(f"a block has a decay of {alpha:.6g} 1/s, which is less than {loops.alpha:.6g}")
+        ball = Ball(left, right, first, -(loops.region.largest_error**2))
+        found.append(replace(loops, alpha=alpha, divisor=max(4.0, 3.0 * alpha), ball=ball))
+    return found
+
+
+def _one_pair(loops: Loops) -> bool:
+    """Whether all gains act on one pair of quantities: the droops, or their products with the gains, stay the same."""
+    s = loops.schedule.schedule if isinstance(loops.schedule, AtDesignPoint) else loops.schedule
+    structure, parameters = loops.structure, s.normalised(0.0, 0.0)
+    if structure.P_droop != structure.Q_droop:
+        return False
+    if loops.kept_droops:
+        return parameters.q == 0.0
+    found = []
+    for A, B, C, D in np.random.default_rng(0).uniform(0.5, 2.0, (8, 4)):
+        g = structure.gains(A, B, C, D, parameters, *structure.droops(s.D_p, s.D_q), 1.0, s.omega, s.law == "inertia")
+        if any((g.k_P, g.k_Q, g.K_pq, g.K_qp)):
+            return False
+        found.append((g.K_ip * g.D_p, g.K_iq * g.D_q))
+    return bool((np.ptp(found, axis=0) <= 1e-9 * np.abs(found[0])).all())
 
 
 def _differences(loops: Loops, system: System, statement: dict[str, Any]) -> Iterator[str]:

@@ -244,7 +244,8 @@ def certify(
     With --model full it is the sampled full-order loop that is proved, on every grid that rests: processes share the
     work, and an interrupted proof goes on from its finished parts. Its boxes and arcs are kept in a file that "table
     check --proof" checks. With --moving it is asked, too, what the loop does while its gains change; the units of a
-    plant then have one estimate. The exit code is that of the first statement.
+    plant then have one estimate, and a file FILE.moving.proof lies beside that of --proof. The exit code is that of
+    the first statement.
     """
     from dataclasses import replace
 
@@ -320,13 +321,16 @@ def _certify_full(
     """Proves the sampled full-order loop, of a ``pair`` units against each other as well, and ends with exit code 1
     where a part of the region is not proved."""
     from vsgdesign.report.gain_table.full_order import full_order_text, moving_text
-    from vsgdesign.verbs.pipeline.full_order import WORK, place_of, prove_changing, prove_full
+    from vsgdesign.verbs.pipeline.full_order import WORK, of_changing_gains, place_of, prove_changing, prove_full
 
     place = place_of(study, spec)
     with results_at(place, lambda: kept_words(place, WORK, "part")), progress(quiet=as_json) as tell:
         found = prove_full(study, spec, region, decay, pair=pair, proof=proof, progress=tell, **how)
         asked = moving > 0.0 and not found.unstable
-        changing = prove_changing(study, spec, region, moving, pair=pair, progress=tell, **how) if asked else None
+        other = None if proof is None else of_changing_gains(proof)
+        changing = (
+            prove_changing(study, spec, region, moving, pair=pair, proof=other, progress=tell, **how) if asked else None
+        )
     if as_json:
         more = {} if changing is None else {"moving": changing.as_document()}
         print_json(found.as_document() | more)
@@ -336,6 +340,8 @@ def _certify_full(
             click.echo(moving_text(changing))
         if proof is not None and not found.unstable:
             click.echo(f"proof: {proof}")
+        if other is not None and changing is not None and changing.decay is not None:
+            click.echo(f"proof of changing gains: {other}")
     if not found.complete:
         sys.exit(EXIT_IMPOSSIBLE)
 

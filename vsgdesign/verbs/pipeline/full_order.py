@@ -10,9 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.proof_file import PROOF_FILE, ProofFile, content_of
+from vsgdesign.artifacts.proof_file import PROOF_FILE, SUFFIX, ProofFile, content_of
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.certificate import FullOrderProof, MovingProof, Region, proof_file, prove_full_order, prove_moving
+from vsgdesign.certificate import (
+    FullOrderProof,
+    MovingProof,
+    Region,
+    moving_proof_file,
+    proof_file,
+    prove_full_order,
+    prove_moving,
+)
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, StudyError
 from vsgdesign.execution.journal import Journal, journal_of, work_folder
 from vsgdesign.execution.progress import Progress
@@ -59,13 +67,14 @@ def prove_full(
     return found
 
 
-def prove_changing(
+def prove_changing(  # noqa: PLR0913 - those of certify
     study: Study,
     spec: ControllerSpec,
     region: Region,
     seconds: float,
     *,
     pair: bool = False,
+    proof: str | Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
     fresh: bool = False,
@@ -73,17 +82,29 @@ def prove_changing(
     progress: Progress | None = None,
 ) -> MovingProof:
     """The statement of :func:`vsgdesign.certificate.prove_moving`, whose errors it raises. What ``seconds`` were not
-    enough for is named; another call goes on from its finished parts."""
+    enough for is named; another call goes on from its finished parts. ``proof`` is the file for the boxes, arcs and
+    weights, which is written where anything is proved between points."""
+    if proof is not None:
+        PROOF_FILE.check_target(proof)
     ready = study_tables(replace(study, controllers=(spec,)), progress=progress).ready
 
     def kept(job: Any) -> AbstractContextManager[Journal[Any]]:
         work = f"{WORK}-{job.what.replace(' ', '-')}"
         return journal_of(job, out=place_of(study, spec), work=work, fresh=fresh, say=say)
 
-    return prove_moving(
+    found = prove_moving(
         study, spec, region, ready=ready, pair=pair, kept=kept, workers=workers, cluster=cluster, progress=progress,
         seconds=seconds,
     )  # fmt: skip
+    file = None if proof is None else moving_proof_file(study, spec, found)
+    if proof is not None and file is not None:
+        PROOF_FILE.write(file, proof)
+    return found
+
+
+def of_changing_gains(proof: str | Path) -> Path:
+    """Where the proof of changing gains lies, beside that of gains that are held."""
+    return Path(proof).with_suffix(f".moving{SUFFIX}")
 
 
 def with_full_order(
