@@ -235,8 +235,9 @@ def determinants(study: Any, problem: Problem, points: Any, gains: Any, V: Any, 
     return np.array(found)
 
 
-def of_table(problem: Problem, x: Any, basis: str = "impedance") -> Any:
-    """The piece of each place (N, 6), by the definitions of SCR and X/R alone; −1 where there is none."""
+def of_table(problem: Problem, x: Any, basis: str = "impedance") -> tuple[Any, Any]:
+    """The piece of each place (N, 6), by the definitions of SCR and X/R alone; −1 where there is none. Also how many
+    nodes of the table lie before its estimate, (N, 2)."""
     pieces: Pieces = problem.pieces
     R, X = np.cos(x[:, 1]), np.sin(x[:, 1])
     w_R, w_X = (1.0, 1.0) if not problem.region.error_Z else problem.region.error_scales(x[:, 1])
@@ -246,7 +247,9 @@ def of_table(problem: Problem, x: Any, basis: str = "impedance") -> Any:
     low = np.stack([pieces.angle[:, 0], pieces.first[:, 0], pieces.slope[:, 0]], axis=1)
     high = np.stack([pieces.angle[:, 1], pieces.first[:, 1], pieces.slope[:, 1]], axis=1)
     within = ((every >= low) & (every <= high)).all(axis=2)
-    return np.where(within.any(axis=-1), within.argmax(axis=-1), -1)
+    axes = (1.0 / pieces.table.axes[0][::-1], pieces.table.axes[1]) if pieces.table is not None else ([], [])
+    nodes = np.stack([np.searchsorted(axis, every[:, 0, k]) for k, axis in enumerate(axes, start=1)], axis=1)
+    return np.where(within.any(axis=-1), within.argmax(axis=-1), -1), nodes
 
 
 MADE = {
@@ -273,6 +276,13 @@ class Places:
     edges: Any
     t: Any
     f: Any
+    nodes: Any
+    """How many nodes of the table lie before its estimate, (24, 2)."""
+
+    @property
+    def x(self) -> Any:
+        """The coordinates of the place, (24, 6)."""
+        return 0.5 * (self.start + self.end) + 0.5 * (self.end - self.start) * self.t[:, :6]
 
 
 def places(made: Any, seed: int = 5, count: int = 24, low: Any = None) -> Places:
@@ -308,7 +318,7 @@ def places(made: Any, seed: int = 5, count: int = 24, low: Any = None) -> Places
     region = problem.region
     good &= (points[:, 2] >= region.P[0]) & (points[:, 2] <= region.P[1])
     good &= (points[:, 3] >= region.Q[0]) & (points[:, 3] <= region.Q[1])
-    piece = of_table(problem, x)
+    piece, nodes = of_table(problem, x)
     chosen = np.flatnonzero(good & (piece >= 0))[:count]
     assert len(chosen) >= 24
     start, end, t, points = start[chosen], end[chosen], t[chosen], points[chosen]
@@ -317,13 +327,14 @@ def places(made: Any, seed: int = 5, count: int = 24, low: Any = None) -> Places
     edges = np.array([[cells[k].edges[n], cells[k].edges[n + 1]] for k, n in zip(cell, arc, strict=True)])
     omega = edges.mean(axis=1) + 0.5 * (edges[:, 1] - edges[:, 0]) * t[:, 6]
     f = determinants(study, problem, points, rest.gains, rest.V_rms, np.exp((-ALPHA + 1j * omega) * c.T_s))
-    return Places(low, cells, start, end, cell, piece[chosen], arc, edges, t, f)
+    return Places(low, cells, start, end, cell, piece[chosen], arc, edges, t, f, nodes[chosen])
 
 
 @pytest.mark.parametrize("made", MADE.values(), ids=list(MADE))
 def test_enclosures_hold_the_model_that_the_product_linearises(made: Any) -> None:
     at, (_, problem) = places(made), made()
-    assert len(np.unique(at.piece)) >= min(len(problem.pieces), 4 - problem.system.apart)
+    parts = np.unique(np.column_stack([at.piece, at.nodes]), axis=0)
+    assert len(parts) >= (1 if problem.pieces.table is None else 4 - problem.system.apart)
     held, near, empty = compared(made, at)
     assert not empty.any()
     assert held.all()
@@ -340,7 +351,7 @@ def compared(made: Any, at: Places) -> tuple[Any, list[float], Any]:
     part = Part(start, end, cell, at.piece, np.zeros(count), np.ones(count))
     programs = problem.programs
     empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(programs.signs), count), dtype=np.bool_)
-    columns = np.ascontiguousarray(problem.pieces.columns[:, part.piece])
+    columns = problem.pieces.parameters(start, end, part.piece)
     boxes = (start, end, cell, group.rest, columns)
     survey(boxes, arrays(programs.situation), programs.conditions, programs.signs, d, (empty, applies))
     held = np.zeros(count, dtype=np.bool_)

@@ -29,6 +29,7 @@ from vsgdesign.certificate.recheck import verdict
 from vsgdesign.certificate.recheck.inner import Inner, arcs_of, cells_of
 from vsgdesign.certificate.recheck.loops import Loops, boxes_of, f_of, jacobians, made_of
 from vsgdesign.certificate.recheck.polynomials import Space
+from vsgdesign.certificate.recheck.reading import cells_of_table
 from vsgdesign.certificate.recheck.verdict import FOREIGN, check_proof
 from vsgdesign.certificate.region import Region
 from vsgdesign.study.parameters import load_study
@@ -208,6 +209,11 @@ def compared(of: Any, seed: int = 5) -> tuple[Any, list[float], Any]:
     arcs = arcs_of(loops.inner, cells, at.cell, at.edges[:, 0], at.edges[:, 1], ALPHA)
     each = np.arange(len(at.f))
     estimates = np.concatenate([pieces.first, pieces.slope], axis=1)[at.piece]
+    if loops.table is not None:  # the cell of the table that holds the place is one of those that the box may meet
+        own = [cells_of_table(loops, x, x, one)[0] for x, one in zip(at.x, estimates, strict=True)]
+        for k, one in enumerate(own):
+            assert one.tolist() in cells_of_table(loops, at.start[k], at.end[k], estimates[k]).tolist()
+        estimates = np.array(own)
     boxes = boxes_of(loops, cells, at.cell, at.start, at.end, estimates)
     held, near = np.zeros(len(each), dtype=np.bool_), []
     for may, J in jacobians(loops, boxes):

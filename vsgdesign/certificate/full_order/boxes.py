@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.boxes import basis_of, bilinear
+from vsgdesign.certificate.boxes import basis_of
 from vsgdesign.certificate.error_bounds import error_segments
+from vsgdesign.certificate.full_order.columns import Columns
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import SCR_BASES, ScrBasis
@@ -31,8 +32,11 @@ NATURAL = np.array([1.5, 2.0, 1.0, 1.0, 0.35, 0.35])
 SMALLEST = 2.0
 """Frequency in rad/s near which f is smallest."""
 
-_SLACK = 1e-12
+_OVERLAP = 1e-12
 """Relative: pieces of a table overlap by so much."""
+
+_SLACK = 1e-11
+"""Relative: the estimates of a box may lie by so much beyond what is computed, or beyond their piece."""
 
 DrawnTo = tuple[tuple[float, float], tuple[float, float]]
 
@@ -40,21 +44,56 @@ DrawnTo = tuple[tuple[float, float], tuple[float, float]]
 @dataclass(frozen=True)
 class Pieces:
     """K pieces of the true grids and of the schedule: on each the same kind of error is the larger one, and all
-    estimates lie in one cell of the table, or are drawn to the same edge.
+    estimates lie within the limits of a table, or are drawn to the same edge.
 
     ``angle``, ``first``, ``slope``: limits (K, 2) of the true angle in rad, and of the estimate's first coordinate and
-    R̂/X̂; ``errors``: the coordinates of the errors run to so much on both sides. ``columns`` (m, K): the parameters of
-    the programs. ``drawn``: whether there are edges."""
+    R̂/X̂; ``errors``: the coordinates of the errors run to so much on both sides. ``scales`` (4, K): a and b of
+    :func:`~vsgdesign.certificate.error_bounds.error_segments`, or none. ``drawn``: whether there are edges."""
 
     angle: Array
     first: Array
     slope: Array
     errors: float
-    columns: Array
+    scales: Array
+    bases: tuple[ScrBasis, ScrBasis]
+    """Of the grids' first coordinate and of the estimates'."""
     drawn: bool = False
+    table: Columns | None = None
+    places: Array | None = None
+    """Of a table, by piece: what says that an estimate lies there, (WITHIN + DRAWN, K)."""
 
     def __len__(self) -> int:
         return len(self.angle)
+
+    def estimates(self, low: Array, high: Array, piece: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Least and largest first coordinate and R̂/X̂, (N, 2) each, of the estimates of boxes between limits (N, 6),
+        without regard to the limits of their pieces."""
+        a_R, b_R, a_X, b_X = self.scales[:, piece]
+        if not self.scales.any():
+            a_R = a_X = np.ones(len(piece))
+        own, basis = self.bases
+        R = [np.cos(at[:, 1]) * (1.0 + a_R * c) + b_R * c for at, c in ((high, low[:, 2]), (low, high[:, 2]))]
+        X = [np.sin(at[:, 1]) * (1.0 + a_X * c) + b_X * c for at, c in ((low, low[:, 3]), (high, high[:, 3]))]
+        sizes = np.array([own.magnitude(a[:, 0], np.sin(b[:, 1])) for a in (low, high) for b in (low, high)])
+        least = basis.counted(np.maximum(R[0], 0.0), X[0]) * sizes.min(axis=0)
+        most = basis.counted(np.maximum(np.abs(R[0]), R[1]), X[1]) * sizes.max(axis=0)
+        slopes = np.array([r / x for r in R for x in X])
+        return np.stack([least, most], axis=1), np.stack([slopes.min(axis=0), slopes.max(axis=0)], axis=1)
+
+    def parameters(self, low: Array, high: Array, piece: NDArray[np.intp]) -> Array:
+        """The parameters of the programs for boxes between limits (N, 6), (m, N): of the errors; with a table, its
+        columns over the box, the place of the piece, and by how much each column may be off."""
+        if self.table is None or self.places is None:
+            return np.ascontiguousarray(self.scales[:, piece])
+        limits = []
+        for reach, piece_limits in zip(
+            self.estimates(low, high, piece), (self.first[piece], self.slope[piece]), strict=True
+        ):
+            ends = np.where(np.isinf(piece_limits), piece_limits[:, ::-1], piece_limits)  # what is drawn to an edge
+            within = np.clip(reach, ends[:, :1], ends[:, 1:])
+            limits.append(within * np.where(within > 0.0, [1.0 - _SLACK, 1.0 + _SLACK], [1.0 + _SLACK, 1.0 - _SLACK]))
+        columns, off = self.table.over(1.0 / limits[0][:, ::-1], limits[1])
+        return np.concatenate([self.scales[:, piece], columns, self.places[:, piece], off])
 
 
 @dataclass(frozen=True)
@@ -94,60 +133,50 @@ class Part:
 
 
 def pieces_of(system: System, region: Region, drawn_to: DrawnTo | None = None) -> Pieces:
-    """The pieces of a schedule: cells of a table, the edges that estimates are drawn to, else one. ``drawn_to``: the
-    limits of SCR and R/X of a table's scheduler; None: its axes."""
+    """The pieces of a schedule: a table, the edges that estimates are drawn to, else one. ``drawn_to``: the limits of
+    SCR and R/X of a table's scheduler; None: its axes."""
     low, high, rows = error_segments(region) if region.error_Z else (*np.arctan(region.x_over_r), np.zeros((4, 1)))
     angles = np.stack(np.broadcast_arrays(low, high), axis=-1).reshape(-1, 2)
     schedule, most = system.schedule, region.largest_error
+    bases = SCR_BASES[system.study.scr_basis], basis_of(system)
     if not isinstance(schedule, TableSchedule):
         every = np.broadcast_to([0.0, np.inf], angles.shape)
-        return Pieces(angles, every, every * [-1.0, 1.0], most, rows)
-    axes = [1.0 / schedule.scr[::-1], schedule.r_over_x]
+        return Pieces(angles, every, every * [-1.0, 1.0], most, rows, bases)
+    ends = [(float(axis[0]), float(axis[-1])) for axis in (1.0 / schedule.scr[::-1], schedule.r_over_x)]
     if drawn_to is not None:
-        ends = [1.0 / np.array(drawn_to[0][::-1]), np.array(drawn_to[1])]
-        axes = [_cut(axis, low, high) for axis, (low, high) in zip(axes, ends, strict=True)]
+        ends = [(1.0 / drawn_to[0][1], 1.0 / drawn_to[0][0]), drawn_to[1]]
     # With an error of |Z_g| a certificate holds for the estimates within the axes, as that of the power loops does.
     drawn = not region.error_Z
-    cells = [(a, b) for a in _intervals(axes[0], drawn) for b in _intervals(axes[1], drawn)]
-    first, slope = (np.array([cell[k].limits for cell in cells]) for k in range(2))
-    x, y = (np.array([cell[k].middle for cell in cells]) for k in range(2))
-    columns = [bilinear(schedule, values, 1.0 / x, y) for values in schedule.columns]
+    parts = [(a, b) for a in _intervals(*ends[0], drawn) for b in _intervals(*ends[1], drawn)]
+    first, slope = (np.array([part[k].limits for part in parts]) for k in range(2))
     count = len(angles)
-    parameters = [np.repeat(rows, len(cells), axis=1)]
-    own = np.concatenate([*columns, _of_place(basis_of(system), cells)])
-    parameters.append(np.tile(own, count))
     return Pieces(
-        np.repeat(angles, len(cells), axis=0),
+        np.repeat(angles, len(parts), axis=0),
         np.tile(first, (count, 1)),
         np.tile(slope, (count, 1)),
         most,
-        np.concatenate(parameters),
+        np.repeat(rows, len(parts), axis=1),
+        bases,
         drawn,
+        Columns(schedule),
+        np.tile(_of_place(bases[1], parts), count),
     )
 
 
 class _Interval(NamedTuple):
-    """Of an axis: the limits of what lies there, where its values are taken, and the edge that all is drawn to."""
+    """Of an axis: the limits of what lies there, and the edge that all is drawn to."""
 
     limits: tuple[float, float]
-    middle: float
     edge: float | None = None
 
 
-def _intervals(axis: Array, drawn: bool) -> list[_Interval]:
-    """The intervals of an axis and, where estimates are drawn in, what lies beyond."""
-    found = [_Interval((float(a), float(b)), float(0.5 * (a + b))) for a, b in pairwise(axis)]
-    low, high = float(axis[0]), float(axis[-1])
-    if len(axis) == 1 and not drawn:
-        found.append(_Interval((low, high), low))
-    if drawn:
-        found = [_Interval((-np.inf, low), low, low), *found, _Interval((high, np.inf), high, high)]
-    return found
-
-
-def _cut(axis: Array, low: float, high: float) -> Array:
-    """An axis between two limits."""
-    return np.array([low, *axis[(axis > low) & (axis < high)], high])
+def _intervals(low: float, high: float, drawn: bool) -> list[_Interval]:
+    """What lies between the limits of an axis and, where estimates are drawn in, beyond."""
+    within = _Interval((low, high))
+    if not drawn:
+        return [within]
+    beyond = _Interval((-np.inf, low), low), _Interval((high, np.inf), high)
+    return [beyond[0], within, beyond[1]] if low < high else list(beyond)
 
 
 def _of_place(basis: ScrBasis, cells: Sequence[tuple[_Interval, _Interval]]) -> Array:
@@ -156,10 +185,10 @@ def _of_place(basis: ScrBasis, cells: Sequence[tuple[_Interval, _Interval]]) -> 
     found = []
     for first, slope in cells:
         (low, high), (least, most) = first.limits, slope.limits
-        row = [-1.0, low * (1.0 - _SLACK)] if np.isfinite(low) else [0.0, 0.0]
-        row += [1.0, -high * (1.0 + _SLACK)] if np.isfinite(high) else [0.0, 0.0]
-        row += [-1.0, least * (1.0 - _SLACK)] if np.isfinite(least) else [0.0, 0.0]
-        row += [1.0, -most * (1.0 + _SLACK)] if np.isfinite(most) else [0.0, 0.0]
+        row = [-1.0, low * (1.0 - _OVERLAP)] if np.isfinite(low) else [0.0, 0.0]
+        row += [1.0, -high * (1.0 + _OVERLAP)] if np.isfinite(high) else [0.0, 0.0]
+        row += [-1.0, least * (1.0 - _OVERLAP)] if np.isfinite(least) else [0.0, 0.0]
+        row += [1.0, -most * (1.0 + _OVERLAP)] if np.isfinite(most) else [0.0, 0.0]
         row += [1.0, 0.0] if first.edge is None else [0.0, first.edge]
         row += [1.0, 0.0] if slope.edge is None else [0.0, slope.edge]
         # The estimate, over its first coordinate, by the part of it that counts, and by |Z_g|: one of them is meant.
@@ -176,41 +205,16 @@ def _of_place(basis: ScrBasis, cells: Sequence[tuple[_Interval, _Interval]]) -> 
     return np.array(found).T
 
 
-def _estimates_of(system: System, pieces: Pieces, k: int, low: Array, high: Array) -> tuple[Any, Any]:
-    """Least and largest first coordinate and R̂/X̂ of the estimates of a cell of grids, (2,) each, with the errors of
-    piece ``k``."""
-    study, basis = SCR_BASES[system.study.scr_basis], basis_of(system)
-    angle = np.array([low[1], high[1]])
-    a_R, b_R, a_X, b_X = pieces.columns[:4, k]
-    if not (a_R or b_R or a_X or b_X):
-        a_R = a_X = 1.0
-    c = np.array([-pieces.errors, pieces.errors])
-    R = np.cos(angle[::-1]) * (1.0 + a_R * c) + b_R * c
-    X = np.sin(angle) * (1.0 + a_X * c) + b_X * c
-    sizes = [float(study.magnitude(first, np.sin(one))) for first in (low[0], high[0]) for one in angle]
-    least = basis.counted(max(R[0], 0.0), X[0]) * min(sizes)
-    most = basis.counted(max(abs(R[0]), R[1]), X[1]) * max(sizes)
-    slopes = [r / x for r in R for x in X]
-    return (float(least), float(most)), (min(slopes), max(slopes))
-
-
-def _within_reach(system: System, pieces: Pieces, low: Array, high: Array) -> NDArray[np.intp]:
+def _within_reach(pieces: Pieces, low: Array, high: Array) -> NDArray[np.intp]:
     """The pieces that the estimates of a cell of grids may meet."""
-    found = []
-    for k in range(len(pieces)):
-        if not pieces.angle[k, 0] <= 0.5 * (low[1] + high[1]) <= pieces.angle[k, 1]:
-            continue
-        if not isinstance(system.schedule, TableSchedule):
-            found.append(k)
-            continue
-        meets = True
-        for (least, most), (start, end) in zip(
-            _estimates_of(system, pieces, k, low, high), (pieces.first[k], pieces.slope[k]), strict=True
-        ):
-            meets &= least * (1.0 - 1e-9) <= end and most * (1.0 + 1e-9) >= start
-        if meets:
-            found.append(k)
-    return np.array(found, dtype=np.intp)
+    every = np.arange(len(pieces))
+    middle, e = 0.5 * (low[1] + high[1]), pieces.errors
+    meets = (pieces.angle[:, 0] <= middle) & (middle <= pieces.angle[:, 1])
+    if pieces.table is not None:
+        box = [np.tile([*ends, error, error], (len(every), 1)) for ends, error in ((low, -e), (high, e))]
+        for reach, own in zip(pieces.estimates(box[0], box[1], every), (pieces.first, pieces.slope), strict=True):
+            meets &= (reach[:, 0] * (1.0 - 1e-9) <= own[:, 1]) & (reach[:, 1] * (1.0 + 1e-9) >= own[:, 0])
+    return np.flatnonzero(meets)
 
 
 def whole(system: System, region: Region, pieces: Pieces) -> tuple[Array, Array, Part]:
@@ -228,7 +232,7 @@ def whole(system: System, region: Region, pieces: Pieces) -> tuple[Array, Array,
     e = pieces.errors
     for k, (cell_low, cell_high) in enumerate(cells):
         p, q = _powers(system, region, cell_low, cell_high)
-        index = _within_reach(system, pieces, cell_low, cell_high)
+        index = _within_reach(pieces, cell_low, cell_high)
         count = len(index)
         lows.append(np.tile([*cell_low, -e, -e, p[0], q[0]], (count, 1)))
         highs.append(np.tile([*cell_high, e, e, p[1], q[1]], (count, 1)))

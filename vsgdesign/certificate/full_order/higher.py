@@ -275,10 +275,11 @@ def _load(target: Any, lane: int, small: Any, imaginary: bool, exponents: Any, d
 
 @_compiled
 def _given(registers: Any, boxes: Any, rest: Any, start: int, exponents: Any, degree: Any) -> None:
-    """The coordinates of boxes and the rest of their cells, see ``kernel.survey``."""
+    """The coordinates of boxes and the rest of their cells, see ``kernel.survey``, and then any number between −1 and
+    1."""
     low, high, cell = boxes
     last, coordinates = len(degree) + ORDER, low.shape[1]
-    for n in range(coordinates + 4):
+    for n in range(len(registers)):
         for k in range(last + 1):
             for lane in range(_WIDTH):
                 registers[n, k, lane] = 0.0
@@ -292,7 +293,10 @@ def _given(registers: Any, boxes: Any, rest: Any, start: int, exponents: Any, de
             registers[n, last, lane] = 1e-15 * (abs(least) + abs(most))
         for n in range(4):
             _load(registers[coordinates + n], lane, rest[cell[box], n // 2], n % 2 == 1, exponents, degree)
-    for n in range(coordinates + 4):
+    if len(registers) > coordinates + 4:
+        for lane in range(_WIDTH):
+            registers[coordinates + 4, last, lane] = 1.0
+    for n in range(len(registers)):
         _measure(registers[n], degree)
 
 
@@ -333,9 +337,9 @@ def gains_of(boxes: Any, rest: Any, parameters: Any, program: Any, lists: Any, f
     exponents, degree, pairs, squares, row = lists
     registers = np.zeros((count, len(degree) + ORDER + 1, _WIDTH))
     own, has = np.zeros((len(parameters), _WIDTH)), np.zeros((count, len(degree)), dtype=np.bool_)
-    given = registers[: _VARIABLES + 4]
+    given = registers[: _VARIABLES + 5]
     for start in range(0, len(low), _WIDTH):
-        _given(registers, boxes, rest, start, exponents, degree)
+        _given(given, boxes, rest, start, exponents, degree)
         for lane in range(_WIDTH):
             box = min(start + lane, len(low) - 1)
             for k in range(len(parameters)):

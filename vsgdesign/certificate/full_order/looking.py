@@ -93,7 +93,7 @@ def look_at(programs: FullOrderPrograms, pieces: Pieces, group: CellGroup, part:
     count, size = len(part), rows(DIMENSIONS)
     low, high = part.low, part.high
     empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(programs.signs), count), dtype=np.bool_)
-    columns = np.ascontiguousarray(pieces.columns[:, part.piece])
+    columns = pieces.parameters(low, high, part.piece)
     situation = arrays(programs.situation)
     boxes = (low, high, part.cell, group.rest, columns)
     survey(boxes, situation, programs.conditions, programs.signs, DIMENSIONS, (empty, applies))

@@ -30,6 +30,7 @@ from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point_discriminant
 from vsgdesign.equations.power_loops import References, power_loops
 from vsgdesign.equations.sampled_path import Phasor, product, scaled_sum
+from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.runtime.table import TableSchedule
 
 Array = NDArray[np.float64]
@@ -43,9 +44,12 @@ DIMENSIONS = 7
 AT_REST = 4
 """Real numbers of a cell beside the coordinates: of V_g/V as first + second·i_g\\|Z\\|/V."""
 
+INPUTS = COORDINATES + AT_REST + 1
+"""Of the programs of gains: the last one is any number between −1 and 1, by which a table's column may be off."""
+
 WITHIN, DRAWN = 8, 10
 """Parameters of a piece of a table: what says that an estimate lies in it, and where it is drawn to; see
-:class:`_Place`."""
+:class:`_Place`. By how much each column may be off follows."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ class Chart:
 
     def __init__(self, system: System, region: Region, tracer: Tracer, drawn: bool) -> None:
         first, angle, *errors, self.p, self.q = tracer.symbols()[:COORDINATES]
-        rest = tracer.symbols()[COORDINATES:]
+        rest = tracer.symbols()[COORDINATES : COORDINATES + AT_REST]
         self.along, self.across = np.cos(angle), np.sin(angle)
         self.size = SCR_BASES[system.study.scr_basis].magnitude(first, self.across)
         self.conditions: list[tuple[Any, float, float]] = []
@@ -164,7 +168,7 @@ def full_order_programs(system: System, region: Region, drawn: bool, ratio: bool
 
 def _gains(system: System, region: Region, drawn: bool, piece: Sequence[bool]) -> tuple[list[float | None], Program]:
     """What the power loops are made of, as a program: of each the number where it is one, None where it is a form."""
-    tracer = Tracer(COORDINATES + AT_REST)
+    tracer = Tracer(INPUTS)
     loops = loops_on(system, Chart(system, region, tracer, drawn), tracer, piece)
     return values_program(tracer, loops, values_of(loops))
 
@@ -179,8 +183,20 @@ def loops_on(system: System, chart: Chart, tracer: Tracer, piece: Sequence[bool]
         normalised = schedule.schedule.normalised(0.0, 0.0)
     else:
         J, _ = here.scheduled(chart.p, chart.q, piece)
-        normalised = here.normalised(tracer)
+        of_table = isinstance(schedule, TableSchedule)
+        normalised = _of_columns(system, tracer, here) if of_table else here.normalised(tracer)
     return Loops.of(plain, normalised, J, inverse_V, here.base)
+
+
+def _of_columns(system: System, tracer: Tracer, here: Estimate) -> NormalisedGains:
+    """A table's columns over all estimates of a box: their forms, and what they may be off by (:mod:`.columns`)."""
+    unknown, first = tracer.symbols()[-1], first_extra(system) + WITHIN + DRAWN
+    return NormalisedGains(
+        *(
+            value + tracer.blend((first + k,), (unknown,)) if isinstance(value, Symbol) else value
+            for k, value in enumerate(here.normalised(tracer))
+        )
+    )
 
 
 def values_of(loops: Loops) -> list[Any]:

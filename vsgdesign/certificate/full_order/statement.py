@@ -197,16 +197,24 @@ class FullOrderJob(Job[int, dict[str, Any]]):
         return tuple(Problem.of(study, one, self.region, decay, drawn_to) for one, decay in modes)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in ("problems", "_beginning")}
+        return {name: value for name, value in vars(self).items() if name not in ("problems", "_beginning", "_order")}
 
     @functools.cached_property
     def _beginning(self) -> list[Waiting]:
         return beginning(self.problems[0])  # of both modes: the pieces are those of the grids and the schedule
 
     @property
-    def blocks(self) -> range:
-        """Numbers of all blocks."""
-        return range(self._in_a_mode * len(self.problems))
+    def blocks(self) -> Sequence[int]:
+        """Numbers of all blocks. Strong grids come first, as they take least time for their volume, and of one SCR the
+        blocks of most volume: none that takes long is left for one worker at the end."""
+        return self._order
+
+    @functools.cached_property
+    def _order(self) -> tuple[int, ...]:
+        count = self._in_a_mode
+        first = [float(self._cells(block)[0].low[0]) for block in range(count)]
+        every = range(count * len(self.problems))
+        return tuple(sorted(every, key=lambda block: (block // count, first[block % count], -self.size(block))))
 
     @property
     def _in_a_mode(self) -> int:

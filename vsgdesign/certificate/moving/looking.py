@@ -142,7 +142,7 @@ class MovingProblem(Problem):
         """Which pieces of the schedule occur in boxes, (pieces, N)."""
         programs, count = self.programs, len(part)
         empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(programs.signs), count), dtype=np.bool_)
-        columns = np.ascontiguousarray(self.pieces.columns[:, part.piece])
+        columns = self.pieces.parameters(low, high, part.piece)
         boxes = (low, high, part.cell, group.rest, columns)
         survey(boxes, arrays(programs.situation), programs.conditions, programs.signs, DIMENSIONS, (empty, applies))
         return applies
@@ -163,7 +163,7 @@ class MovingProblem(Problem):
     def _forms(self, program: Parts, group: CellGroup, low: Array, high: Array, part: Part) -> Array:
         """What a program of gains gives on boxes, (N, outputs, rows(d))."""
         found = np.zeros((len(part), len(program[1].outputs), rows(DIMENSIONS)))
-        columns = np.ascontiguousarray(self.pieces.columns[:, part.piece])
+        columns = self.pieces.parameters(low, high, part.piece)
         gains_of((low, high, part.cell), group.rest, columns, arrays(program[1]), tables(), found)
         return found
 

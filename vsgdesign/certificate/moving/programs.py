@@ -8,8 +8,7 @@ from typing import Any
 
 from vsgdesign.certificate.enclosure import PIECES, Loops
 from vsgdesign.certificate.full_order.programs import (
-    AT_REST,
-    COORDINATES,
+    INPUTS,
     Chart,
     LoopsOnArc,
     loops_on,
@@ -49,7 +48,7 @@ class MovingPrograms:
         pieces = PIECES if not isinstance(system.schedule, AtDesignPoint) else (PIECES[0],)
         found: list[tuple[Parts, Parts]] = []
         for piece in pieces:
-            tracer = Tracer(COORDINATES + AT_REST)
+            tracer = Tracer(INPUTS)
             loops = loops_on(system, Chart(system, region, tracer, drawn=False), tracer, piece)
             found.append(
                 (values_program(tracer, loops, _feeds(loops)), values_program(tracer, loops, _parts(system, loops)))

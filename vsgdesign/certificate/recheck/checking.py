@@ -14,7 +14,7 @@ from vsgdesign.certificate.recheck.changing import difference_of, middles_of, re
 from vsgdesign.certificate.recheck.inner import Arcs, arcs_of, cells_of
 from vsgdesign.certificate.recheck.loops import OMEGA, Boxes, Loops, boxes_of, f_of, jacobians, made_of
 from vsgdesign.certificate.recheck.polynomials import Polynomial
-from vsgdesign.certificate.recheck.reading import Leaves, where
+from vsgdesign.certificate.recheck.reading import Leaves, cells_of_table, where
 
 Array = Any
 
@@ -108,7 +108,8 @@ def _confirm(loops: Loops, leaves: Leaves, some: Array) -> tuple[int, list[str]]
     spent = dict.fromkeys(some.tolist(), 0)
     for k in some.tolist():
         edges = leaves.arcs[leaves.cell[k]] if leaves.cell[k] >= 0 else np.zeros(0)
-        stack.append(Piece(k, leaves.low[k], leaves.high[k], leaves.estimates[k], edges, 0))
+        for limits in cells_of_table(loops, leaves.low[k], leaves.high[k], leaves.estimates[k]):
+            stack.append(Piece(k, leaves.low[k], leaves.high[k], limits, edges, 0))
     while stack and not broken:
         now = [stack.pop() for _ in range(min(_AT_ONCE, len(stack)))]
         count += len(now)

@@ -191,44 +191,66 @@ def _check_estimates(loops: Loops, cell: Array, limits: Array) -> None:
     table = loops.table
     if table is None:
         return
-    box = settings_of(table)
+    box, e = settings_of(table), loops.region.largest_error
     axes = (1.0 / box.scr[1], 1.0 / box.scr[0]), box.r_over_x
     asked = []
-    for k, (reach, axis, nodes) in enumerate(
-        zip(_reach(loops, cell), axes, (1.0 / table.scr[::-1], 1.0 / table.x_over_r[::-1]), strict=True)
-    ):
+    reach = _reach(loops, np.array([*cell[:2], -e, -e]), np.array([*cell[2:], e, e]))
+    for k, (own_reach, axis, nodes) in enumerate(zip(reach, axes, _nodes(loops), strict=True)):
         own = limits[:, 2 * k : 2 * k + 2]
         edges = np.where(np.isinf(own), own[:, ::-1], own)
         drawn = np.isinf(own).any(axis=1)
         ends = np.where(np.isinf(own[:, 0]), axis[0], axis[1])
         if (np.abs(edges[:, 0] - ends)[drawn] > _CLOSE * ends[drawn]).any():
             raise NotCoveredError("estimates are drawn to an edge that is not the scheduler's")
-        for node in nodes:
-            if ((edges[:, 0] < node * (1.0 - SINGLE)) & (edges[:, 1] > node * (1.0 + SINGLE))).any():
-                raise NotCoveredError("a piece of estimates reaches over a node of the table")
         least, most = max(axis[0], nodes[0]) * (1.0 - SINGLE), min(axis[1], nodes[-1]) * (1.0 + SINGLE)
         if (edges < least).any() or (edges > most).any():
             raise NotCoveredError("a piece of estimates lies beyond the scheduler's limits or the table")
         # With an error of |Z| the statement is about the estimates within the limits.
-        inside = max(reach[0], axis[0]), min(reach[1], axis[1])
-        asked.append(inside if loops.region.error_Z else reach)
+        inside = max(own_reach[0], axis[0]), min(own_reach[1], axis[1])
+        asked.append(inside if loops.region.error_Z else own_reach)
     if all(least <= most for least, most in asked):
         _rectangle(limits[:, [0, 2]], limits[:, [1, 3]], asked, "estimates")
 
 
-def _reach(loops: Loops, cell: Array) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Between which first coordinates and R̂/X̂ the estimates of a cell's grids lie."""
-    e, e_Z = loops.region.error, loops.region.error_Z
-    R, X = (np.array([f(cell[1]), f(cell[3])]) for f in (np.cos, np.sin))
-    R_hat = R[1] - max(e * R[1], e_Z), R[0] + max(e * R[0], e_Z)
-    X_hat = X[0] - max(e * X[0], e_Z), X[1] + max(e * X[1], e_Z)
-    sizes = [first / (sine if loops.inner.by_reactance else 1.0) for first in cell[[0, 2]] for sine in X]
+def _nodes(loops: Loops) -> tuple[Array, Array]:
+    """Of a table, in the first coordinate of the estimates and in R̂/X̂."""
+    table = loops.table
+    return (np.zeros(0), np.zeros(0)) if table is None else (1.0 / table.scr[::-1], 1.0 / table.x_over_r[::-1])
+
+
+def cells_of_table(loops: Loops, low: Array, high: Array, estimates: Array) -> Array:
+    """The limits (4,) of a box's estimates cut at the nodes of the table, (M, 4): those cells that the estimates of the
+    box, between limits (6,), may lie in."""
+    if loops.table is None:
+        return estimates[None]
+    parts: list[list[tuple[float, float]]] = []
+    for k, (reach, nodes) in enumerate(zip(_reach(loops, low, high), _nodes(loops), strict=True)):
+        least, most = estimates[2 * k : 2 * k + 2].tolist()
+        cuts = [] if np.isinf([least, most]).any() else [node for node in nodes.tolist() if least < node < most]
+        slack = _CLOSE * max(abs(reach[0]), abs(reach[1]))
+        every = pairwise([least, *cuts, most])
+        parts.append([(a, b) for a, b in every if reach[0] - slack <= b and a <= reach[1] + slack])
+    return np.array([(*one, *other) for one in parts[0] for other in parts[1]]).reshape(-1, 4)
+
+
+def _reach(loops: Loops, low: Array, high: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Between which first coordinates and R̂/X̂ the estimates of grids and errors between limits lie, which begin with
+    those of a box."""
+    e, e_Z, largest = loops.region.error, loops.region.error_Z, loops.region.largest_error
+    R, X = (np.cos(high[1]), np.cos(low[1])), (np.sin(low[1]), np.sin(high[1]))
+    hats = []
+    for value, k in ((R, 2), (X, 3)):
+        by_size = bool(e_Z) and e * (value[0] + value[1]) < 2.0 * e_Z
+        a, b = (0.0, e_Z / largest) if by_size else (e / largest if e_Z else 1.0, 0.0)
+        hats.append([v * (1.0 + a * c) + b * c for v, c in zip(value, (low[k], high[k]), strict=True)])
+    R_hat, X_hat = hats
+    sizes = [first / (sine if loops.inner.by_reactance else 1.0) for first in (low[0], high[0]) for sine in X]
     if loops.estimate_by_reactance:
         first = X_hat
     else:
-        first = float(np.hypot(max(R_hat[0], 0.0), X_hat[0])), float(np.hypot(max(-R_hat[0], R_hat[1]), X_hat[1]))
+        first = [np.hypot(max(R_hat[0], 0.0), X_hat[0]), np.hypot(max(-R_hat[0], R_hat[1]), X_hat[1])]
     slopes = [r / x for r in R_hat for x in X_hat]
-    return (first[0] * min(sizes), first[1] * max(sizes)), (min(slopes), max(slopes))
+    return (float(first[0] * min(sizes)), float(first[1] * max(sizes))), (min(slopes), max(slopes))
 
 
 def _where(low: Array, high: Array) -> str:
