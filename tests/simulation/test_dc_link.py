@@ -102,7 +102,7 @@ V_g_pu = 1.0
 UNBALANCED = """
 [[events]]
 time = "1.5 ms"
-fault = { kind = "phase_to_phase", phases = "ab", R = "8 ohm" }
+fault = { kind = "phase_to_phase", phases = "ab", R = "5 ohm" }
 [[events]]
 time = "3.513 ms"
 fault = "cleared"

@@ -78,6 +78,23 @@ def clamped_rest(wanted: Any, limits: SourceLimits, own: Any) -> Any:
     return wanted + cut_of(wanted, limits, own)
 
 
+class RestCurve(NamedTuple):
+    """Q of a rest over its P, near the P of a rest: W, var, and what the P–V and Q–V droops and the grid make of it."""
+
+    P: Any
+    Q: Any
+    slope: Any
+    """var/W."""
+    bend: Any
+    """var/W²."""
+
+
+def reactive_rest(P: Any, curve: RestCurve) -> Any:
+    """Q (var) at which a converter rests whose power is limited to P, W (:eq:`dc-clamped-q`)."""
+    d = P - curve.P
+    return curve.Q + (curve.slope + curve.bend * d) * d
+
+
 def clamp_of_sample(
     slow: Any,
     omega_i: Any,
@@ -142,6 +159,7 @@ __all__ = [
     "ClampSettings",
     "ClampState",
     "DroopSettings",
+    "RestCurve",
     "SourceLimits",
     "clamp_cut",
     "clamp_of_sample",
@@ -149,5 +167,6 @@ __all__ = [
     "clamped_rest",
     "cut_of",
     "droop_of_link",
+    "reactive_rest",
     "turned_with_link",
 ]

@@ -180,7 +180,8 @@ def link_step(state: DcState, power: BridgePower, needs: Any, dc: DcSettings, so
     flow = source.flow(state.memory, v, state.p, dc.source)
     decay = flow.decay
     over_v = 1.0 / v
-    n_0 = dc.over_C * source_current(flow, 0.0, over_v, flow.p_begin - power.begin)
+    half = 0.5 * flow.tilt
+    n_0 = dc.over_C * (source_current(flow, 0.0, over_v, flow.p_begin - power.begin) - half)
     v_a = decay.half * v + decay.half_time * n_0
     over_a = better_inverse(over_v, v_a)
     n_a = dc.over_C * source_current(flow, v_a - v, over_a, flow.p_middle - power.middle)
@@ -188,7 +189,7 @@ def link_step(state: DcState, power: BridgePower, needs: Any, dc: DcSettings, so
     over_m = better_inverse(over_a, v_m)
     n_m = dc.over_C * source_current(flow, v_m - v, over_m, flow.p_middle - power.middle)
     v_c = decay.half * v_a + decay.half_time * (2.0 * n_m - n_0)
-    n_c = dc.over_C * source_current(flow, v_c - v, better_inverse(over_m, v_c), flow.p_end - power.end)
+    n_c = dc.over_C * (source_current(flow, v_c - v, better_inverse(over_m, v_c), flow.p_end - power.end) + half)
     moved = decay.whole * v + decay.first * n_0 + decay.middle * (n_a + n_m) + decay.last * n_c
     v_1 = np.maximum(moved, LEAST_VOLTAGE * dc.V_dc)
     mean = 0.5 * (v + v_1) + dc.T_s / 12.0 * ((n_0 - decay.rate * v) - (n_c - decay.rate * v_1))
@@ -197,9 +198,10 @@ def link_step(state: DcState, power: BridgePower, needs: Any, dc: DcSettings, so
 
 def held_law(state: DcState, dc: DcSettings, source: DcSourceLaw) -> Any:
     """The source's current from a sample to the next (:eq:`dc-flow`). Returns (current, slope, second, p_begin,
-    p_middle, p_end, rate)."""
+    p_middle, p_end, tilt, rate)."""
     flow = source.flow(state.memory, state.v, state.p, dc.source)
-    return flow.current, flow.slope, flow.second, flow.p_begin, flow.p_middle, flow.p_end, flow.decay.rate
+    powers = flow.p_begin, flow.p_middle, flow.p_end
+    return flow.current, flow.slope, flow.second, *powers, flow.tilt, flow.decay.rate
 
 
 def link_after(

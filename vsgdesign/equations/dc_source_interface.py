@@ -50,6 +50,9 @@ class DcFlow(NamedTuple):
     p_middle: Any
     p_end: Any
     """A power p, W, at the beginning, in the middle and at the end of the interval."""
+    tilt: Any
+    """By how much the current is larger at the end of the interval than at its beginning, on a straight line about
+    ``current``, A."""
     decay: Decay
     """Of the conductance together with the bleeder."""
     notes: Any = Nothing()

@@ -349,7 +349,7 @@ def watch(kind: Kind) -> Block | None:
     angle = "following.theta" if kind.dc is None else kind.dc.angle
     called = {"P": "said.P", "Q": "said.Q", "theta": "state.theta", "next_theta": angle}
     clamp = kind.dc.rests({"wanted": "of.P_rest"}) if kind.dc is not None and kind.dc.clamps else []
-    called |= {"of.P_rest": "P_rest_now"} if clamp else {}
+    called |= {"of.P_rest": "P_rest_now", "of.Q_rest": "Q_rest_now"} if clamp else {}
     if not kind.field:
         return joined(*clamp, Part(headed(own), called))
     # The angle that is watched is that of the commanded voltage, as a log has it.

@@ -13,8 +13,10 @@ from vsgdesign.equations.dc_control import (
     ClampSettings,
     ClampState,
     DroopSettings,
+    RestCurve,
     clamped,
     clamped_rest,
+    reactive_rest,
     turned_with_link,
 )
 from vsgdesign.equations.dc_link import (
@@ -87,6 +89,7 @@ class DcKind(NamedTuple):
         """Names of its constants."""
         found = [f"link.{path}" for path in Kinds(self.records).paths(DcSettings)]
         found += [f"clamp_of.{name}" for name in ClampSettings._fields] if self.clamps else []
+        found += [f"rest_of.{name}" for name in RestCurve._fields] if self.clamps else []
         return found + ([f"droop_of.{name}" for name in DroopSettings._fields] if self.droops else [])
 
     @property
@@ -113,9 +116,11 @@ class DcKind(NamedTuple):
 
     def rests(self, called: Mapping[str, str]) -> list[Part]:
         """Where the power rests with what the source can give at the sample. ``called``: where the power is that is
-        asked for. Its output is ``P_rest_now``."""
+        asked for. Its outputs are ``P_rest_now`` and ``Q_rest_now``, the Q of this power."""
         block = headed(flat_block(clamped_rest), clamped_rest="P_rest_now")
-        return [Part(block, {"own": "clamp_of.own"} | dict(called))]
+        curve = {"P": "P_rest_now"} | {f"curve.{name}": f"rest_of.{name}" for name in RestCurve._fields}
+        reactive = Part(headed(flat_block(reactive_rest), reactive_rest="Q_rest_now"), curve)
+        return [Part(block, {"own": "clamp_of.own"} | dict(called)), reactive]
 
     def drooped(self) -> list[Part]:
         """The angle of the next sample and the frequency with the droop of the link's voltage; nothing without one. Its

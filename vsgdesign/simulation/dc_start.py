@@ -101,22 +101,31 @@ def dc_series(study: Study, rows: Array) -> dict[str, Array]:
     return found
 
 
-def moved_rest(study: Study, link: DcLink | None, rows: Array) -> Array | float:
-    """By how much the power at which a clamped converter rests lies above that with the charge of ``link``, W: of each
-    row of ``dc_log``, since the charge has moved. Zero where the clamp does not act at the end."""
+class MovedRest(NamedTuple):
+    """Where a clamped converter rests while its charge moves, W."""
+
+    P: Array
+    """With the charge of each row of ``dc_log``."""
+    P_start: float
+    """With the charge of the link that is given."""
+
+
+def moved_rest(study: Study, link: DcLink | None, rows: Array) -> MovedRest | None:
+    """Where a clamped converter rests with the charge that it has in each row of ``dc_log``, and with that of ``link``.
+    None where the clamp does not act at the end."""
     if link is None or not link.clamps or not len(rows):
-        return 0.0
+        return None
     columns = dict(zip(dc_columns(study), rows.T, strict=True))
     end, of = float(columns["clamp.cut"][-1]), (study.converter, study.filter)
     if end == 0.0:
-        return 0.0
+        return None
     memory = {name.removeprefix("memory."): values for name, values in columns.items() if name.startswith("memory.")}
     clamp = link.clamp(*of)
     limits = link.kind.law.can_give(SimpleNamespace(**memory), clamp.hold, link.settings(*of).source)
     low, high = (np.broadcast_to(one, len(rows)) for one in limits)
     wanted = float(low[-1] if end > 0.0 else high[-1] - clamp.own) - end
     moved: Array = clamped_rest(wanted, SourceLimits(low, high), clamp.own)
-    return moved - clamped_rest(wanted, link.can_give(*of), clamp.own)
+    return MovedRest(moved, float(clamped_rest(wanted, link.can_give(*of), clamp.own)))
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,22 @@ import pytest
 
 from tests.simulation.one_by_one import run_one
 from tests.simulation.test_lanes import study_named
+from vsgdesign import event
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns.verification.draws import cases_of, families, uniforms_of
-from vsgdesign.equations.dc_source_interface import SourceLimits
-from vsgdesign.equations.power_loops import PowerLoopGains, frequency_at_rest
+from vsgdesign.equations.dc_control import reactive_rest
+from vsgdesign.equations.limiter_interface import GridEstimate
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.many import DC_ENERGY, Lanes, many_steady_states
+from vsgdesign.linear.operating_point.many_rests import reactive_curve
 from vsgdesign.simulation.dc_start import dc_columns, moved_rest
 from vsgdesign.simulation.lanes import dc_energy, rests
 from vsgdesign.simulation.lanes import run as lanes_run
+from vsgdesign.simulation.lanes.beforehand import told_beforehand
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.results import BLOCKED, JUDGED
 from vsgdesign.simulation.segments import Segments
+from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.study.parameters import Study
 from vsgdesign.study.parameters.study import ControllerSpec
 
@@ -37,6 +42,7 @@ def battery(study: Study, charge: float, control: str = "power_clamp", **given: 
 def test_a_jump_of_the_phase_moves_the_energy_of_its_closed_form() -> None:
     """∫(P − P_ref) dt = −D_p φ (:eq:`dc-jump-by-hand`), for both signs and three grids."""
     study, _ = study_named("survival", "angle_damped")
+    study = battery(study, 0.6, "none")
     study = replace(study, converter=replace(study.converter, current_limit_pu=None))
     c, refs = study.converter, study.converter.references()
     S, D_p = c.S_rated, c.S_rated / (0.02 * c.omega_n)
@@ -45,16 +51,17 @@ def test_a_jump_of_the_phase_moves_the_energy_of_its_closed_form() -> None:
     refs = refs._replace(P_ref=np.full(6, 0.4 * S), Q_ref=np.zeros(6))
     lanes = Lanes(R_g, L_g, c.V_rated_rms, c.omega_n, *refs)
     start = many_steady_states(study, lanes, gains)
-    jump, loops, zero = np.repeat([0.1, -0.1], 3), dc_energy._Loops(study), np.zeros(6)
-    x = dc_energy._Swing(start.delta - jump, start.V, zero, start.P, start.Q, np.full(6, c.omega_n))
+    jump, loops, zero = np.repeat([0.1, -0.1], 3), dc_energy.PhasorLoops(study), np.zeros(6)
+    links = dc_energy.links_at_rest(study, start)
+    assert links is not None
+    x = dc_energy.Swing(start.controller._replace(theta=start.delta - jump), np.full(6, c.omega_n), 0.0, links)
     grid = Segments(zero, R_g, L_g, np.full(6, c.V_rated_rms), zero, np.full(6, c.omega_n), zero, zero, zero)
     moved = np.zeros(6)
-    for _ in range(3000):
-        x, _ = loops.step(x, grid, refs, gains, SourceLimits(-np.inf, np.inf))
-        moved += dc_energy.STEP_S * (x.P - refs.P_ref)
-    np.testing.assert_allclose(x.P, refs.P_ref, atol=1e-3 * S)
+    for _ in range(2500):
+        x = loops.step(x, grid, refs, gains, GridEstimate(R_g, L_g))
+        moved += dc_energy.STEP_S * (x.state.P_f - refs.P_ref)
+    np.testing.assert_allclose(x.state.P_f, refs.P_ref, atol=1e-3 * S)
     np.testing.assert_allclose(moved, -D_p * jump, rtol=0.01)
-    assert np.all(frequency_at_rest(refs, gains) > c.omega_n)
 
 
 def drawn(study: Study, spec: ControllerSpec, names: tuple[str, ...], count: int) -> LaneCases:
@@ -97,8 +104,33 @@ def test_a_full_battery_that_gives_something_takes_it_back_and_rests() -> None:
     assert link is not None
     given, room = link.values, 3600.0 * link.values["capacity_Ah"] * (1.0 - end) / link.hold  # A
     taken = room * (given["open_circuit"][-1] + given["R_i"] * room)
-    assert moved[-1] == pytest.approx(-taken, rel=1e-4)  # type: ignore[index]
-    assert run.column("P")[-1] == pytest.approx(moved[-1], abs=0.005 * S)  # type: ignore[index]
+    assert moved is not None
+    assert moved.P[-1] == pytest.approx(-taken, rel=1e-4)
+    assert run.column("P")[-1] == pytest.approx(moved.P[-1], abs=0.005 * S)
+
+
+def test_the_reactive_power_of_a_moved_rest_belongs_to_its_power() -> None:
+    """On a weak grid of much resistance Q changes by more than the band between the rests; in a batch and alone."""
+    study, spec = study_named("survival", "angle_damped")
+    S, cases, full = study.converter.S_rated, drawn(study, spec, ("reference",), 3), battery(study, 1.0)
+    cases.P_ref[:], cases.Q_ref[:] = 0.6 * S, 0.0
+    cases.R_g[:], cases.L_g[:] = 2.5, 2.5 / study.converter.omega_n
+    cases.events.P_ref[:, 0], cases.events.Q_ref[:, 0] = -0.4 * S, np.nan
+    assert (lanes_run.run_lanes(full, spec, NOTHING, cases).status == JUDGED).all()
+    run, own = run_one(full, spec, NOTHING, cases, 0, "averaged"), full.with_limit_of(spec)
+    seen, lanes = (
+        record_of(own, run).Q[-1],
+        Lanes(2.5, 2.5 / study.converter.omega_n, 110.0, study.converter.omega_n, 0.0, 0.0),
+    )
+    gains = run.gain_changes[-1].gains
+    at_zero = many_steady_states(study, lanes, gains).Q[0]
+    assert abs(run.column("Q")[-1] - at_zero) > 0.02 * S
+    assert seen == pytest.approx(at_zero, abs=0.005 * S)
+    asked = -0.4 * S
+    curve = reactive_curve(study, lanes._replace(P_ref=asked), gains, np.array([0.0]))
+    for P in np.linspace(asked, 0.0, 6):
+        rest = many_steady_states(study, lanes._replace(P_ref=P), gains).Q[0]
+        assert reactive_rest(P, curve) == pytest.approx(rest, abs=5e-3 * S)  # a quarter of the band
 
 
 def test_an_empty_battery_without_power_rests() -> None:
@@ -109,3 +141,13 @@ def test_an_empty_battery_without_power_rests() -> None:
         c = study.converter
         v = study.dc.at_rest(0.0, c, study.filter).v
         assert v == pytest.approx((1.03 + 0.1 * charge) * c.V_dc, rel=1e-12)
+
+
+def test_a_study_is_told_what_its_events_ask_of_a_full_battery() -> None:
+    """By the same sum; with room in the battery nothing is told."""
+    given, spec = study_named("survival", "angle_damped")
+    given = given.with_events(event("0.5 s", phase_jump="-40 deg")).with_changes(simulation={"P_ref": 0.0})
+    full, below = (replace(battery(given, charge), controllers=(spec,)) for charge in (1.0, 0.8))
+    (said,) = told_beforehand(full)
+    assert said.startswith("angle_damped: not possible, because the source of the dc link is full")
+    assert told_beforehand(below) == told_beforehand(given) == ()

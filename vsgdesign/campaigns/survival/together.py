@@ -131,22 +131,9 @@ def _together(subject: Subject, cases: Sequence[SurvivalCase]) -> list[Survival 
         case.study(own, demand.needed_s + 2.0 * demand.cycle_s) for case, demand in zip(cases, demands, strict=True)
     ]
     said = [case.told(study, build_timeline(study)) for case, study in zip(cases, studies, strict=True)]
-    none = np.zeros(len(cases))
-    lanes = LaneCases(
-        R_g=np.array([study.grid.R_g for study in studies]),
-        L_g=np.array([study.grid.L_g for study in studies]),
-        V_g_rms=np.array([study.grid_source.V_g_rms for study in studies]),
-        omega_g=np.array([study.grid_source.omega_g for study in studies]),
-        P_ref=np.array([study.simulation.P_ref for study in studies]),
-        Q_ref=np.array([study.simulation.Q_ref for study in studies]),
-        events=LaneEvents.of([study.events for study in studies]),
-        error_R=none,
-        error_X=none,
-        silent_s=np.array([case.knowledge.silent_s for case in cases]),
-        cleared_s=np.array([case.lead_s + case.cleared_s for case in cases]),
-        kind=np.full(len(cases), DISTURBANCE, dtype=np.int8),
-        signal=np.full(len(cases), ACTIVE, dtype=np.int8),
-    ).in_study(own)
+    silent_s = np.array([case.knowledge.silent_s for case in cases])
+    cleared_s = np.array([case.lead_s + case.cleared_s for case in cases])
+    lanes = LaneCases.of_studies(studies, silent_s, cleared_s).in_study(own)
     told = telling(own, subject.spec, subject.ready, lanes, ToldGrids.of(said))
     results = run_told(own, told, lanes, demands[0], strict=True)
     watched_s = [study.simulation.duration - own.converter.T_s for study in studies] - lanes.cleared_s

@@ -91,7 +91,7 @@ def open_voltage(charge: Any, c: OpenVoltage) -> Any:
 
 def battery_flow(memory: BatteryMemory, v: Any, p: Any, c: BatteryConstants) -> DcFlow:
     """The current of a battery (:eq:`dc-battery`): that of its resistance, or that of a limit. An empty battery does
-    not give, and a full one does not take. Its charge is that in the middle of the interval."""
+    not give, and a full one does not take. Its open-circuit voltage follows the charge on a straight line."""
     ahead = memory.charge + 0.5 * c.per_ampere * (open_voltage(memory.charge, c.open) - v) * c.over_R
     v_open = open_voltage(ahead, c.open)
     wanted = (v_open - v) * c.over_R
@@ -107,6 +107,7 @@ def battery_flow(memory: BatteryMemory, v: Any, p: Any, c: BatteryConstants) -> 
         p_begin=0.0,
         p_middle=0.0,
         p_end=0.0,
+        tilt=np.where(limited > 0.5, 0.0, 2.0 * (v_open - open_voltage(memory.charge, c.open)) * c.over_R),
         decay=chosen_decay(limited, c.free, c.held),
         notes=BatteryNotes(constant, np.where(limited > 0.5, 0.0, c.over_R)),
     )

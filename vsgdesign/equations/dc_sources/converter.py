@@ -83,6 +83,7 @@ def stage_flow(memory: StageMemory, v: Any, p: Any, c: StageConstants) -> DcFlow
         p_begin=memory.p,
         p_middle=target + c.half * away,
         p_end=target + c.whole * away,
+        tilt=0.0,
         decay=c.decay,
         notes=StageNotes(target),
     )

@@ -77,6 +77,7 @@ def array_flow(memory: ArrayMemory, v: Any, p: Any, c: ArrayConstants) -> DcFlow
         p_begin=0.0,
         p_middle=0.0,
         p_end=0.0,
+        tilt=0.0,
         decay=c.decay,
         notes=ArrayNotes(u, per_volt),
     )

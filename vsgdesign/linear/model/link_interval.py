@@ -33,6 +33,7 @@ class SourceLaw(NamedTuple):
     p_begin: Any
     p_middle: Any
     p_end: Any
+    tilt: Any
     rate: Any
     """Conductances across the link over its capacitance, 1/s."""
 
@@ -142,6 +143,8 @@ def _series(
             into = -_sum([current[k] * inverse[n - k] for k in range(n + 1)])
         if n == 0 and not _nothing(source.current):
             into = source.current + into
+        if n < 2 and not _nothing(source.tilt):
+            into = into + source.tilt * (of.share * length if n else of.elapsed + of.share * begin - 0.5)
         if power is not None and n <= BENDS:
             if of.held is None:
                 inverse.append(_next_inverse(volts, inverse))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.dc_control import RestCurve
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.many import (
@@ -187,3 +188,41 @@ def rest_with_measured_gains(
     if fault:
         raise fault_of_rest(study, grid, source, refs, gains, states, loaded=circuit is not None)
     return state_of_lane(states, 0), gains
+
+
+_APART = 0.02
+"""By how much powers lie apart between which a curve is drawn, of the rating."""
+
+
+def reactive_curve(
+    study: Study,
+    lanes: Lanes,
+    gains: PowerLoopGains,
+    P_end: Array,
+    circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None = None,
+) -> RestCurve:
+    """How Q follows P where a clamp holds the power elsewhere than at ``P_end`` (N,), W: through the rests at P_end, at
+    what is asked for and without power (:eq:`dc-clamped-q`). Where two of them are the same, or have no rest, it is
+    the chord of the others."""
+    lanes, gains = lanes_of(study, lanes, gains)
+    paths, asked, apart = paths_of(study, lanes, circuit), power_of(lanes, gains), _APART * study.converter.S_rated
+
+    def Q_at(P: Array) -> Array:
+        V, _ = points_of(paths, lanes._replace(P_ref=P + lanes.P_ref - asked), gains)
+        return lanes.Q_ref + gains.D_q * (lanes.V_n - V)
+
+    none = np.zeros_like(asked)
+    none = np.where((np.abs(P_end) < apart) | (np.abs(asked) < apart), 0.5 * (P_end + asked), none)
+    points = [np.broadcast_to(P, asked.shape) for P in (P_end, asked, none)]
+    of_points = [Q_at(P) for P in points]
+    chords = []
+    for k in (1, 2):
+        there = np.abs(points[k] - P_end) >= apart
+        with np.errstate(divide="ignore", invalid="ignore"):
+            chord = (of_points[k] - of_points[0]) / (points[k] - P_end)
+        chords.append(np.where(there & np.isfinite(chord), chord, np.nan))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bend = (chords[1] - chords[0]) / (points[2] - points[1])
+    bend = np.where(np.isfinite(bend), bend, 0.0)
+    first = np.where(np.isfinite(chords[0]), chords[0] - bend * (points[1] - P_end), chords[1])
+    return RestCurve(P_end, of_points[0], np.where(np.isfinite(first), first, 0.0), bend)

@@ -138,6 +138,30 @@ class LaneCases:
     def __len__(self) -> int:
         return len(self.R_g)
 
+    @classmethod
+    def of_studies(
+        cls, studies: Sequence[Study], silent_s: Array | float = 0.0, cleared_s: Array | None = None
+    ) -> Self:
+        """The events of studies of one converter as disturbances, with a grid that is told without an error.
+        ``silent_s`` and ``cleared_s``: as the fields; None: when the last event is over."""
+        none = np.zeros(len(studies))
+        last = [max((event.t_s + event.over for event in study.events), default=0.0) for study in studies]
+        return cls(
+            R_g=np.array([study.grid.R_g for study in studies]),
+            L_g=np.array([study.grid.L_g for study in studies]),
+            V_g_rms=np.array([study.grid_source.V_g_rms for study in studies]),
+            omega_g=np.array([study.grid_source.omega_g for study in studies]),
+            P_ref=np.array([study.simulation.P_ref for study in studies]),
+            Q_ref=np.array([study.simulation.Q_ref for study in studies]),
+            events=LaneEvents.of([study.events for study in studies]),
+            error_R=none,
+            error_X=none,
+            silent_s=none + silent_s,
+            cleared_s=np.array(last) if cleared_s is None else cleared_s,
+            kind=np.full(len(studies), DISTURBANCE, dtype=np.int8),
+            signal=np.full(len(studies), ACTIVE, dtype=np.int8),
+        )
+
     def besides(self, k: int) -> tuple[str, str]:
         """What is to be said of a case besides its start and its events: before them, and with the first one."""
         del k

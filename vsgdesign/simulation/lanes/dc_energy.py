@@ -1,36 +1,40 @@
-"""Energy that events push into the dc link while its source takes none, or draw while it gives none.
+"""What events push into a dc link whose source takes nothing, or draw from one that gives nothing, before a case runs.
 
 A full battery takes nothing, an array takes nothing, and an empty source gives nothing. What an event then pushes into
-the link has to find room in the capacitor. The sum is that of the power loops alone: phasors of the grid, a current of
-at most its limit, and a balance of energies (:eq:`dc-pushed`, :eq:`dc-jump-by-hand`). It is made before a case runs,
-and no inner loop, no sampling and no voltage of the link are in it.
+the link has to find room in the capacitor. The sum has phasors in the place of the grid's currents, and of the
+controller all but the current loop, in steps of 1 ms (:eq:`dc-told`, :eq:`dc-jump-by-hand`). Its equations are those of
+the controller and of the link.
 """
 
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.dc_control import ClampSettings, cut_of
-from vsgdesign.equations.dc_source_interface import SourceLimits
-from vsgdesign.equations.frames import instantaneous_power, rms_to_peak
-from vsgdesign.equations.limiters import PROJECTION
-from vsgdesign.equations.limiters.projection import grid_voltage_gate
-from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
+from vsgdesign.codegen.records import numbers_of, record_like
+from vsgdesign.equations.controller import ControllerState, power_stage
+from vsgdesign.equations.dc_control import clamp_of_sample
+from vsgdesign.equations.dc_link import BridgePower, DcState, link_step
+from vsgdesign.equations.frames import SPACE_VECTOR_POWER, instantaneous_power, rms_to_peak
+from vsgdesign.equations.inner_loops import limit_length, transient_impedance, voltage_integrators, voltage_loop
+from vsgdesign.equations.limiter_interface import GridEstimate, LimiterView
+from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.dc_rest import bridge_power
+from vsgdesign.linear.operating_point.dc_rest import bridge_power, power_of_plant
 from vsgdesign.linear.operating_point.many import ManyStates
 from vsgdesign.simulation.lanes.cases import LaneCases
+from vsgdesign.simulation.lanes.telling import KnownChanges, OfTrueGrid, Telling
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
 
 STEP_S = 1e-3
@@ -39,77 +43,27 @@ STEP_S = 1e-3
 NEAR_S = 0.1
 """A source is full or empty where its charge is so near to the end, as a time at the rated power, s."""
 
-_AFTER = 1.0
+AFTER = 1.0
 """Settling times after the last change for which the sum goes on."""
 
 
-class _Swing(NamedTuple):
-    """What moves of the power loops, (N,): the angle to the source (rad), the voltage (rms), the offset of
-    :func:`power_loops_about_rest` (rad/s), the filtered powers (W, var), and the clamp's slow frequency (rad/s)."""
+class Swing(NamedTuple):
+    """What moves, (N,): the controller, whose angle is that to the source, the frequency of the clamp, rad/s, by how
+    much it changes P_ref, W, and the link."""
 
-    delta: Array
-    V: Array
-    offset: Array
-    P: Array
-    Q: Array
+    state: ControllerState
     slow: Array
+    cut: Any
+    link: DcState
 
 
-class _Source:
-    """The energies of the source and of the capacitor, J."""
-
-    def __init__(self, study: Study, link: DcLink, count: int) -> None:
-        of = study.converter, study.filter
-        self._law, self._kind = link.kind.law, link.kind
-        self._constants, self._hold = link.settings(*of).source, link.clamp(*of).hold
-        self._charge = np.full(count, link.values.get("charge", 1.0))
-        self._whole = math.inf if link.kind.stored is None else float(link.kind.stored(self._constants))
-        charge, most = link.values.get("charge", 1.0), NEAR_S * study.converter.S_rated
-        rooms = ((1.0 - charge) * self._whole, charge * self._whole) if math.isfinite(self._whole) else (0.0, math.inf)
-        self.takes_none, self.gives_none = (room <= most for room in rooms)
-        self._spare = np.full(count, rooms[0] if self.takes_none else rooms[1])
-        half, idle = 0.5 * link.C, _idle_voltage(link, study)
-        self._room = half * (link.V_high**2 - idle**2 if self.takes_none else idle**2 - link.V_low**2)
-        self._held, self.over = np.zeros(count), np.zeros(count)
-
-    def can_give(self, hold: float) -> SourceLimits:
-        """What the source can give so that its charge lasts for ``hold`` (s), W."""
-        recharged = self._kind.recharged
-        memory = {} if recharged is None else recharged(self._charge, self._constants)
-        found: SourceLimits = self._law.can_give(SimpleNamespace(**memory), hold, self._constants)
-        return found
-
-    @property
-    def held(self) -> SourceLimits:
-        """What the clamp knows of it, W."""
-        return self.can_give(self._hold)
-
-    def take(self, p: Array, dt: float) -> None:
-        """The bridge takes a power (W) for ``dt`` (s). What the source cannot take or give is the capacitor's."""
-        sign = 1.0 if self.takes_none else -1.0
-        moved = sign * p * dt  # positive: away from the end of the charge
-        charged = 0.0 if self._kind.recharged is None else 1.0
-        # What goes out comes from the capacitor first, and leaves room in the source; what comes back goes there first.
-        out, back = np.maximum(moved, 0.0), np.maximum(-moved, 0.0)
-        from_capacitor = np.minimum(self._held, out)
-        self._held -= from_capacitor
-        into_source = np.minimum(self._spare, back)
-        self._spare += (out - from_capacitor) * charged - into_source
-        self._held += back - into_source
-        self._charge = self._charge - sign * (out - from_capacitor - into_source) / self._whole
-        self.over = np.maximum(self.over, self._held / max(self._room, 1e-12))
-
-
-def _idle_voltage(link: DcLink, study: Study) -> float:
-    """Voltage of the link while the source gives nothing, V; V_dc where it has no such rest."""
-    c, bleed = study.converter, 0.0 if link.R_bleed is None else 1.0 / link.R_bleed
-    v = c.V_dc
-    try:
-        for _ in range(8):
-            v = float(link.at_rest(-bleed * v * v, c, study.filter).v)
-    except InfeasibleStudyError:
-        return c.V_dc
-    return v
+def near_an_end(study: Study, link: DcLink) -> bool:
+    """Whether the source takes nothing or gives nothing, now or after NEAR_S at the rated power."""
+    if link.kind.stored is None:
+        return True
+    whole = float(link.kind.stored(link.settings(study.converter, study.filter).source))
+    charge = link.values["charge"]
+    return math.isfinite(whole) and min(charge, 1.0 - charge) * whole <= NEAR_S * study.converter.S_rated
 
 
 def beyond_the_capacitor(
@@ -118,59 +72,126 @@ def beyond_the_capacitor(
     segments: Segments,
     start: ManyStates,
     delta: Array,
+    told: Telling | OfTrueGrid,
     gains: tuple[PowerLoopGains, PowerLoopGains],
     settling_time: float,
 ) -> Mask:
     """Cases, (N,), whose events push more energy into the link, or draw more from it, than the capacitor can take or
-    give while its source cannot (:eq:`dc-pushed`).
+    give while its source cannot (:eq:`dc-told`).
 
-    ``start``, ``delta``: the rest before, and its angle to the source (N,), rad. ``gains``: those that are known at the
-    start and, once the schedule has learnt of the events, at the end. Where the source can both give and take, there
-    are none. Cases whose events change the source, and those with a network, are left out.
+    ``start``, ``delta``: the rest before, and its angle to the source (N,), rad. ``told``: what the controllers are
+    told, whose state stays; ``gains``: at the start and at the end. Where the source can both give and take, there are
+    none. Cases whose events change the source, and those with a network, are left out.
     """
     none = np.zeros(len(cases), dtype=bool)
-    if study.dc is None or cases.networks is not None or len(cases) == 0:
-        return none
-    source = _Source(study, study.dc, len(cases))
-    if not (source.takes_none or source.gives_none):
+    if study.dc is None or cases.networks is not None or len(cases) == 0 or not near_an_end(study, study.dc):
         return none
     changed = np.isfinite(np.stack([getattr(cases.events, name) for name in DC_QUANTITIES])).any(axis=(0, 2))
-    with np.errstate(invalid="ignore", over="ignore"):
-        _swing(study, cases, segments, start, delta, gains, settling_time, source)
-    return ~changed & np.isfinite(source.over) & (source.over > 1.0)
+    with np.errstate(all="ignore"):
+        links = links_at_rest(study, start)
+        if links is None:
+            return none
+        begin = Swing(start.controller._replace(theta=delta), np.array(cases.omega_g, dtype=float), 0.0, links)
+        link = _swung(study, cases, segments, begin, _Present(study, cases, told, gains), settling_time)
+        apart = 2.0 * stored_in_coils(study, cases) / study.dc.C  # V²
+        fallen, risen = links.v**2 - link.lowest**2, link.highest**2 - links.v**2
+        # Where an event moves less than that, the link stays where it rests, however near to a limit that is.
+        low = fallen + np.where(fallen > apart, apart, 0.0) > links.v**2 - study.dc.V_low**2
+        high = risen + np.where(risen > apart, apart, 0.0) > study.dc.V_high**2 - links.v**2
+        found: Mask = ~changed & (low | high)
+    return found
 
 
-def _swing(
-    study: Study,
-    cases: LaneCases,
-    segments: Segments,
-    start: ManyStates,
-    delta: Array,
-    gains: tuple[PowerLoopGains, PowerLoopGains],
-    settling_time: float,
-    source: _Source,
-) -> None:
-    """The power loops on phasors, from the start to the end of the last case."""
+def stored_in_coils(study: Study, cases: LaneCases) -> Array:
+    """What the inductors of filter and grid store at the current limit, J (N,): the sum has no currents that move, and
+    an event may move this energy into the link or out of it."""
+    f, most = study.filter, study.controller_settings().i_max_pk
+    L_g = np.fmax(cases.L_g, np.nanmax(np.where(np.isfinite(cases.events.L_g), cases.events.L_g, 0.0), axis=1))
+    within = min(most, 2.0 * study.converter.I_rated_pk)  # without a limit, twice the rated current
+    return np.asarray(0.5 * SPACE_VECTOR_POWER * (f.L_1 + f.L_2 + L_g) * within**2)
+
+
+def _swung(
+    study: Study, cases: LaneCases, segments: Segments, x: Swing, present: _Present, settling_time: float
+) -> DcState:
+    """The links at the end of the last case."""
     rows, nominal = np.arange(len(cases)), study.converter.references()
-    begun = tuple(np.broadcast_to(gains[0], (len(PowerLoopGains._fields), len(cases))))
-    learnt = tuple(np.broadcast_to(gains[1], (len(PowerLoopGains._fields), len(cases))))
-    first = np.nanmin(np.where(np.isfinite(cases.events.t_s), cases.events.t_s, np.inf), axis=1)
-    known_s = first + cases.silent_s
-    at, loops = np.zeros(len(cases), dtype=np.intp), _Loops(study)
-    x = _Swing(delta, start.V, cases.omega_g - nominal.omega_0, start.P, start.Q, np.array(cases.omega_g, dtype=float))
-    last_s = float(np.max(cases.cleared_s)) + _AFTER * settling_time
+    at, loops = np.zeros(len(cases), dtype=np.intp), PhasorLoops(study)
+    last_s = float(np.max(cases.cleared_s)) + AFTER * settling_time
     for n in range(math.ceil(last_s / STEP_S)):
         t_s = n * STEP_S
         now = (segments.t_s <= t_s + 1e-9).sum(axis=1) - 1
         if np.any(now != at):
             before = segments.at_column(rows, at).at(segments.t_s[rows, now])
-            x = x._replace(delta=x.delta - np.where(now != at, segments.phase[rows, now] - before.phase, 0.0))
-            at = now
-        grid = segments.at_column(rows, at).at(np.full(len(cases), t_s))
-        later = t_s >= known_s
-        present = PowerLoopGains(*(np.where(later, b, a) for a, b in zip(begun, learnt, strict=True)))
-        x, p = loops.step(x, grid, _references(cases, nominal, t_s), present, source.held)
-        source.take(p, STEP_S)
+            jump = np.where(now != at, segments.phase[rows, now] - before.phase, 0.0)
+            x, at = x._replace(state=x.state._replace(theta=x.state.theta - jump)), now
+        grid, refs = segments.at_column(rows, at).at(np.full(len(cases), t_s)), _references(cases, nominal, t_s)
+        x = x._replace(state=present.move_to(t_s, x.state, refs._replace(P_ref=refs.P_ref + x.cut)))
+        x = loops.step(x, grid, refs, present.gains, present.estimate)
+    return x.link
+
+
+class _Present:
+    """The gains of the cases over time, and the grids that they are for."""
+
+    def __init__(
+        self, study: Study, cases: LaneCases, told: Telling | OfTrueGrid, gains: tuple[PowerLoopGains, PowerLoopGains]
+    ) -> None:
+        count, self._T_s = len(cases), study.converter.T_s
+        width = len(PowerLoopGains._fields)
+        first, last = (PowerLoopGains(*np.broadcast_to(np.stack(one), (width, count))) for one in gains)
+        self.gains, self._at = first, 0
+        self._told: Telling | None = None
+        if isinstance(told, OfTrueGrid):
+            learnt_s = np.nanmin(np.where(np.isfinite(cases.events.t_s), cases.events.t_s, np.inf), axis=1)
+            at = np.ceil((learnt_s + cases.silent_s) / self._T_s).astype(np.int64)
+            self._changes = KnownChanges(np.arange(count), at, last, *told.grid_at_end)
+            self.estimate = GridEstimate(cases.R_g, cases.L_g)
+        else:
+            own = self._told = told.take(np.arange(count))
+            self._changes, self.estimate = own.changes, GridEstimate(*own.estimate())
+
+    def move_to(self, t_s: float, state: ControllerState, refs: References) -> ControllerState:
+        """Gains and grids of this instant; the state with the transfer to them (:eq:`gain-transfer`)."""
+        before, sample, changes = self._at, round(t_s / self._T_s), self._changes
+        self._at, old = sample, self.gains
+        now = np.flatnonzero((changes.sample > before) & (changes.sample <= sample))
+        if now.size:
+            lane, (R_g, L_g) = changes.lane[now], (np.array(one) for one in self.estimate)
+            R_g[lane], L_g[lane] = changes.R_g[now], changes.L_g[now]
+            columns = [np.array(one) for one in old]
+            for column, values in zip(columns, changes.gains, strict=True):
+                column[lane] = values[now]
+            self.gains, self.estimate = PowerLoopGains(*columns), GridEstimate(R_g, L_g)
+        every = 0 if self._told is None else self._told.update_samples
+        if self._told is not None and every and sample // every > before // every:
+            answer = self._told.update(sample // every * every, state.P_f, state.Q_f, state.V)
+            if answer is not None:
+                self.gains, self.estimate = answer, GridEstimate(*self._told.estimate())
+        if self.gains is old:
+            return state
+        return state._replace(omega_i=gain_transfer(state.omega_i, refs, old, self.gains))
+
+
+def links_at_rest(study: Study, start: ManyStates) -> DcState | None:
+    """The links before the first event: arrays (N,), NaN where there is no rest; None where no case has one."""
+    rows: dict[int, list[float]] = {}
+    like = None
+    for k, p in enumerate(np.asarray(power_of_plant(study, start.plant)).tolist()):
+        if start.fault[k] == 0 and math.isfinite(p) and study.dc is not None:
+            try:
+                like = study.dc.at_rest(p, study.converter, study.filter)
+            except InfeasibleStudyError:
+                continue
+            rows[k] = numbers_of(like)
+    if like is None:
+        return None
+    table = np.full((len(numbers_of(like)), len(start)), np.nan)
+    for k, numbers in rows.items():
+        table[:, k] = numbers
+    columns: Any = iter(table)
+    found: DcState = record_like(like, columns)
+    return found
 
 
 def _references(cases: LaneCases, nominal: References, t_s: float) -> References:
@@ -184,74 +205,111 @@ def _references(cases: LaneCases, nominal: References, t_s: float) -> References
     return References(**found)
 
 
-class _Loops:
-    """One step of the power loops on phasors."""
+class PhasorLoops:
+    """The controller without its current loop, the grid as phasors, and the link, in steps of STEP_S."""
 
     def __init__(self, study: Study) -> None:
-        settings, c = study.controller_settings(), study.converter
-        self._study, self._i_max = study, settings.i_max_pk
-        self._shares = [1.0 - (1.0 - one) ** (STEP_S / c.T_s) for one in (settings.smoothing_P, settings.smoothing_Q)]
-        self._clamp: ClampSettings | None = None
-        if study.dc is not None and study.dc.clamps:
-            self._clamp = study.dc.clamp(c, study.filter)
-            self._slow = 1.0 - (1.0 - self._clamp.smoothing) ** (STEP_S / c.T_s)
-        self._pull: Any = None
-        if study.limiter is PROJECTION:
-            self._pull = settings.limiter
-            self._i_max = settings.limiter.i_soft_pk
-            self._share = 1.0 - (1.0 - self._pull.share) ** (STEP_S / c.T_s)
-            self._most = self._pull.g * self._pull.largest_pull * STEP_S / c.T_s
+        c = study.converter
+        c = replace(c, f_sw=1.0 / (STEP_S * c.samples_per_carrier))
+        study = replace(study, converter=c)
+        if study.dc is None:
+            raise ValueError("the dc link is ideal.")
+        self._study, self._law = study, study.limiter.law
+        self._settings, self._inner = study.controller_settings(), study.inner_gains
+        self._link, self._source = study.dc.settings(c, study.filter), study.dc.kind.law
+        self._clamp = study.dc.clamp(c, study.filter) if study.dc.clamps else None
 
-    def step(
-        self, x: _Swing, grid: Segments, refs: References, gains: PowerLoopGains, limits: SourceLimits
-    ) -> tuple[_Swing, Array]:
-        """The next state, and the power that the bridge takes now, W."""
+    def step(self, x: Swing, grid: Segments, refs: References, gains: PowerLoopGains, estimate: GridEstimate) -> Swing:
+        """What follows after STEP_S."""
+        state, s, inner = x.state, self._settings, self._inner
+        slow, cut = x.slow, 0.0
+        if self._clamp is not None:
+            limits = self._source.can_give(x.link.memory, self._clamp.hold, self._link.source)
+            of = self._clamp.own, self._clamp.smoothing
+            P_ref, slow, cut = clamp_of_sample(
+                slow, state.omega_i, state.V, state.P_f, state.Q_f, refs, gains, limits, *of
+            )
+            refs = refs._replace(P_ref=P_ref)
+        v_g = rms_to_peak(grid.V_g_rms) * np.exp(-1j * state.theta)
+        circuit = self._circuit(grid, v_g)
+        v, i_g = circuit.at(self._held(state, circuit))
+        drop_d, drop_q, i_f_d, i_f_q = transient_impedance(
+            i_g.real, i_g.imag, state.i_f_d, state.i_f_q, inner, s.smoothing_t
+        )
+        e_d, e_q, i_want_d, i_want_q = voltage_loop(
+            rms_to_peak(state.V), drop_d, drop_q, v.real, v.imag, i_g.real, i_g.imag, state.xi_vd, state.xi_vq, inner,
+            s.omega_C,
+        )  # fmt: skip
+        i_s = i_g + 1j * circuit.omega_C * v
+        P, Q = instantaneous_power(v.real, v.imag, i_g.real, i_g.imag)
+        view = LimiterView(
+            v.real, v.imag, i_s.real, i_s.imag, i_g.real, i_g.imag, e_d, e_q, i_want_d, i_want_q,
+            state.V, state.omega_i, P, Q, inner.K_pv, 0.0,
+        )  # fmt: skip
+        sample = self._law.limit(state.limiter, view, estimate, refs, gains, s)
+        xi_vd, xi_vq = voltage_integrators(
+            sample.e_d,
+            sample.e_q,
+            sample.i_ref_d - i_want_d,
+            sample.i_ref_q - i_want_q,
+            state.xi_vd,
+            state.xi_vq,
+            inner,
+            s.T_s,
+        )
+        omega, P_f, Q_f, wanted = power_stage(state, sample.P, sample.Q, refs, gains, s)
+        steps, remembered = self._law.move(state.limiter, sample, view, omega, wanted, s)
+        after = state._replace(
+            theta=state.theta + (steps.theta - s.T_s * grid.omega),
+            omega_i=state.omega_i + steps.omega_i,
+            V=state.V + steps.V,
+            P_f=P_f,
+            Q_f=Q_f,
+            xi_vd=xi_vd,
+            xi_vq=xi_vq,
+            i_f_d=i_f_d,
+            i_f_q=i_f_q,
+            limiter=remembered,
+        )
+        i_s = sample.i_ref_d + 1j * sample.i_ref_q
+        v, _ = circuit.at(i_s)
+        p = bridge_power(self._study, v, i_s)
+        link = link_step(x.link, BridgePower(p, p, p, p), x.link.needs, self._link, self._source)
+        return Swing(after, slow, cut, link)
+
+    def _circuit(self, grid: Segments, v_g: Complex) -> _Circuit:
         f = self._study.filter
         Z = grid.R_g + f.R_2 + 1j * grid.omega * (grid.L_g + f.L_2)
-        asked, v_g = rms_to_peak(x.V) * np.exp(1j * x.delta), rms_to_peak(grid.V_g_rms)
-        wanted = (asked - v_g) / Z
-        size = np.abs(wanted)
-        limited = size > self._i_max
-        i = np.where(limited, wanted * (self._i_max / np.maximum(size, 1e-12)), wanted)
-        v = v_g + Z * i
-        P, Q = instantaneous_power(v.real, v.imag, i.real, i.imag)
-        P_f, Q_f = (old + share * (new - old) for old, new, share in zip((x.P, x.Q), (P, Q), self._shares, strict=True))
-        if self._clamp is not None:
-            asked_for = refs.P_ref + gains.D_p * (refs.omega_0 - x.slow)
-            refs = refs._replace(P_ref=refs.P_ref + cut_of(asked_for, limits, self._clamp.own))
-        omega, _, _ = power_loops_about_rest(x.offset, x.V, P_f, Q_f, refs, gains)
-        gate, turn = self._gate(v, v_g, i, grid), 0.0
-        missing = refs.P_ref + gains.D_p * (refs.omega_0 - omega) - P_f
-        missing_Q = refs.Q_ref + gains.D_q * (refs.V_n - x.V) - Q_f
-        if self._pull is not None:
-            turn = np.where(limited, np.angle(v / asked), 0.0)
-            held = np.where(limited, 1.0 - gate, 0.0)  # without a voltage of the grid the loops rest
-            # P does not drive the angle away from the voltage that the grid admits.
-            P_f_seen = P_f + np.maximum(1.0 * (turn * missing < 0.0), held) * missing
-            Q_f_seen = Q_f + held * missing_Q
-        else:
-            P_f_seen, Q_f_seen = P_f, Q_f
-        omega, offset, V = power_loops_about_rest(x.offset, x.V, P_f_seen, Q_f_seen, refs, gains)
-        after = x._replace(
-            delta=x.delta + STEP_S * (omega - grid.omega),
-            V=x.V + STEP_S * V,
-            offset=x.offset + STEP_S * offset,
-            P=P_f,
-            Q=Q_f,
-            slow=x.slow + (self._slow * (omega - x.slow) if self._clamp is not None else 0.0),
-        )
-        if self._pull is not None:
-            moved, free = self._share * gate * turn, 1.0 - gains.k_P * gains.D_p
-            followed = np.clip(self._pull.g * moved, -self._most, self._most) / free
-            admitted = np.maximum(np.abs(v) / rms_to_peak(1.0), np.minimum(x.V, refs.V_n))
-            pulled = np.where(limited, self._share * (admitted - x.V), 0.0)
-            after = after._replace(delta=after.delta + moved, offset=after.offset + followed, V=after.V + pulled)
-        return after, bridge_power(self._study, v, i)
+        return _Circuit(Z, v_g, grid.omega * f.C)
 
-    def _gate(self, v: Any, v_g: Any, i: Any, grid: Segments) -> Any:
-        """How sure the limiter is that the grid has a voltage (:eq:`gate`); 1 for others."""
-        if self._pull is None:
-            return 1.0
-        drop, behind = v - v_g, (grid.R_g + 1j * grid.omega * grid.L_g) * i
-        of = self._pull.v_gate_pk, self._pull.doubt
-        return grid_voltage_gate(v.real, v.imag, drop.real, drop.imag, behind.real, behind.imag, *of)
+    def _held(self, state: ControllerState, circuit: _Circuit) -> Complex:
+        """The converter current that the voltage loop asks for once it flows, within its limit, A peak
+        (:eq:`voltage-loop`, :eq:`transient-impedance`)."""
+        inner, s = self._inner, self._settings
+        Z_t = inner.R_t + 1j * inner.X_t
+        own = inner.K_ff - inner.K_pv * Z_t
+        known = inner.K_pv * (rms_to_peak(state.V) + Z_t * (state.i_f_d + 1j * state.i_f_q))
+        known = known + state.xi_vd + 1j * state.xi_vq
+        per_v = 1j * s.omega_C - inner.K_pv - own * 1j * circuit.omega_C
+        v_0, v_1 = circuit.at(0.0)[0], circuit.per_current
+        i = (known + per_v * v_0) / (1.0 - own - per_v * v_1)
+        d, q = limit_length(i.real, i.imag, s.i_max_pk)
+        return np.asarray(d + 1j * q, dtype=complex)
+
+
+class _Circuit(NamedTuple):
+    """Grid and filter behind the converter's current: impedance to the source (Ω), its voltage (V peak), and ωC (S)."""
+
+    Z: Complex
+    v_g: Complex
+    omega_C: Array
+
+    @property
+    def per_current(self) -> Complex:
+        """Voltage at the capacitor per converter current, Ω."""
+        return self.Z / (1.0 + 1j * self.omega_C * self.Z)
+
+    def at(self, i_s: Any) -> tuple[Complex, Complex]:
+        """Voltage at the capacitor and grid current for a converter current: V and A, peak."""
+        v = (self.v_g + self.Z * i_s) / (1.0 + 1j * self.omega_C * self.Z)
+        return v, i_s - 1j * self.omega_C * v

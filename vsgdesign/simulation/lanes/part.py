@@ -400,7 +400,10 @@ def watch_disturbance(part: Watched, writer: ProgramWriter, cases: LaneCases, re
     place, kept, T_s, events = part.place, part.kept, part.study.converter.T_s, cases.events
     clamps = part.study.dc is not None and part.study.dc.clamps
     part.put("of.P_rest", rests.P_asked if clamps else rests.P_end)  # a clamp says in each sample what is left of it
-    part.put("of.Q_rest", rests.Q_end)
+    if clamps:
+        part.put(part.span("rest_of").start, rests.curve.T)
+    else:
+        part.put("of.Q_rest", rests.Q_end)
     part.put("watch.delta", rests.delta_start)
     least = place["watch.least"]
     for k in range(events.count):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.dc_control import RestCurve
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.many import (
     BRIDGE_VOLTAGE,
@@ -24,14 +25,14 @@ from vsgdesign.linear.operating_point.many import (
     power_of,
     powers_at_pcc,
 )
-from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
+from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains, reactive_curve
 from vsgdesign.linear.operating_point.network import NetworkCircuit, NetworkStates, network_circuit, states_of_networks
 from vsgdesign.metrics.survival import REST_SHARE, WATCHED, SurvivalDemand
 from vsgdesign.simulation.circuits import Connection, no_rest_with
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.dc_energy import beyond_the_capacitor
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
-from vsgdesign.simulation.lanes.telling import GainsAtRest
+from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import settling_times_asked
 from vsgdesign.study.parameters.grid import Grid
@@ -62,6 +63,8 @@ class Rests:
     Q_end: Array
     P_asked: Array
     """What reference and P–f droop ask for at the end, W, whatever the source of the dc link can give."""
+    curve: Array
+    """(N, 4): how Q follows a P that a clamp holds elsewhere (:class:`vsgdesign.equations.dc_control.RestCurve`)."""
     delta_start: Array
     delta_end: Array
     states: NetworkStates | None = None
@@ -88,7 +91,12 @@ def _some_fields(record: Any, chosen: NDArray[np.intp]) -> Any:
 
 
 def rests_of(
-    study: Study, cases: LaneCases, segments: Segments, told: GainsAtRest, demand: SurvivalDemand, results: LaneResults
+    study: Study,
+    cases: LaneCases,
+    segments: Segments,
+    told: Telling | OfTrueGrid,
+    demand: SurvivalDemand,
+    results: LaneResults,
 ) -> tuple[Rests, PowerLoopGains]:
     """Where every case rests before and after, with the gains at the start; cases without one are marked."""
     last = last_of(segments)
@@ -121,13 +129,14 @@ def rests_of(
         P_end=np.where(step, at_pcc[1][0], end.P),
         Q_end=np.where(step, at_pcc[1][1], end.Q),
         P_asked=power_of(*lanes_of(study, at_end, at_last)),
+        curve=_curve(study, at_end, at_last, end, linked.end),
         delta_start=start.controller.theta - phase,
         delta_end=end.controller.theta,
         states=linked.states,
     )
     fault = np.where(start.fault > 0, start.fault, end.fault)
     beyond = beyond_the_capacitor(
-        study, cases, segments, start, rests.delta_start, (gains, at_last), demand.settling_time
+        study, cases, segments, start, rests.delta_start, told, (gains, at_last), demand.settling_time
     )
     fault[beyond & (fault == 0)] = DC_ENERGY
     results.fault[:] = fault
@@ -139,6 +148,15 @@ def rests_of(
     limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS, DC_SOURCE, DC_ENERGY))
     results.status[limited] = OVER_LIMIT
     return rests, gains
+
+
+def _curve(
+    study: Study, at_end: Lanes, gains: PowerLoopGains, end: ManyStates, circuits: tuple[NetworkCircuit, ...] | None
+) -> Array:
+    if study.dc is None or not study.dc.clamps:
+        return np.zeros((len(end), len(RestCurve._fields)))
+    found = reactive_curve(study, at_end, gains, end.P, circuits)
+    return np.stack([found.P, np.where(np.isfinite(found.Q), found.Q, end.Q), found.slope, found.bend], axis=1)
 
 
 class Linked(NamedTuple):

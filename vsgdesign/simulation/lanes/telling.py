@@ -176,13 +176,13 @@ class OfTrueGrid:
         for k in range(cases.events.count):
             moved = np.isfinite(cases.events.R_g[:, k]) & np.isfinite(cases.events.t_s[:, k])
             R_g[moved], L_g[moved] = cases.events.R_g[moved, k], cases.events.L_g[moved, k]
-        self._end = R_g, L_g
+        self.grid_at_end = R_g, L_g
 
     def first(self, P: Array, Q: Array, V_rms: Array) -> PowerLoopGains:
         return self._law(*self._start, P, Q, V_rms)
 
     def known_at_end(self) -> ManyGainsOf:
-        return lambda P, Q, V_rms: self._law(*self._end, P, Q, V_rms)
+        return lambda P, Q, V_rms: self._law(*self.grid_at_end, P, Q, V_rms)
 
 
 class _NeverAsked:

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.equations.dc_control import reactive_rest
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError, SimulationDivergedError
 from vsgdesign.identification import estimator_kind
-from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
+from vsgdesign.linear.operating_point.many import Lanes
+from vsgdesign.linear.operating_point.many_rests import reactive_curve, rest_with_measured_gains
 from vsgdesign.metrics.protection import Trip, first_trip
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import (
@@ -266,22 +268,37 @@ def rest_on(
 
 
 def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
-    """What the judge sees of a run. Where the charge moves the rest of a clamped converter, P has moved back with
-    it."""
+    """What the judge sees of a run. Where the charge moves the rest of a clamped converter, P and the Q that belongs to
+    it have moved back with it."""
     log, t_s = simulation.log, simulation.t_s
     every = max(round(simulation.interval / study.converter.T_s), 1)
-    counted, moved = simulation.column("limited_samples"), 0.0
-    if simulation.dc_log is not None:
-        moved = moved_rest(study, simulation.timeline.link_at(float(t_s[-1])), simulation.dc_log)
+    counted = simulation.column("limited_samples")
+    P_moved, Q_moved = _moved(study, simulation)
     return SurvivalRecord(
         t_s=t_s,
-        P=np.ascontiguousarray(simulation.column("P") - moved),
-        Q=np.ascontiguousarray(simulation.column("Q")),
+        P=np.ascontiguousarray(simulation.column("P") - P_moved),
+        Q=np.ascontiguousarray(simulation.column("Q") - Q_moved),
         delta=simulation.column("theta") - simulation.timeline.source_phase(t_s, _SAME_INSTANT * study.converter.T_s),
         i_s_pu=np.hypot(log[:, 0], log[:, 1]) / study.converter.I_rated_pk,
         limited=np.diff(counted, prepend=counted[:1]) / every,
         diverged=simulation.divergence is not None,
     )
+
+
+def _moved(study: Study, simulation: Simulation) -> tuple[Array | float, Array | float]:
+    """By how much P (W) and Q (var) of the rest have moved with the charge, in each row."""
+    end_s, timeline = float(simulation.t_s[-1]), simulation.timeline
+    rows = simulation.dc_log
+    moved = None if rows is None else moved_rest(study, timeline.link_at(end_s), rows)
+    if moved is None:
+        return 0.0, 0.0
+    source, grid, load = timeline.source_at(end_s), timeline.grid_at(end_s), timeline.network_at(end_s).load
+    lanes = Lanes.at(grid, GridSource(source.V_g_rms, source.omega), timeline.references_at(end_s))
+    circuit = circuit_at_rest(study, Connection(grid, Network(load=load)))
+    gains = simulation.gain_changes[-1].gains
+    curve = reactive_curve(study, lanes, gains, np.array([moved.P_start]), circuit)
+    Q = reactive_rest(moved.P, curve) - reactive_rest(moved.P_start, curve)
+    return moved.P - moved.P_start, np.where(np.isfinite(Q), Q, 0.0)
 
 
 def with_protection(verdict: Survival, study: Study, simulation: Simulation, since_s: float) -> Survival:

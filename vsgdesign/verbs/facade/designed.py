@@ -97,8 +97,7 @@ def design_study(study: Study | str | Path, out: str | Path | None = None) -> De
 
     With ``out`` the folder of the verb is written, too. Raises InfeasibleStudyError and ArtifactError.
     """
-    from vsgdesign.design.study_design import design_study as designed
-    from vsgdesign.verbs.pipeline.design import report_design
+    from vsgdesign.verbs.pipeline.design import designed, report_design
     from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 

@@ -104,9 +104,11 @@ def simulate(
     from an earlier call of :func:`vsgdesign.verbs.pipeline.making.make_ready`. Without it, those that the study asks
     for are read, taken from below ``out`` where an earlier command has left them, or designed and trained first (on
     ``workers`` processes). ``warn`` is called with one sentence for each controller that is unstable by the linear
-    model. Raises StudyError, InfeasibleStudyError, ArtifactError and SimulationDivergedError.
+    model, and for each whose dc side cannot do what is asked. Raises StudyError, InfeasibleStudyError, ArtifactError
+    and SimulationDivergedError.
     """
     from vsgdesign.execution.progress import silent
+    from vsgdesign.simulation.lanes.beforehand import told_beforehand
     from vsgdesign.simulation.scenario import run_scenario
     from vsgdesign.verbs.pipeline.making import make_ready
     from vsgdesign.verbs.pipeline.one_unit import alone
@@ -115,6 +117,9 @@ def simulate(
     tell, study = progress or silent, alone(given_study(study, "simulate"), "simulate")
     study = study.made_strict() if strict else study
     there = ready or make_ready(with_left_tables(study), bridge=bridge, workers=workers, progress=progress)
+    if warn is not None:
+        for text in told_beforehand(study, there):
+            warn(text)
     return Run(
         run_scenario(
             study,

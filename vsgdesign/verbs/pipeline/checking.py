@@ -10,6 +10,7 @@ from vsgdesign.artifacts.folders import check_folder_target
 from vsgdesign.artifacts.network_weights import read_network_weights
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.identification.registry import needs_network
+from vsgdesign.simulation.lanes.beforehand import told_beforehand
 from vsgdesign.simulation.scenario.checking import check_scenario
 from vsgdesign.simulation.units.scenario import check_plant_run
 from vsgdesign.simulation.units.timeline import plant_timeline
@@ -56,7 +57,8 @@ def check_deep(study_file: str | Path, out: str | Path | None = None) -> tuple[S
         None if untrained or spec is None or spec.weights_file is None else read_network_weights(spec.weights_file)
     )
     ready = Ready(tables=read_tables(study), network=network)
-    said = check_scenario(_without_designs(study, untrained), ready)
+    designed = _without_designs(study, untrained)
+    said = [*told_beforehand(designed, ready), *check_scenario(designed, ready)]
     with TemporaryDirectory(prefix="vsgdesign-") as folder:
         export_tables(study, ready, Path(folder), warn=said.append)
     return study, said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
@@ -15,6 +16,14 @@ FLOW_FILE = "power_flow.csv"
 UNITS = {"P_ref": "W", "Q_ref": "var", "P": "W", "Q": "var", "V_rms": "V", "I_rms": "A"}
 
 
+def designed(study: Study) -> StudyDesign:
+    """The power flow and the gains, with what the dc side cannot do. Raises InfeasibleStudyError."""
+    from vsgdesign.simulation.lanes.beforehand import told_beforehand
+
+    found = design_study(study)
+    return replace(found, missing=(*found.missing, *told_beforehand(study, found.ready)))
+
+
 def report_design(study: Study, out: str | Path) -> StudyDesign:
     """Writes results.json, the power flow as CSV, figures and report.html to ``out``. Raises ArtifactError."""
     from vsgdesign.report.drawing.files import write_all
@@ -23,7 +32,7 @@ def report_design(study: Study, out: str | Path) -> StudyDesign:
     from vsgdesign.report.stability.power_flow import flow_figures
 
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
-        found = design_study(study)
+        found = designed(study)
         rows = [
             (flow.controller, *(getattr(flow, name)[k] for name in FIELDS))
             for flow in found.flows

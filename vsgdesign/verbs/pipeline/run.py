@@ -36,6 +36,7 @@ from vsgdesign.linear.stability.loci import shares_of
 from vsgdesign.metrics import EventMetrics, StepNoise
 from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.gains import GainChange, settled_changes
+from vsgdesign.simulation.lanes.beforehand import told_beforehand
 from vsgdesign.simulation.rest import Instability, Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, mean_cycles, run_scenario
 from vsgdesign.simulation.scenario.judging import judge_estimates
@@ -130,6 +131,9 @@ def run_study(
             return ready
 
         begin, late = time.perf_counter(), have.late
+        if warn is not None:
+            for text in told_beforehand(study, have.ready):
+                warn(text)
         result = run_scenario(
             study,
             have.ready if late else complete(have.ready),

@@ -45,6 +45,7 @@ def size_study(
     from vsgdesign.export.unit import controller_named
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.sizing import sizing_page
+    from vsgdesign.simulation.lanes.beforehand import told_beforehand
 
     if source is None:
         source = study.dc.source if study.dc is not None and study.dc.source in KINDS else "converter"
@@ -56,6 +57,9 @@ def size_study(
         alone = replace(study, controllers=(spec,))
         ready = Ready(tables=kept_tables(alone, progress=progress, say=say).tables)
         tests = _tests(study, spec, ready, suites)
+        if say is not None and not suites:
+            for text in told_beforehand(alone, ready):
+                say(f"as the study is, {text}")
         asked = Asked(source=source, C=C, keep=keep or {})
         found = size_dc_side(study, spec, ready, asked, tests, progress=progress or silent)
         document = {
