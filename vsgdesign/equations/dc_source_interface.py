@@ -133,6 +133,10 @@ class DcSource:
     rest: Callable[[float, DcRatings, Any, Mapping[str, Any]], tuple[float, Any]]
     """Where it rests while the bridge takes a power, W: the link's voltage and its memory. Raises ValueError with the
     reason where it cannot give this power."""
+    holds: Callable[..., Any]
+    """Where it rests as an equation of scalars: ``holds(p, charge, bleed, constants)`` with the power of the bridge, W,
+    its state of charge (0 to 1; one without a charge does not read it) and the conductance of the bleeder, S. Returns
+    (v, possible): the link's voltage, V, and whether the source can give this, 1 or 0."""
     parameters: tuple[DcParameter, ...] = ()
     check: Callable[[DcRatings, Mapping[str, Any]], Mapping[str, str]] | None = None
     """Faults of several parameters together: {name: what is wrong}."""

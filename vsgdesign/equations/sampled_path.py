@@ -239,14 +239,7 @@ def sampled_rest(
     delta: Any,
 ) -> Rest:
     """The steady state with V∠δ at the control point: every state of the circuit is affine in this voltage."""
-    bridge = PlantPhasors(Phasor(b_1, 0.0), Phasor(b_2, 0.0), Phasor(b_3, 0.0))
-    per_bridge = rotating(transition, turn, bridge)
-    from_source = each_sum(rms_to_peak(V_g_rms), rotating(transition, turn, of_constant), 0.0, per_bridge)
-    v_pk = rms_to_peak(V_rms)
-    v = Phasor(v_pk * np.cos(delta), v_pk * np.sin(delta))
-    driven = scaled_sum(1.0, v, -1.0, node_phasor(from_source, circuit.R_c))
-    v_b = quotient(driven, node_phasor(per_bridge, circuit.R_c))
-    x = each_sum(1.0, each_product(per_bridge, v_b), 1.0, from_source)
+    x, v, v_b = _states_at_rest(transition, b_1, b_2, b_3, of_constant, turn, circuit, V_g_rms, V_rms, delta)
     P, Q = instantaneous_power(v.re, v.im, x.i_g.re, x.i_g.im)
     at_pcc = Phasor(
         pcc_voltage(x.i_s.re, x.v_c.re, x.i_g.re, rms_to_peak(V_g_rms), circuit),
@@ -255,3 +248,47 @@ def sampled_rest(
     P_pcc, Q_pcc = instantaneous_power(at_pcc.re, at_pcc.im, x.i_g.re, x.i_g.im)
     i_s_pk, v_b_pk = np.hypot(x.i_s.re, x.i_s.im), np.hypot(v_b.re, v_b.im)
     return Rest(P, Q, V_rms, delta, i_s_pk, v_b_pk, P_pcc, Q_pcc)
+
+
+def bridge_power_at_rest(
+    transition: Transition,
+    b_1: Any,
+    b_2: Any,
+    b_3: Any,
+    of_constant: PlantPhasors,
+    turn: Phasor,
+    circuit: FilterGrid,
+    V_g_rms: Any,
+    V_rms: Any,
+    delta: Any,
+    R_1: Any,
+) -> Any:
+    """The mean power that the bridge takes at the rest of :func:`sampled_rest`, W: that of the control point and of the
+    losses before it."""
+    x, v, _ = _states_at_rest(transition, b_1, b_2, b_3, of_constant, turn, circuit, V_g_rms, V_rms, delta)
+    given, _ = instantaneous_power(v.re, v.im, x.i_s.re, x.i_s.im)
+    lost, _ = instantaneous_power(x.i_s.re, x.i_s.im, x.i_s.re, x.i_s.im)
+    return given + R_1 * lost
+
+
+def _states_at_rest(
+    transition: Transition,
+    b_1: Any,
+    b_2: Any,
+    b_3: Any,
+    of_constant: PlantPhasors,
+    turn: Phasor,
+    circuit: FilterGrid,
+    V_g_rms: Any,
+    V_rms: Any,
+    delta: Any,
+) -> tuple[PlantPhasors, Phasor, Phasor]:
+    """The circuit's states, the voltage at the control point and that of the bridge."""
+    bridge = PlantPhasors(Phasor(b_1, 0.0), Phasor(b_2, 0.0), Phasor(b_3, 0.0))
+    per_bridge = rotating(transition, turn, bridge)
+    from_source = each_sum(rms_to_peak(V_g_rms), rotating(transition, turn, of_constant), 0.0, per_bridge)
+    v_pk = rms_to_peak(V_rms)
+    v = Phasor(v_pk * np.cos(delta), v_pk * np.sin(delta))
+    driven = scaled_sum(1.0, v, -1.0, node_phasor(from_source, circuit.R_c))
+    v_b = quotient(driven, node_phasor(per_bridge, circuit.R_c))
+    return each_sum(1.0, each_product(per_bridge, v_b), 1.0, from_source), v, v_b

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -153,28 +152,40 @@ def battery_constants(ratings: DcRatings, values: Mapping[str, Any]) -> BatteryC
     )
 
 
+def battery_holds(p: Any, charge: Any, bleed: Any, c: BatteryConstants) -> tuple[Any, Any]:
+    """A battery at rest (:eq:`dc-battery-rest`). Returns (v, possible): the link's voltage, V, the upper one of two,
+    and whether the limits of the current allow it, 1 or 0."""
+    e = open_voltage(charge, c.open)
+    # v (e − v)/R = p + g v²
+    a, b = c.over_R + bleed, e * c.over_R
+    root = b * b - 4.0 * a * p
+    v = (b + np.sqrt(np.maximum(root, 0.0))) / (2.0 * a)
+    current = (e - v) * c.over_R
+    low = np.where(charge < 1.0, c.i_min, 0.0)
+    high = np.where(charge > 0.0, c.i_max, 0.0)
+    rounding = 1e-12 * v * c.over_R
+    within = 1.0 * (root >= 0.0) * (current >= low - rounding) * (current <= high + rounding)
+    return v, within
+
+
 def battery_rest(
     p: float, ratings: DcRatings, c: BatteryConstants, values: Mapping[str, Any]
 ) -> tuple[float, BatteryMemory]:
-    """The link's voltage at a power (:eq:`dc-battery-rest`), the upper one of two."""
-    charge = values["charge"]
-    e, g = float(open_voltage(charge, c.open)), 1.0 / ratings.R_bleed
-    # v (e − v)/R = p + g v²
+    """The link's voltage at a power (:func:`battery_holds`)."""
+    charge, g = values["charge"], 1.0 / ratings.R_bleed
+    v, possible = battery_holds(p, charge, g, c)
+    if possible:
+        return float(v), BatteryMemory(charge=charge)
+    e = float(open_voltage(charge, c.open))
     a, b = c.over_R + g, e * c.over_R
-    root = b * b - 4.0 * a * p
-    if root < 0.0:
+    if b * b - 4.0 * a * p < 0.0:
         raise ValueError(f"a battery of {e:.5g} V and {1e3 / c.over_R:.4g} mΩ gives at most {b * b / (4.0 * a):.4g} W")
-    v = (b + math.sqrt(root)) / (2.0 * a)
-    current = (e - v) * c.over_R
     low = c.i_min if charge < 1.0 else 0.0
     high = c.i_max if charge > 0.0 else 0.0
-    rounding = 1e-12 * v * c.over_R
-    if not low - rounding <= current <= high + rounding:
-        raise ValueError(
-            f"a battery at {100.0 * charge:.3g} % of its charge would give {current:.4g} A, and its limits are "
-            f"{low:.4g} to {high:.4g} A"
-        )
-    return v, BatteryMemory(charge=charge)
+    raise ValueError(
+        f"a battery at {100.0 * charge:.3g} % of its charge would give {(e - v) * c.over_R:.4g} A, and its limits are "
+        f"{low:.4g} to {high:.4g} A"
+    )
 
 
 def _check(ratings: DcRatings, values: Mapping[str, Any]) -> Mapping[str, str]:
@@ -219,6 +230,7 @@ BATTERY = DcSource(
     DcSourceLaw(battery_flow, battery_remembers, battery_can_give),
     battery_constants,
     battery_rest,
+    battery_holds,
     _PARAMETERS,
     _check,
     lost=("i_max", "i_charge_max"),

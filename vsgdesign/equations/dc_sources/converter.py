@@ -130,17 +130,27 @@ def stage_constants(ratings: DcRatings, values: Mapping[str, Any]) -> StageConst
     )
 
 
-def stage_rest(p: float, ratings: DcRatings, c: StageConstants, values: Mapping[str, Any]) -> tuple[float, StageMemory]:
-    """The link's voltage at a power (:eq:`dc-stage-rest`)."""
-    g = 1.0 / ratings.R_bleed
+def stage_holds(p: Any, charge: Any, bleed: Any, c: StageConstants) -> tuple[Any, Any]:
+    """A stage at rest (:eq:`dc-stage-rest`). Returns (v, possible): the link's voltage, V, and whether the limits of
+    the stage allow it, 1 or 0."""
     # k (V − v) + f p = p + g v²
-    v = c.V - (1.0 - c.forward) * p / c.k_p
-    for _ in range(50):
-        v -= (c.k_p * (c.V - v) + c.forward * p - p - g * v * v) / (-c.k_p - 2.0 * g * v)
-    needed, charge = p + g * v * v, values["charge"]
-    low, high = c.p_min if charge < 1.0 else 0.0, c.p_max if charge > 0.0 else 0.0
-    rounding = 1e-12 * ratings.S_rated
-    if not (low - rounding <= needed <= high + rounding) or not v > 0.0:
+    whole = c.k_p * c.V + c.forward * p - p
+    v = 2.0 * whole / (c.k_p + np.sqrt(np.maximum(c.k_p * c.k_p + 4.0 * bleed * whole, 0.0)))
+    needed = p + bleed * v * v
+    low = np.where(charge < 1.0, c.p_min, 0.0)
+    high = np.where(charge > 0.0, c.p_max, 0.0)
+    rounding = 1e-12 * (c.p_max - c.p_min)
+    return v, 1.0 * (v > 0.0) * (needed >= low - rounding) * (needed <= high + rounding)
+
+
+def stage_rest(p: float, ratings: DcRatings, c: StageConstants, values: Mapping[str, Any]) -> tuple[float, StageMemory]:
+    """The link's voltage at a power (:func:`stage_holds`)."""
+    g, charge = 1.0 / ratings.R_bleed, values["charge"]
+    found, possible = stage_holds(p, charge, g, c)
+    v = float(found)
+    needed = p + g * v * v
+    if not possible:
+        low, high = c.p_min if charge < 1.0 else 0.0, c.p_max if charge > 0.0 else 0.0
         raise ValueError(f"the stage would give {needed:.4g} W, and its limits are {low:.4g} to {high:.4g} W")
     return v, StageMemory(p=needed, target=needed, stored=values["charge"] * values["energy"])
 
@@ -155,6 +165,7 @@ CONVERTER = DcSource(
     DcSourceLaw(stage_flow, stage_remembers, stage_can_give),
     stage_constants,
     stage_rest,
+    stage_holds,
     (
         DcParameter("p_max", "W", 1.0, 1e10, "largest power that it gives"),
         DcParameter("p_charge_max", "W", 0.0, 1e10, "largest power that it takes", default=0.0),

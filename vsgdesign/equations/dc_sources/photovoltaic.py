@@ -19,7 +19,9 @@ from vsgdesign.equations.dc_source_interface import (
     SourceLimits,
 )
 
-NEWTON_STEPS = 3
+_FLAT, _CLOSE = -1e-9, 1e-10
+"""The least slope with which a step is made, and by how much the power of a rest may be wrong, as shares of the power
+over the voltage and of the power."""
 
 
 class ArrayConstants(NamedTuple):
@@ -126,23 +128,55 @@ def array_curve(c: ArrayConstants, points: int = 2001) -> tuple[np.ndarray, np.n
     return v[(v >= 0.0) & (current >= 0.0)], current[(v >= 0.0) & (current >= 0.0)]
 
 
+def array_holds(p: Any, charge: Any, bleed: Any, c: ArrayConstants) -> tuple[Any, Any]:
+    """An array at rest, right of its maximum (:eq:`dc-array-rest`). Returns (v, possible): the link's voltage, V, and
+    whether the array gives the power, 1 or 0.
+
+    Newton's method comes from the open circuit: the power is a concave function of the diode's voltage there, so that
+    every step ends right of the rest, or left of the maximum where there is none.
+    """
+    top = np.log(1.0 + c.I_L / c.I_0) / c.over_a
+    ten = _nearer_5(_nearer_5(top, p, bleed, c), p, bleed, c)
+    u = _nearer_5(_nearer_5(ten, p, bleed, c), p, bleed, c)
+    missing, fall = _power_missing(u, p, bleed, c)
+    v = u - c.R_s * diode_current(u, c)
+    return v, 1.0 * (p >= 0.0) * (fall < 0.0) * (np.abs(missing) <= _CLOSE * c.I_L * v)
+
+
+def _power_missing(u: Any, p: Any, bleed: Any, c: ArrayConstants) -> tuple[Any, Any]:
+    """The power of the array less bleeder and bridge at a voltage of its diode. Returns (missing, fall): the power, W,
+    and its derivative, W/V."""
+    current = diode_current(u, c)
+    slope = -(c.I_0 * c.over_a * np.exp(u * c.over_a) + c.over_R_sh)
+    v = u - c.R_s * current
+    per_u = 1.0 - c.R_s * slope
+    return v * current - bleed * v * v - p, per_u * (current - 2.0 * bleed * v) + v * slope
+
+
+def _nearer(u: Any, p: Any, bleed: Any, c: ArrayConstants) -> Any:
+    """One step of Newton's method towards the diode's voltage at a rest, V."""
+    missing, fall = _power_missing(u, p, bleed, c)
+    return u - missing / np.minimum(fall, _FLAT * c.I_L)
+
+
+def _nearer_5(u: Any, p: Any, bleed: Any, c: ArrayConstants) -> Any:
+    """Five of them."""
+    two = _nearer(_nearer(u, p, bleed, c), p, bleed, c)
+    return _nearer(_nearer(_nearer(two, p, bleed, c), p, bleed, c), p, bleed, c)
+
+
 def array_rest(p: float, ratings: DcRatings, c: ArrayConstants, values: Mapping[str, Any]) -> tuple[float, ArrayMemory]:
-    """The link's voltage at a power, right of the maximum, where it is stable (:eq:`dc-array-rest`)."""
-    v, current = array_curve(c)
-    left = v * current - v * v / ratings.R_bleed - p
-    peak = int(np.argmax(left))
-    if left.size == 0 or left[peak] < 0.0 or p < 0.0:
-        most = 0.0 if left.size == 0 else left[peak] + p
+    """The link's voltage at a power (:func:`array_holds`)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        found, possible = array_holds(p, 0.0, 1.0 / ratings.R_bleed, c)
+    if not possible:
+        v, current = array_curve(c)
+        most = float(np.max(v * current - v * v / ratings.R_bleed, initial=0.0))
         raise ValueError(f"the array gives 0 to {most:.4g} W at this irradiance, and {p:.4g} W are asked for")
-    low, high = v[peak], v[-1] if left[-1] <= 0.0 else v[-1] * 1.01
-    u = low
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        for _ in range(60):
-            u = float(diode_voltage(u, middle, c))
-        short = middle * float(diode_current(u, c)) - middle * middle / ratings.R_bleed < p
-        low, high = (low, middle) if short else (middle, high)
-    return float(low), ArrayMemory(u=u)
+    u = v = float(found)
+    for _ in range(60):
+        u = float(diode_voltage(u, v, c))
+    return v, ArrayMemory(u=u)
 
 
 def _check(ratings: DcRatings, values: Mapping[str, Any]) -> Mapping[str, str]:
@@ -159,6 +193,7 @@ PHOTOVOLTAIC = DcSource(
     DcSourceLaw(array_flow, array_remembers, array_can_give),
     array_constants,
     array_rest,
+    array_holds,
     (
         DcParameter("modules", "1", 1.0, 1e4, "modules in series"),
         DcParameter("strings", "1", 1.0, 1e6, "strings in parallel"),
