@@ -143,11 +143,13 @@ def test_a_study_beyond_the_fields_of_the_page_has_none_and_says_why() -> None:
     assert page.why == "P must be a number between -10 and 10 kW, not 12."
 
 
-def test_a_study_with_a_source_at_its_dc_link_has_none_and_says_why() -> None:
+@pytest.mark.parametrize("more", ['compensation = "none"', 'control = "voltage_droop"'])
+def test_a_dc_link_that_moves_the_rest_has_none_and_says_why(more: str) -> None:
     battery = "[dc.battery]\nR_i = 0.1\ni_max = 50\ncapacity_Ah = 10\n"
-    page = live_page(study_from_text(f'{FIXED}[dc]\nsource = "battery"\nC = 2e-3\n{battery}'), NOTHING, (2, 1))
+    page = live_page(study_from_text(f'{FIXED}[dc]\nsource = "battery"\nC = 2e-3\n{more}\n{battery}'), NOTHING, (2, 1))
     assert page.text is None
-    assert "simulates with an ideal link alone" in page.why
+    assert f"dc = {more}: " in page.why
+    assert "Use vsgdesign explore without --page" in page.why
 
 
 FIXED = """

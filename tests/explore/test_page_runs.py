@@ -9,6 +9,8 @@ import pytest
 
 from evidence._random_studies import bare, table_of
 from evidence.page_runs import STUDY
+from tests.explore.dc_studies import SOURCES
+from tests.explore.dc_studies import STUDY as STUDY_WITH_SOURCE
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.report.explore.lattice import Lattice, Texts
 from vsgdesign.report.explore.page_runs import PageRuns, page_runs
@@ -84,6 +86,19 @@ def test_starts_on_many_grids_are_those_of_single_runs(session: Session, bridge:
             if one.why[0] is None:
                 assert many.numbers[at].tobytes() == one.numbers[0].tobytes()
     assert {one.there.sum() for one in together.starts} == {4}  # the weakest grids carry no 4 kW
+
+
+@pytest.mark.parametrize("source", ["battery", "converter", "photovoltaic", "clamped"])
+def test_starts_of_a_dc_link_are_those_of_single_runs(source: str) -> None:
+    """To the bit, with the words of grids on which the source cannot hold the rest."""
+    session = Session(study_from_text(STUDY_WITH_SOURCE.format(dc=SOURCES[source])), Ready())
+    states = Lattice((2.0, 7.0), (0.7, 4.0), PlaceOfState(3.0, 3.0)).states(session.start, held=False)
+    together = starts_of(session.study, session.ready, states)
+    for at, state in enumerate(states):
+        alone = starts_of(session.study, session.ready, [state])
+        for many, one in zip(together.starts, alone.starts, strict=True):
+            assert many.why[at] is None
+            assert many.numbers[at].tobytes() == one.numbers[0].tobytes()
 
 
 def test_a_grid_that_is_too_stiff_to_switch_has_no_start() -> None:

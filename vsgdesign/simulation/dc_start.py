@@ -68,6 +68,10 @@ def dc_columns(study: Study) -> tuple[str, ...]:
     return () if kind is None else tuple(name.removeprefix("dc.") for name in kind.logged)
 
 
+BLOCKS_AT = "the bridge blocks at {:.4g} s"
+"""What is said of a bridge that blocks: its time in the run, s."""
+
+
 def blocked(link: DcLink, lowest: float, highest: float) -> str | None:
     """Why the bridge blocks whose link was so low and so high, V; None: it does not."""
     if lowest < link.V_low:

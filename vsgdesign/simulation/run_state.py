@@ -23,7 +23,7 @@ from vsgdesign.simulation.batch import STANDS, Batch
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import Circuits, connection_at
 from vsgdesign.simulation.clearing import SLACK, SampleOfFault
-from vsgdesign.simulation.dc_start import blocked, dc_at_start, dc_changed
+from vsgdesign.simulation.dc_start import BLOCKS_AT, blocked, dc_at_start, dc_changed
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.online import Hears
@@ -185,11 +185,7 @@ class RunState:
         if why is not None:
             good = self.log.good(self.study, self._begun, done)
             diverged_s, whole = good * self.T_s, self._blocked() is None
-            said = (
-                f"the simulation diverged at {diverged_s:.4g} s"
-                if whole
-                else f"the bridge blocks at {diverged_s:.4g} s"
-            )
+            said = f"the simulation diverged at {diverged_s:.4g} s" if whole else BLOCKS_AT.format(diverged_s)
             self.divergence = Divergence(diverged_s, f"{said}: {why}", blocked=not whole)
             self.log.end(good)
             self.ended = done

@@ -24,6 +24,7 @@ _MOST_CHOICES = 4
 """Values of a whole number that the page shows as a choice instead of a slider."""
 
 POINT, ESTIMATE, DESIGN, LIMITS = "Grid and operating point", "Estimate", "Design", "Filters and limits"
+DC_SIDE = "Dc side"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +121,12 @@ STUDY_FIELDS = (
     _row("power_loops.tau_Q", "Filter of Q", _MS, (0.0, 100.0, 0.5), LIMITS, _every),
     _row("converter.delay_samples", "Delay of the control", ("samples", 1.0), (0, 1, 1), LIMITS, _every),
     _row("converter.current_limit_pu", "Current limit", _PU, (1.0, 3.0, 0.05), LIMITS, _every),
+    _row("dc.battery.charge", "State of charge", _PER_CENT, (0.0, 100.0, 1.0), DC_SIDE, _every),
+    _row("dc.battery.i_max", "Largest current", ("A", 1.0), (1.0, 1e4, 1.0), DC_SIDE, _every),
+    _row("dc.converter.charge", "State of charge", _PER_CENT, (0.0, 100.0, 1.0), DC_SIDE, _every),
+    _row("dc.converter.p_max", "Largest power", ("kW", 1e-3), (0.1, 1e4, 0.1), DC_SIDE, _every),
+    _row("dc.photovoltaic.irradiance", "Irradiance", ("W/m^2", 1.0), (1.0, 1200.0, 1.0), DC_SIDE, _every),
+    _row("dc.C", "Capacitor", ("mF", 1e3), (0.01, 100.0, 0.01), DC_SIDE, _every),
 )
 """Fields of a study that the page may change, in the order in which it shows them."""
 
@@ -247,11 +254,14 @@ def changed_study(study: Study, changes: Mapping[str, float | str] | tuple[tuple
         for path, value in changes.items()
         if path not in known
     ]
-    sections: dict[str, dict[str, Any]] = {}
+    sections: dict[str, Any] = {}
     for path, value in changes.items():
         if path in known:
-            section, _, name = path.partition(".")
-            sections.setdefault(section, {})[name] = _whole(value) if known[path].choices else value
+            *tables, name = path.split(".")
+            section: dict[str, Any] = sections
+            for table in tables:
+                section = section.setdefault(table, {})
+            section[name] = _whole(value) if known[path].choices else value
     asked: dict[str, Asked] = {}
     changed = study
     try:

@@ -14,6 +14,7 @@ from vsgdesign.campaigns.verification.promises import LIMIT_ROOM
 from vsgdesign.linear.stability.cells import reduced_cells
 from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.report.explore.dc_side import signals_of
 from vsgdesign.report.explore.fields import fields_of, gains_of
 from vsgdesign.report.explore.maps import figures_of, map_axes, map_cells, map_figures
 from vsgdesign.report.explore.scene import shown_of
@@ -54,6 +55,7 @@ def study_info(study: Study, ready: Ready, colours: Mapping[str, str]) -> dict[s
         "most": most_allowed(gates, study.converter.current_limit_pu),
         "modes": modes_window(study, ready),
         "S_rated": study.converter.S_rated,
+        "signals": signals_of(study),
     }
 
 

@@ -18,6 +18,7 @@ from vsgdesign.metrics.events import MEASURED, TOO_SHORT, EventMetrics
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import loads_of
 from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
+from vsgdesign.report.explore.dc_side import curves_of_dc, levels_of
 from vsgdesign.report.explore.events import LEAD_S, after_s, event_s, events_of, length_s, study_of
 from vsgdesign.report.explore.scene import Scene, Shown, scene_of
 from vsgdesign.report.explore.state import State
@@ -141,7 +142,8 @@ def simulated(study: Study, ready: Ready) -> Simulation:
 
 
 def curves_of(study: Study, run: Simulation) -> dict[str, NDArray[np.float32]]:
-    """Time from the event (s) and :data:`SIGNALS` of a run: rows of its log, few enough to be drawn."""
+    """Time from the event (s), :data:`SIGNALS` and the signals of the dc link of a run: rows of its log, few enough to
+    be drawn."""
     log, c = run.log, study.converter
     v = capacitor_node_voltage(log[:, 0:2], log[:, 2:4], log[:, 4:6], study.circuit())
     values = (
@@ -151,13 +153,14 @@ def curves_of(study: Study, run: Simulation) -> dict[str, NDArray[np.float32]]:
         run.column("omega") / (2.0 * np.pi),
         np.hypot(v[:, 0], v[:, 1]) / rms_to_peak(c.V_rated_rms),
     )
-    kept = thinned(values)
-    found = {"t": run.t_s - event_s(study)} | dict(zip(SIGNALS, values, strict=True))
+    named = dict(zip(SIGNALS, values, strict=True)) | curves_of_dc(study, run)
+    kept = thinned(list(named.values()))
+    found = {"t": run.t_s - event_s(study)} | named
     return {name: series[kept].astype(np.float32) for name, series in found.items()}
 
 
 def bands(scene: Scene, ready: Ready, state: State) -> list[dict[str, Any]]:
-    """Bands and limits of the curves: current limits, and what the specification asks of a step.
+    """Bands and limits of the curves: current limits, levels of the dc link, and what the specification asks of a step.
 
     The band of a step lies around the value that its reference asks for. Where a droop moves the final value of Q,
     there is none.
@@ -166,6 +169,7 @@ def bands(scene: Scene, ready: Ready, state: State) -> list[dict[str, Any]]:
     given = [one.study.converter.current_limit_pu for one in scene.shown]
     limits = sorted({limit for limit in given if limit is not None})
     found = [_band("i_s_pu", (-LEAD_S, end_s), None, limit, f"current limit {limit:.3g} pu") for limit in limits]
+    found += [{"from_s": -LEAD_S, "to_s": end_s} | level for level in levels_of(scene.study)]
     asked, event = asked_of_steps(scene, state), state.event
     if asked is None or event.kind != "step" or event.size == 0.0 or event.signal not in asked["start"]:
         return found

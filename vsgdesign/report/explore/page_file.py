@@ -26,6 +26,7 @@ from vsgdesign.execution.jobs import each_of
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
+from vsgdesign.report.explore.dc_side import V_DC, check_page
 from vsgdesign.report.explore.lattice import (
     LATTICE,
     QUICK_LATTICE,
@@ -45,7 +46,6 @@ from vsgdesign.report.explore.session import SWITCHED, Session
 from vsgdesign.report.explore.state import LABELS, PlaceOfState, State
 from vsgdesign.report.page.html import POLICY
 from vsgdesign.report.page.live import StaticPage
-from vsgdesign.study.parameters.dc_link import ideal_link
 from vsgdesign.study.parameters.study import Study
 
 LIMIT_BYTES = 5_000_000
@@ -67,11 +67,8 @@ OF_BRIDGE = {
     ),
 }
 """What it says of its bridge."""
-NO_DC = (
-    "The dc link of this study has a source, and a browser simulates with an ideal link alone: its runs would not be "
-    "those of this page."
-)
-"""Why a report of a study with [dc] has no live part."""
+AT_CHARGE = "Maps, modes, margins and linear steps are those at the state of charge of the study."
+"""What it says of a dc link whose state of charge can be changed."""
 MARK = "written by vsgdesign explore --static"
 _TOGETHER = 128
 """Grids that are computed in one call."""
@@ -136,8 +133,6 @@ def live_page(
     The page is an addition to what it is made beside. A study that the page cannot show, because its powers or its
     grid are beyond the limits of the page's fields or because it has too many controllers, is therefore no error.
     """
-    if study.dc is not None:
-        return StaticPage(None, NO_DC)
     try:
         start = {} if controllers is None else {"controllers": list(controllers)}
         text = page_of_session(Session(study, ready, start=start), lattice, tell, cases=cases, quickly=True)
@@ -161,7 +156,7 @@ def page_of_session(
     quickly: bool = False,
 ) -> str:
     """The text of :func:`write_page`. ``quickly`` is that of :func:`page_runs`."""
-    ideal_link(session.study, "the page that simulates")
+    check_page(session.study, session.bridge)
     return page_text(_kept(session, lattice, tell, workers, cases, quickly))
 
 
@@ -242,10 +237,11 @@ def _kept(
         }
         for one in scene.shown
     ]
-    limits = [band for band in bands(scene, session.ready, start) if band["signal"] == "i_s_pu"]
+    limits = [band for band in bands(scene, session.ready, start) if band["signal"] in ("i_s_pu", V_DC)]
     switched = session.bridge == SWITCHED
     grids = f"{counts[0]} × {counts[1]}"
     made = MADE.format(__version__, study.name, study.hash[:12], grids, OF_BRIDGE[bridge_shown(session)])
+    made += f" {AT_CHARGE}" if runs.info.get("dc", {}).get("charge") else ""
     figures = [one for one in info["figures"] if not (switched and one["name"] == "survived")]
     start = start if any(one["name"] == start.figure for one in figures) else replace(start, figure=figures[0]["name"])
     return {

@@ -24,10 +24,12 @@ from vsgdesign.equations.power_loops import References, gain_transfer
 from vsgdesign.equations.sampled_path import source_response
 from vsgdesign.equations.scheduler_data import SchedulerState
 from vsgdesign.linear.model.compiled import block_of, model_names
+from vsgdesign.linear.model.dc_link import LinkInModel
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
-from vsgdesign.linear.operating_point.full_order import FullOrderModel
+from vsgdesign.linear.operating_point.full_order import FullOrderModel, link_in_model
 from vsgdesign.linear.stability.loci import RANKED, quantity_of
 from vsgdesign.report.explore.columns import Columns
+from vsgdesign.report.explore.dc_side import page_of_dc
 from vsgdesign.report.explore.events import NAMES, STEP_NAME, after_s, event_s, study_of
 from vsgdesign.report.explore.lattice import Lattice, Texts
 from vsgdesign.report.explore.live import NOTHING
@@ -123,7 +125,7 @@ def page_runs(
                 document["there"] = columns.whole(own.there)
                 document["numbers"] = [columns.exact(values) for values in own.numbers.T]
                 if (model := models.get((held, k))) is not None:
-                    document["model"] = linear.document(model, of_start["loop"].rows)
+                    document["model"] = linear.document(model, of_start["loop"].rows, link_in_model(study))
             documents.append(document)
         info["held" if held else "controllers"] = documents
     grids = [Place(at.scr, at.x_over_r, study.scr_basis).grid(study.converter) for at in lattice.places]
@@ -131,6 +133,7 @@ def page_runs(
     info["saves"] = {
         "held" if held else "follow": _saves(columns, texts, one.saves) for held, (_, one) in cells.items()
     }
+    info |= page_of_dc(study, loops)
     info["cases"], behind = cases_document(cases, ready, loops, study.scr_basis, NOTHING)
     rare = [name for name, spec in loops.items() if quickly or _is_rare(spec)]
     module, packed = wasm_module(loops, rare), columns.packed()
@@ -152,8 +155,9 @@ class _LinearLoops:
         self.loops = loops
         self.names: dict[int, int] = {}
 
-    def document(self, model: FullOrderModel, rows: Sequence[str]) -> dict[str, Any]:
-        """What the page reads of a controller's model: its loops, and which rows of a start give z and p."""
+    def document(self, model: FullOrderModel, rows: Sequence[str], link: LinkInModel | None) -> dict[str, Any]:
+        """What the page reads of a controller's model: its loops, and which rows of a start give z and p. ``link``: the
+        dc link in the model, whose parameters are the last ones."""
         known = len(self.names)
         number = self.names.setdefault(id(model.map), known)
         names = {"linear": f"linear_{number}", "period": f"period_{number}"}
@@ -166,14 +170,14 @@ class _LinearLoops:
                 self.loops[name] = one_sample(block_of(function, (z, p), outputs))
         z, p = model_names(model.map)
         at = {name: k for k, name in enumerate(rows)}
+        of_link = () if link is None else link.parameters
+        named = [*p[: len(p) - len(of_link)], *of_link]
         return names | {
             "states": model.states,
             "quantities": {name: quantity_of(name) for name in model.states},
-            "z": [
-                at[_ROW_OF_STATE.get(name, f"state.{name.replace('limiter_', 'limiter.', 1)}")] for name in model.states
-            ],
+            "z": [at[_row_of_state(name)] for name in model.states],
             "p": model.p[0].tolist(),
-            "of_start": {k: at[row] for k, name in enumerate(p) if (row := _row_of_parameter(name)) in at},
+            "of_start": {k: at[row] for k, name in enumerate(named) if (row := _row_of_parameter(name)) in at},
             "parameters": p,
             "ranked": [p.index(name) for name in RANKED],
             "inputs": INPUTS,
@@ -190,13 +194,24 @@ _ROW_OF_STATE = {
     "pending_d": "state.u_alpha",
     "pending_q": "state.u_beta",
     "delta": "state.theta",
+    "v_dc": "dc.v",
+    "p_dc": "dc.p",
 }
 """The rows of a start that have another name than a state of the model, which is in the frame of the source."""
 
 
+def _row_of_state(name: str) -> str:
+    """The row of a start with a state of the model."""
+    if name.startswith("dc_"):
+        return f"dc.memory.{name.removeprefix('dc_')}"
+    return _ROW_OF_STATE.get(name, f"state.{name.replace('limiter_', 'limiter.', 1)}")
+
+
 def _row_of_parameter(name: str) -> str:
-    """The row of a start with a parameter that is not the same on all grids, but for the grid itself: its row has what
-    the controller is told of it."""
+    """The row of a start with a parameter that is not the same on all grids and at every charge, but for the grid
+    itself: its row has what the controller is told of it."""
+    if name.startswith("memory."):
+        return f"dc.{name}"
     return f"refs.{name}" if name in References._fields else f"power_gains.{name}"
 
 

@@ -18,6 +18,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import VsgDesignError
+from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.linear.operating_point.many import Lanes, ManyStates, many_steady_states
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.linear.operating_point.plants import plant_steps
@@ -133,11 +134,13 @@ def _side_by_side(
     scenes: Sequence[Scene], ready: Ready, states: Sequence[State], k: int, index: NDArray[np.intp]
 ) -> list[tuple[int, Array]]:
     """The numbers of a controller on some of the grids, with the place of each. A grid without a steady state is left
-    out, and so are all grids of a gain table, whose schedulers have states of their own."""
+    out, and so are all grids of a gain table, whose schedulers have states of their own, and those of a controller that
+    clamps its power."""
     first = int(index[0])
     study = _calm(study_of(scenes[first], ready, states[first], k))
     spec, cells = study.controllers[0], joined_cells([(scenes[j].cells, k) for j in index])
-    if ready.table(spec) is not None or study.simulation.start == "cold":
+    clamps = study.dc is not None and study.dc.clamps
+    if ready.table(spec) is not None or study.simulation.start == "cold" or clamps:
         return []
     timeline = build_timeline(study)
     source, nominal = timeline.source_at(0.0), timeline.references_at(0.0)
@@ -180,6 +183,11 @@ def _numbers(like: AtRest, lanes: Lanes, gains: PowerLoopGains, rests: ManyState
     put("refs", lanes.refs)
     put("power_gains", gains)
     put("grid", lanes[:2])
+    if study.dc is not None:
+        links = [
+            study.dc.at_rest(p, study.converter, study.filter) for p in power_of_plant(study, rests.plant).tolist()
+        ]
+        put("dc", np.array([numbers_of(one) for one in links]).T)
     zeros, omega = np.zeros((count, 1)), np.full((count, 1), lanes.omega_g)
     of_source = np.full((count, 1), lanes.V_g_rms), zeros, omega, zeros, np.full((count, 1), like.phase)
     segments = Segments(zeros, lanes.R_g[:, None], lanes.L_g[:, None], *of_source, place=zeros.astype(np.int64))

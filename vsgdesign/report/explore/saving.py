@@ -12,6 +12,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.verification.case_study import inner_loops_document, placed_document
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.report.explore.dc_side import with_written_charge
 from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.scene import Scene, scene_of
 from vsgdesign.report.explore.state import OWN, State
@@ -75,6 +76,7 @@ def saved_without_event(scene: Scene, ready: Ready, state: State) -> WithoutEven
         if "table" in one:
             one["table"] = Path(one["table"]).name
             notes.append(f"Put {one['table']}, the gain table of {one['name']}, beside it.")
+    document = with_written_charge(document, scene.study)
     document["simulation"] = document.pop("simulation") | {"strict": True}  # it ends the text
     text = toml_text(document, (*head, *notes))
     return WithoutEvent(text, " ".join(notes), run.simulation.P_ref, run.simulation.Q_ref)

@@ -10,7 +10,7 @@ from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, TOO_SHORT, UNSTABLE
 from vsgdesign.metrics.met import OVERSHOOT_ROOM, most_overshoot, most_settling_time, overshoot_met, settling_met
-from vsgdesign.metrics.survival import HARDWARE_PU, LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, TRIPPED
+from vsgdesign.metrics.survival import BLOCKED, HARDWARE_PU, LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, TRIPPED
 from vsgdesign.report.explore.events import SHOWN_S
 from vsgdesign.simulation.outcome import MOVES_AT, RESTS_AT
 from vsgdesign.simulation.survival.running import TRIPS_AT
@@ -32,6 +32,7 @@ TEMPLATES: dict[str, Any] = {
     "limited": ", and its limiter acts for {:.3g} s.",
     "trips": "It is lost: {}. The event comes at {:.3g} s.",
     "trips_at": TRIPS_AT,
+    "blocks": "It is lost: {}.",
     "before": ["after the event", "before the event"],
     "rests_at": RESTS_AT,
     "moves_at": MOVES_AT,
@@ -53,6 +54,7 @@ TEMPLATES: dict[str, Any] = {
     "survived": SURVIVED,
     "tripped": TRIPPED,
     "diverged": DIVERGED,
+    "blocked": BLOCKED,
 }
 """Braces stand for values, with formats of Python: ``{:.2f}``, ``{:.3g}``."""
 
@@ -98,6 +100,8 @@ def verdict(
         text = said["unstable"].format(found["why"] or status)
     elif status == TRIPPED:
         text = said["trips"].format(found["why"], event_s)
+    elif status == BLOCKED:
+        text = said["blocks"].format(found["why"])
     elif status in said["verdicts"]:
         text = said["verdicts"][status]
         if found["why"].startswith("before"):

@@ -12,6 +12,7 @@ from vsgdesign.equations.dc_control import ClampSettings, DroopSettings
 from vsgdesign.equations.dc_link import DcSettings, DcState
 from vsgdesign.equations.dc_source_interface import DcRatings, DcSource, SourceLimits
 from vsgdesign.equations.dc_sources import DC_SOURCES
+from vsgdesign.equations.dc_sources.converter import UNLIMITED_J
 from vsgdesign.equations.frames import SPACE_VECTOR_POWER, linear_modulation_limit, rms_to_peak
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.study.parameters.converter import Converter, Filter
@@ -201,6 +202,14 @@ class DcLink:
         recharged = self.kind.recharged
         return {} if recharged is None else recharged(self.values["charge"], settings.source)
 
+    def full(self, settings: DcSettings) -> tuple[str, float] | None:
+        """The field of what the source remembers that has its charge, and its value of a full one. None: it has no
+        charge, or one without a limit."""
+        if self.kind.recharged is None:
+            return None
+        ((name, value),) = self.kind.recharged(1.0, settings.source).items()
+        return None if value >= UNLIMITED_J else (name, float(value))
+
     def ratings(self, converter: Converter) -> DcRatings:
         """From which the source's constants follow."""
         bleed = math.inf if self.R_bleed is None else self.R_bleed
@@ -342,13 +351,6 @@ def check_events(root: TableReader, dc: DcLink | None, events: Iterable[Event], 
             root.fault(f"verification.{quantity}.weight", f"{weight:g}", why, "Set it to 0, or change [dc].")
 
 
-def ideal_link(study: Study, what: str) -> None:
-    """Refuses a study whose dc link is not ideal. ``what``: the verb that knows no other."""
-    if study.dc is not None:
-        given, advice = f'source = "{study.dc.source}"', "Remove [dc]. vsgdesign simulate runs it."
-        raise StudyError(study.name, [Fault("dc", given, f"{what} knows an ideal dc link alone", advice)])
-
-
 def without_voltage_droop(study: Study, what: str) -> None:
     """Refuses a study whose frequency follows its link. ``what``: what does not know the link's voltage."""
     if study.dc is not None and study.dc.droops:
@@ -362,7 +364,6 @@ __all__ = [
     "DcLink",
     "check_beside",
     "check_events",
-    "ideal_link",
     "not_of",
     "read_dc",
     "without_voltage_droop",

@@ -19,13 +19,22 @@ const LIMITED = 1;
 /** Events that last. */
 const LASTING = ["sag", "ramp"];
 
+/** How many samples of a log come before the dc link leaves its levels. */
+function withinLevels(loop, end, [low, high]) {
+  const { floats } = loop.memory;
+  const seen = (k, name) => floats[loop.inLog(k, loop.output[name])];
+  let k = 0;
+  while (k < end && seen(k, "dc.lowest") >= low && seen(k, "dc.highest") <= high) k += 1;
+  return k;
+}
+
 /** One run that is under way. */
 class Run {
   constructor(engine, controller, loop, key, event) {
     const { info } = engine;
-    Object.assign(this, { engine, info, controller, loop, event, done: null });
+    Object.assign(this, { engine, info, controller, loop, event, done: null, blocked: null });
     this.T_s = info.T_s;
-    this.start = engine.startOf(controller, key);
+    this.start = engine.startOf(controller, key, event.charge);
     this.at = engine.placesOf(controller.loop);
     for (const name in this.at) loop.set(name, this.start.rows[this.at[name]]);
     this.event_k = Math.round(info.event_s / this.T_s);
@@ -184,6 +193,16 @@ class Run {
     this.loop.set("row.turn_sin", sine);
   }
 
+  /** Ends the run where the voltage of its dc link has left its levels before a sample: the bridge blocks. */
+  block(end) {
+    const { loop, info } = this;
+    const [low, high] = info.dc.levels;
+    const under = loop.get("dc.lowest") < low;
+    if (!under && !(loop.get("dc.highest") > high)) return;
+    this.done = withinLevels(loop, end, info.dc.levels);
+    this.blocked = { t_s: this.done * this.T_s, why: info.dc.blocked[under ? 0 : 1] };
+  }
+
   gains() {
     const found = {};
     GAINS.forEach((name, k) => (found[name] = this.loop.get(GAIN_ROWS[k])));
@@ -261,6 +280,7 @@ export class Engine {
     this.transfer = this.loop("transfer", [], 1);
     this.response = this.loop("response", [], 1);
     this.direction = this.loop("direction", [], 1);
+    if (info.dc) this.linkRest = this.loop("link_rest", [], 1);
     this.directions = new Map();
   }
 
@@ -305,19 +325,49 @@ export class Engine {
     return at(this.columns[controller.why], parseInt(key, 10));
   }
 
-  /** The numbers of a controller at rest on a grid; undefined where there are none. */
-  startOf(controller, key) {
+  /** Whether a controller can begin on a grid at a state of charge. */
+  begins(controller, key, charge) {
+    return this.has(controller, key) && (charge === undefined || this.startOf(controller, key, charge) !== undefined);
+  }
+
+  /** The voltage at which the dc link rests while the bridge takes a power; null where its source cannot give it, or the
+   * bridge blocks. value(row): the numbers of the link. */
+  linkAt(value, p, charge) {
+    const given = { p, charge, bleed: value("link.bleed") };
+    for (const name of Object.keys(this.linkRest.at))
+      if (name.startsWith("c.")) given[name] = value(`link.source.${name.slice(2)}`);
+    const said = this.linkRest.answer(given);
+    const [v, [low, high]] = [said("v"), this.info.dc.levels];
+    return said("possible") && v >= low && v <= high ? v : null;
+  }
+
+  /** A start at another state of charge; undefined where there is none. */
+  recharged(controller, start, charge) {
+    const { row, full } = this.info.dc.charge;
+    const at = this.placesOf(controller.loop);
+    const { rows } = start;
+    const v = this.linkAt((name) => rows[at[name]], rows[at["dc.p"]], charge);
+    if (v === null) return undefined;
+    rows[at[row]] = charge * full;
+    for (const name of ["v", "spare", "lowest", "highest"]) rows[at[`dc.${name}`]] = v;
+    return start;
+  }
+
+  /** The numbers of a controller at rest on a grid, and at a state of charge that is not the study's; undefined where there
+   * are none. */
+  startOf(controller, key, charge) {
     if (!this.has(controller, key)) return undefined;
     const cell = parseInt(key, 10);
     const all = Float64Array.from(controller.numbers, (column) => at(this.columns[column], cell));
     const rows = this.info.places[controller.loop].rows.length;
     const names = controller.state || [];
-    return {
+    const start = {
       rows: all.subarray(0, rows),
       source: all.subarray(rows, rows + 6),
       grid: all.subarray(rows + 6, rows + 8),
       state: Object.fromEntries(names.map((name, k) => [name, all[rows + 8 + k]])),
     };
+    return charge === undefined ? start : this.recharged(controller, start, charge);
   }
 
   /** The study file of a cell: the numbers of its lines and of its words among the texts, P_ref and Q_ref; and R_g and L_g
@@ -349,7 +399,8 @@ export class Engine {
       loop.call(marks[j], marks[j + 1]);
     }
     const log = loop.memory.floats.subarray(loop.log, loop.log + one.samples * loop.logged);
-    return { rows: log, width: loop.logged, done: one.samples, loop: one.loop, event_s: one.event_s };
+    const done = this.info.dc ? withinLevels(loop, one.samples, this.info.dc.levels) : one.samples;
+    return { rows: log, width: loop.logged, done, loop: one.loop, event_s: one.event_s };
   }
 
   /** Every sample of an event: (samples, logged) numbers, row by row, and how many rows are good. */
@@ -385,7 +436,10 @@ export class Engine {
       if (!going.length) break;
       for (const run of going) run.before(first);
       loop.call(first, following);
-      for (const run of going) if (!Number.isFinite(run.loop.get("state.V"))) run.done = following;
+      for (const run of going) {
+        if (!Number.isFinite(run.loop.get("state.V"))) run.done = following;
+        if (info.dc) run.block(following);
+      }
     }
     for (const run of runs) run.done ??= run.samples;
     return runs;

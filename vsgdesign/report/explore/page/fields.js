@@ -282,19 +282,22 @@ export class FieldList {
     if ("own" in store.defaults && !info.static) this.makeOwn();
   }
 
-  /** The values of a file that cannot be changed, in words in place of the fields. */
-  describe(specs, made_by) {
-    const values = [...this.fields.values()].filter((field) => field.textOf && specs.includes(field.spec));
+  /** The values of a file that cannot be changed, in words in place of the fields; those of `open` stay fields. */
+  describe(specs, made_by, open) {
+    const all = [...this.fields.values()].filter((field) => field.textOf && specs.includes(field.spec));
+    const [kept, values] = [true, false].map((own) => all.filter(({ spec }) => open.includes(spec.path) === own));
     const words = values.map((field) => {
       const text = field.textOf(field.value());
       return `${field.spec.label} ${text} ${text === "none" ? "" : field.spec.unit}`.trim();
     });
     const settings = made("ul", { className: "note" }, ...words.map((text) => made("li", {}, text)));
     this.root.replaceChildren(
+      ...kept.map(({ row }) => row),
       made("p", { className: "note" }, made_by),
       made("details", {}, made("summary", {}, "Settings of this page"), settings),
     );
     this.fields.clear();
+    for (const field of kept) this.add(field.spec.path, field);
   }
 
   add(path, field) {

@@ -17,30 +17,33 @@ function fileAsk(kept, cells) {
   const refused = (text) => ({ status: 422, faults: [{ field: null, text }] });
   const target = ({ kind, to_scr: scr, to_x_over_r }) =>
     kind === "grid" ? cells.nearest({ scr, x_over_r: to_x_over_r }) : null;
-  const save = async (cell, { event, hold }) => {
+  const save = async (cell, state) => {
+    const { event, hold } = state;
     const to = target(event);
     const found = await live.asks(0, { kind: "save", cell, held: Boolean(hold), to: to ? to.cell : undefined });
     const lines = found.lines.map((number) => cells.texts[number - 1]).filter((line) => line !== undefined);
     if (!lines.length) return refused(kept.runs.info.words.no_save);
     const text = lines.map((line) => (line === " " ? "" : line)).join("\n");
-    const shown = to ? { ...event, to_scr: to.scr, to_x_over_r: to.x_over_r } : event;
+    const at = { ...event, charge: live.chargeOf(state) };
+    const shown = to ? { ...at, to_scr: to.scr, to_x_over_r: to.x_over_r } : at;
     const words = cells.texts[found.words - 1] || "";
     return { status: 200, answer: live.saved([text, words, ...found.refs], shown, found.grid) };
   };
-  const emt = async (cell, { event, hold, case: number = null }) => {
+  const emt = async (cell, state) => {
+    const { event, hold, case: number = null } = state;
     if (number !== null) return live.caseAnswer(number, kept.cells);
     const to = target(event);
     const shown = { controllers: kept.cells.controllers, texts: cells.texts, bands: live.bands(kept.cells, event) };
-    return live.answer(`${cell}${hold ? ",h" : ""}`, given(event, hold), shown, to);
+    return live.answer(`${cell}${hold ? ",h" : ""}`, given(state), shown, to);
   };
   const lived = new LiveMap(cells, live);
-  const given = (event, hold) => {
-    const to = target(event);
+  const given = (state) => {
+    const { event, hold } = state;
+    const [to, charge] = [target(event), live.chargeOf(state)];
     const key = to ? `${to.cell}${hold ? ",h" : ""}` : undefined;
-    return { ...event, jump: event.size * (Math.PI / 180), key };
+    return { ...event, jump: event.size * (Math.PI / 180), key, ...(charge === undefined ? {} : { charge }) };
   };
-  const map = (_, state) =>
-    state.figure === "survived" ? lived.answer(state, given(state.event, state.hold)) : cells.map(state);
+  const map = (_, state) => (state.figure === "survived" ? lived.answer(state, given(state)) : cells.map(state));
   const answers = {
     linear: (cell, state) => cells.linear(cell, state, live),
     modes: (cell, state) => cells.modes(cell, state, live),
@@ -49,7 +52,7 @@ function fileAsk(kept, cells) {
   };
   return async (kind, seq, state) => {
     const runs = ["emt", "save"].includes(kind) || (kind === "map" && state.figure === "survived");
-    const fault = runs && live.fault(state.event);
+    const fault = runs && live.fault(state.event, live.chargeOf(state));
     if (fault) return { status: 422, faults: [fault] };
     if (kind === "save" && (state.case ?? null) !== null) return refused(kept.runs.info.words.no_save_case);
     if (kind === "map" && !kept.info.figures.some(({ name }) => name === state.figure))
@@ -86,6 +89,7 @@ const kept = window.STATIC;
     ask: fileAsk(kept, cells),
     snap: (grid) => cells.nearest(grid),
     cases: kept.runs.info.cases,
+    fields: kept.runs.info.dc?.charge ? [kept.runs.info.dc.charge.path] : [],
     placeOf,
     says: (grid) => cells.says(grid),
     holds: "held" in kept.cells,

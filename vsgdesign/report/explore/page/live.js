@@ -9,8 +9,10 @@ export class LiveRuns {
   }
 
   /** What is wrong with an event that is to be simulated here, as the server says it; null: nothing. */
-  fault(event) {
-    const { events, limits, words } = this.info;
+  fault(event, charge) {
+    const { events, limits, words, dc } = this.info;
+    if (charge !== undefined && !(charge >= 0 && charge <= 1))
+      return { field: dc.charge.path, text: dc.words.charge_range };
     if (!events.includes(event.kind)) return { field: null, text: words.no_event };
     const asked = { "event.size": [event.size, limits.size[event.kind]] };
     if (["sag", "ramp"].includes(event.kind)) asked["event.length_s"] = [event.length_s, limits.length_s];
@@ -89,13 +91,15 @@ export class LiveRuns {
       const none = Object.fromEntries(this.info.figures.map((figure) => [figure, null]));
       const run = runs[k];
       if (!run.curves) {
-        const why = texts[run.why - 1] || this.info.words.no_start;
+        const why = run.said || texts[run.why - 1] || this.info.words.no_start;
         return { ...none, name, colour, note, status: "not simulated", why, verdict: why };
       }
       for (const [signal, values] of Object.entries(run.curves)) arrays[`${k}/${signal}`] = values;
       return { ...run.row, name, colour, note };
     });
-    return { header: { event_s: 0, controllers, bands, words: "" }, arrays };
+    const reasons = new Set(controllers.map(({ why }) => why));
+    const words = runs.some(({ curves }) => curves) || reasons.size > 1 ? "" : [...reasons][0];
+    return { header: { event_s: 0, controllers, bands, words }, arrays };
   }
 
   /** The answer of a case of a report: its figures and its words are those of the report. */
@@ -107,9 +111,25 @@ export class LiveRuns {
     return { header: { event_s: 0, controllers: [{ ...row, name, colour, note: "" }], bands, words: "" }, arrays };
   }
 
+  /** The state of charge of a state of the page; undefined where it is the study's. */
+  chargeOf({ changes }) {
+    const own = this.info.dc && this.info.dc.charge;
+    const given = own && changes && changes[own.path];
+    if (given === null || given === undefined) return undefined;
+    return typeof given === "number" ? given : parseFloat(given) * (/%\s*$/.test(given) ? 0.01 : 1);
+  }
+
+  /** The text of a study file with another state of charge. */
+  atCharge(text, charge) {
+    if (charge === undefined) return text;
+    const at = text.indexOf(this.info.dc.charge.section);
+    return text.slice(0, at) + text.slice(at).replace(/^charge = .*$/m, `charge = ${charge}`);
+  }
+
   /** The study file of an event on a grid: its name, its text, and what it does not say. `grid`: R_g and L_g after it. */
-  saved([text, said, P_ref, Q_ref], event, grid) {
+  saved([written, said, P_ref, Q_ref], event, grid) {
     const { info } = this;
+    const text = this.atCharge(written, event.charge);
     const { names } = info.words;
     const value = (number) => (Number.isInteger(number) ? number.toFixed(1) : String(number));
     const over = ["sag", "ramp"].includes(event.kind) ? Math.round(event.length_s / info.T_s) : 0;

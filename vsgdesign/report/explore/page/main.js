@@ -6,7 +6,7 @@ import { Transport, loadInfo, serverAsk, waitAfter } from "./transport.js";
 import { GridMap, figureText, paintScale } from "./map.js";
 import { ModesPlot } from "./modes.js";
 import { BodePlot } from "./bode.js";
-import { ResponsePlot, SHOWN } from "./response.js";
+import { ResponsePlot } from "./response.js";
 import { Field, FieldList, faultText } from "./fields.js";
 import { ControllerTable, isWild, sentence } from "./table.js";
 import { forgetNotice, notice, say } from "./notice.js";
@@ -38,7 +38,7 @@ class Page {
     this.event = new EventPanel(info, this.store, (signal) => this.chooseShown(signal));
     this.makeSwitches();
     this.fields = new FieldList(byId("fields"), info, this.store, ["scr", "x_over_r", ...this.event.paths]);
-    if (info.static) this.fields.describe(info.fields, info.made);
+    if (info.static) this.fields.describe(info.fields, info.made, file.fields);
     for (const field of [...this.gridFields, ...this.event.fields]) this.fields.add(field.spec.path, field);
     this.actions = new Actions(this);
     this.store.listen(() => this.changed());
@@ -80,7 +80,7 @@ class Page {
     this.modes = new ModesPlot(byId("modes"), byId("mode"), info, store);
     this.modes.onChosen = () => this.wishDetails(performance.now());
     this.bode = new BodePlot(byId("magnitude"), byId("phase"), store);
-    this.response = new ResponsePlot(byId("response"), byId("readout"), store);
+    this.response = new ResponsePlot(byId("response"), byId("readout"), store, info.signals);
     this.table = new ControllerTable(byId("table"), info, store, { onEmphasis: (name) => this.emphasise(name) });
   }
 
@@ -169,6 +169,7 @@ class Page {
       root.querySelector("input").checked = true;
     };
     const quantities = { P: "P", Q: "Q", i_s_pu: "current", v_pu: "voltage", omega_hz: "frequency" };
+    for (const { name, short } of this.info.signals) quantities[name] = short;
     segment(byId("shown"), "shown", quantities, (value) => this.response.choose(value));
     segment(byId("loop"), "loop", { P: "P", Q: "Q" }, (value) => {
       this.bode.loop = value;
@@ -321,7 +322,7 @@ class Page {
     const { header, arrays } = this.answers.emt;
     const curves = this.shownOf(this.answers.emt).map((c) => {
       const curve = { name: c.name, colour: c.colour, t: arrays[`${c.index}/t`], wild: isWild(c.status) };
-      for (const name of Object.keys(SHOWN)) curve[name] = curve.t && arrays[`${c.index}/${name}`];
+      for (const name of Object.keys(this.response.known)) curve[name] = curve.t && arrays[`${c.index}/${name}`];
       return curve;
     });
     this.response.showEmt(curves, header.bands, header.words);

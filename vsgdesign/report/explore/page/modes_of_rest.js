@@ -4,6 +4,8 @@ import { LinearModel } from "./linear.js";
 
 const ROUNDS = 12;
 const STEP = 5e-3;
+// Of a dc link, whose source may be near a limit: some millivolts are some milliamperes of a battery.
+const STEP_DC = 1e-5;
 const STILL = 1e-9;
 const SERVES = 0.1;
 const WEAK = 1e-9;
@@ -13,8 +15,13 @@ class Sampled {
   constructor(run) {
     const { loop, info } = run;
     const { rows, state } = info.places[run.controller.averaged];
-    const counted = (name) => !name.startsWith("source.") && name !== "limited";
+    // Of a dc link the states of the model count: a charge, and what is summed up, stay as they are at the start.
+    const { model } = run.controller;
+    const known = new Set(model ? model.z.map((at) => info.places[run.controller.loop].rows[at]) : []);
+    const held = (name) => /^(dc|clamp)\./.test(name) && !known.has(name);
+    const counted = (name) => !name.startsWith("source.") && name !== "limited" && !held(name);
     Object.assign(this, { loop, names: rows.slice(0, state).filter(counted) });
+    this.held = rows.filter(held).map((name) => [loop.rows + loop.at[name], run.start.rows[run.at[name]]]);
     this.at = this.names.map((name) => loop.rows + loop.at[name]);
     this.source = ["source.cosine", "source.sine"].map((name) => loop.rows + loop.at[name]);
     // Components on the axes α and β, of which the second follows the first, turn with the source.
@@ -51,6 +58,7 @@ class Sampled {
     const { at, loop } = this;
     const { floats } = loop.memory;
     for (let k = 0; k < at.length; k += 1) floats[at[k]] = x[k];
+    for (const [place, value] of this.held) floats[place] = value;
     floats[this.source[0]] = 1;
     floats[this.source[1]] = 0;
     loop.call(0, 1);
@@ -65,7 +73,7 @@ class Sampled {
     const [high, low, higher, lower] = [1, 2, 3, 4].map(() => new Float64Array(n));
     const moved = x.slice();
     for (let j = 0; j < n; j += 1) {
-      const step = STEP * Math.max(Math.abs(x[j]), 1);
+      const step = (this.names[j].startsWith("dc.") ? STEP_DC : STEP) * Math.max(Math.abs(x[j]), 1);
       const at = (by, into) => {
         moved[j] = x[j] + by * step;
         this.after(moved, into);

@@ -16,7 +16,7 @@ import {
 } from "./draw.js";
 
 // What can be shown: the EMT's array, and the least and the most that the axis spans (an unstable curve has no bounds).
-export const SHOWN = {
+const SHOWN = {
   P: { label: "P in pu", least: 0.02, most: 6 },
   Q: { label: "Q in pu", least: 0.02, most: 6 },
   i_s_pu: { label: "current in pu", least: 0.1, most: 4 },
@@ -25,7 +25,9 @@ export const SHOWN = {
 };
 
 export class ResponsePlot {
-  constructor(canvas, readout, store) {
+  /** signals: what can be shown besides SHOWN: [{name, label, least, most}]. */
+  constructor(canvas, readout, store, signals = []) {
+    this.known = { ...SHOWN, ...Object.fromEntries(signals.map((one) => [one.name, one])) };
     this.figure = new Figure(canvas, { left: 57, right: 10, top: 6, bottom: 36 });
     Object.assign(this, {
       canvas,
@@ -63,7 +65,7 @@ export class ResponsePlot {
 
   choose(shown) {
     this.shown = shown;
-    this.canvas.setAttribute("aria-label", `Response in time, ${SHOWN[shown].label}; the table says how it ends`);
+    this.canvas.setAttribute("aria-label", `Response in time, ${this.known[shown].label}; the table says how it ends`);
     this.settleAndPaint(true);
   }
 
@@ -84,7 +86,7 @@ export class ResponsePlot {
         if (c.full && c.stable !== false) for (const v of c.full) if (Number.isFinite(v)) values.push(v);
     }
     for (const band of this.bandsShown()) for (const v of [band.low, band.high]) if (Number.isFinite(v)) values.push(v);
-    const { least, most } = SHOWN[this.shown];
+    const { least, most } = this.known[this.shown];
     const room = roomFor(values, least);
     if (room && room[1] - room[0] > most) {
       const start = followed.length ? followed[0][this.shown][0] : (room[0] + room[1]) / 2;
@@ -113,7 +115,7 @@ export class ResponsePlot {
     const sy = scaleOf(limits, box.y + box.h, -box.h);
     this.paintBands(ctx, box, sx, sy, true);
     const x = { scale: sx, ticks: ticksOf(sx.low, sx.high, 6), label: "time in s" };
-    drawAxes(ctx, box, x, { scale: sy, ticks: ticksOf(limits[0], limits[1], 5), label: SHOWN[this.shown].label });
+    drawAxes(ctx, box, x, { scale: sy, ticks: ticksOf(limits[0], limits[1], 5), label: this.known[this.shown].label });
     clipped(ctx, box, () => {
       this.paintBands(ctx, box, sx, sy, false);
       for (const c of this.emt) {
@@ -169,7 +171,12 @@ export class ResponsePlot {
       }
       const at = sy(Number.isFinite(band.high) ? band.high : band.low);
       drawLevel(ctx, { ...box, x: from, w: to - from }, at, { colour: t.limit, dash: [6, 3], width: 1.25 });
-      if (band.label) plateText(ctx, band.label, to - 4, at - 4, { align: "right", size: 10, colour: t.limit });
+      if (band.label)
+        plateText(ctx, band.label, to - 4, band.under ? at + 12 : at - 4, {
+          align: "right",
+          size: 10,
+          colour: t.limit,
+        });
     }
   }
 

@@ -7,6 +7,7 @@ export class Rests {
     Object.assign(this, { engine, about: engine.info.judge });
     for (const name of ["path", "rest"]) this[name] = engine.loop(name, [], 1);
     this.newton = engine.loop("newton", [], this.about.newton);
+    if (engine.info.dc) this.power = engine.loop("bridge_power", [], 1);
   }
 
   /** Gains for the measured powers on the grid of a place, as they are once they have come to rest. */
@@ -91,17 +92,28 @@ export class Rests {
         Math.abs(value - gains[name]) <= 1e-13 * (Math.abs(value) + Math.abs(gains[name]));
       gains = following;
       if (!Object.entries(following).every(near) && round < 99) continue;
-      const answer = this.rest.answer({ ...numbers, V_rms, delta: newton.get("delta") + path.angle });
+      const at = { ...numbers, V_rms, delta: newton.get("delta") + path.angle };
+      const answer = this.rest.answer(at);
       const found = Object.fromEntries(
         ["P", "Q", "V_rms", "delta", "i_s_pk", "v_b_pk", "P_pcc", "Q_pcc"].map((name) => [
           name,
           answer(`rest.${name}`),
         ]),
       );
-      if (found.v_b_pk > run.controller.judge.v_max_pk) return null;
+      if (!(found.v_b_pk <= (info.dc ? this.mostOf(run, at) : run.controller.judge.v_max_pk))) return null;
       return { ...found, i_s_pu: found.i_s_pk / info.I_rated_pk, gains };
     }
     return null;
+  }
+
+  /** The largest voltage of the bridge at a rest of the circuit, from that of the dc link there; NaN where its source cannot
+   * give the power. */
+  mostOf(run, at) {
+    const { dc } = this.engine.info;
+    const value = (name) => run.start.rows[run.at[name]];
+    const p = this.power.answer({ ...at, R_1: dc.R_1 })("bridge_power_at_rest");
+    const v = this.engine.linkAt(value, p, dc.charge ? value(dc.charge.row) / dc.charge.full : 0.5);
+    return v === null ? NaN : value("link.limit") * v;
   }
 
   refsOf(run, rows) {

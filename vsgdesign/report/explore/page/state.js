@@ -57,7 +57,7 @@ export class Store {
 
   set(changes) {
     // A case of a report is as it was: whoever moves something leaves it.
-    const moved = "case" in this.state && ["scr", "x_over_r", "hold", "event"].some((key) => key in changes);
+    const moved = "case" in this.state && ["scr", "x_over_r", "hold", "event", "changes"].some((key) => key in changes);
     Object.assign(this.state, moved ? { case: null } : {}, copyOf(changes));
     this.tell();
   }

@@ -43,8 +43,13 @@ export class Judge {
     run.good = this.goodRows(run);
     const own = run.controller.judge;
     const found = Object.fromEntries(this.engine.info.figures.map((name) => [name, null]));
-    const [said] = read([run.event.kind === "step" ? this.step(run) : this.disturbance(run)]);
-    Object.assign(found, said);
+    if (this.clamped(run)) Object.assign(found, { status: "not known", why: this.engine.info.dc.words.clamps });
+    else Object.assign(found, read([run.event.kind === "step" ? this.step(run) : this.disturbance(run)])[0]);
+    if (run.blocked) {
+      const { t_s, why } = run.blocked;
+      const said = `${worded(this.engine.info.dc.blocks_at, t_s)}: ${why}`;
+      Object.assign(found, { status: this.about.words.blocked, why: said });
+    }
     if (found.limited_s === null) Object.assign(found, read([this.loads(run, [run.event_k])])[0]);
     const verdict = verdictOf(found, this.about.words, own.rules, run.event, this.engine.info.event_s);
     const { at_end: _, unstable: __, before: ___, within_s: ____, ...row } = found;
@@ -57,8 +62,15 @@ export class Judge {
     return read(runs.map((run) => this.survives(run)));
   }
 
+  /** Whether a run has asked its source for less than its reference: it has another rest then. */
+  clamped(run) {
+    return Boolean(this.engine.info.dc?.clamps) && run.good > 0 && this.logged(run, run.good - 1, "clamp.acted") > 0;
+  }
+
   *survives(run) {
     const { words, statuses } = this.about;
+    if (run.blocked) return 0;
+    if (this.clamped(run)) return NaN;
     if (run.event.kind === "step") {
       if (!this.restWithin(run)) return NaN;
       // What is settled at the end counts on the map, whether or not the run was long enough to say so.

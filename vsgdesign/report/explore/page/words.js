@@ -91,6 +91,8 @@ export function verdictOf(found, said, rules, event, event_s) {
     text = worded(said.unstable, found.unstable);
   } else if (status === said.tripped) {
     text = worded(said.trips, found.why, event_s);
+  } else if (status === said.blocked) {
+    text = worded(said.blocks, found.why);
   } else if (status in said.verdicts) {
     text = said.verdicts[status];
     if (found.before) text = text.replace(...said.before);

@@ -2,26 +2,37 @@
 import { Engine } from "./engine.js";
 import { LinearModel } from "./linear.js";
 import { Apart, Judge } from "./verdict.js";
+import { worded } from "./words.js";
 
 const BUCKETS = 320;
 const SIGNALS = ["P", "Q", "i_s_pu", "omega_hz", "v_pu"];
+/** The names of all signals of a page. */
+const namesOf = ({ dc }) => [...SIGNALS, ...(dc ? dc.signals.map(({ name }) => name) : [])];
 
 function simulated(engine, k, key, event) {
   const { info } = engine;
   const controller = engine.controller(k, key);
   const missing = [key, event.key].filter((one) => one !== undefined && !engine.has(controller, one));
   if (missing.length) return { why: engine.whyNot(controller, missing[0]) };
+  if (!engine.begins(controller, key, event.charge))
+    return { said: worded(info.dc.words.no_charge, 100 * event.charge) };
   const found = engine.run(controller, key, event);
+  if (event.charge !== undefined && info.dc.clamps && clampedBefore(found.run))
+    return { said: worded(info.dc.words.clamped_charge, 100 * event.charge) };
   const curves = curvesOf(info, { ...found, loop: controller.loop, event_s: info.event_s });
   return { curves, row: judge.judged(found.run) };
 }
+
+/** Whether a run asks its source for less than its reference before its event: it does not begin at a rest. */
+const clampedBefore = ({ loop, event_k: k }) => loop.memory.floats[loop.inLog(k - 1, loop.output["clamp.acted"])] > 0;
 
 /** What can be drawn of the samples of a run: of each bucket the first one, and every least and largest value. */
 function curvesOf(info, { rows, width, done, loop, event_s: event }) {
   const size = Math.max(Math.ceil(done / BUCKETS), 1);
   const put = signalsOf(info, info.places[loop].logged, rows, width);
-  const block = SIGNALS.map(() => new Float64Array(size));
-  const [kept, drawn] = [[], SIGNALS.map(() => [])];
+  const names = namesOf(info);
+  const block = names.map(() => new Float64Array(size));
+  const [kept, drawn] = [[], names.map(() => [])];
   for (let begin = 0; begin < done; begin += size) {
     const count = Math.min(size, done - begin);
     put(begin, count, block);
@@ -49,9 +60,11 @@ function curvesOf(info, { rows, width, done, loop, event_s: event }) {
     (square) => Math.sqrt(square) / info.I_rated_pk,
     (omega) => omega / (2 * Math.PI),
     (square) => Math.sqrt(square) / info.V_rated_pk,
+    (v) => v,
+    (charge) => (100 / info.dc.charge.full) * charge,
   ];
   const found = { t: Float32Array.from(kept, (k) => k * info.T_s - event) };
-  SIGNALS.forEach((name, j) => (found[name] = Float32Array.from(drawn[j], drawnAs[j])));
+  names.forEach((name, j) => (found[name] = Float32Array.from(drawn[j], drawnAs[j])));
   return found;
 }
 
@@ -65,7 +78,10 @@ function signalsOf(info, logged, rows, width) {
   ];
   const [P, Q, omega, i_a, i_b, v_a, v_b, g_a, g_b] = names.map((name) => logged.indexOf(name));
   const R_c = info.circuit["circuit.R_c"];
-  return (begin, count, [P_now, Q_now, i_sq, omega_now, v_sq]) => {
+  const own = info.dc
+    ? ["dc.v", ...(info.dc.charge ? [info.dc.charge.row] : [])].map((name) => logged.indexOf(name))
+    : [];
+  return (begin, count, [P_now, Q_now, i_sq, omega_now, v_sq, ...of_dc]) => {
     for (let k = 0, at = begin * width; k < count; k += 1, at += width) {
       P_now[k] = rows[at + P];
       Q_now[k] = rows[at + Q];
@@ -77,6 +93,7 @@ function signalsOf(info, logged, rows, width) {
       const c = rows[at + v_a] + R_c * (a - rows[at + g_a]);
       const d = rows[at + v_b] + R_c * (b - rows[at + g_b]);
       v_sq[k] = c * c + d * d;
+      for (let j = 0; j < own.length; j += 1) of_dc[j][k] = rows[at + own[j]];
     }
   };
 }
@@ -87,7 +104,8 @@ function survived(k, keys, event) {
   const found = keys.map(() => NaN);
   const there = keys.flatMap((key, n) => {
     const controller = engine.controller(k, key);
-    return [key, event.key].every((one) => one === undefined || engine.has(controller, one)) ? [n] : [];
+    const there = [key, event.key].every((one) => one === undefined || engine.has(controller, one));
+    return there && engine.begins(controller, key, event.charge) ? [n] : [];
   });
   const paired = event.kind !== "ramp";
   for (let at = 0; at < there.length;) {
