@@ -237,6 +237,11 @@ def test_sound_causes_are_read(tmp_path: Path) -> None:
         ),
         *((setter("causes", to=[CAUSE | {name: True}]), f"causes[0].{name}: must be") for name in CAUSE),
         (setter("between", to=BETWEEN | {"points": 1.0}), "between: must have points"),
+        (
+            setter("between", to=BETWEEN | {"link": {"charges": [0.5], "v_dc": [700.0]}}),
+            "between.link: must have charges",
+        ),
+        (setter("between", to=BETWEEN | {"link": None}), "between.link: must have charges"),
         (setter("between", to=BETWEEN | {"broken": [{"scr": 2.0}]}), "between.broken[0].x_over_r: missing"),
         (setter("between", to=BETWEEN | {"broken": None}), "between.broken: must be a list"),
         (setter("name", to=3.0), "name: must be text"),

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from tests.design.robust_studies import SETTLING, controller, robust_study, scenarios
+from vsgdesign.artifacts.table_text import link_text
 from vsgdesign.design import verification
 from vsgdesign.design.evaluation import final_Q
-from vsgdesign.design.verification import full_order_figures
+from vsgdesign.design.verification import full_order_figures, range_of_link
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import linearise_full_order
@@ -54,3 +55,33 @@ def test_figures_against_a_recursion(monkeypatch: pytest.MonkeyPatch) -> None:
         np.testing.assert_allclose(getattr(found, f"settling_{own}"), settled, atol=2e-3 * SETTLING)
         cross = np.maximum(cross, np.abs(y[:, :, 1]).max(axis=0))
     np.testing.assert_allclose(found.cross_peak, cross, rtol=2e-3)
+
+
+def test_figures_with_a_battery_are_the_worst_over_its_charge() -> None:
+    """Those of each charge by itself, where the battery can: a full one takes nothing, an empty one gives nothing."""
+    study = robust_study()
+    c, s = study.converter, scenarios(study, 4.0, 2.0).take(np.array([0, 5, 20]))
+    battery = {"R_i": 0.1 * c.V_dc**2 / c.S_rated, "i_max": 2.0 * c.S_rated / c.V_dc, "capacity_Ah": 10}
+    link = {"source": "battery", "C": 1e-3 * c.S_rated / c.V_dc**2 * 4.0, "compensation": "none"}
+
+    def at(charge: float) -> Any:
+        return study.with_changes(dc=link | {"battery": battery | {"charge": charge}})
+
+    estimated = s.R_hat - study.filter.R_2, s.X_hat / c.omega_n - study.filter.L_2
+    gains = schedule_of(study, controller(study)).gains_measured(*estimated, s.P, s.Q, s.V_rms)
+    found = full_order_figures(at(0.5), gains, s, SETTLING)
+    each = []
+    for charge in (0.0, 0.5, 1.0):
+        model = linearise_full_order(at(charge), verification._cells(study, gains, s))
+        growth = np.full(3, -np.inf)
+        growth[model.index] = np.log(np.abs(np.linalg.eigvals(model.A)).max(axis=1)) / model.T_s
+        each.append(growth)
+    np.testing.assert_allclose(found.abscissa, np.max(each, axis=0), rtol=1e-9)
+    assert np.isinf(each[0]).any() or np.isinf(each[2]).any()
+    assert (found.abscissa > each[1]).any()
+    assert range_of_link(study, (0.0,)) is None
+    assert "at 0, 50 and 100 % of its charge" in link_text({"link": range_of_link(at(0.5), (0.0,))})
+    assert range_of_link(at(0.5), (0.0,)) == {
+        "charges": [0.0, 0.5, 1.0],
+        "v_dc": pytest.approx([0.94 * c.V_dc, 1.06 * c.V_dc]),
+    }

@@ -154,7 +154,7 @@ class GainTable:
     """The inputs of its design (:mod:`vsgdesign.artifacts.design_inputs`). They are empty for a table made by hand."""
     between: dict[str, Any] | None = None
     """The result of the last check between the nodes: ``points``, ``outside``, ``promised``, ``seed`` and
-    ``broken``."""
+    ``broken``; with a battery on the dc link ``link``, the charges and the voltages over which its nodes are judged."""
     causes: list[dict[str, Any]] = field(default_factory=list)
     """The reasons why relaxed cells give up a promise (:mod:`vsgdesign.design.causes`)."""
     safe_place: tuple[float, float] | None = None

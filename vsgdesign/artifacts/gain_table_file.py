@@ -130,6 +130,8 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
             yield "between", "must have points, outside and promised as whole numbers"
         yield from _list_faults("between.broken", table.between.get("broken"), _BROKEN)
         yield from _between_counts(table.between)
+        if "link" in table.between and not _is_link(table.between["link"]):
+            yield "between.link", "must have charges, and v_dc with two voltages or none, as lists of numbers"
     if table.safe_place is not None:
         yield from _faults_of_safe_place(table)
     if table.verification is not None:
@@ -137,6 +139,13 @@ def _scalar_faults(table: GainTable) -> Iterator[tuple[str, str]]:
     if table.full_order is not None:
         yield from _full_order_faults(table.full_order)
     yield from _list_faults("causes", table.causes, _CAUSE)
+
+
+def _is_link(link: Any) -> bool:
+    """Whether it is what a build says of a battery on the dc link."""
+    lists = [link.get(name) for name in ("charges", "v_dc")] if isinstance(link, dict) else [None]
+    numbers = all(isinstance(one, list) and all(isinstance(x, int | float) for x in one) for one in lists)
+    return numbers and len(link["charges"]) > 0 and len(link["v_dc"]) in (0, 2)
 
 
 def _between_counts(look: dict[str, Any]) -> Iterator[tuple[str, str]]:

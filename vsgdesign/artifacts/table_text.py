@@ -154,6 +154,19 @@ def between_text(between: Document | None) -> str:
     )
 
 
+def link_text(between: Document | None) -> str:
+    """Over which charges of a battery on the dc link the promises hold; empty without one."""
+    link = None if between is None else between.get("link")
+    if not link:
+        return ""
+    charges = ", ".join(f"{100.0 * charge:.3g}" for charge in link["charges"][:-1])
+    voltages = f" (v_dc from {link['v_dc'][0]:.4g} to {link['v_dc'][1]:.4g} V)" if link["v_dc"] else ""
+    return (
+        f"The nodes are judged with the battery at {charges} and {100.0 * link['charges'][-1]:.3g} % of its "
+        f"charge{voltages}, where it can give or take the power."
+    )
+
+
 _CURES = {
     "delay": ("the sampling delay", "Without it, with the same inner gains,"),
     "inner loops": ("the inner loops", "With ideal ones"),

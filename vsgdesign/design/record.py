@@ -91,7 +91,7 @@ class CellTask:
             "refuted": self.refuted,
             "versions": provenance(),
             "code": package_hash(),
-        }
+        } | ({} if study.dc is None else {"dc": asdict(study.dc)})
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 

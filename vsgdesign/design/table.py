@@ -31,6 +31,7 @@ from vsgdesign.design.table_nodes import (
     smooth_nodes,
     withdraw_promises,
 )
+from vsgdesign.design.verification import range_of_link
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.executors import Each
 from vsgdesign.execution.progress import Progress, silent
@@ -135,6 +136,8 @@ def _build(job: TableJob, smoothings: int, refinements: int) -> BuiltTable:
     withdrawn = withdraw_promises(job, table, checked, seeds)
     causes = _causes(job, nodes, withdrawn)
     between = between_document(withdrawn.checked)
+    link = range_of_link(job.study, (*job.spec.box.P, 0.0))
+    between |= {} if link is None else {"link": link}
     table = replace(withdrawn.table, between=between, causes=[cause.as_document() for cause in causes])
     table = replace(table, safe_place=table_safe_place(job.study, table))
     return BuiltTable(table, tuple(nodes.records), nodes.added, withdrawn.checked, causes)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +15,15 @@ from vsgdesign.design.kernels import HORIZON
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
-from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
+from vsgdesign.linear.operating_point.dc_rest import links_at_rest
+from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order, steady_cells
 from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loops import FullOrderLoop
 from vsgdesign.linear.stability.step_responses import sampled_steps
 from vsgdesign.metrics.margins import disk_margin_per_frequency
 from vsgdesign.metrics.modes import least_damping, to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
@@ -33,6 +37,8 @@ _NO_REST = 1e6
 """Growth of a mode that has no steady state to be about, 1/s: a number, which a file can keep."""
 _POWERS = ("P", "Q")
 _STEPS = ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
+_WORST_LEAST = ("disk_margin", "damping_ratio")
+"""Figures of which the least is the worst."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,13 +74,77 @@ class FullOrderFigures:
         )
 
 
+CHARGES = (0.0, 0.5, 1.0)
+"""Of a battery, at which a design is looked at besides that of the study: both ends, and the middle."""
+
+
+def links_over_charge(study: Study) -> tuple[DcLink, ...]:
+    """The dc links of a study at other charges, where the voltage follows the charge; none otherwise."""
+    if study.dc is None or "open_circuit" not in study.dc.values:
+        return ()
+    own = study.dc.values["charge"]
+    return tuple(study.dc.after({"dc_charge": charge}) for charge in CHARGES if charge != own)
+
+
+def range_of_link(study: Study, powers: Sequence[float]) -> dict[str, Any] | None:
+    """The charges at which designs are looked at, and the voltages (V) that the link has there while the bridge takes
+    these powers (W), where the battery can; None where the voltage does not follow a charge."""
+    others = links_over_charge(study)
+    if study.dc is None or not others:
+        return None
+    links, p = (study.dc, *others), np.array(powers, dtype=float)
+    v = np.concatenate([links_at_rest(study, [link] * len(p), p) for link in links])
+    charges = sorted(link.values["charge"] for link in links)
+    known = v[np.isfinite(v)]
+    return {"charges": charges, "v_dc": [float(known.min()), float(known.max())] if known.size else []}
+
+
 def full_order_figures(
     study: Study, gains: PowerLoopGains, s: Scenarios, settling_time: float, apart: tuple[float, float] | None = None
 ) -> FullOrderFigures:
-    """Gains, arrays (S,), in S scenarios on the full-order model: averaged bridge, inner loops, delay, sampling.
+    """Gains, arrays (S,), in S scenarios on the full-order model: averaged bridge, inner loops, delay, sampling. With a
+    battery on the dc link they are the worst over its charge, and over the voltages of the link that belong to it;
+    a charge at which the battery cannot give or take the power of a scenario is left out.
 
     ``apart``: the path between equal units, where the decay of their differential mode is asked for."""
     cells = _cells(study, gains, s)
+    found = _of_cells(study, cells, gains, s, settling_time, apart)
+    for link in links_over_charge(study):
+        states = steady_cells(study, [replace(cell, link=link) for cell in cells]).states
+        if states is None:
+            continue
+        # Where a clamp holds the power elsewhere, the scenario is another one.
+        near = np.abs(states.P - s.P) < 1e-3 * study.converter.S_rated
+        there = np.flatnonzero((states.fault == 0) & near)
+        if not len(there):
+            continue
+        own = PowerLoopGains(*(np.broadcast_to(np.asarray(value, dtype=float), s.P.shape)[there] for value in gains))
+        at_charge = [replace(cells[k], link=link) for k in there.tolist()]
+        other = _of_cells(study, at_charge, own, s.take(there), settling_time, None)
+        found = _worse(found, other, there)
+    return found
+
+
+def _worse(found: FullOrderFigures, other: FullOrderFigures, at: NDArray[np.intp]) -> FullOrderFigures:
+    """The worse of two figures, of which the second are those of the scenarios ``at``."""
+    out = {name: getattr(found, name).copy() for name in (*_STEPS, *_WORST_LEAST, "cross_peak", "abscissa")}
+    fastest = found.fastest_rad_s.copy()
+    slower = other.abscissa > out["abscissa"][at]
+    fastest[at[slower]] = other.fastest_rad_s[slower]
+    for name in out:
+        worse = np.minimum if name in _WORST_LEAST else np.maximum
+        out[name][at] = worse(out[name][at], getattr(other, name))
+    return replace(found, **out, fastest_rad_s=fastest)
+
+
+def _of_cells(
+    study: Study,
+    cells: list[Cell],
+    gains: PowerLoopGains,
+    s: Scenarios,
+    settling_time: float,
+    apart: tuple[float, float] | None,
+) -> FullOrderFigures:
     model = linearise_full_order(study, cells)
     count, index = len(s), model.index
     eigenvalues = to_continuous(np.linalg.eigvals(model.A), model.T_s)

@@ -149,5 +149,5 @@ def test_a_study_is_told_what_its_events_ask_of_a_full_battery() -> None:
     given = given.with_events(event("0.5 s", phase_jump="-40 deg")).with_changes(simulation={"P_ref": 0.0})
     full, below = (replace(battery(given, charge), controllers=(spec,)) for charge in (1.0, 0.8))
     (said,) = told_beforehand(full)
-    assert said.startswith("angle_damped: not possible, because the source of the dc link is full")
+    assert said.startswith("angle_damped: not possible, because the events move more energy than")
     assert told_beforehand(below) == told_beforehand(given) == ()

@@ -46,7 +46,7 @@ FAULTS = (
     "no gains",
     "the current limiter pulls the power loops away from the steady state",
     "the source of the dc link does not give the power of the steady state",
-    "the source of the dc link is full or empty, and the events move more energy than the capacitor can take or give",
+    "the events move more energy than the source of the dc link and its capacitor can take or give",
 )
 """The meaning of the codes of :attr:`ManyStates.fault`. The code 0 means that there is a steady state."""
 

@@ -20,6 +20,7 @@ from vsgdesign.artifacts.table_text import (
     certificate_failed,
     certificate_sentence,
     error_text,
+    link_text,
     missed_text,
     proof_sentences,
     step_rows,
@@ -242,6 +243,7 @@ def verdict_of(table: GainTable) -> str:
     if table.between is not None:
         look = between_text(table.between)
         first += f" {look[0].upper()}{look[1:]} ({CARRIED})."
+    first += f" {link_text(table.between)}" if link_text(table.between) else ""
     proof = certificate_sentence(table.certificate)
     verified = "" if table.verification is None else f" {marked(table_verification(table.verification))[0]}"
     return (f"{proof} {first}" if certificate_failed(table.certificate) else f"{first} {proof}") + verified

@@ -18,6 +18,7 @@ from vsgdesign.artifacts.table_text import (
     error_text,
     full_order_sentence,
     inner_loops_text,
+    link_text,
     status_text,
     step_lines,
 )
@@ -226,6 +227,7 @@ def built_text(document: dict[str, Any], shown: int = 8) -> str:
     broken = between["broken"]
     lines += _why(document["causes"], shown)
     lines.append(between_text(between))
+    lines += [link_text(between)] if link_text(between) else []
     lines += _first(broken, "reached", "breaks its promise with", shown)
     if proof["certified"] is not False:
         lines.append(proof["text"])

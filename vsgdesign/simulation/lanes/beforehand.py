@@ -25,7 +25,7 @@ def told_beforehand(study: Study, ready: Ready = NOTHING) -> tuple[str, ...]:
             continue
         fault = _fault(study.with_limit_of(spec), spec, ready)
         if fault in (DC_SOURCE, DC_ENERGY):
-            found.append(f"{spec.name}: not possible, because {FAULTS[fault]}. The run shows what becomes of it.")
+            found.append(f"{spec.name}: not possible, because {FAULTS[fault]}.")
     return tuple(found)
 
 
