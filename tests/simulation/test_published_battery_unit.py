@@ -71,7 +71,7 @@ def boost_flow(memory: BoostMemory, v: Any, p: Any, c: BoostConstants) -> DcFlow
     dv = ((1.0 - memory.duty) * memory.i - p / v) * c.over_C
     half = boost_after(memory, boost_rates(memory, v, dv, c), 0.5 * c.T)
     current = (1.0 - half.duty) * half.i
-    return DcFlow(current, 0.0, 0.0, p_begin=0.0, p_middle=0.0, p_end=0.0, decay=c.decay)
+    return DcFlow(current, 0.0, 0.0, p_begin=0.0, p_middle=0.0, p_end=0.0, tilt=0.0, decay=c.decay)
 
 
 def boost_remembers(
