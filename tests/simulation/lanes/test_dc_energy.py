@@ -133,6 +133,20 @@ def test_the_reactive_power_of_a_moved_rest_belongs_to_its_power() -> None:
         assert reactive_rest(P, curve) == pytest.approx(rest, abs=5e-3 * S)  # a quarter of the band
 
 
+def test_what_is_told_of_an_empty_battery_is_lost_in_a_run() -> None:
+    """Jumps of the phase and sags that an empty battery would have to feed: its link collapses. At most one of twelve
+    is told and survives (2 of 99 in docs/theory/dc-side.md), and one is lost that was not told."""
+    study, spec = study_named("survival", "angle_damped")
+    cases, empty = drawn(study, spec, ("phase", "sag"), 12), battery(study, 0.0)
+    told = lanes_run.run_lanes(empty, spec, NOTHING, cases).fault == DC_ENERGY
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rests, "beyond_the_capacitor", lambda *_: np.zeros(len(cases), dtype=bool))
+        blocked = lanes_run.run_lanes(empty, spec, NOTHING, cases).status == BLOCKED
+    assert told.sum() >= 6
+    assert (told & ~blocked).sum() <= 1
+    assert blocked[~told].sum() <= 1
+
+
 def test_an_empty_battery_without_power_rests() -> None:
     """No current is within the limits of an empty and of a full battery, whatever the rounding."""
     for charge in (0.0, 1.0):

@@ -92,9 +92,9 @@ def beyond_the_capacitor(
         if links is None:
             return none
         begin = Swing(start.controller._replace(theta=delta), np.array(cases.omega_g, dtype=float), 0.0, links)
-        link = _swung(study, cases, segments, begin, _Present(study, cases, told, gains), settling_time)
+        lowest, highest = _swung(study, cases, segments, begin, _Present(study, cases, told, gains), settling_time)
         apart = 2.0 * stored_in_coils(study, cases) / study.dc.C  # V²
-        fallen, risen = links.v**2 - link.lowest**2, link.highest**2 - links.v**2
+        fallen, risen = links.v**2 - lowest**2, highest**2 - links.v**2
         # Where an event moves less than that, the link stays where it rests, however near to a limit that is.
         low = fallen + np.where(fallen > apart, apart, 0.0) > links.v**2 - study.dc.V_low**2
         high = risen + np.where(risen > apart, apart, 0.0) > study.dc.V_high**2 - links.v**2
@@ -113,10 +113,11 @@ def stored_in_coils(study: Study, cases: LaneCases) -> Array:
 
 def _swung(
     study: Study, cases: LaneCases, segments: Segments, x: Swing, present: _Present, settling_time: float
-) -> DcState:
-    """The links at the end of the last case."""
+) -> tuple[Array, Array]:
+    """Least and largest voltage of the links up to the end of the last case, V."""
     rows, nominal = np.arange(len(cases)), study.converter.references()
     at, loops = np.zeros(len(cases), dtype=np.intp), PhasorLoops(study)
+    lowest = highest = np.asarray(x.link.v)
     last_s = float(np.max(cases.cleared_s)) + AFTER * settling_time
     for n in range(math.ceil(last_s / STEP_S)):
         t_s = n * STEP_S
@@ -128,7 +129,9 @@ def _swung(
         grid, refs = segments.at_column(rows, at).at(np.full(len(cases), t_s)), _references(cases, nominal, t_s)
         x = x._replace(state=present.move_to(t_s, x.state, refs._replace(P_ref=refs.P_ref + x.cut)))
         x = loops.step(x, grid, refs, present.gains, present.estimate)
-    return x.link
+        # A link that has collapsed has no numbers any more, and those of before count.
+        lowest, highest = np.fmin(lowest, x.link.v), np.fmax(highest, x.link.v)
+    return lowest, highest
 
 
 class _Present:
