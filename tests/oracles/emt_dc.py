@@ -108,11 +108,10 @@ class Module:
         return self.p["strings"] * float(brentq(left, -1.0, 2.0 * self.light, xtol=1e-14, rtol=1e-14)), 0.0
 
 
-class WithLink(Changing):
-    """The circuit with a dc link that feeds its bridge, averaged or switched (``pwm``)."""
+class Link:
+    """A dc link with its source, and what is decided at a sample."""
 
-    def __init__(self, study: Study, v: float, p_b: float, memory: Sequence[float], pwm: bool = False) -> None:
-        super().__init__(study, lambda grid: grid)
+    def __init__(self, study: Study, v: float, p_b: float, memory: Sequence[float]) -> None:
         assert study.dc is not None
         kinds: dict[str, Any] = {"battery": Battery, "converter": Stage, "photovoltaic": Module}
         self.source = kinds[study.dc.source](study, memory)
@@ -120,19 +119,47 @@ class WithLink(Changing):
         self.bleed = 0.0 if study.dc.R_bleed is None else 1.0 / study.dc.R_bleed
         self.share = 1.0 / math.sqrt(3.0) if study.converter.zero_sequence else 0.5
         self.nominal, self.measured = study.converter.V_dc, study.dc.compensation == "measured"
-        self.follows = pwm or not self.measured
-        """Whether the bridge's voltage follows that of the link within a period."""
-        self.of_link = 1e-13 * np.array([study.converter.V_dc, 1.0, study.converter.S_rated])
         self.trace: list[float] = []
-        self.events = list(study.events)
+        self.events = [event for event in study.events if event.of_dc]
 
-    def bridge_limit(self, before: float) -> float:
-        del before
+    @property
+    def limit(self) -> float:
+        """The largest voltage of the bridge."""
         return self.share * (self.v if self.measured else self.nominal)
 
     def acting(self, asked: complex) -> complex:
-        limit = self.share * (self.v if self.measured else self.nominal)
-        return asked if abs(asked) <= limit else asked * (limit / abs(asked))
+        return asked if abs(asked) <= self.limit else asked * (self.limit / abs(asked))
+
+    def sampled(self, t_s: float) -> None:
+        """What the source decides at a sample, after the events up to it."""
+        while self.events and self.events[0].t_s <= t_s + 1e-6 * self.T:
+            self.source.change(self.events.pop(0))
+        self.source.decide(self.v, self.p_b)
+        self.trace.append(self.v)
+
+    def slopes(self, v: float, s: float, p_b: float) -> list[float]:
+        """Of its voltage, of its source's own state and of the energy that the bridge takes."""
+        i, of_source = self.source.current(v, s)
+        return [(i - self.bleed * v - p_b / v) / self.C, of_source, p_b]
+
+    def at_end(self, v: float, s: float, energy: float) -> None:
+        """The end of a period, in which the bridge took an energy."""
+        self.v, self.source.s, self.p_b = v, s, energy / self.T
+
+
+class WithLink(Link, Changing):
+    """The circuit with a dc link that feeds its bridge, averaged or switched (``pwm``)."""
+
+    def __init__(self, study: Study, v: float, p_b: float, memory: Sequence[float], pwm: bool = False) -> None:
+        Changing.__init__(self, study, lambda grid: grid)
+        Link.__init__(self, study, v, p_b, memory)
+        self.follows = pwm or not self.measured
+        """Whether the bridge's voltage follows that of the link within a period."""
+        self.of_link = 1e-13 * np.array([study.converter.V_dc, 1.0, study.converter.S_rated])
+
+    def bridge_limit(self, before: float) -> float:
+        del before
+        return self.limit
 
     def modulating(self, study: Study) -> Study:
         self.divides_by = self.v if self.measured else self.nominal
@@ -140,10 +167,7 @@ class WithLink(Changing):
 
     def moved(self, x: Array, pieces: Sequence[tuple], atol: NDArray[np.float64], _begin: float = 0.0) -> Any:
         """The circuit's state after a period, with that of the link, its source and the energy that the bridge took."""
-        while self.events and self.events[0].t_s <= (len(self.trace) + 1e-6) * self.T:
-            self.source.change(self.events.pop(0))
-        self.source.decide(self.v, self.p_b)
-        self.trace.append(self.v)
+        self.sampled(len(self.trace) * self.T)
         y = np.concatenate([x.real, x.imag, [self.v, self.source.s, 0.0]])
         tolerance: Any = np.concatenate([atol, atol, self.of_link])
         n = len(x)
@@ -160,7 +184,7 @@ class WithLink(Changing):
             if solver.status != "finished":
                 raise RuntimeError("DOP853 failed on the dc link")
             y = solver.y
-        self.v, self.source.s, self.p_b = float(y[2 * n]), float(y[2 * n + 1]), float(y[2 * n + 2]) / self.T
+        self.at_end(*(float(value) for value in y[2 * n : 2 * n + 3]))
         return y[:n] + 1j * y[n : 2 * n]
 
     def _slopes(self, n: int, piece: tuple) -> Callable[[float, Any], Any]:
@@ -178,8 +202,6 @@ class WithLink(Changing):
             # Real parts are the α axis, imaginary parts the β axis; the conjugate tells them apart.
             of_circuit += A_unequal @ x.conj() + b_unequal * v_b.conjugate() + e_unequal * v_g.conjugate()
             p_b = 1.5 * (v_b * x[0].conjugate()).real
-            i, of_source = self.source.current(v, y[2 * n + 1])
-            of_link = [(i - self.bleed * v - p_b / v) / self.C, of_source, p_b]
-            return np.concatenate([of_circuit.real, of_circuit.imag, of_link])
+            return np.concatenate([of_circuit.real, of_circuit.imag, self.slopes(v, y[2 * n + 1], p_b)])
 
         return slopes

@@ -284,7 +284,7 @@ def _link(study: Study, start: SampledState) -> LinkVoltage | None:
         advice = "Leave it out: the controller then divides by the voltage that it measures."
         fault = Fault("dc.compensation", study.dc.compensation, "is not in an exported controller yet", advice)
         raise StudyError(study.name, [fault])
-    begun, clamp = dc_at_start(study, start, study.grid_source.omega_g), None
+    begun, clamp = dc_at_start(study, start.plant, study.grid_source.omega_g), None
     if study.dc.clamps:
         low, high = study.dc.kind.law.can_give(begun.dc.memory, begun.clamp_of.hold, begun.link.source)
         limits = SourceLimits(float(low), float(high))

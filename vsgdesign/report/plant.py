@@ -9,6 +9,7 @@ import numpy as np
 from vsgdesign.equations.frames import peak_to_rms
 from vsgdesign.report.drawing.quantities import DASH, plain
 from vsgdesign.report.page.blocks import Block, Table, Where, words
+from vsgdesign.report.scenario.tables import DC_HEAD, DC_NOTE, dc_cut, dc_row
 from vsgdesign.simulation.units.scenario import PlantController, PlantRest, PlantResult
 
 
@@ -16,7 +17,8 @@ def plant_blocks(result: PlantResult) -> list[Block]:
     """One table of units, one of inverters and one of modes for each controller."""
     blocks: list[Block] = []
     for one in result.controllers:
-        blocks += [_units(one), *_inverters(one), *_islands(one), _modes(one), words(*_reasons(one), on=Where.TERMINAL)]
+        blocks += [_units(one), *_links(one), *_inverters(one), *_islands(one), _modes(one)]
+        blocks.append(words(*_reasons(one), on=Where.TERMINAL))
     return blocks
 
 
@@ -32,9 +34,19 @@ def _units(one: PlantController) -> Table:
         shown = plain(float(peak), 3) if math.isfinite(peak) else DASH
         status = found.outcome.status if found.survival is None else found.survival.status
         status = _in_island(one, unit.name) or status
-        status = status if unit.name in one.rests[-1].on_line else "off line"
+        status = status if unit.name in one.rests[-1].on_line or status == "blocked" else "off line"
         rows.append((unit.name, status, *numbers, shown))
     return Table(f"{one.spec.name}: {one.outcome.status}, at the end of the run", head, tuple(rows), on=Where.TERMINAL)
+
+
+def _links(one: PlantController) -> list[Table]:
+    """What each unit asked of its dc link."""
+    every = list(zip(one.timeline.plant.units, one.units, strict=True))
+    rows = [(unit.name, *row) for unit, found in every if (row := dc_row(found)) is not None]
+    cut = [said for unit, found in every for said in dc_cut(unit.name, found)]
+    title = f"{one.spec.name}: dc links of the units"
+    table = Table(title, ("unit", *DC_HEAD), tuple(rows), notes=(DC_NOTE, *cut), texts=2, on=Where.TERMINAL)
+    return [table] if rows else []
 
 
 def _inverters(one: PlantController) -> list[Table]:

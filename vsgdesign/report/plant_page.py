@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import number, plain
@@ -152,6 +153,8 @@ def steps(result: PlantResult) -> list[Block]:
 
 
 _PANELS = (("P_pcc", "P (kW)", 1e3), ("Q_pcc", "Q (kvar)", 1e3), ("V_rms", "V (V)", 1.0))
+_LINKS = ("v_dc", "v_dc (V)", 1.0)
+"""The panel of the dc links, where a unit has one that is not ideal."""
 
 
 def plant_figures(result: PlantResult) -> list[NamedFigure]:
@@ -161,27 +164,32 @@ def plant_figures(result: PlantResult) -> list[NamedFigure]:
 
 def _figure(study: Study, one: PlantController) -> NamedFigure:
     unit = time_unit(study.simulation.duration)
-    height = 0.62 + len(_PANELS) * (_PANEL_IN + _GAP_IN)
+    linked = any(_LINKS[0] in found.series for found in one.units)
+    panels = (*_PANELS, *((_LINKS,) if linked else ()))
+    height = 0.62 + len(panels) * (_PANEL_IN + _GAP_IN)
     names = units_of(study)
     with look():
         figure = new_figure(PAGE_IN, height)
-        panel = None
-        for k, (name, label, scale) in enumerate(_PANELS):
-            bottom = 0.36 + (len(_PANELS) - 1 - k) * (_PANEL_IN + _GAP_IN)
+        panel, lines, texts = None, list[Any](), list[str]()
+        for k, (name, label, scale) in enumerate(panels):
+            bottom = 0.36 + (len(panels) - 1 - k) * (_PANEL_IN + _GAP_IN)
             panel = add_axes(figure, 0.62, bottom, PAGE_IN - 0.76, _PANEL_IN, sharex=panel)
             for j in reversed(range(len(names))):
                 series = one.units[j].series
+                if name not in series:
+                    continue
                 every = max(len(series["t_s"]) // _COLUMNS, 1)
                 t_s, values = series["t_s"][::every] / unit.seconds, series[name][::every] / scale
                 panel.plot(t_s, values, label=names[j], **line_style(j))
             panel.set_ylabel(label)
             panel.margins(x=0.0)
             mark_events(panel, sorted({event.t_s for event in study.events}), unit)
-            panel.tick_params(labelbottom=k + 1 == len(_PANELS))
+            panel.tick_params(labelbottom=k + 1 == len(panels))
+            lines, texts = (lines, texts) if k else panel.get_legend_handles_labels()
         if panel is not None:
             panel.set_xlabel(f"t ({unit.symbol})")
-            lines, texts = panel.get_legend_handles_labels()
             columns = min(len(names), 8)
             figure.legend(lines[::-1], texts[::-1], ncols=columns, loc="upper right", bbox_to_anchor=(0.985, 0.995))
-    caption = "Powers at the terminals of each unit, and its voltage reference. Dotted lines are events."
+    links = ", its voltage reference, and the voltage of its dc link" if linked else ", and its voltage reference"
+    caption = f"Powers at the terminals of each unit{links}. Dotted lines are events."
     return NamedFigure(f"units_{one.spec.name}", f"{one.spec.name}: all units", caption, figure)

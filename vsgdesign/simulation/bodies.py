@@ -211,7 +211,7 @@ def _waves(kind: Kind) -> list[Part]:
 @functools.cache
 def plant(kind: Kind, slope: str = "") -> Block:
     """From the voltage that acts to the circuit's state at the end of the interval, on a slope of the carrier."""
-    applied = _applied(kind)
+    applied = applied_by(kind)
     if kind.dc is None:
         return joined(*_circuit(kind, slope, applied))
     acting = {name: name.replace("applied", "acting") for name in applied}
@@ -222,7 +222,7 @@ def plant(kind: Kind, slope: str = "") -> Block:
     return joined(kind.dc.acts(applied), kind.dc.holds(), Part(piece), kind.dc.ends(applied))
 
 
-def _applied(kind: Kind) -> dict[str, str]:
+def applied_by(kind: Kind) -> dict[str, str]:
     """Where the voltage is that was asked for."""
     waits = "pending." if kind.bridge.delayed else "said.v_b_"
     return {f"applied.{axis}": f"{waits}{axis}" for axis in ("alpha", "beta")}
@@ -296,7 +296,7 @@ def _plant_in_pieces(kind: Kind) -> Block:
         found = joined(Part(found), Part(own, piece_names(kind, number) | before))
     if kind.dc is None or not kind.coupled:
         return found
-    applied = _applied(kind)
+    applied = applied_by(kind)
     return joined(kind.dc.acts(applied), kind.dc.holds(), Part(found), kind.dc.ends(applied))
 
 

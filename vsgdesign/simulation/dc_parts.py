@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from vsgdesign.codegen.blocks import Part
+from vsgdesign.codegen.blocks import Part, Writer, joined
 from vsgdesign.codegen.expressions import Number
-from vsgdesign.codegen.flat import flat_block
+from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.records import Kinds
 from vsgdesign.equations.dc_control import (
     ClampSettings,
@@ -143,14 +143,42 @@ class DcKind(NamedTuple):
         block = flat_block(acting_voltage if self.compensates else duty_voltage)
         return Part(headed(block, acting_voltage="acting"), called)
 
-    def moved(self, after: str, asked: dict[str, str]) -> Part:
-        """The link at the end of the interval. ``after``: what the circuit's states are called there; ``asked``: where
-        the voltage is that was asked for."""
+    def moved(self, after: str, asked: dict[str, str], before: str = "x", acting: str = "acting") -> Part:
+        """The link at the end of the interval. ``after``, ``before``: what the circuit's states are called at its end
+        and at its beginning; ``asked``: where the voltage is that was asked for; ``acting``: and that which acts."""
         called = self._link | {f"after.{name}": f"{after}.{name}" for name in PlantState._fields}
-        called |= {f"v_b.{axis}": f"acting.{axis}" for axis in ActingVoltage._fields}
+        called |= {f"x.{name}": f"{before}.{name}" for name in PlantState._fields}
+        called |= {f"v_b.{axis}": f"{acting}.{axis}" for axis in ActingVoltage._fields}
         called |= {f"asked.{axis}": asked[f"applied.{axis}"] for axis in ActingVoltage._fields}
         block = flat_block(dc_step, fixed={"source": self.law}, kinds=self.records)
         return Part(headed(block, dc_state="dc_after"), called)
+
+    @property
+    def kept(self) -> list[str]:
+        """What a unit of a plant keeps of its sample for the link until the next one: the circuit's states, the voltage
+        that was asked for, and that there was a sample."""
+        found = [f"began.{name}" for name in PlantState._fields]
+        return [*found, *(f"asked.{axis}" for axis in ActingVoltage._fields), "begun"]
+
+    def at_sample(self, block: Block, asked: dict[str, str]) -> Block:
+        """The sample of a unit of a plant, ``block``, with its link. Between two samples others sample, too, so the
+        link is moved when the unit samples again: from what was kept. Before its first sample it rests.
+
+        Of the link at the sample the outputs are ``dc_now.…``, of what acts from the sample on ``acting.…``."""
+        applied = {f"applied.{axis}": f"asked.{axis}" for axis in ActingVoltage._fields}
+        line, now = Writer(), {name: name.replace("dc.", "dc_now.", 1) for name in self.state}
+        begun = line.input("begun")
+        for before, after in self.moves[: len(now)]:
+            there = line.does(">", begun, Number(0.5))
+            line.output(now[before], line.does("select", there, line.input(after), line.input(before)))
+        line.output("begun_after", line.does("max", begun, Number(1.0)))
+        acts = self.acts(asked)
+        return joined(
+            self.moved("x", applied, "began", "held"),
+            Part(line.block()),
+            Part(block, now),
+            Part(acts.block, {key: now.get(value, value) for key, value in acts.called.items()}),
+        )
 
     def holds(self) -> Part:
         """The law of the source over the interval. Its outputs are ``held.…``."""

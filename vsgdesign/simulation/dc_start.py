@@ -15,7 +15,6 @@ from vsgdesign.equations.dc_control import ClampSettings, ClampState, DroopSetti
 from vsgdesign.equations.dc_link import DcSettings, DcState
 from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.linear.operating_point.dc_rest import power_of_plant
-from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.simulation.dc_parts import dc_kind
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.study import Study
@@ -34,13 +33,14 @@ class DcStart(NamedTuple):
     droop_of: DroopSettings
 
 
-def dc_at_start(study: Study, start: SampledState, omega: float) -> DcStart:
-    """The link at the start of a run, whose source has this frequency (rad/s).
+def dc_at_start(study: Study, plant: Array, omega: float) -> DcStart:
+    """The link at the start of a run, whose source has this frequency (rad/s). ``plant`` (6,): i_s, v_c and i_g as
+    (α, β), peak.
 
     Raises InfeasibleStudyError where what feeds the link cannot give the power."""
     if study.dc is None:
         raise ValueError("the dc link is ideal.")
-    p = float(power_of_plant(study, start.plant))
+    p = float(power_of_plant(study, plant))
     of = study.converter, study.filter
     clamp, droop = study.dc.clamp(*of), study.dc.droop(study.converter)
     return DcStart(study.dc.settings(*of), study.dc.at_rest(p, *of), clamp_at_rest(omega), clamp, droop)

@@ -57,6 +57,8 @@ class Divergence:
     reason: str
     blocked: bool = False
     """Whether the bridge blocked because its dc link left its limits."""
+    unit: str = ""
+    """Of a plant: whose bridge blocked."""
 
 
 RESTING_S = 1.0

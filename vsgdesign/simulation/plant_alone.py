@@ -46,7 +46,7 @@ class PlantAlone:
         start = start_of(quiet, self.timeline, self._circuits, gains)
         self.x = start.plant
         """States of the circuit, each as (α, β), SI, peak."""
-        self._dc = None if study.dc is None else dc_at_start(study, start, self.timeline.source_at(0.0).omega)
+        self._dc = None if study.dc is None else dc_at_start(study, start.plant, self.timeline.source_at(0.0).omega)
         self._law = None if study.dc is None else study.dc.kind.law
         self.pending = complex(*start.pending)
         """Bridge voltage that is on its way at the start, V peak, as α + jβ."""

@@ -87,7 +87,7 @@ class RunState:
         if self.feed.memory is not None:
             self.feed.memory.moves_in(batch.view("lock", number))
         if study.dc is not None:
-            dc = dc_at_start(study, start, self.timeline.source_at(0.0).omega)
+            dc = dc_at_start(study, start.plant, self.timeline.source_at(0.0).omega)
             for name in dc._fields:
                 if name in batch.spans:
                     batch.set(name, numbers_of(getattr(dc, name)), number)

@@ -14,7 +14,8 @@ from vsgdesign.design.inner import GridBox, PassiveBand, passive_band
 from vsgdesign.design.inner.grids import angle_damped_target, asked_of, study_of
 from vsgdesign.design.inner.passivity import _oscillation, _power_gains
 from vsgdesign.linear.operating_point.circuit_of_units import Topology
-from vsgdesign.linear.operating_point.rest_of_units import UnitAsked, rest_of_units, situation_of
+from vsgdesign.linear.operating_point.flow_of_units import UnitAsked, situation_of
+from vsgdesign.linear.operating_point.rest_of_units import rest_of_units
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.report.inner.page import passivity_sentences
 from vsgdesign.study.parameters import Study, load_study

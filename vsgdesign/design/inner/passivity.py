@@ -19,8 +19,9 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.circuit_of_units import Topology
+from vsgdesign.linear.operating_point.flow_of_units import UnitAsked, situation_of
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.linear.operating_point.rest_of_units import UnitAsked, rest_of_units, situation_of
+from vsgdesign.linear.operating_point.rest_of_units import rest_of_units
 from vsgdesign.linear.stability.loops import output_admittance, passivity_index
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.runtime.closed_form import closed_form_schedule

@@ -148,7 +148,8 @@ def linearise_full_order(study: Study, cells: Sequence[Cell]) -> FullOrderModel:
         circuit = functions.states if link is None else functions.states[: -len(link.states)]
         z, p = pack(circuit, states)[good], parameters_of(study, lanes, gains)[good]
         if link is not None:
-            rests = [_link_at_rest(study, link, cells[k], states, k) for k in good.tolist()]
+            held = [study if cell.link is None else replace(study, dc=cell.link) for cell in cells]
+            rests = [link_at_rest(held[k], link, states.plant[:, k]) for k in good.tolist()]
             widths = len(link.states), len(link.parameters)
             own = (np.reshape(b, (len(good), n)) for b, n in zip(_split(rests), widths, strict=True))
             z, p = (np.hstack(pair) for pair in zip((z, p), own, strict=True))
@@ -178,14 +179,12 @@ def link_in_model(study: Study) -> LinkInModel | None:
     return LinkInModel(kind.law, *kind.records, kind.moving, order, study.dc.droops)
 
 
-def _link_at_rest(
-    study: Study, link: LinkInModel, cell: Cell, states: ManyStates, lane: int
-) -> tuple[list[float], list[float]]:
-    """The states and the parameters of a cell's dc link."""
-    dc = cell.link or study.dc
+def link_at_rest(study: Study, link: LinkInModel, plant: Array) -> tuple[list[float], list[float]]:
+    """The states and the parameters of a dc link, with the circuit's states at rest, (6,)."""
+    dc = study.dc
     if dc is None:
         raise ValueError("the dc link is ideal.")
-    power = float(power_of_plant(study, states.plant[:, lane]))
+    power = float(power_of_plant(study, plant))
     state = dc.at_rest(power, study.converter, study.filter)
     of = study.converter, study.filter
     return link.at_rest(state), link.values(dc.settings(*of), state, dc.droop(study.converter))
@@ -378,6 +377,8 @@ __all__ = [
     "SteadyCells",
     "controller_of",
     "linearise_full_order",
+    "link_at_rest",
+    "link_in_model",
     "pack",
     "parameter_sensitivities",
     "parameter_sensitivity",

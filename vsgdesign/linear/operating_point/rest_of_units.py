@@ -8,7 +8,6 @@ instant. It is written in the frame of the grid's source, so that a steady state
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,27 +16,29 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.frames import instantaneous_power, rms_to_peak
-from vsgdesign.equations.grid_following import SetPoints
-from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
 from vsgdesign.linear.model.full_order import ControllerMap, limiter_states
 from vsgdesign.linear.model.inverter import inverter_map
+from vsgdesign.linear.model.link_of_unit import LinkMap, link_map
 from vsgdesign.linear.operating_point.circuit_of_units import (
-    Topology,
     UnitsCircuit,
     circuit_of_units,
     names_of_states,
-    phasors_of,
     wiring_of,
 )
 from vsgdesign.linear.operating_point.clock_of_units import Clock, clock_of_study
-from vsgdesign.linear.operating_point.full_order import controller_of, pack, parameters_of
+from vsgdesign.linear.operating_point.flow_of_units import InverterAsked, Situation, UnitAsked, power_flow
+from vsgdesign.linear.operating_point.full_order import (
+    controller_of,
+    link_at_rest,
+    link_in_model,
+    pack,
+    parameters_of,
+)
 from vsgdesign.linear.operating_point.many import Lanes, lanes_of, many_steady_states
 from vsgdesign.linear.operating_point.sampled import cold_start, fault_of_rest
 from vsgdesign.study.parameters import inverter_kinds
-from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.power_plant import Inverter
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
 
@@ -49,46 +50,6 @@ _STEPS, _EXACT, _GOOD = 20, 1e-13, 1e-9
 
 _ROUNDED, _SLOWER = 1e-9, 0.1
 """Newton's steps are of the size of roundings where one is this small and the next one is not a tenth of it."""
-
-
-class UnitAsked(NamedTuple):
-    """What a unit is asked for between two events."""
-
-    study: Study
-    """Its own: converter, filter, inner loops and current limit."""
-    gains: PowerLoopGains
-    refs: References
-    grid: Grid
-    """The grid that its controller takes for its own."""
-
-
-class InverterAsked(NamedTuple):
-    """What an inverter is asked for between two events."""
-
-    inverter: Inverter
-    refs: SetPoints
-
-
-class Situation(NamedTuple):
-    """A plant between two events."""
-
-    study: Study
-    topology: Topology
-    units: tuple[UnitAsked, ...]
-    omega: float
-    sources: tuple[tuple[float, float], ...]
-    """V (phase rms) and angle (rad) of each source to the grid's."""
-    inverters: tuple[InverterAsked, ...] = ()
-
-    @property
-    def filters(self) -> tuple[Filter, ...]:
-        """Of all converters."""
-        return (*(one.study.filter for one in self.units), *(one.inverter.filter for one in self.inverters))
-
-    @property
-    def phasors(self) -> Complex:
-        """Of the sources, V peak."""
-        return np.array([rms_to_peak(V) * np.exp(1j * angle) for V, angle in self.sources])
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +105,10 @@ class UnitsAtRest:
 class _Slices(NamedTuple):
     controller: slice
     held: slice
+    before: slice
+    """i_s, v_c and i_g at its last sample, of a unit whose dc link is not ideal."""
+    link: slice
+    """Of its link."""
 
 
 class PlantMap:
@@ -171,24 +136,30 @@ class PlantMap:
         self._p += [
             np.array([one.inverter.filter.R_c, *one.refs, *one.inverter.settings]) for one in situation.inverters
         ]
+        self.of_links: dict[int, list[float]] = {}
+        """The constants of the dc link of a unit, at its rest."""
         self.slices: list[_Slices] = []
         at = 2 * len(self.network.A)
         states = [f"{name}_{axis}" for name in _names_of(self.network) for axis in "dq"]
         self._angles, self._pairs = list[int](), list[list[int]]()
-        for converter, one in zip(converters, self.maps, strict=True):
+        self._links = [_link_of(one.study) for one in situation.units] + [None] * len(others)
+        for converter, one, link in zip(converters, self.maps, self._links, strict=True):
             end = at + len(one.names)
-            self.slices.append(_Slices(slice(at, end), slice(end, end + 2)))
+            kept = _SIX if link is not None else ()
+            of_link = slice(end + 2 + len(kept), end + 2 + len(kept) + (len(link.names) if link is not None else 0))
+            self.slices.append(_Slices(slice(at, end), slice(end, end + 2), slice(end + 2, of_link.start), of_link))
             self._angles += [at + one.names.index(name) for name in one.angles]
             self._pairs += [[at + one.names.index(name) for name in pair] for pair in one.pairs]
-            self._pairs.append([end, end + 1])
-            states += [f"{converter}.{name}" for name in (*one.names, "held_d", "held_q")]
-            at = end + 2
+            self._pairs += [[end + k, end + k + 1] for k in range(0, 2 + len(kept), 2)]
+            own = [*one.names, "held_d", "held_q", *(f"before.{name}" for name in kept)]
+            states += [f"{converter}.{name}" for name in (*own, *(link.names if link is not None else ()))]
+            at = of_link.stop
         self.names = tuple(states)
         """``CONVERTER.STATE``, or the element of the network."""
         self.kept = np.ones(at, dtype=bool)
-        """Without the bridge voltages that the first instant overwrites."""
+        """Without the bridge voltages that the first instant overwrites and no link sees before."""
         for k in self.clock.instants[0].units:
-            self.kept[self.slices[k].held] = False
+            self.kept[self.slices[k].held] = self._links[k] is not None
 
     def states(self, z: Array) -> Complex:
         """The circuit's states y."""
@@ -233,15 +204,29 @@ class PlantMap:
     def _sample(self, z: Array, J: Array, unit: int, derivative: bool) -> None:
         """The converter's next state, and the bridge voltage that acts from now on."""
         own, n = self.slices[unit], 2 * len(self.network.A)
+        of_circuit = _real(self.network.X[3 * unit : 3 * unit + 3].astype(complex))
+        if (link := self._links[unit]) is not None:
+            self._move_link(link, z, J, unit, of_circuit, derivative)
         given = np.concatenate([self.measured(z, unit), z[own.controller]])
         result, slope = self.maps[unit].linear(given, self._p[unit])
         z[own.controller.start : own.held.stop] = result.full().ravel()
         if derivative:
             slope = slope.full()
-            of_circuit = _real(self.network.X[3 * unit : 3 * unit + 3].astype(complex))
             J[own.controller.start : own.held.stop] = (
                 slope[:, :6] @ (of_circuit @ J[:n]) + slope[:, 6:] @ J[own.controller]
             )
+
+    def _move_link(self, link: LinkMap, z: Array, J: Array, unit: int, of_circuit: Array, derivative: bool) -> None:
+        """The link of a unit since its last sample, and the circuit from which it goes on."""
+        own, n, now = self.slices[unit], 2 * len(self.network.A), self.measured(z, unit)
+        given = np.concatenate([z[own.link], z[own.before], now, z[own.held]])
+        result, slope = link.linear(given, self.of_links[unit])
+        z[own.link], z[own.before] = result.full().ravel(), now
+        if derivative:
+            slope, parts = slope.full(), np.cumsum([own.link.stop - own.link.start, 6, 6])
+            states = J[own.link], J[own.before], of_circuit @ J[:n], J[own.held]
+            J[own.link] = sum(part @ of for part, of in zip(np.split(slope, parts, axis=1), states, strict=True))
+            J[own.before] = states[2]
 
     def rest(self, guess: Array) -> UnitsAtRest:
         """The fixed point near a guess, by Newton. Raises InfeasibleStudyError where it is not found."""
@@ -268,6 +253,12 @@ class PlantMap:
                 "less, or start cold."
             )
         return UnitsAtRest(self, z, J[np.ix_(self.kept, self.kept)])
+
+
+def _link_of(study: Study) -> LinkMap | None:
+    """The dc link of a unit; None: it is ideal."""
+    link = link_in_model(study)
+    return None if link is None else link_map(link)
 
 
 def _solved(matrix: Array, right: Array) -> Array:
@@ -307,20 +298,13 @@ def _lanes(unit: UnitAsked, grid: Grid, V_rms: float, omega: float) -> Lanes:
     return Lanes.at(grid, GridSource(V_rms, omega), unit.refs)
 
 
-class _Flow(NamedTuple):
-    """Phasors at the capacitor nodes, phase rms."""
-
-    v: Complex
-    i: Complex
-
-
 def rest_of_units(
     situation: Situation, names: tuple[str, ...] | None = None, clock: Clock | None = None
 ) -> UnitsAtRest:
     """The steady state of a plant, with its droops and limits. Raises InfeasibleStudyError where there is none, with
     the unit that cannot have its powers, and with the share of the set points that there is."""
     model = PlantMap(situation, names, clock)
-    flow = _power_flow(situation)
+    flow = power_flow(situation)
     plant, omega = situation.study.plant, situation.omega
     z = np.zeros(len(model.kept))
     held = np.zeros(len(model.maps), dtype=complex)
@@ -341,6 +325,9 @@ def rest_of_units(
         own, all_names = model.slices[k], (*_SIX, *model.maps[k].names)
         z[own.controller] = pack(all_names, found)[0][6:]
         held[k] = complex(*found.pending[:, 0])
+        if (link := link_in_model(unit.study)) is not None:
+            z[own.before] = found.plant[:, 0]
+            z[own.link], model.of_links[k] = link_at_rest(unit.study, link, found.plant[:, 0])
         _since_sample(model, z, k, held[k])
     for j, one in enumerate(situation.inverters):
         k = len(situation.units) + j
@@ -374,6 +361,8 @@ def _since_sample(model: PlantMap, z: Array, unit: int, held: complex) -> None:
         z[at] = turned.real, turned.imag
     acts = held * np.exp(-1j * omega * since)
     z[own.held] = acts.real, acts.imag
+    before = (z[own.before][0::2] + 1j * z[own.before][1::2]) * np.exp(-1j * omega * since)
+    z[own.before] = np.stack([before.real, before.imag], axis=1).ravel()
 
 
 def _inverter_guess(one: InverterAsked, v_rms: complex, i_rms: complex, omega: float) -> tuple[Array, complex]:
@@ -386,91 +375,3 @@ def _inverter_guess(one: InverterAsked, v_rms: complex, i_rms: complex, omega: f
     state = own.kind.at_rest(inverter_kinds.Phasors(v, i_s, i_g, u, omega), own.settings)
     held = complex(u * np.exp(0.5j * omega * own.T_s))
     return np.array([*state, *((held.real, held.imag) if own.delay_samples else ())]), held
-
-
-def _power_flow(situation: Situation) -> _Flow:
-    """The phasors with which all units have the powers that their set points and droops say (:eq:`plant-flow`)."""
-    found = _newton(situation, 1.0)
-    if found is not None:
-        return found
-    low, high = 0.0, 1.0
-    for _ in range(12):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _newton(situation, middle) is not None else (low, middle)
-    every = (*situation.units, *situation.inverters)
-    asked = ", ".join(
-        f"{converter.name} {one.refs.P_ref / 1e3:.4g} kW, {one.refs.Q_ref / 1e3:.4g} kvar"
-        for converter, one in zip(situation.study.plant.converters, every, strict=True)  # type: ignore[union-attr]
-    )
-    raise InfeasibleStudyError(
-        f"no operating point: the network does not take what its converters are asked for ({asked}); it takes about "
-        f"{100.0 * low:.0f} % of it. Ask for less, or strengthen the network."
-    )
-
-
-def _newton(situation: Situation, share: float) -> _Flow | None:
-    """With a share of the powers; None where Newton does not find it."""
-    plant, omega = situation.study.plant, situation.omega
-    if plant is None:
-        return None
-    network = phasors_of(plant, situation.topology, omega)
-    own = np.array(
-        [
-            one.study.filter.R_2 + 1j * omega * one.study.filter.L_2 for one in situation.units
-        ]  # with R and L of the unit
-        + [
-            one.R + filter_.R_2 + 1j * omega * (one.L + filter_.L_2)
-            for one, filter_ in zip(plant.inverters, situation.filters[len(plant.units) :], strict=True)
-        ]
-    )
-    Y = np.linalg.inv(network.Z + np.diag(own))
-    V = network.V @ (situation.phasors / rms_to_peak(1.0))
-    every = [_asked(one, omega) for one in situation.units] + [
-        _inverter_asked(one, omega) for one in situation.inverters
-    ]
-    P, Q, D_q, V_n, V_near = (np.array(one) for one in zip(*every, strict=True))
-    ratings = [one.study.converter.S_rated for one in situation.units]
-    scale = np.array(ratings + [one.inverter.S_rated for one in situation.inverters])
-    v = V / np.maximum(np.abs(V), 1e-9) * V_near
-    for _ in range(30):
-        i = Y @ (v - V)
-        S = 3.0 * v * i.conj()
-        wrong = S - share * (P + 1j * Q) - 1j * D_q * (V_n - np.abs(v))
-        if np.abs(wrong / scale).max() < 1e-12:
-            return _Flow(v, i)
-        dS = 3.0 * np.diag(i.conj()), 3.0 * v[:, None] * Y.conj()  # for dv, and for its conjugate
-        direction = v / np.abs(v)
-        columns = []
-        for unit in (1.0, 1j):
-            column = dS[0] * unit + dS[1] * np.conj(unit)
-            column = column + np.diag(1j * D_q * (direction.conj() * unit).real)
-            columns.append(np.concatenate([column.real, column.imag]))
-        matrix = np.concatenate(columns, axis=1)
-        step = np.linalg.lstsq(matrix, np.concatenate([wrong.real, wrong.imag]), rcond=None)[0]
-        v = v - (step[: len(v)] + 1j * step[len(v) :])
-        if not np.isfinite(v).all() or (np.abs(v) < 0.05 * V_near).any() or (np.abs(v) > 3.0 * V_near).any():
-            return None
-    return None
-
-
-def _asked(unit: UnitAsked, omega: float) -> tuple[float, ...]:
-    """P (W) with its droop, Q (var) at V_n, D_q, V_n, and a voltage near which the flow is."""
-    refs, gains = unit.refs, unit.gains
-    P = refs.P_ref + gains.D_p * (refs.omega_0 - omega)
-    return P, refs.Q_ref, gains.D_q, refs.V_n, refs.V_n
-
-
-def _inverter_asked(one: InverterAsked, omega: float) -> tuple[float, ...]:
-    """The same of an inverter."""
-    own = one.inverter
-    return (*own.kind.rest(one.refs, omega, own.settings), own.V_rated_rms)
-
-
-def situation_of(
-    study: Study, topology: Topology, units: Sequence[UnitAsked], omega: float, V_g_rms: float
-) -> Situation:
-    """A plant with its sources as they are at nominal phase."""
-    sources = () if study.plant is None else study.plant.sources
-    return Situation(
-        study, topology, tuple(units), omega, ((V_g_rms, 0.0), *((one.V_rms, one.phase) for one in sources))
-    )

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.rest_of_units import PlantMap, Situation, UnitsAtRest, rest_of_units
+from vsgdesign.linear.operating_point.flow_of_units import Situation
+from vsgdesign.linear.operating_point.rest_of_units import PlantMap, UnitsAtRest, rest_of_units
 from vsgdesign.linear.stability.loci import Mode, modes
 from vsgdesign.metrics.modes import participation_factors, to_continuous
 from vsgdesign.study.parameters.grid import Grid
@@ -117,7 +118,9 @@ def split_matrices(rest: UnitsAtRest) -> tuple[tuple[tuple[str, ...], Array], tu
     z, own, there = np.zeros(len(apart.kept)), apart.slices[0], rest.model.slices[0]
     y = apart.network.onto @ rest.model.states(rest.z)[:3]
     z[: 2 * len(y)] = np.stack([y.real, y.imag], axis=1).ravel()
-    z[own.controller], z[own.held] = rest.z[there.controller], rest.z[there.held]
+    for part, from_ in zip(own, there, strict=True):
+        z[part] = rest.z[from_]
+    apart.of_links.update(rest.model.of_links)
     J = apart(z)[1]
     return _kept(shared.model, shared.A), _kept(apart, J[np.ix_(apart.kept, apart.kept)])
 

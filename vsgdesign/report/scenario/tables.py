@@ -128,45 +128,53 @@ def gains_table(result: ScenarioResult, controller: ControllerResult) -> Table:
     return Table(f"Gains of {controller.spec.name}", head, rows, notes=notes)
 
 
+DC_HEAD = (
+    "dc link",
+    "Voltage [V]",
+    "Spare [V]",
+    "Power of the bridge [kW]",
+    "Energy [kJ]",
+    "Charge at the end [%]",
+)
+"""Of what is said of a dc link."""
+
+DC_NOTE = (
+    "Every sample counts. The spare voltage is what the link has more than the bridge needs, at least. Powers are "
+    "means over a sampling period, and the energy is what the source has given up to the end."
+)
+
+
+def dc_row(controller: ControllerResult) -> tuple[str, ...] | None:
+    """What a controller asked of its dc link, as DC_HEAD says; None where it is ideal."""
+    if (asked := controller.dc) is None:
+        return None
+    charge = asked.end.get("dc_charge")
+    return (
+        "blocks" if controller.outcome.status == "blocked" else "within its limits",
+        f"{number(asked.lowest_v, 4)} … {number(asked.highest_v, 4)}",
+        number(asked.spare_v, 3),
+        f"{plain_kilo(asked.least_p_w)} … {plain_kilo(asked.most_p_w)}",
+        plain_kilo(asked.given_j),
+        DASH if charge is None else number(100.0 * charge, 4),
+    )
+
+
+def dc_cut(name: str, controller: ControllerResult) -> list[str]:
+    """A sentence on what the controller had to leave of what was asked for; none where it left nothing."""
+    words = "" if controller.dc is None else controller.dc.cut_words
+    return [f"{name} is judged against what the source can give: {words}."] if words else []
+
+
 def dc_table(result: ScenarioResult, on: Where = Where.PAGE) -> Table | None:
     """What each controller asked of its dc link; None where it is ideal."""
     link = result.study.dc
     if link is None:
         return None
-    rows = []
-    for controller in result.controllers:
-        if (asked := controller.dc) is None:
-            continue
-        charge = asked.end.get("dc_charge")
-        rows.append(
-            (
-                controller.spec.name,
-                "blocks" if controller.outcome.status == "blocked" else "within its limits",
-                f"{number(asked.lowest_v, 4)} … {number(asked.highest_v, 4)}",
-                number(asked.spare_v, 3),
-                f"{plain_kilo(asked.least_p_w)} … {plain_kilo(asked.most_p_w)}",
-                plain_kilo(asked.given_j),
-                DASH if charge is None else number(100.0 * charge, 4),
-            )
-        )
-    head = (
-        "Controller",
-        "dc link",
-        "Voltage [V]",
-        "Spare [V]",
-        "Power of the bridge [kW]",
-        "Energy [kJ]",
-        "Charge at the end [%]",
-    )
-    note = (
-        "Every sample counts. The spare voltage is what the link has more than the bridge needs, at least. The bridge "
-        f"blocks below {quantity(link.V_low, 'V')} and above {quantity(link.V_high, 'V')}. Powers are means over a "
-        "sampling period, and the energy is what the source has given up to the end."
-    )
-    cut = [(one.spec.name, one.dc.cut_words) for one in result.controllers if one.dc is not None and one.dc.cut_words]
-    notes = (note, *(f"{name} is judged against what the source can give: {words}." for name, words in cut))
+    rows = [(one.spec.name, *row) for one in result.controllers if (row := dc_row(one)) is not None]
+    limits = f"The bridge blocks below {quantity(link.V_low, 'V')} and above {quantity(link.V_high, 'V')}."
+    notes = (f"{DC_NOTE} {limits}", *(said for one in result.controllers for said in dc_cut(one.spec.name, one)))
     title = f"The dc link: {link.source}, {quantity(link.C, 'F')}"
-    return Table(title, head, tuple(rows), notes=notes, texts=2, on=on)
+    return Table(title, ("Controller", *DC_HEAD), tuple(rows), notes=notes, texts=2, on=on)
 
 
 def plain_kilo(value: float) -> str:

@@ -15,9 +15,9 @@ from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 def told_beforehand(study: Study, ready: Ready = NOTHING) -> tuple[str, ...]:
     """One sentence on each controller whose dc side cannot do what the events of its study ask for, as ``verify`` and
-    ``survive`` tell it of a case (:eq:`dc-told`). None with an ideal link, a record as the source, or a table that is
-    not built yet."""
-    if study.dc is None or study.replay is not None or not study.events:
+    ``survive`` tell it of a case (:eq:`dc-told`). None with an ideal link, in a plant, with a record as the source, or
+    with a table that is not built yet."""
+    if study.dc is None or study.plant is not None or study.replay is not None or not study.events:
         return ()
     found = []
     for spec in study.controllers:

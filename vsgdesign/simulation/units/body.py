@@ -19,7 +19,7 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import LockIn
 from vsgdesign.simulation import circuit_sample, sample, watched_sample
 from vsgdesign.simulation.axes import headed
-from vsgdesign.simulation.bodies import control, watch
+from vsgdesign.simulation.bodies import applied_by, control, watch
 from vsgdesign.simulation.loop import ALONE, Build, watched_names
 from vsgdesign.simulation.run_kind import STEP, Kind, names_of
 from vsgdesign.simulation.sample import Measurement, Noise
@@ -122,7 +122,8 @@ class PlantKind(NamedTuple):
 
 
 def log_names(kind: PlantKind) -> tuple[str, ...]:
-    """What is logged at an instant: LOG_COLUMNS of each converter, then the other states of the circuit."""
+    """What is logged at an instant: LOG_COLUMNS of each converter, then the other states of the circuit, then the dc
+    links."""
     found: list[str] = []
     for k in range(kind.converters):
         found += [f"next.{axis}.{state}" for state in kind.states[3 * k : 3 * k + 3] for axis in AXES]
@@ -133,7 +134,16 @@ def log_names(kind: PlantKind) -> tuple[str, ...]:
         else:
             found += [f"next.u{k}.last.{name}" for name in ("V", "theta", "limited")]
         found.append(f"next.u{k}.last.at_bridge")
-    return (*found, *(f"next.{axis}.{state}" for state in kind.states[3 * kind.converters :] for axis in AXES))
+    found += [f"next.{axis}.{state}" for state in kind.states[3 * kind.converters :] for axis in AXES]
+    return (*found, *(name for k in range(len(kind.units)) for name in link_names(kind, k)))
+
+
+def link_names(kind: PlantKind, k: int) -> list[str]:
+    """What is logged of the dc link of a unit: as it was at its last sample. None where it is ideal."""
+    dc = kind.units[k].dc
+    if dc is None:
+        return []
+    return [*(f"next.u{k}.{name}" for name in dc.state), *(f"u{k}.{name}" for name in dc.clamp)]
 
 
 def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
@@ -150,12 +160,16 @@ def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
     placed |= {"k", *(name for name, _ in kind.rings)}
     inputs = dict.fromkeys(name for one in bodies for name in one.inputs)
     rest = [name for name in inputs if name not in placed and ".watch." not in name]  # what is not watched is not read
-    shared = (".settings.", ".inner_gains.", ".R_c", ".field.", ".V_rated_rms", ".allowed")
+    of_all = (".settings.", ".inner_gains.", ".R_c", ".field.", ".V_rated_rms", ".allowed")
+    of_links = [f"u{k}.{name}" for k, one in enumerate(kind.units) if one.dc is not None for name in one.dc.settings]
+    links = [name for name in of_links if name in inputs]  # in the order of their records
+    rest = [name for name in rest if name not in links]
+    shared = {name for name in rest if any(one in name for one in of_all)}
     return LoopSpec(
         bodies=bodies,
         state=tuple(moved),
-        constant=(*kind.matrix, *(name for name in rest if not any(one in name for one in shared))),
-        uniform=tuple(name for name in rest if any(one in name for one in shared)),
+        constant=(*kind.matrix, *(name for name in rest if name not in shared), *links),
+        uniform=tuple(name for name in rest if name in shared),
         products=tuple(
             Product(_results(kind, axis), kind.matrix, tuple(f"{axis}.{name}" for name in kind.factors), kind.turns)
             for axis in AXES
@@ -190,6 +204,7 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
         own += names_of(Measurement, "before") if unit.sensors else []
         own += names_of(LockIn, "lock") if unit.field and (k == 0 or not kind.common) else []
         own += watched_names(unit)
+        own += [*unit.dc.logged, *unit.dc.kept] if unit.dc is not None else []
         found += [f"u{k}.{name}" for name in own]
     for k, other in enumerate(kind.others, len(kind.units)):
         own = [*names_of(other.kind.state, "state"), *(f"last.{name}" for name in SAID_BY_OTHERS)]
@@ -242,7 +257,8 @@ def _sampled(kind: PlantKind, k: int) -> Block:
     if k < len(kind.units):
         own = kind.units[k]
         seen = _watched_step() if own.watch == STEP else watch(own)
-        return control(own) if seen is None else joined(Part(control(own)), Part(seen))
+        block = control(own) if seen is None else joined(Part(control(own)), Part(seen))
+        return block if own.dc is None else own.dc.at_sample(block, applied_by(own))
     own = flat_block(kind.others[k - len(kind.units)].kind.sample)
     measured = headed(flat_block(circuit_sample.measured_by), measurement="measured")
     return joined(Part(measured), Part(headed(own, following="following", said="said")))
@@ -288,7 +304,8 @@ def _called(kind: PlantKind, unit: int, name: str) -> str:
     shared = {"source.cosine": "now.alpha.source0.along", "source.sine": "now.beta.source0.along", "V_g": "V_g"}
     if kind.common and name.startswith(("lock.", "field.", "allowed")):
         return f"u0.{name}"
-    shared |= {"k": "k"} | {f"terminal.{axis}": f"now.{axis}.terminal{unit}" for axis in AXES}
+    shared |= {"k": "k"} | {f"held.{axis}": f"{axis}.held.{unit}" for axis in AXES}
+    shared |= {f"terminal.{axis}": f"now.{axis}.terminal{unit}" for axis in AXES}
     return shared.get(name, f"u{unit}.{name}")
 
 
@@ -311,7 +328,24 @@ def _following(kind: PlantKind, k: int) -> dict[str, str]:
             found |= {f"{axis}.held.{k}": f"u{k}.pending.{axis}", f"u{k}.pending.{axis}": asked}
         else:
             found[f"{axis}.held.{k}"] = asked
+    if k < len(kind.units):
+        found |= _following_of_link(kind, k)
     return found
+
+
+def _following_of_link(kind: PlantKind, k: int) -> dict[str, str]:
+    """Where the numbers of its dc link come from, and what the link leaves of the voltage of its bridge."""
+    unit = kind.units[k]
+    if unit.dc is None:
+        return {}
+    found = {name: name.replace("dc.", "dc_now.", 1) for name in unit.dc.state}
+    found |= {name: name.replace("clamp.", "clamp_after.", 1) for name in unit.dc.clamp} | {"begun": "begun_after"}
+    applied = applied_by(unit)
+    found |= {f"asked.{axis}": applied[f"applied.{axis}"] for axis in AXES}
+    found = {f"u{k}.{name}": f"u{k}.{after}" for name, after in found.items()}
+    states = (name for name in unit.dc.kept if name.startswith("began."))
+    found |= {f"u{k}.{name}": _called(kind, k, name.replace("began.", "x.", 1)) for name in states}
+    return found | {f"{axis}.held.{k}": f"u{k}.acting.{axis}" for axis in AXES}
 
 
 def _following_of_unit(unit: Kind, k: int) -> dict[str, str]:

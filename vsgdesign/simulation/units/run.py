@@ -26,6 +26,7 @@ from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
 from vsgdesign.linear.operating_point.sampled import cold_start
 from vsgdesign.simulation.added_source import SensorsOfRun, sensors_of
 from vsgdesign.simulation.circuit_program import ProgramWriter
+from vsgdesign.simulation.dc_start import blocked, dc_changed, rows_before_block
 from vsgdesign.simulation.field_observer import FieldMemory
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import LOG_COLUMNS, kind_of, spans_of
@@ -33,11 +34,19 @@ from vsgdesign.simulation.outcome import BOUND_PU, Divergence, outside
 from vsgdesign.simulation.run_kind import Kind, names_of
 from vsgdesign.simulation.run_state import with_gains
 from vsgdesign.simulation.units.added import AddedToPlant, adds
-from vsgdesign.simulation.units.body import AXES, OtherKind, PlantKind, body_numbers, log_names, spec_of_plant
+from vsgdesign.simulation.units.body import (
+    AXES,
+    OtherKind,
+    PlantKind,
+    body_numbers,
+    link_names,
+    log_names,
+    spec_of_plant,
+)
 from vsgdesign.simulation.units.noise import put_sensors, with_noise
 from vsgdesign.simulation.units.program import PlantProgram
 from vsgdesign.simulation.units.start import StartOfPlant
-from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline
+from vsgdesign.simulation.units.timeline import PlantTimeline, blocks, plant_timeline
 from vsgdesign.simulation.units.windows import Schedule, UnitGains
 from vsgdesign.study.parameters.study import Study
 
@@ -59,6 +68,8 @@ class UnitRun:
     terminals: Array
     """(n, 2): the voltage at its terminals, behind L_2, α and β, V peak."""
     final_state: ControllerState
+    dc_log: Array | None = None
+    """Its dc link in the rows of ``log``, with :func:`vsgdesign.simulation.dc_start.dc_columns`; None: it is ideal."""
 
     def column(self, name: str) -> Array:
         """One logged quantity by name."""
@@ -155,6 +166,10 @@ class _Run:
         self.log_periods = max(round(study.simulation.log_interval / self.clock.period), 1)
         self.periods = int(np.floor(study.simulation.duration / self.clock.period + 1e-6))
         self._gains = [one.first for one in self.given]
+        widths = [len(link_names(self.kind, k)) for k in range(len(kinds))]
+        ends = len(log_names(self.kind)) - sum(widths) + np.cumsum(widths)
+        self._links = [slice(end - width, end) for end, width in zip(ends.tolist(), widths, strict=True)]
+        """Columns of the log with the dc link of each unit."""
         self.sensors: list[SensorsOfRun | None] = [None] * len(kinds)
         self._start()
 
@@ -184,6 +199,7 @@ class _Run:
             for t_s, refs in timeline.references:
                 at = 0 if t_s == 0.0 else self.program.sample_from(t_s, k)
                 writer.put([0], [at], self.spans[f"u{k}.refs"].start, np.array([refs]))
+            self._put_sources(writer, k)
         for j, own in enumerate(self.timeline.asked):
             k = len(self.timeline.units) + j
             for t_s, asked in own:
@@ -191,6 +207,16 @@ class _Run:
                 writer.put([0], [at], self.spans[f"u{k}.asked"].start, np.array([asked]))
         self.records = writer.program(1, 1)
         self._phase(0)
+
+    def _put_sources(self, writer: ProgramWriter, k: int) -> None:
+        """What events make of the source of a unit's dc link. It changes at a sample, which still moves the link as it
+        was before: with the next instant the loop has it, and a clamp sees it at the next sample."""
+        study, timeline = self.timeline.units[k], self.timeline.timelines[k]
+        for event in study.events:
+            if event.of_dc and (link := timeline.link_at(event.t_s)) is not None:
+                at = self.program.sample_from(event.t_s, k) + 1
+                for name, values in dc_changed(study, link, event.of_dc):
+                    writer.put([0], [at], self.spans[f"u{k}.{name}"].start, values[None])
 
     def _put_gains(self, k: int, change: GainChange) -> None:
         self._at(f"u{k}.power_gains")[:] = change.gains
@@ -232,11 +258,9 @@ class _Run:
                 )  # fmt: skip
                 self._conclude(done)
             seconds += time.perf_counter() - clock
-            why = self._outside()
-            if why is not None:
-                t_s = self.program.time(begin)
-                divergence = Divergence(t_s, f"the simulation diverged after {t_s:.4g} s: {why}")
-                log = log[:, : begin // every]
+            divergence = self._lost(log[0, :, :, 0], begin, after, every)
+            if divergence is not None:
+                log = log[:, : int(divergence.t_s / self.clock.period + 1e-6) // self.log_periods]
                 break
             if progress is not None:
                 progress(self.program.time(after))
@@ -275,6 +299,8 @@ class _Run:
         """Other gains for a unit; its frequency stays (:eq:`gain-transfer`)."""
         state = self._state(k)
         refs = References(*self._at(f"u{k}.refs").tolist())
+        if f"u{k}.clamp.cut" in self.spans:  # those that the power loops have followed
+            refs = refs._replace(P_ref=refs.P_ref + float(self._at(f"u{k}.clamp.cut")[0]))
         moved = with_gains(state, refs, self._gains[k], change.gains)
         self._gains[k] = change.gains
         self._at(f"u{k}.state")[:] = flat_state(moved)
@@ -300,6 +326,25 @@ class _Run:
         like = cold_start(self.timeline.units[k]).controller
         numbers, count = self._at(f"u{k}.state").tolist(), len(like) - 1
         return ControllerState(*numbers[:count], limiter=type(like.limiter)(*numbers[count:]))
+
+    def _lost(self, log: Array, begin: int, end: int, every: int) -> Divergence | None:
+        """What has ended the run between two samples of the loop."""
+        if (why := self._outside()) is not None:
+            t_s = self.program.time(begin)
+            return Divergence(t_s, f"the simulation diverged after {t_s:.4g} s: {why}")
+        (first, last), found = (-(-one // every) for one in (begin, end)), None
+        for k, (unit, study) in enumerate(zip(self.timeline.plant.units, self.timeline.units, strict=True)):
+            if study.dc is None or unit.name in self.timeline.blocked:
+                continue
+            limits = (float(self._at(f"u{k}.dc.{name}")[0]) for name in ("lowest", "highest"))
+            if (why := blocked(study.dc, *limits)) is None:
+                continue
+            row = first + rows_before_block(study, log[first:last, self._links[k]])
+            t_s = self.program.time(row * every)
+            if found is None or t_s < found.t_s:
+                said = f"{blocks(unit.name)} after {t_s:.4g} s: {why}"
+                found = Divergence(t_s, said, blocked=True, unit=unit.name)
+        return found
 
     def _outside(self) -> str | None:
         """What has diverged, with the name of the unit."""
@@ -328,6 +373,7 @@ class _Run:
                 log=log[:, width * k : width * (k + 1)],
                 terminals=terminals[:, k],
                 final_state=self._state(k),
+                dc_log=None if self.kind.units[k].dc is None else log[:, self._links[k]],
             )
             for k, unit in enumerate(self.timeline.plant.units)
         )
@@ -345,11 +391,15 @@ class _Run:
                 )
                 for k, one in enumerate(self.timeline.plant.inverters, units)
             ),
-            circuit_log=log[:, width * self.kind.converters :],
+            circuit_log=self._of_circuit(log),
             names=self.kind.states[3 * self.kind.converters :],
             loop_seconds=seconds,
             divergence=divergence,
         )
+
+    def _of_circuit(self, log: Array) -> Array:
+        """The circuit's states that belong to no converter."""
+        return log[:, len(LOG_COLUMNS) * self.kind.converters : self._links[0].start if self._links else None]
 
     def _terminals(self, t_s: Array, log: Array) -> Array:
         """(n, converters, 2): the voltages at the terminals of the converters (:eq:`plant-terminal`)."""
@@ -364,7 +414,7 @@ class _Run:
             phase = segment.source.phase + segment.source.omega * (t_s[rows] - segment.t_s)
             for axis in range(2):
                 own = [log[rows, width * k + 2 * m + axis] for k in range(units) for m in range(3)]
-                own += [log[rows, m] for m in range(width * units + axis, log.shape[1], 2)]
+                own += list(self._of_circuit(log)[rows, axis::2].T)
                 turned = phase[:, None] + np.array([0.0, *(one.phase for one in self.timeline.plant.sources)])
                 V = np.array([segment.source.V_g_rms, *(one.V_rms for one in self.timeline.plant.sources)])
                 v_g = (np.cos(turned) if axis == 0 else np.sin(turned)) * V / peak_to_rms(1.0)

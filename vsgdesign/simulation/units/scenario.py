@@ -20,11 +20,12 @@ from vsgdesign.linear.stability.loci import Mode
 from vsgdesign.linear.stability.modes_of_units import PlantMode, SplitModes, modes_of_units, split_modes
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import ExpectedRest, Survival, judge_survival
+from vsgdesign.simulation.dc_start import dc_figures
 from vsgdesign.simulation.every_sample import SignalsAtPcc
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, settled_changes
-from vsgdesign.simulation.outcome import Outcome, outcome_of
+from vsgdesign.simulation.outcome import Divergence, Outcome, outcome_of
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario.controllers import (
@@ -47,7 +48,7 @@ from vsgdesign.simulation.units.joining import NEVER, joined, waiting
 from vsgdesign.simulation.units.run import PlantRun, UnitRun, check_start, simulate_plant
 from vsgdesign.simulation.units.sharing import Sharing, sharing_of
 from vsgdesign.simulation.units.start import situation_at
-from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of
+from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of, without_blocked
 from vsgdesign.simulation.units.windows import Follows, Schedule
 from vsgdesign.study.parameters.power_plant import GRID
 from vsgdesign.study.parameters.source import GridSource
@@ -110,7 +111,10 @@ class PlantController:
 
     @property
     def outcome(self) -> Outcome:
-        """The worst one of its units that are connected at the end, with the name of the unit."""
+        """The worst one of its units that are connected at the end, with the name of the unit; a unit whose bridge has
+        blocked is lost."""
+        if (blocked := next((one.outcome for one in self.units if one.outcome.status == "blocked"), None)) is not None:
+            return blocked
         if self.alone:
             return Outcome("not settled", self.alone[0])
         if self.rests[-1].islanded and self.sharing:
@@ -153,13 +157,23 @@ def run_plant(
     for spec in asked.controllers:
         report = None if progress is None else _reporter(progress, spec.name)
         study = _with_closings(asked, spec, ready, report)
-        timeline, schedules, rests = _prepared(study, spec, ready, warn)
-        interval = _interval(study, timeline)
-        run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
+        blocked: dict[str, Divergence] = {}
+        while True:
+            timeline, schedules, rests = _prepared(study, spec, ready, warn)
+            interval = _interval(study, timeline)
+            run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
+            lost = run.divergence
+            if lost is None or not lost.blocked:
+                break
+            blocked[lost.unit] = lost  # the others go on
+            study = without_blocked(study, lost.unit, lost.t_s)
         feeds = [one if isinstance(one, FieldScheduler) else None for one in schedules]
         if any(not isinstance(one, Sequence) for one in schedules):  # with the gains that it really had
             rests = _told_rests(study, spec, timeline, _settled(study, run), warn)
-        units = tuple(_unit_result(study, spec, ready, run, k, rests, feed) for k, feed in enumerate(feeds))
+        units = tuple(
+            _unit_result(study, spec, ready, run, k, rests, feed, blocked.get(run.units[k].name))
+            for k, feed in enumerate(feeds)
+        )
         every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
         phase = timeline.shared.source_phase(run.t_s, 1e-9)
         inverters = tuple((one.name, inverter_series(one, run.t_s, phase, every)) for one in run.inverters)
@@ -387,8 +401,9 @@ def _unit_result(
     k: int,
     rests: Sequence[PlantRest],
     feed: FieldScheduler | None,
+    blocked: Divergence | None = None,
 ) -> ControllerResult:
-    """Figures and series of a unit, as of one converter."""
+    """Figures and series of a unit, as of one converter. ``blocked``: when and why its bridge has blocked."""
     unit, own_spec = run.units[k], spec_of(run.units[k].study, spec)
     own, found = unit.study, tuple(one.units[k] for one in rests)
     i_g, i_s = unit.log[:, 4:6], unit.log[:, 0:2]
@@ -409,6 +424,8 @@ def _unit_result(
     every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
     logged = simulation.every(every)
     per_mean = samples_per_mean(own, run.t_s)
+    expected = [one.expected[k] for one in rests]
+    whole = len(run.t_s) if blocked is None else max(int(np.searchsorted(run.t_s, blocked.t_s)), 1)
     means = {name: cycle_mean(power, per_mean)[::every] for name, power in (("P_pcc", P), ("Q_pcc", Q))}
     at_pcc = unit.terminals[::every], i_g[::every]
     return ControllerResult(
@@ -420,13 +437,14 @@ def _unit_result(
         means=means,
         without={},
         events=events,
-        outcome=outcome_of(run.divergence, found, events, at_limit, c.S_rated),
+        outcome=outcome_of(blocked or run.divergence, found, events, at_limit, c.S_rated),
         rests=found,
         estimates=None if feed is None else feed.log(run.timeline.timelines[k]),
         distorted=study.has_components,
-        survival=_survival(own, own_spec, ready, simulation, [one.expected[k] for one in rests])
+        survival=_survival(own, own_spec, ready, replace(simulation, divergence=blocked or run.divergence), expected)
         if study.simulation.survival
         else None,
+        dc=None if simulation.dc_log is None else dc_figures(own, simulation.dc_log[:whole]),
     )
 
 
@@ -466,6 +484,7 @@ def as_simulation(run: PlantRun, unit: UnitRun, k: int) -> Simulation:
         gain_changes=unit.gain_changes,
         final_state=unit.final_state,
         final_plant=unit.log[-1, :6].copy(),
+        dc_log=unit.dc_log,
         loop_seconds=run.loop_seconds,
         divergence=run.divergence,
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vsgdesign.equations.dc_control import clamped_rest
 from vsgdesign.equations.frames import peak_to_rms
 from vsgdesign.metrics.step_response import SETTLING_BAND, cycle_mean, settling_time
 from vsgdesign.simulation.survival.scenario import ISLAND_F
@@ -38,7 +39,8 @@ class Sharing:
     Q: float
     """Means at its control point at the end, W and var."""
     P_droop: float
-    """What its droop says of P at the frequency of the island, W."""
+    """What its droop says of P at the frequency of the island, W. Where its controller clamps it, no more than the
+    source of its dc link can give."""
     Q_droop: float
     """What its droop says of Q at its voltage reference, var."""
     f_hz: float
@@ -88,6 +90,10 @@ def _of_unit(
     refs = run.timeline.timelines[k].references_at(rest.t_s)
     P, Q, V = (float(unit.column(name)[last].mean()) for name in ("P", "Q", "V_rms"))
     P_droop = refs.P_ref + gains.D_p * (refs.omega_0 - omega)
+    link = run.timeline.timelines[k].link_at(rest.t_s)
+    if link is not None and link.clamps:
+        limits, own = link.can_give(c, unit.study.filter), link.clamp(c, unit.study.filter).own
+        P_droop = float(clamped_rest(P_droop, limits, own))
     Q_droop = refs.Q_ref + gains.D_q * (refs.V_n - V)
     away = np.zeros(len(rows))
     for name, end in (("P", P), ("Q", Q)):

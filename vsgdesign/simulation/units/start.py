@@ -9,20 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
+from vsgdesign.equations.dc_control import clamp_cut
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.circuit_of_units import Topology
-from vsgdesign.linear.operating_point.rest_of_units import (
-    InverterAsked,
-    Situation,
-    UnitAsked,
-    UnitsAtRest,
-    rest_of_units,
-)
+from vsgdesign.linear.operating_point.flow_of_units import InverterAsked, Situation, UnitAsked
+from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
 from vsgdesign.linear.operating_point.sampled import cold_start
+from vsgdesign.simulation.dc_start import dc_at_start
 from vsgdesign.simulation.units.body import AXES, PlantKind
 from vsgdesign.simulation.units.timeline import PlantSegment, PlantTimeline
 from vsgdesign.study.parameters.inverter_kinds import Phasors
@@ -57,6 +55,9 @@ class StartOfPlant:
             self._put_inverter(j, _waiting(one, self.timeline.segments[0].source.omega, phase), 0j, 0j)
         if self.study.simulation.start != "cold":
             self._put_rest(self.rest() if rest is None else rest, phase)
+        for k, one in enumerate(self.timeline.units):
+            if one.dc is not None:
+                self._put_link(k, one)
 
     def rest(self) -> UnitsAtRest:
         """The steady state of the units that are connected at the start."""
@@ -95,6 +96,19 @@ class StartOfPlant:
         self._at(f"u{k}.state")[:] = flat_state(state)
         self._put_bridge(k, held, waits)
 
+    def _put_link(self, k: int, study: Study) -> None:
+        """The dc link of a unit, which rests until the unit samples for the first time."""
+        names = self.kind.states[3 * k : 3 * k + 3]
+        plant = np.concatenate([self._at(f"{axis}.{name}") for name in names for axis in AXES])
+        try:
+            start = dc_at_start(study, plant, self.timeline.segments[0].source.omega)
+        except InfeasibleStudyError as error:
+            raise InfeasibleStudyError(f"the start: unit {self.timeline.plant.units[k].name}: {error}") from error
+        dc = self.kind.units[k].dc
+        given = ("link", "dc") if dc is None or not dc.clamps else ("link", "dc", "clamp", "clamp_of")
+        for name in given:
+            self._at(f"u{k}.{name}")[:] = numbers_of(getattr(start, name))
+
     def _put_inverter(self, j: int, state: Any, held: complex, waits: complex) -> None:
         k = len(self.timeline.units) + j
         self._at(f"u{k}.state")[:] = state
@@ -130,11 +144,20 @@ def situation_at(
     some = replace(plant, units=units, inverters=tuple(one.inverter for one in inverters))
     opened = segment.topology.opened - {one.name for one in plant.converters}
     topology: Topology = segment.topology._replace(opened=frozenset(opened))
-    asked = tuple(
-        UnitAsked(
-            timeline.units[k], gains[k], timeline.timelines[k].references_at(t_s), timeline.timelines[k].grid_at(t_s)
-        )
-        for k in on_line
-    )
+    asked = tuple(_unit_asked(timeline, k, gains[k], segment.source.omega, t_s) for k in on_line)
     sources = ((segment.source.V_g_rms, 0.0), *((one.V_rms, one.phase) for one in plant.sources))
     return Situation(replace(study, plant=some), topology, asked, segment.source.omega, sources, inverters)
+
+
+def _unit_asked(timeline: PlantTimeline, k: int, gains: PowerLoopGains, omega: float, t_s: float) -> UnitAsked:
+    """What a unit is asked for at an instant, with the source that its dc link then has: of no more power than that can
+    give, where its controller clamps it."""
+    of, study = timeline.timelines[k], timeline.units[k]
+    refs, link = of.references_at(t_s), of.link_at(t_s)
+    if link is not None:
+        study = study if link == study.dc else replace(study, dc=link)
+        if link.clamps:
+            limits = link.can_give(study.converter, study.filter)
+            own = link.clamp(study.converter, study.filter).own
+            refs = refs._replace(P_ref=refs.P_ref + float(clamp_cut(omega, refs, gains, limits, own)))
+    return UnitAsked(study, gains, refs, of.grid_at(t_s))

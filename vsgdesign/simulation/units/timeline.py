@@ -13,9 +13,10 @@ from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
 from vsgdesign.simulation.field_feed import with_pair
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 from vsgdesign.simulation.wander import Replay, Wander
+from vsgdesign.study.parameters.dc_link import DcLink, not_of
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.network import PLAIN
-from vsgdesign.study.parameters.network_fields import CLOSED
+from vsgdesign.study.parameters.network_fields import CLOSED, NOTHING_SAID, OPEN
 from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, behind_its_path
 from vsgdesign.study.parameters.source import SourceComponent
 from vsgdesign.study.parameters.study import ControllerSpec, Study
@@ -62,6 +63,12 @@ class PlantTimeline:
     shared: Timeline
     """Of the grid and its source, whose background or record takes a step in each period of the plant's clock."""
 
+    @property
+    def blocked(self) -> frozenset[str]:
+        """Names of the units whose bridges block, which an event says."""
+        names = {event.name for unit in self.units for event in unit.events}
+        return frozenset(one.name for one in self.plant.units if blocks(one.name) in names)
+
     def asked_at(self, inverter: int, t_s: float) -> SetPoints:
         """What an inverter is asked for from an instant on."""
         own = self.asked[inverter]
@@ -86,7 +93,8 @@ def plant_timeline(study: Study, spec: ControllerSpec | None = None) -> PlantTim
         shared.replay.spec.check_usable(study.simulation.duration + 4.0 * period, study.converter)
         shared = replace(shared, replay=Replay(shared.replay.spec, period))
     of_elements = sorted((one for one in study.events if one.element is not None), key=lambda one: one.t_s)
-    changes = {0.0, *shared.plant_changes(), *(one.t_s for one in of_elements if not one.set_points)}
+    switching = (one for one in of_elements if one.switched != NOTHING_SAID or not (one.set_points or one.of_dc))
+    changes = {0.0, *shared.plant_changes(), *(one.t_s for one in switching)}
     segments: list[PlantSegment] = []
     opened, faults = set(plant.opened), dict[str, float]()
     waiting = list(of_elements)
@@ -118,6 +126,19 @@ def _asked(inverter: Inverter, events: Sequence[Event]) -> tuple[tuple[float, Se
     return tuple(found)
 
 
+def blocks(unit: str) -> str:
+    """The name of the event by which the breaker of a unit opens whose bridge blocks."""
+    return f"{unit}: its bridge blocks"
+
+
+def without_blocked(study: Study, unit: str, t_s: float) -> Study:
+    """The study in which the breaker of a unit opens at an instant, because its bridge blocks, and does not close
+    again."""
+    opens = Event(t_s, blocks(unit), element=unit, switched=NOTHING_SAID._replace(breaker=OPEN))
+    left = (one for one in study.events if one.t_s <= t_s or one.element != unit or one.switched == NOTHING_SAID)
+    return replace(study, events=tuple(sorted((*left, opens), key=lambda one: one.t_s)))
+
+
 def spec_of(unit: Study, spec: ControllerSpec) -> ControllerSpec:
     """A controller as a unit has it, whose case may have other targets."""
     return next(one for one in unit.controllers if one.name == spec.name)
@@ -134,12 +155,14 @@ def _switch(event: Event, opened: set[str], faults: dict[str, float]) -> None:
             faults[name] = said.fault.R
 
 
-def _as_of_unit(event: Event, name: str) -> Event:
-    """What an event is to a unit that sees the grid alone: its set points, and what the grid's source does."""
+def _as_of_unit(event: Event, name: str, dc: DcLink | None) -> Event:
+    """What an event is to a unit that sees the grid alone: its set points, what the grid's source does, and what
+    changes of the source of its dc link."""
     if event.element not in (None, name):
         return Event(event.t_s, event.name)
+    of_dc = {one: value for one, value in event.of_dc.items() if not_of(dc, one) is None}
     of_source = {one: getattr(event, one) for one in ("V_g_rms", "omega_g", "over", "phase_jump", "components")}
-    return replace(Event(event.t_s, event.name), **event.set_points, **of_source)
+    return replace(Event(event.t_s, event.name), **event.set_points, **of_source, **of_dc)
 
 
 def _alone(study: Study, plant: PowerPlant, k: int, segments: Sequence[PlantSegment]) -> Study:
@@ -162,7 +185,7 @@ def _alone(study: Study, plant: PowerPlant, k: int, segments: Sequence[PlantSegm
         if seen != grid:
             told.append(Event(one.t_s, names.get(one.t_s, ""), grid=seen))
             grid = seen
-    own = [_as_of_unit(one, unit.name) for one in study.events]
+    own = [_as_of_unit(one, unit.name, unit.dc) for one in study.events]
     first, shared = told[0].grid, plant.common_estimate
     base = replace(behind_its_path(study, unit), estimator=study.estimator)
     return replace(

@@ -33,7 +33,7 @@ from vsgdesign.study.parameters.converter import (
     read_filter,
     scope_of,
 )
-from vsgdesign.study.parameters.dc_link import DC, check_beside, check_events, read_dc
+from vsgdesign.study.parameters.dc_link import DC, check_links, read_dc
 from vsgdesign.study.parameters.estimator import EstimatorSpec, read_estimator
 from vsgdesign.study.parameters.events import event_fields, read_events
 from vsgdesign.study.parameters.fields import (
@@ -218,7 +218,8 @@ def build_study(
     network_table = root.child("network")
     network = read_network(network_table, converter)
     case = functools.partial(_case_of_unit, document, default_name)
-    plant = read_plant(root, network_table, Around(converter, scope, simulation.P_ref, simulation.Q_ref, case))
+    dc = read_dc(root.child("dc"), converter)
+    plant = read_plant(root, network_table, Around(converter, scope, simulation.P_ref, simulation.Q_ref, case, dc))
     if network_table is not None:
         network_table.finish()
     elements = None if plant is None else plant.names
@@ -252,9 +253,7 @@ def build_study(
     replay = read_replay(root.child("replay"), converter, simulation.duration)
     if root.has("replay"):
         _check_replay(root, faults)
-    dc = read_dc(root.child("dc"), converter)
-    check_beside(root, dc, alone=plant is None)
-    check_events(root, dc, events, verification.families)
+    check_links(root, dc, plant, events, verification.families)
     if simulation.survival:
         _check_survival(root, source_, events, background, sensors)
     root.finish()
@@ -299,7 +298,7 @@ def build_study(
     )
 
 
-_OF_CASE = ("converter", "filter", "inner_loops", "power_loops")
+_OF_CASE = ("converter", "filter", "inner_loops", "power_loops", "dc")
 """Sections that a unit of a plant takes from its case."""
 
 _OF_STUDY = ("grid", "simulation", "controllers", "specification", "estimator")

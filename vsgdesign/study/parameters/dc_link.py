@@ -22,6 +22,7 @@ from vsgdesign.study.parameters.reader import REQUIRED, TableReader
 
 if TYPE_CHECKING:
     from vsgdesign.study.parameters.event import Event
+    from vsgdesign.study.parameters.power_plant import PowerPlant
     from vsgdesign.study.parameters.study import Study
 
 CONTROLS = NONE, POWER_CLAMP, VOLTAGE_DROOP = ("none", "power_clamp", "voltage_droop")
@@ -322,11 +323,14 @@ def _read_source(table: TableReader, source: DcSource, ratings: DcRatings) -> di
     return found
 
 
-def check_beside(root: TableReader, dc: DcLink | None, *, alone: bool) -> None:
-    """What a dc link cannot stand beside."""
-    if dc is not None and not alone:
-        given = f'source = "{dc.source}"'
-        root.fault("dc", given, "the units of a plant have ideal dc links", "Remove [dc], or the plant.")
+def _check_in_plant(root: TableReader, where: str, dc: DcLink | None) -> None:
+    """What the dc link of a unit of a plant does not have. ``where``: it is."""
+    if dc is not None and not dc.compensates:
+        problem = "the units of a plant compensate the voltage of their links"
+        root.fault(f"{where}.compensation", dc.compensation, problem, f'Give compensation = "{MEASURED}".')
+    if dc is not None and dc.droops:
+        problem = "the units of a plant do not turn with the voltages of their links"
+        root.fault(f"{where}.control", dc.control, problem, f'Give control = "{NONE}" or "{POWER_CLAMP}".')
 
 
 def not_of(dc: DcLink | None, quantity: str) -> str | None:
@@ -338,16 +342,35 @@ def not_of(dc: DcLink | None, quantity: str) -> str | None:
     return None if known[quantity] else f'source = "{dc.source}" has no {quantity.removeprefix("dc_")}'
 
 
-def check_events(root: TableReader, dc: DcLink | None, events: Iterable[Event], families: Mapping[str, Any]) -> None:
-    """Events and families of [verification] that change a source which the study does not have."""
+def check_links(
+    root: TableReader,
+    dc: DcLink | None,
+    plant: PowerPlant | None,
+    events: Iterable[Event],
+    families: Mapping[str, Any],
+) -> None:
+    """What the link of the study does not have in a plant, and events and families of [verification] that change a
+    source which is not there. An event without a unit is one of every unit with such a source."""
+    links = {"": dc}
+    if plant is not None:
+        _check_in_plant(root, "dc", dc)
+        for one in (one for one in plant.units if one.dc != dc):
+            _check_in_plant(root, f'network.units["{one.name}"].dc', one.dc)
+        links = {one.name: one.dc for one in plant.units}
+
+    def none_has(quantity: str, unit: str | None = None) -> str | None:
+        asked = list(links.values()) if unit not in links else [links[unit]]
+        why = [not_of(one, quantity) for one in asked]
+        return None if None in why else why[0]
+
     for event in events:
         for quantity, value in event.of_dc.items():
-            if (why := not_of(dc, quantity)) is not None:
+            if (why := none_has(quantity, event.element)) is not None:
                 when = "" if math.isnan(event.t_s) else f" at {event.t_s:g} s"  # a faulty time has its own fault
                 root.fault(f"events.{quantity}", f"{value:g}{when}", why, "Take it away, or change [dc].")
     for quantity in DC_QUANTITIES:
         weight = families[quantity].weight if quantity in families else None
-        if weight and (why := not_of(dc, quantity)) is not None:
+        if weight and (why := none_has(quantity)) is not None:
             root.fault(f"verification.{quantity}.weight", f"{weight:g}", why, "Set it to 0, or change [dc].")
 
 
@@ -362,8 +385,7 @@ def without_voltage_droop(study: Study, what: str) -> None:
 __all__ = [
     "DC",
     "DcLink",
-    "check_beside",
-    "check_events",
+    "check_links",
     "not_of",
     "read_dc",
     "without_voltage_droop",

@@ -91,8 +91,8 @@ class EventFields:
     name: str = text(limits="not empty", shown="a description of the change")
     """Label in reports."""
     element: str | None = text(default=None, shown="the grid and all units")
-    """Of a plant, by its name, what it changes: a unit or an inverter (set points, `breaker`), a branch, shunt, load or
-    source (`breaker`), or a node (`fault`)."""
+    """Of a plant, by its name, what it changes: a unit (set points, `breaker`, dc source), an inverter (set points,
+    `breaker`), a branch, shunt, load or source (`breaker`), or a node (`fault`)."""
     grid: Any = subtable(_GRID, shown=_UNCHANGED)
     """New grid impedance."""
     over: float = number("s", 0.0, DURATION, default=0.0)
@@ -170,7 +170,7 @@ def read_events(
 
 
 _MAY_CHANGE = {
-    "unit": "set points and breaker",
+    "unit": "set points, breaker and dc source",
     "inverter": "set points and breaker",
     "node": "fault",
     "source": "breaker",
@@ -199,10 +199,12 @@ def _of_element(
         table.fault("element", name, "the plant has none of this name", did_you_mean(name, known, names, 0.5))
     what = known.get(name, "")
     set_points = [kind for kind in EVENT_KINDS.values() if kind.of_controller]
-    found = {kind.quantity: take(table, kind.field, scope, None) for kind in set_points}
+    of_dc = [kind for kind in EVENT_KINDS.values() if kind.of_dc]
+    found = {kind.quantity: take(table, kind.field, scope, None) for kind in (*set_points, *of_dc)}
     said = read_said(table, Base.of(converter))
     given = {
-        "set points": any(value is not None for value in found.values()),
+        "set points": any(found[kind.quantity] is not None for kind in set_points),
+        "dc source": any(found[kind.quantity] is not None for kind in of_dc),
         "breaker": said.breaker is not None,
         "fault": said.fault is not None,
         "load": said.load is not None,
@@ -224,7 +226,8 @@ def _of_element(
     if check is not None and (what != "unit" or said.breaker != CLOSED):
         problem = "in a plant it closes the breaker of a unit, which this event does not"
         table.fault("synchro_check", None, problem, f'Name a unit, and add breaker = "{CLOSED}".')
-    words = [kind.words(found[kind.quantity], converter) for kind in set_points if found[kind.quantity] is not None]
+    every = (*set_points, *of_dc)
+    words = [kind.words(found[kind.quantity], converter) for kind in every if found[kind.quantity] is not None]
     words += network_words(said, Base.of(converter))
     words += [] if check is None else [synchro_check_words(check)]
     label = values(picked(EventFields, "name"), table, defaults={"name": f"{name}: {', '.join(words)}"})["name"]

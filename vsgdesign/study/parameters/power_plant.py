@@ -19,6 +19,7 @@ from vsgdesign.study.parameters.inverter_kinds import InverterKind
 from vsgdesign.study.parameters.network import Load
 
 if TYPE_CHECKING:
+    from vsgdesign.study.parameters.dc_link import DcLink
     from vsgdesign.study.parameters.study import Study
 
 NEUTRAL = ""
@@ -73,6 +74,8 @@ class Unit:
     """On which pair of lines its field estimator sends its probe; 0: all pairs are taken by units before it."""
     case: Study | None = None
     """Its converter, filter, inner loops and power loops; None: those of the study."""
+    dc: DcLink | None = None
+    """Its dc link and what feeds it; None: the link is ideal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +149,7 @@ class PowerPlant:
             return False
         first = self.units[0]
         alike = {(one.node, one.R, one.L, one.P_ref, one.Q_ref, one.offset) for one in self.units}
-        return len(alike) == 1 and all(one.case == first.case for one in self.units)
+        return len(alike) == 1 and all((one.case, one.dc) == (first.case, first.dc) for one in self.units)
 
 
 def load_elements(name: str, node: str, load: Load) -> list[Element]:
@@ -185,9 +188,10 @@ def unconnected(nodes: tuple[str, ...], elements: tuple[Element, ...], fed: set[
 
 
 def behind_its_path(study: Study, unit: Unit) -> Study:
-    """The converter of a unit, whose transformer and feeder belong to L_2 and R_2 of its filter: the grid begins at the
-    unit's node. The table of a unit is made for this filter."""
+    """The converter of a unit with its dc link, whose transformer and feeder belong to L_2 and R_2 of its filter: the
+    grid begins at the unit's node. The table of a unit is made for this filter."""
     base = unit.case or study
+    base = base if base.dc == unit.dc else replace(base, dc=unit.dc)
     if unit.R == 0.0 and unit.L == 0.0:
         return base
     f = base.filter

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from vsgdesign.errors import did_you_mean
 from vsgdesign.identification.field import PAIRS
 from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.dc_link import DcLink, read_dc
 from vsgdesign.study.parameters.fields import (
     C_BASE,
     L_BASE,
@@ -170,6 +171,9 @@ class _OfUnit:
     """When it samples for the first time, as a share of its sampling period."""
     pair: int | None = whole(1, len(PAIRS), default=None, shown="the next one that is free")
     """On which [pair of lines](#estimatorprobe) its field estimator sends its probe."""
+    dc: Any = subtable((), shown="of its case, or `[dc]`")
+    """The capacitor of its dc link and what feeds it ([dc side](theory/dc-side.md#in-a-plant)), with the fields of
+    [`[dc]`](#dc)."""
 
 
 def _several(*of: type) -> tuple[Any, ...]:
@@ -226,6 +230,8 @@ class Around(NamedTuple):
     P_ref: float
     Q_ref: float
     case: CaseOfUnit
+    dc: DcLink | None
+    """The dc link of the study."""
 
 
 def units_asked(root: TableReader) -> int:
@@ -276,6 +282,7 @@ def _short(table: TableReader, around: Around) -> PowerPlant:
             Q_ref=around.Q_ref,
             offset=k * spread,
             pair=pairs[k],
+            dc=around.dc,
         )
         for k in range(count)
     )
@@ -431,7 +438,8 @@ class _Reader:
             values(picked(_OfUnit, "case"), table)
         c = self._around.converter if case is None else case.converter
         scope = dict(self._around.scope) | {S_RATED.of: c.S_rated}
-        own = tuple(one for one in fields_of(_OfUnit) if one.name != "case")
+        dc = read_dc(link, c) if (link := table.child("dc")) is not None else (case or self._around).dc
+        own = tuple(one for one in fields_of(_OfUnit) if one.name not in ("case", "dc"))
         found = values(own, table, scope | _reference_limit(self._around.scope, c, self._around.converter))
         if case is not None and case.converter.omega_n != self._around.converter.omega_n:
             ours, theirs = (one.omega_n / (2.0 * math.pi) for one in (self._around.converter, c))
@@ -451,6 +459,7 @@ class _Reader:
             Q_ref=self._around.Q_ref if found["Q_ref"] is None else found["Q_ref"],
             offset=found["offset"] * c.T_s,
             case=case,
+            dc=dc,
         )
 
     def _with_pairs(self, units: tuple[Unit, ...]) -> tuple[Unit, ...]:

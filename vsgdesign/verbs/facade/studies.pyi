@@ -240,6 +240,7 @@ class NetworkUnitsTable(TypedDict, total=False):
     Q_ref: Quantity
     offset: Quantity
     pair: int
+    dc: Mapping[str, Any]
     breaker: Literal["open", "closed"]
 
 class NetworkInvertersTable(TypedDict, total=False):
@@ -907,8 +908,9 @@ def event(
     Parameters:
         time: Instant (0 to `duration` in s; required).
         name: Label in reports (not empty; default a description of the change).
-        element: Of a plant, by its name, what it changes: a unit or an inverter (set points, `breaker`), a
-        branch, shunt, load or source (`breaker`), or a node (`fault`) (default the grid and all units).
+        element: Of a plant, by its name, what it changes: a unit (set points, `breaker`, dc source), an
+        inverter (set points, `breaker`), a branch, shunt, load or source (`breaker`), or a node (`fault`)
+        (default the grid and all units).
         grid: New grid impedance (default unchanged).
         V_g_pu: source voltage, pu of rated (0 to 2; default unchanged).
         f_g: source frequency (0.8 to 1.2 times f_n in Hz; default unchanged).

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields, replace
 
-from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.errors import Fault, InfeasibleStudyError
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
-from vsgdesign.study.parameters.power_plant import behind_its_path, one_converter
+from vsgdesign.study.parameters.power_plant import PowerPlant, behind_its_path, one_converter
 from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
 
@@ -33,6 +33,13 @@ def as_unit(study: Study, what: str) -> Study:
     return replace(plant_timeline(study).units[0], name=study.name)
 
 
+def faults_of_links(plant: PowerPlant, problem: str) -> list[Fault]:
+    """Of a plant with dc links that are not ideal, for what knows no other. ``problem``: what that is."""
+    given = sorted({one.dc.source for one in plant.units if one.dc is not None})
+    advice = "Take [dc] out; vsgdesign simulate runs a plant with it."
+    return [Fault("dc", f'source = "{name}"', problem, advice) for name in given]
+
+
 def written_as_unit(study: Study, what: str) -> Study:
     """:func:`as_unit` with the document of this one converter, for what reads or writes studies of it: x_t in its
     filter, and N Z_g as its grid."""
@@ -45,6 +52,8 @@ def written_as_unit(study: Study, what: str) -> Study:
     if asked is not None:
         seen = {"scr": list(asked.scr), "differential_decay": asked.differential_decay}
         document["specification"] = document["specification"] | seen
+    listed = origin.document.get("network", {}).get("units", [{}])  # equal units, of which the first one may have [dc]
+    document |= {"dc": listed[0]["dc"]} if listed and "dc" in listed[0] else {}
     f, simulation = own.filter, {"P_ref": own.simulation.P_ref, "Q_ref": own.simulation.Q_ref}
     document |= {
         "filter": {"kind": "LCL" if f.L_2 > 0.0 else "LC"}
