@@ -29,8 +29,6 @@ def main(file: Path = Path("docs/figures/dc_plant.png")) -> None:
                     if name in unit.series:
                         late = unit.series["t_s"] >= FROM_S
                         t_s, values = unit.series["t_s"][late], unit.series[name][late] / scale
-                        if unit.outcome.status == "blocked" and name == "v_dc" and unit.outcome.t_s is not None:
-                            t_s, values = t_s[t_s < unit.outcome.t_s], values[t_s < unit.outcome.t_s]
                         panel.plot(t_s, values, label=said, **line_style(k))
                 if name == "P_pcc":
                     panel.set_title(f'control = "{control}"', loc="left")

@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 
 from tests.oracles.emt_dc import Link
 from tests.simulation.test_dc_link import BATTERY, STAGE
-from tests.simulation.test_plants import GAINS, TOLERANCE, errors_pu, plant_of, plant_study, run, solved, star
+from tests.simulation.test_plants import (
+    GAINS,
+    NETWORK,
+    TOLERANCE,
+    errors_pu,
+    network_solved,
+    plant_of,
+    plant_study,
+    run,
+    solved,
+    star,
+)
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
@@ -91,6 +102,24 @@ def test_against_dop853(sources: str, offsets: tuple[float, ...], duration: int)
             known = np.array(link.trace)[: len(v)]
             assert np.abs(v[: len(known)] - known).max() < TOLERANCE * study.converter.V_dc
             assert np.ptp(v) > 2.0
+
+
+def test_a_cable_a_load_and_a_breaker_against_dop853() -> None:
+    """The currents of a unit jump where its breaker opens and closes between two samples."""
+    ends, start = "resistance = 0.01\n", NETWORK.partition("[[network.nodes]]")[0]
+    first, second, rest = NETWORK.removeprefix(start).split(ends)
+    own = [SOURCES[letter].replace("[dc", "[network.units.dc") for letter in "bs"]
+    offset, events = rest.split("\n", 1)
+    text = f"{first}{ends}{own[0]}{second}{ends}{offset}\n{own[1]}{events}"
+    study = plant_study(text, duration='"13 ms"')
+    found = run(study)
+    links = links_of(found)
+    assert errors_pu(study, found, network_solved(study, links)) < TOLERANCE
+    for k, link in enumerate(links):
+        assert link is not None
+        v = voltage(found, k)[k:]
+        assert np.abs(v - np.array(link.trace)[: len(v)]).max() < TOLERANCE * study.converter.V_dc
+        assert np.ptp(v) > 2.0
 
 
 @pytest.mark.parametrize(("source", "control"), [(BATTERY, "none"), (STAGE, "none"), (STAGE, "power_clamp")])
@@ -259,6 +288,7 @@ def test_a_bridge_that_blocks_is_lost_and_the_others_go_on(tmp_path: Path) -> No
     series = found.units[0].series
     first = int(np.searchsorted(series["t_s"], blocks.t_s))
     assert series["v_dc"][first - 1] >= 490.0
+    assert np.isnan(series["v_dc"][first:]).all()
     assert np.abs(series["P_pcc"][first + 1000 :]).max() < 1.0
 
 

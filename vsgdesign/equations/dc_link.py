@@ -37,6 +37,13 @@ class ActingVoltage(NamedTuple):
     beta: Any
 
 
+class BridgeCharge(NamedTuple):
+    """The integral of the converter's current over an interval, As peak."""
+
+    alpha: Any
+    beta: Any
+
+
 class BridgePower(NamedTuple):
     """Power of the bridge in an interval, W: at its beginning, at its end, its mean, and the value in the middle with
     which Simpson's rule gives the mean."""
@@ -171,6 +178,33 @@ def dc_step(
     ``asked`` for."""
     needs = np.sqrt(asked.alpha * asked.alpha + asked.beta * asked.beta) / dc.limit
     return link_step(state, bridge_power(x, after, v_b, dc), needs, dc, source)
+
+
+def dc_step_switched(
+    state: DcState,
+    x: FilterSide,
+    after: FilterSide,
+    v_b: ActingVoltage,
+    asked: ActingVoltage,
+    charge: BridgeCharge,
+    switched: Any,
+    dc: DcSettings,
+    source: DcSourceLaw,
+) -> DcState:
+    """:func:`dc_step`; where the circuit is ``switched`` in the interval (1, else 0), its states may jump there, and
+    the mean power is that of the integral of the current, which the circuit gives."""
+    power = bridge_power(x, after, v_b, dc)
+    energy, _ = instantaneous_power(v_b.alpha, v_b.beta, charge.alpha, charge.beta)
+    mean = energy / dc.T_s
+    middle = 1.5 * mean - 0.25 * (power.begin + power.end)
+    power = BridgePower(
+        power.begin,
+        power.middle + switched * (middle - power.middle),
+        power.end,
+        power.mean + switched * (mean - power.mean),
+    )
+    needs = np.sqrt(asked.alpha * asked.alpha + asked.beta * asked.beta) / dc.limit
+    return link_step(state, power, needs, dc, source)
 
 
 def link_step(state: DcState, power: BridgePower, needs: Any, dc: DcSettings, source: DcSourceLaw) -> DcState:

@@ -21,11 +21,13 @@ from vsgdesign.equations.dc_control import (
 )
 from vsgdesign.equations.dc_link import (
     ActingVoltage,
+    BridgeCharge,
     DcSettings,
     DcState,
     acting_voltage,
     bridge_limit,
     dc_step,
+    dc_step_switched,
     duty_voltage,
     held_law,
     link_ends,
@@ -143,14 +145,19 @@ class DcKind(NamedTuple):
         block = flat_block(acting_voltage if self.compensates else duty_voltage)
         return Part(headed(block, acting_voltage="acting"), called)
 
-    def moved(self, after: str, asked: dict[str, str], before: str = "x", acting: str = "acting") -> Part:
+    def moved(
+        self, after: str, asked: dict[str, str], before: str = "x", acting: str = "acting", *, switched: bool = False
+    ) -> Part:
         """The link at the end of the interval. ``after``, ``before``: what the circuit's states are called at its end
-        and at its beginning; ``asked``: where the voltage is that was asked for; ``acting``: and that which acts."""
+        and at its beginning; ``asked``: where the voltage is that was asked for; ``acting``: and that which acts.
+        ``switched``: whether the circuit may be switched in it."""
         called = self._link | {f"after.{name}": f"{after}.{name}" for name in PlantState._fields}
         called |= {f"x.{name}": f"{before}.{name}" for name in PlantState._fields}
         called |= {f"v_b.{axis}": f"{acting}.{axis}" for axis in ActingVoltage._fields}
         called |= {f"asked.{axis}": asked[f"applied.{axis}"] for axis in ActingVoltage._fields}
-        block = flat_block(dc_step, fixed={"source": self.law}, kinds=self.records)
+        step = dc_step_switched if switched else dc_step
+        called |= {f"charge.{axis}": f"charge_now.{axis}" for axis in BridgeCharge._fields}
+        block = flat_block(step, fixed={"source": self.law}, kinds=self.records)
         return Part(headed(block, dc_state="dc_after"), called)
 
     @property
@@ -160,9 +167,10 @@ class DcKind(NamedTuple):
         found = [f"began.{name}" for name in PlantState._fields]
         return [*found, *(f"asked.{axis}" for axis in ActingVoltage._fields), "begun"]
 
-    def at_sample(self, block: Block, asked: dict[str, str]) -> Block:
+    def at_sample(self, block: Block, asked: dict[str, str], *, switched: bool = False) -> Block:
         """The sample of a unit of a plant, ``block``, with its link. Between two samples others sample, too, so the
-        link is moved when the unit samples again: from what was kept. Before its first sample it rests.
+        link is moved when the unit samples again: from what was kept. Before its first sample it rests. ``switched``:
+        whether the circuit is switched in the run.
 
         Of the link at the sample the outputs are ``dc_now.…``, of what acts from the sample on ``acting.…``."""
         applied = {f"applied.{axis}": f"asked.{axis}" for axis in ActingVoltage._fields}
@@ -174,7 +182,7 @@ class DcKind(NamedTuple):
         line.output("begun_after", line.does("max", begun, Number(1.0)))
         acts = self.acts(asked)
         return joined(
-            self.moved("x", applied, "began", "held"),
+            self.moved("x", applied, "began", "held", switched=switched),
             Part(line.block()),
             Part(block, now),
             Part(acts.block, {key: now.get(value, value) for key, value in acts.called.items()}),

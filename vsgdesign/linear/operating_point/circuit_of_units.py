@@ -52,6 +52,11 @@ class Topology(NamedTuple):
     faults: tuple[tuple[str, float], ...] = ()
     """Nodes with a fault, and its resistance in Ω."""
 
+    @property
+    def connected(self) -> Topology:
+        """What is connected, whatever the grid's impedance: where it changes, currents and voltages may jump."""
+        return self._replace(grid=Grid(0.0, 0.0))
+
 
 class Wiring(NamedTuple):
     """A plant with the filters of its converters: what circuits are made of."""
@@ -88,6 +93,18 @@ class UnitsCircuit:
         phi, gamma, rho = self.step(h, omega)
         at_end = self.X_g * np.exp(1j * omega * h)
         return self.X @ phi @ self.onto, self.X @ gamma, self.X @ rho + at_end
+
+    def charge(self, h: float, omega: float, converters: Sequence[int]) -> tuple[Array, Array, Complex]:
+        """The integrals of i_s of some converters over an interval, per y, per held bridge and per source e^{jωs}."""
+        m, n, bridges = len(converters), len(self.A), self.B.shape[1]
+        M = _rates(self, omega)
+        grown = np.zeros((m + len(M),) * 2)
+        grown[m:, m:] = M
+        at = [len(OF_UNIT) * k for k in converters]
+        grown[:m, m : m + n], grown[:m, m + n + bridges :: 2] = self.X[at], self.X_g[at]
+        rows = less_one(grown * h)[:m, m:]
+        source = rows[:, n + bridges :]
+        return rows[:, :n] @ self.onto, rows[:, n : n + bridges], source[:, 0::2] - 1j * source[:, 1::2]
 
 
 def wiring_of(study: Study) -> Wiring:
@@ -156,16 +173,22 @@ def circuit_of_units(wiring: Wiring, topology: Topology, names: tuple[str, ...])
     return UnitsCircuit(names, found.A, B, E, X, X_g, onto, (np.array(per_state), np.array(per_source)))
 
 
-@functools.lru_cache(maxsize=512)
-def _step(circuit: UnitsCircuit, h: float, omega: float) -> tuple[Array, Array, Complex]:
+def _rates(circuit: UnitsCircuit, omega: float) -> Array:
+    """Held bridges behind q, then an oscillator for each source: α sees its first state, and β lies a quarter turn
+    behind."""
     n, bridges, sources = len(circuit.A), circuit.B.shape[1], circuit.E.shape[1]
-    # Held bridges, then an oscillator for each source: α sees its first state, and β lies a quarter turn behind.
     M = np.zeros((n + bridges + 2 * sources,) * 2)
     M[:n, :n], M[:n, n : n + bridges] = circuit.A, circuit.B
     for k in range(sources):
         c = n + bridges + 2 * k
         M[:n, c], M[c, c + 1], M[c + 1, c] = circuit.E[:, k], -omega, omega
-    grown = less_one(M * h)[:n]
+    return M
+
+
+@functools.lru_cache(maxsize=512)
+def _step(circuit: UnitsCircuit, h: float, omega: float) -> tuple[Array, Array, Complex]:
+    n, bridges = len(circuit.A), circuit.B.shape[1]
+    grown = less_one(_rates(circuit, omega) * h)[:n]
     source = grown[:, n + bridges :]
     found = np.eye(n) + grown[:, :n], grown[:, n : n + bridges], source[:, 0::2] - 1j * source[:, 1::2]
     for one in found:

@@ -64,6 +64,8 @@ class PlantKind(NamedTuple):
     """Whether the grid's source has more than its fundamental, which is then fed."""
     common: bool = False
     """Whether all units share the field estimator of the first one, which hears the mean of those on line."""
+    switched: bool = False
+    """Whether dc links need the integrals of the converters' currents, because the circuit is switched in the run."""
 
     @property
     def converters(self) -> int:
@@ -109,6 +111,16 @@ class PlantKind(NamedTuple):
         return tuple(f"terminal{k}" for k, unit in enumerate(self.units) if unit.watch == STEP)
 
     @property
+    def linked(self) -> tuple[int, ...]:
+        """The units whose dc links need these integrals."""
+        return tuple(k for k, unit in enumerate(self.units) if self.switched and unit.dc is not None)
+
+    @property
+    def results(self) -> tuple[str, ...]:
+        """All that a product gives on one axis."""
+        return (*self.moved, *self.terminals, *(f"charge{k}" for k in self.linked))
+
+    @property
     def rings(self) -> tuple[tuple[str, str], ...]:
         """Powers that are read again some samples later: (input, output)."""
         of_units = ((f"u{k}.{one}", f"u{k}.{other}") for k, unit in enumerate(self.units) for one, other in unit.rings)
@@ -117,7 +129,7 @@ class PlantKind(NamedTuple):
     @property
     def matrix(self) -> tuple[str, ...]:
         """Every number of the matrices, column by column."""
-        columns, rows = range(len(self.factors)), range(len(self.moved) + len(self.terminals))
+        columns, rows = range(len(self.factors)), range(len(self.results))
         return tuple(f"m_{turn}_{row}_{k}" for turn in range(self.turns) for k in columns for row in rows)
 
 
@@ -192,7 +204,7 @@ def body_numbers(kind: PlantKind) -> list[int]:
 
 
 def _results(kind: PlantKind, axis: str) -> tuple[str, ...]:
-    return tuple(f"now.{axis}.{name}" for name in (*kind.moved, *kind.terminals))
+    return tuple(f"now.{axis}.{name}" for name in kind.results)
 
 
 def _moved(kind: PlantKind) -> list[tuple[str, str]]:
@@ -205,6 +217,7 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
         own += names_of(LockIn, "lock") if unit.field and (k == 0 or not kind.common) else []
         own += watched_names(unit)
         own += [*unit.dc.logged, *unit.dc.kept] if unit.dc is not None else []
+        own += [f"charge.{axis}" for axis in AXES] if k in kind.linked else []
         found += [f"u{k}.{name}" for name in own]
     for k, other in enumerate(kind.others, len(kind.units)):
         own = [*names_of(other.kind.state, "state"), *(f"last.{name}" for name in SAID_BY_OTHERS)]
@@ -216,12 +229,14 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
 def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]) -> Block:
     """One instant at which some converters sample."""
     parts = [Part(_arrived(kind))] if kind.added else []
+    parts += [Part(_charged(kind))] if kind.linked else []
     parts += [Part(renamed(_sampled(kind, k), lambda name, k=k: _called(kind, k, name))) for k in sampling]
     parts += _heard_in_common(kind) if kind.common else []
     after: dict[str, str] = {}
     for axis in AXES:
         after |= {f"{axis}.{name}": f"now.{axis}.{name}" for name in kind.moved}
         after |= {f"{axis}.{name}": f"{kind.arrives}.{axis}.{name}" for name in kind.states}
+        after |= {f"u{k}.charge.{axis}": f"u{k}.charge_now.{axis}" for k in kind.linked}
     for k in sampling:
         after |= _following(kind, k)
     line = Writer()
@@ -252,13 +267,24 @@ def _arrived(kind: PlantKind) -> Block:
     return line.block()
 
 
+def _charged(kind: PlantKind) -> Block:
+    """The integrals of the converters' currents since the samples of their units."""
+    line = Writer()
+    for k in kind.linked:
+        for axis in AXES:
+            own = line.does("+", line.input(f"u{k}.charge.{axis}"), line.input(f"now.{axis}.charge{k}"))
+            line.output(f"u{k}.charge_now.{axis}", own)
+            line.output(f"u{k}.uncharged.{axis}", line.does("*", Number(0.0), own))
+    return line.block()
+
+
 def _sampled(kind: PlantKind, k: int) -> Block:
     """The sample of a converter, with what is watched of it."""
     if k < len(kind.units):
         own = kind.units[k]
         seen = _watched_step() if own.watch == STEP else watch(own)
         block = control(own) if seen is None else joined(Part(control(own)), Part(seen))
-        return block if own.dc is None else own.dc.at_sample(block, applied_by(own))
+        return block if own.dc is None else own.dc.at_sample(block, applied_by(own), switched=kind.switched)
     own = flat_block(kind.others[k - len(kind.units)].kind.sample)
     measured = headed(flat_block(circuit_sample.measured_by), measurement="measured")
     return joined(Part(measured), Part(headed(own, following="following", said="said")))
@@ -342,6 +368,7 @@ def _following_of_link(kind: PlantKind, k: int) -> dict[str, str]:
     found |= {name: name.replace("clamp.", "clamp_after.", 1) for name in unit.dc.clamp} | {"begun": "begun_after"}
     applied = applied_by(unit)
     found |= {f"asked.{axis}": applied[f"applied.{axis}"] for axis in AXES}
+    found |= {f"charge.{axis}": f"uncharged.{axis}" for axis in AXES if k in kind.linked}
     found = {f"u{k}.{name}": f"u{k}.{after}" for name, after in found.items()}
     states = (name for name in unit.dc.kept if name.startswith("began."))
     found |= {f"u{k}.{name}": _called(kind, k, name.replace("began.", "x.", 1)) for name in states}

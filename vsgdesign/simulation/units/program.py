@@ -6,7 +6,8 @@ make one matrix of its pieces, which serves this gap alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,8 @@ Complex = NDArray[np.complex128]
 
 
 class Gap(NamedTuple):
-    """An interval: y moves by ``phi`` y + ``gamma`` v_b + ``rho`` p with unit phasors p, which turn by ``turn``."""
+    """An interval: y moves by ``phi`` y + ``gamma`` v_b + ``rho`` p with unit phasors p, which turn by ``turn``. More
+    rows behind those of y are integrals over it."""
 
     phi: Array
     gamma: Array
@@ -34,12 +36,16 @@ class Gap(NamedTuple):
 
     def then(self, other: Gap) -> Gap:
         """This interval, and another one after it."""
-        return Gap(
-            other.phi @ self.phi,
-            other.phi @ self.gamma + other.gamma,
-            other.phi @ self.rho + other.rho * self.turn,
+        n = self.phi.shape[1]
+        found = Gap(
+            other.phi @ self.phi[:n],
+            other.phi @ self.gamma[:n] + other.gamma,
+            other.phi @ self.rho[:n] + other.rho * self.turn,
             self.turn * other.turn,
         )
+        for whole, first in ((found.phi, self.phi), (found.gamma, self.gamma), (found.rho, self.rho)):
+            whole[n:] += first[n:]
+        return found
 
     def turned(self, angle: float) -> Gap:
         """With the phasor of the grid, the first one, turned by more at its end."""
@@ -50,16 +56,18 @@ class Gap(NamedTuple):
     def numbers(self, terminals: Array | None = None) -> Array:
         """As the loop takes them: column by column, with the phasors behind the states, and behind these the voltages
         at terminals, ``terminals`` (m, n + S) per state and per phasor of a source."""
-        n, sources = len(self.phi), len(self.turn)
-        rows = np.zeros((n + 2 * sources, n + 2 * sources + self.gamma.shape[1]))
-        rows[:n, :n], rows[:n, n + 2 * sources :] = self.phi, self.gamma
-        rows[:n, n : n + 2 * sources : 2], rows[:n, n + 1 : n + 2 * sources : 2] = self.rho.real, -self.rho.imag
+        n, sources = self.phi.shape[1], len(self.turn)
+        behind = slice(n, n + 2 * sources)
+        own = np.zeros((len(self.phi), n + 2 * sources + self.gamma.shape[1]))
+        own[:, :n], own[:, behind.stop :] = self.phi, self.gamma
+        own[:, behind][:, 0::2], own[:, behind][:, 1::2] = self.rho.real, -self.rho.imag
+        rows = np.vstack([own[:n], np.zeros((2 * sources, own.shape[1]))])
         for s, one in enumerate(self.turn):
             at = slice(n + 2 * s, n + 2 * s + 2)
             rows[at, at] = [[one.real, -one.imag], [one.imag, one.real]]
         if terminals is not None:
             rows = np.vstack([rows, terminals[:, :n] @ rows[:n] + terminals[:, n:] @ rows[n::2]])
-        return rows.T.ravel()
+        return np.vstack([rows, own[n:]]).T.ravel()
 
 
 class PlantProgram:
@@ -145,8 +153,20 @@ class PlantProgram:
         V[0] = rms_to_peak(segment.moved.V_g_rms)
         turn = np.full(len(V), np.exp(1j * omega * h))
         if h == 0.0:
-            n = len(self._kind.states)
-            return Gap(np.eye(n), np.zeros((n, self._kind.converters)), np.zeros((n, len(V)), dtype=complex), turn)
+            n, m = len(self._kind.states), len(self._kind.states) + len(self._kind.linked)
+            still = np.zeros((m, self._kind.converters)), np.zeros((m, len(V)), dtype=complex)
+            return Gap(np.eye(m, n), *still, turn)
         circuit = circuit_of_units(self._wiring, segment.topology, self._kind.states)
         phi, gamma, rho = circuit.moved(h, omega)
+        if self._kind.linked:
+            more = circuit.charge(h, omega, self._kind.linked)
+            phi, gamma, rho = np.vstack([phi, more[0]]), np.vstack([gamma, more[1]]), np.vstack([rho, more[2]])
         return Gap(phi, gamma, rho * V, turn)
+
+    def switched(self, unit: int) -> Iterator[int]:
+        """The samples of a unit at whose end of an interval the circuit has been switched in it."""
+        for before, after in pairwise(self._segments):
+            if after.topology.connected != before.topology.connected:
+                k = self.sample_from(after.t_s, unit)
+                inside = self.time(k) > after.t_s + SAME_INSTANT * self._T
+                yield k if inside else self.sample_from(self.time(k) + 0.5 * self._T, unit)

@@ -154,8 +154,20 @@ class _Run:
         turns = 1 if self.clock.equal_gaps else len(sampling)
         others = tuple(OtherKind(one.kind, one.delay_samples > 0) for one in timeline.plant.inverters)
         self.common = timeline.plant.common_estimate and all(memory is not None for memory in memories)
+        added = adds(timeline)
+        switched = (
+            any(one.dc is not None for one in kinds) and len({one.topology.connected for one in timeline.segments}) > 1
+        )
         self.kind = PlantKind(
-            kinds, timeline.names, 1 + len(timeline.plant.sources), sampling, turns, others, adds(timeline), self.common
+            units=kinds,
+            states=timeline.names,
+            sources=1 + len(timeline.plant.sources),
+            sampling=sampling,
+            turns=turns,
+            others=others,
+            added=added,
+            common=self.common,
+            switched=switched and not added,
         )
         spec = spec_of_plant(self.kind)
         self.loop, self.rows, self.spans = compiled_loop(spec), empty_rows(spec, 1), spans_of(spec.rows)
@@ -209,9 +221,12 @@ class _Run:
         self._phase(0)
 
     def _put_sources(self, writer: ProgramWriter, k: int) -> None:
-        """What events make of the source of a unit's dc link. It changes at a sample, which still moves the link as it
+        """What events make of a unit's dc link: where they switch the circuit in an interval before a sample, and what
+        of the source they change. That changes at a sample, which still moves the link as it
         was before: with the next instant the loop has it, and a clamp sees it at the next sample."""
         study, timeline = self.timeline.units[k], self.timeline.timelines[k]
+        for at in self.program.switched(k) if k in self.kind.linked else ():
+            writer.put([0, 0], [at, at + 1], self.spans[f"u{k}.switched"].start, np.array([1.0, 0.0]))
         for event in study.events:
             if event.of_dc and (link := timeline.link_at(event.t_s)) is not None:
                 at = self.program.sample_from(event.t_s, k) + 1

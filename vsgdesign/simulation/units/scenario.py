@@ -422,10 +422,15 @@ def _unit_result(
         restless=never_rests(study, own_spec),
     )
     every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
-    logged = simulation.every(every)
+    logged, figures = simulation, None
+    if simulation.dc_log is not None:
+        whole = len(run.t_s) if blocked is None else max(int(np.searchsorted(run.t_s, blocked.t_s)), 1)
+        figures = dc_figures(own, simulation.dc_log[:whole])
+        gone = np.arange(len(run.t_s))[:, None] >= whole  # nothing is known of a link behind a blocked bridge
+        logged = replace(simulation, dc_log=np.where(gone, np.nan, simulation.dc_log))
+    logged = logged.every(every)
     per_mean = samples_per_mean(own, run.t_s)
     expected = [one.expected[k] for one in rests]
-    whole = len(run.t_s) if blocked is None else max(int(np.searchsorted(run.t_s, blocked.t_s)), 1)
     means = {name: cycle_mean(power, per_mean)[::every] for name, power in (("P_pcc", P), ("Q_pcc", Q))}
     at_pcc = unit.terminals[::every], i_g[::every]
     return ControllerResult(
@@ -444,7 +449,7 @@ def _unit_result(
         survival=_survival(own, own_spec, ready, replace(simulation, divergence=blocked or run.divergence), expected)
         if study.simulation.survival
         else None,
-        dc=None if simulation.dc_log is None else dc_figures(own, simulation.dc_log[:whole]),
+        dc=figures,
     )
 
 
