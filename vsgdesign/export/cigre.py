@@ -13,16 +13,14 @@ from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import lists_of, unit_hash
 from vsgdesign.export.wrapping import (
     LINUX,
-    NOT_COMPILED,
     WINDOWS,
     WINDOWS_32,
     Builder,
     Exported,
     Wrapped,
-    check_target,
+    begun,
     meaning_of,
     sources_of,
-    wrapped,
     write_wrapper,
 )
 
@@ -44,26 +42,11 @@ def export_dll(
     Raises ArtifactError: a folder with other files, an unknown variant.
     """
     inputs = tuple(inputs)
-    check_target("dll", out, inputs)
-    one = wrapped(unit, variant)
-    if builder is not None:
-        return _written(one, out, inputs, builder)
-    with Builder() as own:
-        return _written(one, out, inputs, own)
-
-
-def _written(one: Wrapped, out: str | Path, inputs: tuple[str | Path, ...], builder: Builder) -> Exported:
-    own = {"cigre.c": filled("cigre.c", content_of_dll(one))}
-    texts = sources_of(one.unit, builder)
-    files: dict[str, str | bytes] = {f"sources/{name}": text for name, text in (texts | own).items()}
-    said = []
-    for compiler, place in PLACES.items():
-        made = builder.library(one.unit, own, compiler, "Model_*")
-        if made is None:
-            said.append(NOT_COMPILED[compiler])
-        else:
-            files[place.format(name=one.name)] = made
-    return write_wrapper("dll", one, out, files, inputs=inputs, said=said)
+    with begun("dll", unit, out, variant, inputs, builder) as (one, used):
+        own = {"cigre.c": filled("cigre.c", content_of_dll(one))}
+        files = {f"sources/{name}": text for name, text in (sources_of(unit, used) | own).items()}
+        libraries, said = used.libraries(one, own, PLACES, "Model_*")
+        return write_wrapper("dll", one, out, files | libraries, inputs=inputs, said=said)
 
 
 def content_of_dll(one: Wrapped) -> dict[str, Any]:

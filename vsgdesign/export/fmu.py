@@ -24,15 +24,13 @@ from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import lists_of, unit_hash
 from vsgdesign.export.wrapping import (
     LINUX,
-    NOT_COMPILED,
     WINDOWS,
     Builder,
     Exported,
     Wrapped,
-    check_target,
+    begun,
     meaning_of,
     sources_of,
-    wrapped,
     write_wrapper,
 )
 
@@ -79,12 +77,8 @@ def export_fmu(
     if version not in VERSIONS:
         raise ArtifactError(f'fmi = "{version}": unknown. Known: {", ".join(VERSIONS)}.')
     inputs = tuple(inputs)
-    check_target("fmu", out, inputs)
-    one = wrapped(unit, variant)
-    if builder is not None:
-        return _written(one, version, out, inputs, builder)
-    with Builder() as own:
-        return _written(one, version, out, inputs, own)
+    with begun("fmu", unit, out, variant, inputs, builder) as (one, used):
+        return _written(one, version, out, inputs, used)
 
 
 def _written(one: Wrapped, version: str, out: str | Path, inputs: tuple[str | Path, ...], builder: Builder) -> Exported:
@@ -94,13 +88,8 @@ def _written(one: Wrapped, version: str, out: str | Path, inputs: tuple[str | Pa
     core = sources_of(one.unit, builder)
     core["vsg.h"] = core["vsg.h"].replace("#ifdef VSG_DOUBLE", f"{_DOUBLE}#ifdef VSG_DOUBLE", 1)
     files: dict[str, str | bytes] = {f"sources/{name}": text for name, text in (core | own | headers).items()}
-    said = []
-    for compiler, place in PLACES[version].items():
-        made = builder.library(one.unit, own | headers, compiler, f"fmi{version}*")
-        if made is None:
-            said.append(NOT_COMPILED[compiler])
-        else:
-            files[f"binaries/{place.format(name=one.name)}"] = made
+    libraries, said = builder.libraries(one, own | headers, PLACES[version], f"fmi{version}*")
+    files |= {f"binaries/{place}": library for place, library in libraries.items()}
     compiled = sorted(name for name in core if name.endswith(".c"))
     sources = [f"fmi{version}.c", *compiled]
     if version == "2":

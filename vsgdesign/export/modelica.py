@@ -19,10 +19,9 @@ from vsgdesign.export.wrapping import (
     Builder,
     Exported,
     Wrapped,
-    check_target,
+    begun,
     meaning_of,
     sources_of,
-    wrapped,
     write_wrapper,
 )
 
@@ -44,15 +43,14 @@ def export_modelica(
     Raises ArtifactError: a folder with other files, an unknown variant.
     """
     inputs = tuple(inputs)
-    check_target("modelica", out, inputs)
-    one = wrapped(unit, variant)
+    with begun("modelica", unit, out, variant, inputs, builder) as (one, used):
+        sources = sources_of(unit, used)
     content = content_of_modelica(one)
     files: dict[str, str | bytes] = {
         f"{content['table']}.mo": filled("table.mo", content),
         f"{content['package']}.mo": filled("controller.mo", content),
         "Resources/Include/vsg_modelica.h": filled("vsg_modelica.h", content),
     }
-    sources = sources_of(unit, builder)
     files |= {f"Resources/Include/{name}": text for name, text in sources.items() if name.endswith(".h")}
     files |= {f"Resources/Source/{name}": text for name, text in sources.items() if name.endswith(".c")}
     files["Resources/Source/vsg_modelica.c"] = filled("vsg_modelica.c", content)

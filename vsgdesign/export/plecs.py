@@ -13,16 +13,14 @@ from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import lists_of, unit_hash
 from vsgdesign.export.wrapping import (
     LINUX,
-    NOT_COMPILED,
     WINDOWS,
     Builder,
     Exported,
     Wrapped,
-    check_target,
+    begun,
     in_one_file,
     meaning_of,
     sources_of,
-    wrapped,
     write_wrapper,
 )
 
@@ -42,28 +40,14 @@ def export_plecs(
     Raises ArtifactError: a folder with other files, an unknown variant.
     """
     inputs = tuple(inputs)
-    check_target("plecs", out, inputs)
-    one = wrapped(unit, variant)
-    if builder is not None:
-        return _written(one, out, inputs, builder)
-    with Builder() as own:
-        return _written(one, out, inputs, own)
-
-
-def _written(one: Wrapped, out: str | Path, inputs: tuple[str | Path, ...], builder: Builder) -> Exported:
-    content = content_of_plecs(one, sources_of(one.unit, builder))
-    own = {"plecs_dll.c": filled("plecs_dll.c", content)}
-    files: dict[str, str | bytes] = {f"sources/{name}": text for name, text in own.items()}
-    files |= {f"sources/{name}": text for name, text in sources_of(one.unit, builder).items()}
-    files[f"{one.name}_cscript.txt"] = filled("plecs_cscript.txt", content)
-    said = []
-    for compiler, place in PLACES.items():
-        made = builder.library(one.unit, own, compiler, "plecs*")
-        if made is None:
-            said.append(NOT_COMPILED[compiler])
-        else:
-            files[place.format(name=one.name)] = made
-    return write_wrapper("plecs", one, out, files, inputs=inputs, said=said)
+    with begun("plecs", unit, out, variant, inputs, builder) as (one, used):
+        sources = sources_of(unit, used)
+        content = content_of_plecs(one, sources)
+        own = {"plecs_dll.c": filled("plecs_dll.c", content)}
+        files = {f"sources/{name}": text for name, text in (own | sources).items()}
+        files[f"{one.name}_cscript.txt"] = filled("plecs_cscript.txt", content)
+        libraries, said = used.libraries(one, own, PLACES, "plecs*")
+        return write_wrapper("plecs", one, out, files | libraries, inputs=inputs, said=said)
 
 
 def content_of_plecs(one: Wrapped, sources: Mapping[str, str]) -> dict[str, Any]:

@@ -19,10 +19,9 @@ from vsgdesign.export.wrapping import (
     Builder,
     Exported,
     Wrapped,
-    check_target,
+    begun,
     meaning_of,
     sources_of,
-    wrapped,
     write_wrapper,
 )
 
@@ -43,9 +42,8 @@ def export_simulink(
     Raises ArtifactError: a folder with other files, an unknown variant.
     """
     inputs = tuple(inputs)
-    check_target("simulink", out, inputs)
-    one = wrapped(unit, variant, longest=LONGEST_NAME)
-    sources = sources_of(unit, builder)
+    with begun("simulink", unit, out, variant, inputs, builder, longest=LONGEST_NAME) as (one, used):
+        sources = sources_of(unit, used)
     content = content_of_simulink(one, sources)
     names = {
         "mex.c": f"{one.name}_mex.c",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,9 +96,9 @@ def meaning_of(port: Any) -> str:
     return ascii_text(f"{port.meaning} ({extra})" if extra else port.meaning)
 
 
-def sources_of(unit: Unit, builder: Builder | None) -> dict[str, str]:
+def sources_of(unit: Unit, builder: Builder) -> dict[str, str]:
     """The exported C of a controller, without the self-test; rendered once for each ``builder``."""
-    texts = render_unit(unit) if builder is None else builder.texts(unit)
+    texts = builder.texts(unit)
     return {name: text for name, text in texts.items() if name.endswith((".c", ".h")) and "selftest" not in name}
 
 
@@ -179,6 +180,27 @@ def check_target(kind: str, out: str | Path, inputs: Iterable[str | Path]) -> No
     check_folder_target(Path(out), f"vsgdesign export {kind}", tuple(inputs), MANIFEST)
 
 
+@contextlib.contextmanager
+def begun(
+    kind: str,
+    unit: Unit,
+    out: str | Path,
+    variant: str,
+    inputs: tuple[str | Path, ...],
+    builder: Builder | None,
+    *,
+    longest: int = 50,
+) -> Iterator[tuple[Wrapped, Builder]]:
+    """The variant of a controller and what compiles it: ``builder``, or one that ends with the block.
+
+    Raises ArtifactError before the work: a folder with other files, an unknown variant.
+    """
+    check_target(kind, out, inputs)
+    one = wrapped(unit, variant, longest=longest)
+    with Builder() if builder is None else contextlib.nullcontext(builder) as used:
+        yield one, used
+
+
 class Builder:
     """Compiles wrappers around exported controllers, each controller once for each compiler. ``defined``: what every
     file is compiled with."""
@@ -232,6 +254,15 @@ class Builder:
         end = ["-static-libgcc"] if "mingw" in compiler else [f"-Wl,--version-script={seen}", "-lm"]
         _run([compiler, "-shared", "-s", *made, *self._objects[key], "-o", str(out), *end])
         return out.read_bytes()
+
+    def libraries(
+        self, one: Wrapped, sources: Mapping[str, str], places: Mapping[str, str], exports: str
+    ) -> tuple[dict[str, bytes], list[str]]:
+        """The libraries by their places, which ``places`` has by compiler, and what is to be said of compilers that are
+        not installed."""
+        made = {compiler: self.library(one.unit, sources, compiler, exports) for compiler in places}
+        there = {places[compiler].format(name=one.name): code for compiler, code in made.items() if code is not None}
+        return there, [NOT_COMPILED[compiler] for compiler, code in made.items() if code is None]
 
     def _place(self, texts: Mapping[str, str]) -> Path:
         digest = hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest()[:16]
