@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -194,8 +195,21 @@ def onnx(weights_file: str, out: str, double: bool) -> None:
         click.echo(f"{out}: of weights {digest[:12]}")
 
 
+def asked_for(run: Callable[..., None]) -> Callable[..., None]:
+    """The arguments of every verb that writes a controller of a study or of a table for another tool."""
+    for argument in (STUDY_OF_TABLE, CONTROLLER, OUT, FILE):
+        run = argument(run)
+    return run
+
+
 def _wrap(
-    file: str, study_file: str | None, controller: str | None, out: str, as_json: bool, write: Callable[..., Exported]
+    write: Callable[..., Exported],
+    *,
+    file: str,
+    study_file: str | None,
+    controller: str | None,
+    out: str,
+    as_json: bool,
 ) -> None:
     """Writes a wrapper of the controller that the arguments name, and says what was written."""
     with results_at(out):
@@ -211,133 +225,100 @@ def _wrap(
 
 
 @export.command()
-@FILE
-@OUT
-@CONTROLLER
-@STUDY_OF_TABLE
+@asked_for
 @VARIANT
 @click.option("--fmi", type=click.Choice(["3", "2"]), default="3", show_default=True, help="Version of FMI.")
 @JSON
 @verb
-def fmu(
-    file: str, out: str, controller: str | None, study_file: str | None, variant: str, fmi: str, as_json: bool
-) -> None:
+def fmu(variant: str, fmi: str, **asked: Any) -> None:
     """Write a controller as an FMU (FMI 3.0 or 2.0).
 
     The file NAME.fmu has sources, and binaries for Linux and, where mingw is installed, for Windows.
     """
-    from functools import partial
-
     from vsgdesign.export import export_fmu
 
-    _wrap(file, study_file, controller, out, as_json, partial(export_fmu, variant=variant, version=fmi))
+    _wrap(partial(export_fmu, variant=variant, version=fmi), **asked)
 
 
 @export.command()
-@FILE
-@OUT
-@CONTROLLER
-@STUDY_OF_TABLE
+@asked_for
 @VARIANT
 @JSON
 @verb
-def dll(file: str, out: str, controller: str | None, study_file: str | None, variant: str, as_json: bool) -> None:
+def dll(variant: str, **asked: Any) -> None:
     """Write a controller as a DLL (IEEE/CIGRE TB 958).
 
     The folder has the sources, a library for Linux and, where mingw is installed, one for Windows.
     """
-    from functools import partial
-
     from vsgdesign.export import export_dll
 
-    _wrap(file, study_file, controller, out, as_json, partial(export_dll, variant=variant))
+    _wrap(partial(export_dll, variant=variant), **asked)
 
 
 @export.command()
-@FILE
-@OUT
-@CONTROLLER
-@STUDY_OF_TABLE
+@asked_for
 @VARIANT
 @JSON
 @verb
-def simulink(file: str, out: str, controller: str | None, study_file: str | None, variant: str, as_json: bool) -> None:
+def simulink(variant: str, **asked: Any) -> None:
     """Write a controller for MATLAB, Simulink and Octave.
 
     The folder has the table as a MAT file and as a script, a MEX function, an S-function and the buses of its ports.
     """
-    from functools import partial
-
     from vsgdesign.export import export_simulink
 
-    _wrap(file, study_file, controller, out, as_json, partial(export_simulink, variant=variant))
+    _wrap(partial(export_simulink, variant=variant), **asked)
 
 
 @export.command()
-@FILE
-@OUT
-@CONTROLLER
-@STUDY_OF_TABLE
+@asked_for
 @VARIANT
 @JSON
 @verb
-def plecs(file: str, out: str, controller: str | None, study_file: str | None, variant: str, as_json: bool) -> None:
+def plecs(variant: str, **asked: Any) -> None:
     """Write a controller for PLECS.
 
     The folder has the text of a C-Script block, the sources, and libraries for the DLL block.
     """
-    from functools import partial
-
     from vsgdesign.export import export_plecs
 
-    _wrap(file, study_file, controller, out, as_json, partial(export_plecs, variant=variant))
+    _wrap(partial(export_plecs, variant=variant), **asked)
 
 
 @export.command()
-@FILE
-@OUT
-@CONTROLLER
-@STUDY_OF_TABLE
+@asked_for
 @VARIANT
 @JSON
 @verb
-def modelica(file: str, out: str, controller: str | None, study_file: str | None, variant: str, as_json: bool) -> None:
+def modelica(variant: str, **asked: Any) -> None:
     """Write a controller for Modelica.
 
     The folder has the table in Modelica alone, the controller as a block of external C, and the C.
     """
-    from functools import partial
-
     from vsgdesign.export import export_modelica
 
-    _wrap(file, study_file, controller, out, as_json, partial(export_modelica, variant=variant))
+    _wrap(partial(export_modelica, variant=variant), **asked)
 
 
 @export.command()
-@FILE
-@OUT
-@CONTROLLER
-@STUDY_OF_TABLE
+@asked_for
 @JSON
 @verb
-def firmware(file: str, out: str, controller: str | None, study_file: str | None, as_json: bool) -> None:
+def firmware(**asked: Any) -> None:
     """Write a controller as a project for Cortex-M4F and M7.
 
     The folder has start-up, linker scripts, empty drivers with their contract, and a self-test for QEMU.
     """
     from vsgdesign.export import export_firmware
 
-    _wrap(file, study_file, controller, out, as_json, export_firmware)
+    _wrap(export_firmware, **asked)
 
 
 @export.command()
-@FILE
-@OUT
-@CONTROLLER
-@STUDY_OF_TABLE
+@asked_for
 @JSON
 @verb
-def sunspec(file: str, out: str, controller: str | None, study_file: str | None, as_json: bool) -> None:
+def sunspec(**asked: Any) -> None:
     """Map the values of a controller to SunSpec's models.
 
     The file sunspec.json has every point of models 702, 704, 711, 712 and 713 and of the proposed 64416, with a value
@@ -345,17 +326,14 @@ def sunspec(file: str, out: str, controller: str | None, study_file: str | None,
     """
     from vsgdesign.export import export_sunspec
 
-    _wrap(file, study_file, controller, out, as_json, export_sunspec)
+    _wrap(export_sunspec, **asked)
 
 
 @export.command(name="all")
-@FILE
-@OUT
-@CONTROLLER
-@STUDY_OF_TABLE
+@asked_for
 @JSON
 @verb
-def all_kinds(file: str, out: str, controller: str | None, study_file: str | None, as_json: bool) -> None:
+def all_kinds(as_json: bool, **asked: Any) -> None:
     """Write a controller in every form, each in a folder of its own."""
     from vsgdesign.export import export_all
 
@@ -363,4 +341,4 @@ def all_kinds(file: str, out: str, controller: str | None, study_file: str | Non
         with progress(quiet=as_json) as tell:
             return export_all(unit, folder, inputs=inputs, progress=tell)
 
-    _wrap(file, study_file, controller, out, as_json, write)
+    _wrap(write, as_json=as_json, **asked)
