@@ -157,19 +157,18 @@ class FixedGains:
 
 
 @dataclass(frozen=True)
-class HeldBack:
-    """A scheduler whose answers act ``windows`` updates late, as a model of the computing time.
-
-    With 1, the answer to window k acts from the end of window k + 1 on. The object has a state and serves one run only.
-    """
+class _Around:
+    """A scheduler around another one, whose windows and probe it has."""
 
     scheduler: OnlineScheduler
-    windows: int = 1
-    _waiting: deque[tuple[PowerLoopGains | None, Grid | None]] = field(default_factory=deque)
-    _in_force: list[Grid | None] = field(default_factory=lambda: [None])
 
     def __post_init__(self) -> None:
-        _check_windows(self.scheduler, "HeldBack")
+        if not hasattr(self.scheduler, "update_period"):
+            kind = type(self.scheduler).__name__
+            raise TypeError(
+                f"{type(self).__name__} counts windows, and {kind} has none: it answers after cycles of its own. Give "
+                "it to simulate as it is; its rows keep the answers."
+            )
 
     @property
     def update_period(self) -> float:
@@ -180,6 +179,27 @@ class HeldBack:
     def sample_interval(self) -> float:
         """That of the scheduler."""
         return self.scheduler.sample_interval
+
+    @property
+    def probe_hold(self) -> float | None:
+        """That of the scheduler."""
+        return probe_hold_of(self.scheduler)
+
+    def wanted(self) -> Probe | None:
+        """What the scheduler wants; a probe is not held back."""
+        return wanted_of(self.scheduler)
+
+
+@dataclass(frozen=True)
+class HeldBack(_Around):
+    """A scheduler whose answers act ``windows`` updates late, as a model of the computing time.
+
+    With 1, the answer to window k acts from the end of window k + 1 on. The object has a state and serves one run only.
+    """
+
+    windows: int = 1
+    _waiting: deque[tuple[PowerLoopGains | None, Grid | None]] = field(default_factory=deque)
+    _in_force: list[Grid | None] = field(default_factory=lambda: [None])
 
     def first_gains(self) -> PowerLoopGains:
         """Those of the scheduler, with nothing waiting."""
@@ -193,15 +213,6 @@ class HeldBack:
         """The one that came with the gains in force."""
         return self._in_force[0]
 
-    @property
-    def probe_hold(self) -> float | None:
-        """That of the scheduler."""
-        return probe_hold_of(self.scheduler)
-
-    def wanted(self) -> Probe | None:
-        """What the scheduler wants; a probe is not held back."""
-        return wanted_of(self.scheduler)
-
     def update(self, window: MeasuredWindow) -> PowerLoopGains | None:
         """What the scheduler said ``windows`` updates ago."""
         answer = self.scheduler.update(window)
@@ -213,40 +224,17 @@ class HeldBack:
 
 
 @dataclass(frozen=True)
-class Recorder:
+class Recorder(_Around):
     """A scheduler that keeps all its inputs and answers in order."""
 
-    scheduler: OnlineScheduler
     windows: list[MeasuredWindow] = field(default_factory=list)
     answers: list[PowerLoopGains | None] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        _check_windows(self.scheduler, "Recorder")
-
-    @property
-    def update_period(self) -> float:
-        """That of the scheduler."""
-        return self.scheduler.update_period
-
-    @property
-    def sample_interval(self) -> float:
-        """That of the scheduler."""
-        return self.scheduler.sample_interval
 
     def first_gains(self) -> PowerLoopGains:
         """Those of the scheduler, with nothing kept from an earlier run."""
         self.windows.clear()
         self.answers.clear()
         return self.scheduler.first_gains()
-
-    @property
-    def probe_hold(self) -> float | None:
-        """That of the scheduler."""
-        return probe_hold_of(self.scheduler)
-
-    def wanted(self) -> Probe | None:
-        """What the scheduler wants."""
-        return wanted_of(self.scheduler)
 
     @property
     def grid(self) -> Grid | None:
@@ -259,15 +247,6 @@ class Recorder:
         self.windows.append(window)
         self.answers.append(answer)
         return answer
-
-
-def _check_windows(scheduler: OnlineScheduler, who: str) -> None:
-    if not hasattr(scheduler, "update_period"):
-        kind = type(scheduler).__name__
-        raise TypeError(
-            f"{who} counts windows, and {kind} has none: it answers after cycles of its own. Give it to simulate as it "
-            "is; its rows keep the answers."
-        )
 
 
 def probe_hold_of(scheduler: OnlineScheduler) -> float | None:
