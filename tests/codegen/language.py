@@ -109,6 +109,12 @@ def picked(x: Any, nest: Nest) -> Any:
     return Nest(inner=doubled(inner, last.second), last=last.first)
 
 
+def changed(x: Any, nest: Nest) -> Any:
+    """Records that are others but for some fields, also a chosen one and one within another."""
+    inner = nest.inner if x > 0.0 else doubled(nest.inner, x)
+    return nest._replace(last=half(x) + nest.last, inner=inner._replace(first=inside(nest.inner, x)))
+
+
 def swapped(one: Pair, other: Pair) -> Any:
     """Returns (first, second)."""
     return other, one

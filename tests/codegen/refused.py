@@ -130,6 +130,14 @@ def calls_itself(x: Any) -> Any:
     return calls_itself(x - 1.0)
 
 
+def changes_no_field(refs: References) -> Any:
+    return refs._replace(P=0.0)
+
+
+def changes_by_place(refs: References) -> Any:
+    return refs._replace(0.0)
+
+
 def advances_what_is_new(x: Any) -> Any:
     return advanced(2.0 * x, 1.0)
 

@@ -20,7 +20,9 @@ from tests.equations.test_three_ways import flat
 from vsgdesign.codegen import UntranslatableError, c_functions
 
 PLAIN = ("branches", "early", "keywords", "tuples", "choices")
-FUNCTIONS = [getattr(language, name) for name in (*PLAIN, "flags", "records", "unfolded", "integrates", "picked")]
+FUNCTIONS = [
+    getattr(language, name) for name in (*PLAIN, "flags", "records", "unfolded", "integrates", "picked", "changed")
+]
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +53,7 @@ def test_flags(compiled: Compiled) -> None:
 def test_records(compiled: Compiled) -> None:
     same(compiled, "records", INPUTS, lambda x, y, a, b, c: language.records(x, y, Nest(Pair(a, b), c)))
     same(compiled, "picked", INPUTS[:, :4], lambda x, a, b, c: language.picked(x, Nest(Pair(a, b), c)))
+    same(compiled, "changed", INPUTS[:, :4], lambda x, a, b, c: language.changed(x, Nest(Pair(a, b), c)))
     same(compiled, "integrates", INPUTS[:, :4], lambda a, b, c, x: language.integrates(Nest(Pair(a, b), c), x))
 
 

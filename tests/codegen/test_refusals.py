@@ -47,6 +47,8 @@ EXPECTED = {
     "searches_otherwise": (1, "np.searchsorted(row, x, side='left'). Write len(row) or np.searchsorted("),
     "gives_a_number_for_a_count": (1, "argument ticks is no count. Give one."),
     "calls_itself": (0, "calls itself. Write out the turns."),
+    "changes_no_field": (1, "the fields of References. Give P_ref, Q_ref, omega_0, V_n."),
+    "changes_by_place": (1, "refs._replace(0.0). Give the new fields by name."),
     "advances_what_is_new": (1, "an integrator that is not as it came in."),
     "advances_twice": (2, "P_ref is advanced twice. Advance it once."),
     "advances_in_one_branch": (2, "an integrator that moves in one branch only."),

@@ -33,7 +33,7 @@ from vsgdesign.codegen.expressions import (
     operation,
 )
 from vsgdesign.codegen.language import FUNCTIONS, instead_of
-from vsgdesign.codegen.records import SCALARS, Record, is_record, known, leaves
+from vsgdesign.codegen.records import SCALARS, Changed, Record, is_record, known, leaves
 from vsgdesign.codegen.source import integrates
 
 _signature = functools.cache(inspect.signature)
@@ -62,8 +62,10 @@ class Calls(Body):
             return operation(FUNCTIONS[callee], *(map(as_real, values) if alone else alike(*values)))
         if is_record(callee):
             return self.construct(node, callee, given, named)
-        if isinstance(callee, types.MethodType) and callee.__name__ == "_replace":
-            raise self.source.refuse(node.lineno, "_replace", "Write the constructor with every field by name.")
+        if isinstance(callee, Changed):
+            if given:
+                raise self.source.refuse(node.lineno, ast.unparse(node), "Give the new fields by name.")
+            return self.construct(node, callee.record.cls, given, callee.record.values | named)
         if isinstance(callee, types.FunctionType):
             return self.invoke(node, callee, self.bound(node, callee, given, named), wanted)
         shown = ast.unparse(node.func)

@@ -24,7 +24,7 @@ from vsgdesign.codegen.expressions import (
     operation,
 )
 from vsgdesign.codegen.language import COMPARISONS, OPERATORS, REFUSED, instead_of
-from vsgdesign.codegen.records import SCALARS, Record, is_record, known
+from vsgdesign.codegen.records import SCALARS, Changed, Record, is_record, known
 from vsgdesign.codegen.source import UntranslatableError
 
 
@@ -106,6 +106,8 @@ class Evaluation(Calls):
 
     def attribute(self, base: Any, name: str, node: ast.expr) -> Any:
         if isinstance(base, Record):
+            if name == "_replace":
+                return Changed(base)
             if name not in base.values:
                 raise self.source.refuse(node.lineno, f"{base.cls.__name__} has no field {name}", "Name a field.")
             return base.values[name]
@@ -207,11 +209,11 @@ class Evaluation(Calls):
         given = self.items(args, environment)
         if any(keyword.arg is None for keyword in keywords):
             raise self.source.refuse(node.lineno, "** in a call", "Name every argument.")
-        named = {}
+        named, makes = {}, is_record(callee) or isinstance(callee, Changed)
         for keyword in keywords:
             # A record that a call makes for a field of another one has the field's name.
-            self.wanted = (str(keyword.arg),) if is_record(callee) else ()
-            named[str(keyword.arg)] = self.value(keyword.value, environment, whole=is_record(callee))
+            self.wanted = (str(keyword.arg),) if makes else ()
+            named[str(keyword.arg)] = self.value(keyword.value, environment, whole=makes)
         self.wanted = ()
         return self.called(node, callee, given, named, wanted)
 

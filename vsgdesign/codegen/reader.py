@@ -1,9 +1,9 @@
 """Reads a function of the restricted language into expressions and statements, with everything known folded in.
 
-The language: numbers, counts of 32 bits, rows of constants, NamedTuples and tuples; assignments, ``if`` and conditional
-expressions; the operators + − * / and comparisons, & and | of counts; NumPy's scalar functions of :data:`FUNCTIONS`;
-other functions of this project. Every name is bound once in the result: a name that Python binds again is followed by
-``_new``.
+The language: numbers, counts of 32 bits, rows of constants, NamedTuples (also by ``_replace``) and tuples; assignments,
+``if`` and conditional expressions; the operators + − * / and comparisons, & and | of counts; NumPy's functions of
+:data:`FUNCTIONS`; other functions of this project. Every name is bound once in the result: a name that Python binds
+again is followed by ``_new``.
 """
 
 from __future__ import annotations

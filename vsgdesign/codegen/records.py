@@ -43,6 +43,13 @@ class Record:
     """A condition and the two records of which it is one, where that is all that it is."""
 
 
+@dataclass(frozen=True)
+class Changed:
+    """What makes a record of another one: its method ``_replace``."""
+
+    record: Record
+
+
 @functools.cache
 def _hints(record: Any) -> dict[str, Any]:
     return typing.get_type_hints(record, include_extras=True)

@@ -77,25 +77,6 @@ def skipped_step(state: ControllerState, refs: References, gains: PowerLoopGains
     turn = settings.T_s * omega
     u_alpha, u_beta = limit_length(state.u_alpha, state.u_beta, settings.v_max_pk)
     u_alpha, u_beta = rotate(u_alpha, u_beta, np.cos(turn), np.sin(turn))
-    following = ControllerState(
-        theta=advanced(state.theta, turn),
-        omega_i=state.omega_i,
-        V=state.V,
-        P_f=state.P_f,
-        Q_f=state.Q_f,
-        xi_vd=state.xi_vd,
-        xi_vq=state.xi_vq,
-        xi_id=state.xi_id,
-        xi_iq=state.xi_iq,
-        i_f_d=state.i_f_d,
-        i_f_q=state.i_f_q,
-        u_alpha=u_alpha,
-        u_beta=u_beta,
-        ripple_P=state.ripple_P,
-        ripple_Q=state.ripple_Q,
-        mean_P=state.mean_P,
-        mean_Q=state.mean_Q,
-        limiter=state.limiter,
-    )
+    following = state._replace(theta=advanced(state.theta, turn), u_alpha=u_alpha, u_beta=u_beta)
     output = ControllerOutput(v_b_alpha=u_alpha, v_b_beta=u_beta, omega=omega, P=state.P_f, Q=state.Q_f, limited=0.0)
     return following, output

@@ -167,26 +167,11 @@ def told_state(s: SchedulerState, told: Count) -> SchedulerState:
     With TOLD_CHANGED, the goal of this moment is the place that the grid has left.
     """
     changed = told & TOLD_CHANGED != 0 and s.told & TOLD_CHANGED == 0
-    return SchedulerState(
-        started=s.started,
-        ticks=s.ticks,
-        age=s.age,
-        doubt=s.doubt,
+    return s._replace(
         told=s.told | told,
-        agreed=s.agreed,
         refuted=1 if changed else s.refuted,
-        scr=s.scr,
-        r_over_x=s.r_over_x,
-        goal_scr=s.goal_scr,
-        goal_r_over_x=s.goal_r_over_x,
-        candidate_scr=s.candidate_scr,
-        candidate_r_over_x=s.candidate_r_over_x,
         left_scr=s.goal_scr if changed else s.left_scr,
         left_r_over_x=s.goal_r_over_x if changed else s.left_r_over_x,
-        P=s.P,
-        Q=s.Q,
-        V_rms=s.V_rms,
-        gains=s.gains,
     )
 
 

@@ -67,25 +67,16 @@ def synchronised(state: ControllerState, watch: GridWatch, gains: PowerLoopGains
     """The controller's state with the angle, the voltage and the frequency of the grid, without power
     (:eq:`synchronised`). The inner loops and the limiter keep theirs."""
     V = peak_to_rms(np.hypot(watch.v_alpha, watch.v_beta))
-    return ControllerState(
+    return state._replace(
         theta=np.arctan2(watch.v_beta, watch.v_alpha),
         omega_i=watch.omega + gains.k_Q * gains.D_q * V,
         V=V,
         P_f=0.0,
         Q_f=0.0,
-        xi_vd=state.xi_vd,
-        xi_vq=state.xi_vq,
-        xi_id=state.xi_id,
-        xi_iq=state.xi_iq,
-        i_f_d=state.i_f_d,
-        i_f_q=state.i_f_q,
-        u_alpha=state.u_alpha,
-        u_beta=state.u_beta,
         ripple_P=0.0,
         ripple_Q=0.0,
         mean_P=0.0,
         mean_Q=0.0,
-        limiter=state.limiter,
     )
 
 

@@ -56,19 +56,7 @@ def with_ramp(row: PlantRow, ramp: Ramp, ramp_of: RampRow, T_s: Any) -> Any:
     two_im = 0.5 * V * r + d * a
     extra = d * T_s + 0.5 * r * T_s * T_s
     turn_cos, turn_sin = rotate(row.turn_cos, row.turn_sin, np.cos(extra), np.sin(extra))
-    moved_row = PlantRow(
-        p11=row.p11,
-        p12=row.p12,
-        p13=row.p13,
-        p21=row.p21,
-        p22=row.p22,
-        p23=row.p23,
-        p31=row.p31,
-        p32=row.p32,
-        p33=row.p33,
-        b1=row.b1,
-        b2=row.b2,
-        b3=row.b3,
+    moved_row = row._replace(
         re1=ramp_of.re01 * V
         + (ramp_of.re11 * a - ramp_of.im11 * one_im)
         + (ramp_of.re21 * two_re - ramp_of.im21 * two_im),

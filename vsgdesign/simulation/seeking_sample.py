@@ -119,24 +119,15 @@ def set_to_grid(
     seen = watch_grid(watch, v_g_alpha, v_g_beta, refs, T_s)
     count = setting.on * setting.free * in_step(measured, seen, refs) * (ready + 1.0)
     made = synchronised(state, seen, power_gains)
-    chosen = ControllerState(
+    chosen = state._replace(
         theta=np.where(acts, made.theta, state.theta),
         omega_i=np.where(acts, made.omega_i, state.omega_i),
         V=np.where(acts, made.V, state.V),
         P_f=np.where(acts, 0.0, state.P_f),
         Q_f=np.where(acts, 0.0, state.Q_f),
-        xi_vd=state.xi_vd,
-        xi_vq=state.xi_vq,
-        xi_id=state.xi_id,
-        xi_iq=state.xi_iq,
-        i_f_d=state.i_f_d,
-        i_f_q=state.i_f_q,
-        u_alpha=state.u_alpha,
-        u_beta=state.u_beta,
         ripple_P=np.where(acts, 0.0, state.ripple_P),
         ripple_Q=np.where(acts, 0.0, state.ripple_Q),
         mean_P=np.where(acts, 0.0, state.mean_P),
         mean_Q=np.where(acts, 0.0, state.mean_Q),
-        limiter=state.limiter,
     )
     return chosen, seen, count, setting.on * (count >= setting.needed)

@@ -370,19 +370,7 @@ def own_lines(track: Track, fit: Fit, apart: Any) -> Lines:
 
 def with_again(beside: Beside, again: Any) -> Beside:
     """The same after a doubt has begun anew so often."""
-    return Beside(
-        capacitor=beside.capacitor,
-        load=beside.load,
-        d_R=beside.d_R,
-        d_X=beside.d_X,
-        P_RR=beside.P_RR,
-        P_RX=beside.P_RX,
-        P_XX=beside.P_XX,
-        refuted=beside.refuted,
-        misfit=beside.misfit,
-        passive=beside.passive,
-        again=again,
-    )
+    return beside._replace(again=again)
 
 
 def with_beside(fit: Fit, beside: Beside) -> Fit:

@@ -59,22 +59,12 @@ def next_cycle(lock: LockIn, omega: Any, a_1: Any, a_2: Any, settings: FieldSett
     sign = 1.0 if lock.half_re > 0.0 else -1.0
     end_re, end_im = current_at_the_end(lock)
     step = 0.5 * omega * settings.T_s
-    return LockIn(
-        phi=lock.phi,
+    return lock._replace(
         omega=omega,
         half_re=sign * np.cos(0.5 * lock.phi),
         half_im=sign * np.sin(0.5 * lock.phi),
         step_less_one=turn_less_one(step),
         step_im=np.sin(step),
-        v_re=lock.v_re,
-        v_im=lock.v_im,
-        i_re=lock.i_re,
-        i_im=lock.i_im,
-        u_re=lock.u_re,
-        u_im=lock.u_im,
-        i_before_re=lock.i_before_re,
-        i_before_im=lock.i_before_im,
-        primed=lock.primed,
         mean=carried(lock, 1.0, 0.0),
         line_1=carried(lock, first_re, first_im),
         line_2=carried(lock, second_re, second_im),
@@ -85,7 +75,6 @@ def next_cycle(lock: LockIn, omega: Any, a_1: Any, a_2: Any, settings: FieldSett
         samples=0.0,
         limited=0.0,
         spoilt=0.0,
-        muted=lock.muted,
         a_1=a_1,
         a_2=a_2,
         closed=0.0,

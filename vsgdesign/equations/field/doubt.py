@@ -110,21 +110,7 @@ def doubt_begun(no_step: Any) -> Doubt:
 
 def doubt_judged(doubt: Doubt, used: Any, d_old: Any, d_step: Any) -> Doubt:
     """The doubt with the distances of this cycle."""
-    return Doubt(
-        used=used,
-        cycles=doubt.cycles,
-        squares=doubt.squares,
-        v_re=doubt.v_re,
-        v_im=doubt.v_im,
-        i_re=doubt.i_re,
-        i_im=doubt.i_im,
-        x_re=doubt.x_re,
-        x_im=doubt.x_im,
-        no_step=doubt.no_step,
-        limited=doubt.limited,
-        d_old=d_old,
-        d_step=d_step,
-    )
+    return doubt._replace(used=used, d_old=d_old, d_step=d_step)
 
 
 def doubt_with(doubt: Doubt, mean: Window, phasor: GridPhasor, calm: Any) -> Doubt:

@@ -178,7 +178,7 @@ def fused_answer(
     refutes = speaks and fused.distance > CHI_SQUARE_999
     announces = refutes and gate.told < 0.5
     moved = NetworkGate(since=gate.since, told=1.0 if announces else gate.told)
-    spoken = FieldAnswer(
+    spoken = answer._replace(
         R_g=R_g * ohm,
         L_g=X_g * henry,
         var_R=fused.var_R * ohm * ohm,
@@ -187,33 +187,14 @@ def fused_answer(
         sigma=sigma,
         valid=1.0,
         changed=1.0 if announces else answer.changed,
-        event=answer.event,
-        doubt=answer.doubt,
-        mode=answer.mode,
-        limited=answer.limited,
-        spoilt=answer.spoilt,
-        amplitude=answer.amplitude,
-        foreign=answer.foreign,
-        passive=answer.passive,
     )
     doubts = quiet and answer.valid > 0.5 and sigma > answer.sigma
-    widened = FieldAnswer(
-        R_g=answer.R_g,
-        L_g=answer.L_g,
+    widened = answer._replace(
         var_R=spoken.var_R,
         cov_RL=spoken.cov_RL,
         var_L=spoken.var_L,
         sigma=sigma,
         valid=1.0 if sigma < settings.sigma_valid else 0.0,
-        changed=answer.changed,
-        event=answer.event,
-        doubt=answer.doubt,
-        mode=answer.mode,
-        limited=answer.limited,
-        spoilt=answer.spoilt,
-        amplitude=answer.amplitude,
-        foreign=answer.foreign,
-        passive=answer.passive,
     )
     kept = widened if doubts else answer
     return moved, spoken if speaks else kept

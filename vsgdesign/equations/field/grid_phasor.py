@@ -189,45 +189,17 @@ def settled(phasor: GridPhasor, answer: Fit, seen: Any) -> GridPhasor:
     re = phasor.v_re - answer.R * phasor.i_re - answer.X * phasor.x_re
     im = phasor.v_im - answer.R * phasor.i_im - answer.X * phasor.x_im
     fresh = Prediction(re=re, im=im, slip=phasor.slip)
-    return GridPhasor(
-        v_re=phasor.v_re,
-        v_im=phasor.v_im,
-        i_re=phasor.i_re,
-        i_im=phasor.i_im,
-        x_re=phasor.x_re,
-        x_im=phasor.x_im,
-        seen=seen,
-        now=fresh,
-        one=fresh,
-        two=fresh,
-        three=fresh,
-        slip=phasor.slip,
-        step_re=phasor.step_re,
-        step_im=phasor.step_im,
-        variance=phasor.variance,
-        innovation=phasor.innovation,
-    )
+    return phasor._replace(seen=seen, now=fresh, one=fresh, two=fresh, three=fresh)
 
 
 def without_last(phasor: GridPhasor) -> GridPhasor:
     """The phasor after a cycle that cannot be used: the next one is compared with nothing."""
-    return GridPhasor(
-        v_re=phasor.v_re,
-        v_im=phasor.v_im,
-        i_re=phasor.i_re,
-        i_im=phasor.i_im,
-        x_re=phasor.x_re,
-        x_im=phasor.x_im,
+    return phasor._replace(
         seen=0.0,
         now=turned_on(phasor.now),
         one=turned_on(phasor.one),
         two=turned_on(phasor.two),
         three=turned_on(phasor.three),
-        slip=phasor.slip,
-        step_re=phasor.step_re,
-        step_im=phasor.step_im,
-        variance=phasor.variance,
-        innovation=phasor.innovation,
     )
 
 
@@ -237,22 +209,12 @@ def resynchronised(phasor: GridPhasor) -> tuple[GridPhasor, Any]:
     ``correction`` is what it shall turn faster per cycle, rad. Returns (phasor, correction).
     """
     correction = np.minimum(np.maximum(phasor.step_im, -LARGEST_SLIP), LARGEST_SLIP)
-    moved = GridPhasor(
-        v_re=phasor.v_re,
-        v_im=phasor.v_im,
-        i_re=phasor.i_re,
-        i_im=phasor.i_im,
-        x_re=phasor.x_re,
-        x_im=phasor.x_im,
-        seen=phasor.seen,
+    moved = phasor._replace(
         now=in_faster_frame(phasor.now, correction),
         one=in_faster_frame(phasor.one, correction),
         two=in_faster_frame(phasor.two, correction),
         three=in_faster_frame(phasor.three, correction),
         slip=phasor.slip - correction,
-        step_re=phasor.step_re,
         step_im=phasor.step_im - correction,
-        variance=phasor.variance,
-        innovation=phasor.innovation,
     )
     return moved, correction

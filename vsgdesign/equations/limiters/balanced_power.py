@@ -189,23 +189,13 @@ def balanced_limit(
     """The limits of `projection` around a reference with a negative sequence (:eq:`balanced-reference`)."""
     # Without a negative sequence every term is that of `projection` to the bit. `projection` sees the voltage without
     # it: it is no error of the voltage, and no overload.
-    seen = LimiterView(
+    seen = view._replace(
         v_d=view.v_d - memory.nu_d,
         v_q=view.v_q - memory.nu_q,
-        i_s_d=view.i_s_d,
-        i_s_q=view.i_s_q,
-        i_g_d=view.i_g_d,
-        i_g_q=view.i_g_q,
         e_d=view.e_d + memory.nu_d,
         e_q=view.e_q + memory.nu_q,
         i_want_d=view.i_want_d + view.K_pv * memory.nu_d,
         i_want_q=view.i_want_q + view.K_pv * memory.nu_q,
-        V=view.V,
-        omega_i=view.omega_i,
-        P=view.P,
-        Q=view.Q,
-        K_pv=view.K_pv,
-        full=view.full,
     )
     found = projection_limit(of_projection(memory), seen, grid, refs, gains, settings)
     return BalancedSample(
