@@ -60,8 +60,11 @@ def worst_points(
         moved = rng.random(columns.shape) < 0.5
         step = moved * rng.normal(size=columns.shape) * 0.2 * 0.7**turn * (high - low)
         # The worst is often on a static limit, too: a step beyond it is made shorter until it ends before it.
+        beyond = np.arange(len(step))
         for _ in range(_SHORTER):
-            beyond = ~system.within_limits(point(columns + step))
+            beyond = beyond[~system.within_limits(point(columns[beyond] + step[beyond]))]
+            if len(beyond) == 0:
+                break
             step[beyond] *= 0.5
         tried, A = system.matrices(point(columns + step))
         points, worth = np.concatenate([points, tried]), np.concatenate([worth, shortfall(tried, A)])
