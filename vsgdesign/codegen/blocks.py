@@ -33,13 +33,17 @@ def joined(*parts: Part) -> Block:
                 inputs[wanted] = None
             here[name] = outputs.get(wanted, Variable(wanted))
         for name, value in block.lets:
-            moved = _moved(value, here)
-            key = value_key(moved)
-            if key not in shared:
+            if not isinstance(value, Operation):
+                raise TypeError(f"{name} = {value!r} is no operation of a block.")
+            # A first run waits for this loop more than for any other: an operation is made only if it is new.
+            arguments = [here[one.name] if isinstance(one, Variable) else one for one in value.arguments]
+            key = (value.name, *[one.name if isinstance(one, Variable) else value_key(one) for one in arguments])
+            known = shared.get(key)
+            if known is None:
                 own = _free(name, taken)
-                lets.append((own, moved))
-                shared[key] = Variable(own)
-            here[name] = shared[key]
+                lets.append((own, Operation(value.name, tuple(arguments))))
+                known = shared[key] = Variable(own)
+            here[name] = known
         outputs |= {name: _moved(value, here) for name, value in block.outputs}
     return Block(tuple(inputs), tuple(lets), tuple(outputs.items()))
 

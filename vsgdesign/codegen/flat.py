@@ -148,7 +148,9 @@ def needed_lets(lets: Sequence[tuple[str, Expression]], values: Sequence[Express
     for name, value in reversed(lets):
         if name in read:
             kept.append((name, value))
-            read |= {one.name for one in getattr(value, "arguments", ()) if isinstance(one, Variable)}
+            for one in getattr(value, "arguments", ()):
+                if isinstance(one, Variable):
+                    read.add(one.name)
     return kept[::-1]
 
 
