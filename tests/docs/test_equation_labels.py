@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import tomllib
 from collections import Counter
@@ -23,21 +24,28 @@ LINK = re.compile(r"(?<!!)\[(?:[^\[\]]|\[[^\[\]]*\])*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 
 
+@functools.cache
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@functools.cache
 def _cited() -> dict[str, list[str]]:
     cited: dict[str, list[str]] = {}
     for path in sorted((ROOT / "vsgdesign").rglob("*.py")):
-        for label in CITATION.findall(path.read_text(encoding="utf-8")):
+        for label in CITATION.findall(_text(path)):
             cited.setdefault(label, []).append(str(path.relative_to(ROOT)))
     return cited
 
 
+@functools.cache
 def _defined() -> dict[str, Path]:
-    return {label: path for path in THEORY for label, _ in EQUATION.findall(path.read_text(encoding="utf-8"))}
+    return {label: path for path in THEORY for label, _ in EQUATION.findall(_text(path))}
 
 
 def _prose(path: Path) -> str:
     """A page's text without code: a link in an example is no link."""
-    return re.sub(r"`[^`\n]*`", "", FENCE.sub("", path.read_text(encoding="utf-8")))
+    return re.sub(r"`[^`\n]*`", "", FENCE.sub("", _text(path)))
 
 
 def _slug(heading: str) -> str:
@@ -46,8 +54,9 @@ def _slug(heading: str) -> str:
     return re.sub(r"[^\w\- ]", "", text).replace(" ", "-")
 
 
+@functools.cache
 def _anchors(path: Path) -> set[str]:
-    text = FENCE.sub("", path.read_text(encoding="utf-8"))
+    text = FENCE.sub("", _text(path))
     slugs: Counter[str] = Counter()
     found = set(ANCHOR.findall(text))
     for heading in re.findall(r"^#+ (.+)$", text, re.MULTILINE):
@@ -66,7 +75,7 @@ def test_every_label_is_defined_once_and_is_its_own_tag() -> None:
     anchors: Counter[str] = Counter()
     wrong: list[str] = []
     for path in THEORY:
-        text = path.read_text(encoding="utf-8")
+        text = _text(path)
         here = [anchor for anchor in ANCHOR.findall(text) if anchor.startswith("eq-")]
         anchors.update(here)
         equations = dict(EQUATION.findall(text))
@@ -84,13 +93,13 @@ def test_every_equation_is_cited() -> None:
     uncited = []
     for label, home in _defined().items():
         others = (page for page in PAGES if page not in (home, INDEX) and page.exists())
-        if label not in cited and not any(f"#eq-{label})" in page.read_text(encoding="utf-8") for page in others):
+        if label not in cited and not any(f"#eq-{label})" in _text(page) for page in others):
             uncited.append(label)
     assert not uncited, f"in docs/theory, cited by no docstring and no other page: {uncited}"
 
 
 def test_index_lists_every_equation() -> None:
-    index = INDEX.read_text(encoding="utf-8")
+    index = _text(INDEX)
     listed = Counter(re.findall(r"^\| \[([a-z0-9-]+)\]\(theory/\S+#eq-\1\) \|", index, re.MULTILINE))
     assert listed == Counter(_defined().keys())
 
@@ -100,7 +109,7 @@ def test_display_equations_survive_markdown() -> None:
     broken = [
         f"{path.name}: {line}"
         for path in THEORY
-        for body in DISPLAY.findall(path.read_text(encoding="utf-8"))
+        for body in DISPLAY.findall(_text(path))
         for line in body.splitlines()
         if not line.strip() or re.match(r"\s*([-+*#>=]|\d+[.)] )", line)
     ]

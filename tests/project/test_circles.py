@@ -16,11 +16,13 @@ Graph = Mapping[str, set[str]]
 
 
 def statements(node: ast.AST) -> Iterator[ast.AST]:
-    """Every node that runs: what stands under ``if TYPE_CHECKING`` is for the type checker alone."""
+    """Every statement that runs: what stands under ``if TYPE_CHECKING`` is for the type checker alone."""
     waiting = [node]
     while waiting:
         yield (one := waiting.pop())
         for child in ast.iter_child_nodes(one):
+            if not isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
+                continue  # an expression imports nothing
             if not (isinstance(child, ast.If) and ast.unparse(child.test).endswith("TYPE_CHECKING")):
                 waiting.append(child)
 
