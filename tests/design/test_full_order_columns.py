@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.design.test_full_order_proof import a_table, with_table
+from tests.design.full_order_problems import a_table, with_table
 from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import GainTable, ValidityBox, base_of
 from vsgdesign.artifacts.proof_file import ProofFile, proved_table

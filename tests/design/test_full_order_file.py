@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.design.test_full_order_proof import closed_form
+from tests.design.full_order_problems import closed_form
 from vsgdesign.artifacts.proof_file import CUTS, EMPTY, LEFT, PROOF_FILE, PROVED, ProofFile, packed, unpacked
 from vsgdesign.certificate.full_order.cells import Arcs
 from vsgdesign.certificate.full_order.record import arrays_of

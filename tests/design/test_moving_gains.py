@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.design.test_full_order_proof import ALPHA, _at, closed_form, determinants, laboratory
+from tests.design.full_order_problems import ALPHA, closed_form, laboratory
+from tests.design.test_full_order_proof import _at, determinants
 from vsgdesign.artifacts.certificate_record import CertificateCell
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.certificate.certifying import prepared

@@ -12,16 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.design.test_full_order_proof import (
-    ALPHA,
-    MADE,
-    a_table,
-    closed_form,
-    laboratory,
-    places,
-    units_apart,
-    units_table,
-)
+from tests.design.full_order_problems import ALPHA, a_table, closed_form, laboratory, units_apart, units_table
+from tests.design.test_full_order_proof import MADE, places
 from vsgdesign.artifacts.proof_file import LEFT, ProofFile, packed, unpacked
 from vsgdesign.certificate import proof_file, prove_full_order, region_of
 from vsgdesign.certificate.full_order.rows import inner_rows
