@@ -25,7 +25,7 @@ from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 from vsgdesign.study.parameters import Study, study_from_text
-from vsgdesign.verbs.pipeline.run import results_document
+from vsgdesign.verbs.pipeline.results import results_document
 
 COUNT, SEED = 1000, 20260
 

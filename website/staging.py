@@ -76,6 +76,7 @@ API = {
         (
             "vsgdesign.verbs.pipeline.opening",
             "vsgdesign.verbs.pipeline.run",
+            "vsgdesign.verbs.pipeline.results",
             "vsgdesign.verbs.pipeline.verify",
             "vsgdesign.verbs.pipeline.comply",
             "vsgdesign.verbs.pipeline.survival",

@@ -29,7 +29,7 @@ from vsgdesign.study.parameters import load_study
 from vsgdesign.verbs.pipeline.comparison import CSV_HEADER, comparison_document
 from vsgdesign.verbs.pipeline.comparison import csv_rows as compared_rows
 from vsgdesign.verbs.pipeline.margins import assess_study, stability_document
-from vsgdesign.verbs.pipeline.run import results_document
+from vsgdesign.verbs.pipeline.results import results_document
 
 WALK = Path(__file__).parent / "walk"
 

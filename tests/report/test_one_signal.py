@@ -10,7 +10,7 @@ from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.tables import metrics_table, responses_table, targets_table
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import study_from_text
-from vsgdesign.verbs.pipeline.run import results_document
+from vsgdesign.verbs.pipeline.results import results_document
 
 STUDY = """
 base = "case:hoang2025_5kva"

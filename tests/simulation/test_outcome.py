@@ -12,7 +12,7 @@ from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.simulation.outcome import BOUND_PU, RunStatus
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import Study
-from vsgdesign.verbs.pipeline.run import results_document
+from vsgdesign.verbs.pipeline.results import results_document
 
 STEP = '[[events]]\ntime = "0.1 s"\nP_ref = "2.5 kW"\n'
 TO_STRONG = '[[events]]\ntime = "0.1 s"\ngrid = { scr = 20, x_over_r = 20 }\n'

@@ -77,7 +77,7 @@ class Run(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of results.json of ``vsgdesign simulate``."""
-        from vsgdesign.verbs.pipeline.run import results_document
+        from vsgdesign.verbs.pipeline.results import results_document
 
         return plain(results_document(self.result, {}))
 

@@ -9,7 +9,8 @@ if TYPE_CHECKING:
     from vsgdesign.verbs.pipeline.making import make_ready
     from vsgdesign.verbs.pipeline.margins import StabilityResult, assess_study, report_stability, stability_document
     from vsgdesign.verbs.pipeline.opening import open_study
-    from vsgdesign.verbs.pipeline.run import results_document, run_study
+    from vsgdesign.verbs.pipeline.results import results_document
+    from vsgdesign.verbs.pipeline.run import run_study
 
 _HOMES = {
     "StabilityResult": "margins",
@@ -17,7 +18,7 @@ _HOMES = {
     "make_ready": "making",
     "open_study": "opening",
     "report_stability": "margins",
-    "results_document": "run",
+    "results_document": "results",
     "run_study": "run",
     "stability_document": "margins",
 }

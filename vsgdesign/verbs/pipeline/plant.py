@@ -20,7 +20,8 @@ from vsgdesign.simulation.units.scenario import PlantController, PlantRest, Plan
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
 from vsgdesign.verbs.pipeline.making import Made, made, nothing_to_make
-from vsgdesign.verbs.pipeline.run import export_tables, results_document, write_asked_comtrade
+from vsgdesign.verbs.pipeline.results import results_document
+from vsgdesign.verbs.pipeline.run import export_tables, write_asked_comtrade
 from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
 _OF_UNIT = ("operating_points", "gains", "promises", "controllers")
