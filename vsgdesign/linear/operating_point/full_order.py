@@ -329,17 +329,30 @@ def _over(function: ca.Function, count: int) -> ca.Function:
     return function.map(count)
 
 
+@functools.lru_cache(maxsize=64)
+def _with_zeros(function: ca.Function) -> ca.Function:
+    """The function with every zero of its outputs in its place in memory."""
+    given = [ca.MX.sym(f"given_{k}", *function.size_in(k)) for k in range(function.n_in())]
+    return ca.Function("with_zeros", given, [ca.densify(one) for one in function.call(given)])
+
+
 def _matrices(function: ca.Function, z: Array, p: Array) -> tuple[Array, ...]:
     """The outputs of a function of z (N, …) and p (N, …): arrays (N, rows, columns)."""
     count = len(z)
     shapes = [function.size_out(k) for k in range(function.n_out())]
     if count == 0:
         return tuple(np.empty((0, *shape)) for shape in shapes)
-    outputs = _over(function, count).call([z.T, p.T])
-    return tuple(
-        out.full().reshape(shape[0], count, shape[1]).transpose(1, 0, 2)
-        for out, shape in zip(outputs, shapes, strict=True)
-    )
+    # CasADi reads and writes the arrays where they are. Its own matrices would go through lists of Python, which takes
+    # as long as the computation. It counts down columns, lane by lane.
+    given = [np.ascontiguousarray(one, dtype=float) for one in (z, p)]
+    found = [np.empty((count, columns, rows)) for rows, columns in shapes]
+    buffer, evaluate = _over(_with_zeros(function), count).buffer()
+    for k, array in enumerate(given):
+        buffer.set_arg(k, array.data)
+    for k, array in enumerate(found):
+        buffer.set_res(k, array.data)
+    evaluate()
+    return tuple(one.transpose(0, 2, 1) for one in found)
 
 
 def parameter_sensitivity(model: FullOrderModel, cell: int, parameter: str) -> Array:
