@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.codegen.llvm import StandingLoop, aligned_zeros, compiled_loop
+from vsgdesign.equations.dc_control import RestCurve
 from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
@@ -240,8 +241,9 @@ def _rests(prepared: Sequence[_Prepared], begin: Index, count: int, kind: NDArra
                 found[column : column + 2, f] = _powers(rest, at, step)
                 found[4 + column // 2, f] = rest.controller(at, 0.0)[0].theta
     start: Any = None  # the lanes are put at rest by what knows the plant
+    curve = np.zeros((count, len(RestCurve._fields)))  # of a source that clamps the power: a batch of plants has none
     names = ("P_start", "Q_start", "P_end", "Q_end", "delta_start", "delta_end")
-    return Rests(start=start, P_asked=found[2], **dict(zip(names, found, strict=True)))
+    return Rests(start=start, P_asked=found[2], curve=curve, **dict(zip(names, found, strict=True)))
 
 
 def _powers(rest: UnitsAtRest, unit: int, step: bool) -> tuple[float, float]:
