@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.design.full_order_problems import a_table, with_table
+from tests.design.test_proof_recheck import loops_of
 from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import GainTable, ValidityBox, base_of
 from vsgdesign.artifacts.proof_file import ProofFile, proved_table
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.certificate import proof_file, prove_full_order
 from vsgdesign.certificate.full_order import points, statement
+from vsgdesign.certificate.full_order.boxes import pieces_of, whole
+from vsgdesign.certificate.full_order.cells import Arcs
 from vsgdesign.certificate.full_order.points import least_decay
 from vsgdesign.certificate.recheck import checking, verdict
-from vsgdesign.certificate.recheck.reading import leaves_of
+from vsgdesign.certificate.recheck.reading import NotCoveredError, check_covered, leaves_of
 from vsgdesign.certificate.recheck.verdict import check_proof
 from vsgdesign.certificate.region import Region
+from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.study.parameters import load_study
 
@@ -63,6 +71,56 @@ def test_columns_hold_every_estimate_of_a_box(error_Z: float) -> None:
     assert looked > 3000
     assert min(several, exact) > 30
     assert np.median(off[0][off[0] > 1e-6]) < 0.03 * 15.8  # and they say something
+
+
+@pytest.mark.parametrize("error_Z", [0.0, 0.1])
+def test_estimates_of_a_box_lie_between_its_limits(error_Z: float) -> None:
+    """On both bases of the SCR of the grids and of the estimates, at random places and at the corners of boxes,
+    which have the limits."""
+    _, problem = with_table(error_Z)
+    rng, count = np.random.default_rng(9), 300
+    piece = np.full(count, 0)
+    low = np.zeros((count, 6))
+    low[:, :4] = rng.uniform([0.1, 0.1, -0.2, -0.2], [0.5, 1.3, 0.1, 0.1], (count, 4))
+    high = low + rng.uniform(0.0, 0.1, (count, 6))
+    low[:, 1], high[:, 1] = np.clip([low[:, 1], high[:, 1]], *problem.pieces.angle[0])
+    for bases in itertools.product(SCR_BASES.values(), repeat=2):
+        pieces = replace(problem.pieces, bases=bases)
+        least, most = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+        for t in [*itertools.product((0.0, 1.0), repeat=4), *rng.random((50, count, 4))]:
+            first, angle, e_R, e_X = (low[:, :4] + np.asarray(t) * (high - low)[:, :4]).T
+            w_R, w_X = problem.region.error_scales(angle)
+            R, X = np.cos(angle) * (1.0 + w_R * e_R), np.sin(angle) * (1.0 + w_X * e_X)
+            size = bases[0].magnitude(first, np.sin(angle))
+            found = np.stack([bases[1].counted(R, X) * size, R / X], axis=1)
+            least, most = np.minimum(least, found), np.maximum(most, found)
+        for k, limits in enumerate(pieces.estimates(low, high, piece)):
+            slack = 1e-12 * np.abs(limits)
+            assert (limits[:, 0] - slack[:, 0] <= least[:, k]).all()
+            assert (most[:, k] <= limits[:, 1] + slack[:, 1]).all()
+            if not error_Z:  # with it, an angle counts twice
+                assert np.median((limits[:, 1] - limits[:, 0]) / (most - least)[:, k]) < 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("error_Z", [0.0, 0.1])
+def test_a_proof_begins_with_all_that_the_second_look_asks_for(error_Z: float) -> None:
+    """Of every cell of a whole region, with estimates inside of a table and beyond its limits. Without the boxes of one
+    piece something is missing."""
+    made = functools.partial(with_table, error_Z)
+    _, problem = made()
+    box = settings_of(a_table())
+    pieces = pieces_of(problem.system, problem.region, (box.scr, box.r_over_x))
+    _, _, boxes = whole(problem.system, problem.region, pieces)
+    roots = np.concatenate([boxes.low, boxes.high], axis=1)
+    estimates = np.concatenate([pieces.first, pieces.slope], axis=1)[boxes.piece]
+    loops = loops_of(made)
+    file: Any = SimpleNamespace(coarse_arcs=Arcs.coarsest(problem.loop.T_s).edges.tolist())
+    check_covered(loops, file, roots, estimates)
+    assert len(np.unique(boxes.piece)) >= (3 if error_Z else 6)
+    for k in np.unique(boxes.piece):
+        some = boxes.piece != k
+        with pytest.raises(NotCoveredError):
+            check_covered(loops, file, roots[some], estimates[some])
 
 
 def two_by_two(middle: float) -> tuple[Any, Any, GainTable]:

@@ -181,12 +181,11 @@ def test_operations_hold_every_point() -> None:
     assert max(float(form.radius.max()) for form in results) < 0.06  # and the bounds say something
 
 
-def compared(of: Any, seed: int = 5) -> tuple[Any, list[float], Any]:
-    """At the places of the first enclosures: whether f of det(z − A) is held, how far it is off over the radius, and
-    whether a condition says that a point that counts is none."""
+def loops_of(of: Any) -> Loops:
+    """What a second look sees of a problem."""
     study, problem = of()
-    at, limits, pieces = places(of, seed), problem.system.static, problem.pieces
-    loops = Loops(
+    limits = problem.system.static
+    return Loops(
         study=study,
         inner=Inner.of(study, problem.system.apart),
         region=problem.region,
@@ -197,6 +196,13 @@ def compared(of: Any, seed: int = 5) -> tuple[Any, list[float], Any]:
         alpha=ALPHA,
         divisor=problem.loop.divisor,
     )
+
+
+def compared(of: Any, seed: int = 5) -> tuple[Any, list[float], Any]:
+    """At the places of the first enclosures: whether f of det(z − A) is held, how far it is off over the radius, and
+    whether a condition says that a point that counts is none."""
+    _, problem = of()
+    at, pieces, loops = places(of, seed), problem.pieces, loops_of(of)
     cells = cells_of(loops.inner, at.low, at.low * [1.02, 1.01])
     arcs = arcs_of(loops.inner, cells, at.cell, at.edges[:, 0], at.edges[:, 1], ALPHA)
     each = np.arange(len(at.f))

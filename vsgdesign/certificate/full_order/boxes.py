@@ -74,9 +74,22 @@ class Pieces:
         own, basis = self.bases
         R = [np.cos(at[:, 1]) * (1.0 + a_R * c) + b_R * c for at, c in ((high, low[:, 2]), (low, high[:, 2]))]
         X = [np.sin(at[:, 1]) * (1.0 + a_X * c) + b_X * c for at, c in ((low, low[:, 3]), (high, high[:, 3]))]
-        sizes = np.array([own.magnitude(a[:, 0], np.sin(b[:, 1])) for a in (low, high) for b in (low, high)])
-        least = basis.counted(np.maximum(R[0], 0.0), X[0]) * sizes.min(axis=0)
-        most = basis.counted(np.maximum(np.abs(R[0]), R[1]), X[1]) * sizes.max(axis=0)
+        if self.scales.any():
+            sizes = np.array([own.magnitude(a[:, 0], np.sin(b[:, 1])) for a in (low, high) for b in (low, high)])
+            least = basis.counted(np.maximum(R[0], 0.0), X[0]) * sizes.min(axis=0)
+            most = basis.counted(np.maximum(np.abs(R[0]), R[1]), X[1]) * sizes.max(axis=0)
+        else:
+            # It rises with the grid's first coordinate and with both errors, and rises or falls with the angle alone.
+            least, most = (
+                choice(
+                    *(
+                        own.magnitude(e[:, 0], np.sin(at[:, 1]))
+                        * basis.counted(np.cos(at[:, 1]) * (1.0 + e[:, 2]), np.sin(at[:, 1]) * (1.0 + e[:, 3]))
+                        for at in (low, high)
+                    )
+                )
+                for e, choice in ((low, np.minimum), (high, np.maximum))
+            )
         slopes = np.array([r / x for r in R for x in X])
         return np.stack([least, most], axis=1), np.stack([slopes.min(axis=0), slopes.max(axis=0)], axis=1)
 

@@ -244,13 +244,25 @@ def _reach(loops: Loops, low: Array, high: Array) -> tuple[tuple[float, float], 
         a, b = (0.0, e_Z / largest) if by_size else (e / largest if e_Z else 1.0, 0.0)
         hats.append([v * (1.0 + a * c) + b * c for v, c in zip(value, (low[k], high[k]), strict=True)])
     R_hat, X_hat = hats
+    slopes = min(r / x for r in R_hat for x in X_hat), max(r / x for r in R_hat for x in X_hat)
+    if not e_Z:
+        # At given errors a size of the estimate only rises or only falls from one end of the angles to the other.
+        ends = [[_first_of(loops, side, angle) for angle in (low[1], high[1])] for side in (low, high)]
+        return (min(ends[0]), max(ends[1])), slopes
     sizes = [first / (sine if loops.inner.by_reactance else 1.0) for first in (low[0], high[0]) for sine in X]
     if loops.estimate_by_reactance:
         first = X_hat
     else:
         first = [np.hypot(max(R_hat[0], 0.0), X_hat[0]), np.hypot(max(-R_hat[0], R_hat[1]), X_hat[1])]
-    slopes = [r / x for r in R_hat for x in X_hat]
-    return (float(first[0] * min(sizes)), float(first[1] * max(sizes))), (min(slopes), max(slopes))
+    return (float(first[0] * min(sizes)), float(first[1] * max(sizes))), slopes
+
+
+def _first_of(loops: Loops, place: Array, angle: float) -> float:
+    """The first coordinate of an estimate with the relative errors of a place, of a grid with its first coordinate and
+    an angle."""
+    size = place[0] / np.sin(angle) if loops.inner.by_reactance else place[0]
+    R, X = np.cos(angle) * (1.0 + place[2]), np.sin(angle) * (1.0 + place[3])
+    return float(size * (X if loops.estimate_by_reactance else np.hypot(R, X)))
 
 
 def _where(low: Array, high: Array) -> str:
