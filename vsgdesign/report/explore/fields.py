@@ -109,6 +109,12 @@ def _row(
 _PER_CENT, _MS, _PU = ("%", 100.0), ("ms", 1e3), ("pu", 1.0)
 
 STUDY_FIELDS = (
+    _row("dc.battery.charge", "State of charge", _PER_CENT, (0.0, 100.0, 1.0), DC_SIDE, _every),
+    _row("dc.battery.i_max", "Largest current", ("A", 1.0), (1.0, 1e4, 1.0), DC_SIDE, _every),
+    _row("dc.converter.charge", "State of charge", _PER_CENT, (0.0, 100.0, 1.0), DC_SIDE, _every),
+    _row("dc.converter.p_max", "Largest power", ("kW", 1e-3), (0.1, 1e4, 0.1), DC_SIDE, _every),
+    _row("dc.photovoltaic.irradiance", "Irradiance", ("W/m^2", 1.0), (1.0, 1200.0, 1.0), DC_SIDE, _every),
+    _row("dc.C", "Capacitor", ("mF", 1e3), (0.01, 100.0, 0.01), DC_SIDE, _every),
     _row("power_loops.settling_time", "Target settling", ("s", 1.0), (0.2, 5.0, 0.05), DESIGN, _closed_form),
     _row("power_loops.damping_ratio", "Damping ratio ζ", ("", 1.0), (0.3, 2.0, 0.01), DESIGN, _published),
     _row("power_loops.droop_ratio", "Droop ratio q", ("", 1.0), (0.0, 1.0, 0.005), DESIGN, _with_q),
@@ -121,12 +127,6 @@ STUDY_FIELDS = (
     _row("power_loops.tau_Q", "Filter of Q", _MS, (0.0, 100.0, 0.5), LIMITS, _every),
     _row("converter.delay_samples", "Delay of the control", ("samples", 1.0), (0, 1, 1), LIMITS, _every),
     _row("converter.current_limit_pu", "Current limit", _PU, (1.0, 3.0, 0.05), LIMITS, _every),
-    _row("dc.battery.charge", "State of charge", _PER_CENT, (0.0, 100.0, 1.0), DC_SIDE, _every),
-    _row("dc.battery.i_max", "Largest current", ("A", 1.0), (1.0, 1e4, 1.0), DC_SIDE, _every),
-    _row("dc.converter.charge", "State of charge", _PER_CENT, (0.0, 100.0, 1.0), DC_SIDE, _every),
-    _row("dc.converter.p_max", "Largest power", ("kW", 1e-3), (0.1, 1e4, 0.1), DC_SIDE, _every),
-    _row("dc.photovoltaic.irradiance", "Irradiance", ("W/m^2", 1.0), (1.0, 1200.0, 1.0), DC_SIDE, _every),
-    _row("dc.C", "Capacitor", ("mF", 1e3), (0.01, 100.0, 0.01), DC_SIDE, _every),
 )
 """Fields of a study that the page may change, in the order in which it shows them."""
 
