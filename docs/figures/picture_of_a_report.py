@@ -18,7 +18,7 @@ FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
 PICTURES = {
     "report_answer": (("run", "structures"), (1120, 900)),
-    "compliance_page": (("comply", "gridcode"), (1120, 1080)),
+    "compliance_page": (("comply", "gridcode"), (1120, 1344)),
     "survival_maps": (("comply", "gridcode"), (1120, 1310)),
 }
 """By name: verb and study, and the window in pixels: the answer, without what is below it."""
@@ -28,14 +28,16 @@ ALONE = {"survival_maps": "h1, #filter, main > *:not(figure.maps) { display: non
 
 
 def main() -> None:
-    """Run, open, write the pictures, or the one that is named."""
-    for name in sys.argv[1:] or PICTURES:
-        (verb, study), _ = PICTURES[name]
+    """Run, open, write the pictures, or those that are named. Pictures of the same run share it."""
+    names = sys.argv[1:] or list(PICTURES)
+    for verb, study in dict.fromkeys(PICTURES[name][0] for name in names):
         with tempfile.TemporaryDirectory() as folder:
             file = ROOT / "studies" / study / "study.toml"
             run = [sys.executable, "-m", "vsgdesign.verbs.cli", verb, str(file), "--out", f"{folder}/run"]
             subprocess.run(run, check=True, cwd=ROOT)
-            take(Path(folder) / "run" / "report.html", name)
+            for name in names:
+                if PICTURES[name][0] == (verb, study):
+                    take(Path(folder) / "run" / "report.html", name)
 
 
 def take(page: Path, name: str) -> None:
@@ -46,6 +48,7 @@ def take(page: Path, name: str) -> None:
     width, height = PICTURES[name][1]
     if name in ALONE:
         text = page.read_text(encoding="utf-8").replace("</head>", f"<style>{ALONE[name]}</style></head>", 1)
+        page = page.with_name(f"{name}.html")
         page.write_text(text, encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run(
