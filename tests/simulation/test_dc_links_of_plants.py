@@ -292,6 +292,20 @@ def test_a_bridge_that_blocks_is_lost_and_the_others_go_on(tmp_path: Path) -> No
     assert np.abs(series["P_pcc"][first + 1000 :]).max() < 1.0
 
 
+def test_the_verdict_on_a_unit_that_blocks(tmp_path: Path) -> None:
+    """Of events that are judged as one disturbance."""
+    text = (
+        LOSS.partition("[network]")[0].replace('"2.6 s"', '"0.3 s", survival = true')
+        + "[plant]\nunits = 2\nreactance = 0.06\n"
+    )
+    text += '[dc]\nsource = "converter"\nC = "0.3 mF"\n'
+    text += 'converter = { p_max = "6 kW", p_charge_max = "6 kW", tau = "4 ms" }\n'
+    text += '[[events]]\ntime = "50 ms"\nelement = "unit2"\ndc_power = 0.5\n'
+    (tmp_path / "two.toml").write_text(text, encoding="utf-8")
+    verdicts = [one.survival for one in run_plant(load_study(tmp_path / "two.toml")).controllers[0].units]
+    assert [one.status == "blocked" for one in verdicts if one is not None] == [False, True]
+
+
 def test_a_source_that_cannot_give_its_power_is_told_with_its_unit() -> None:
     weak = units("ib").replace('R_i = "0.4 ohm"', 'R_i = "25 ohm"')
     with pytest.raises(InfeasibleStudyError, match=r"unit2: dc: the bridge takes .* gives at most"):

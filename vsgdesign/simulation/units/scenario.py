@@ -19,7 +19,7 @@ from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_
 from vsgdesign.linear.stability.loci import Mode
 from vsgdesign.linear.stability.modes_of_units import PlantMode, SplitModes, modes_of_units, split_modes
 from vsgdesign.metrics.step_response import cycle_mean
-from vsgdesign.metrics.survival import ExpectedRest, Survival, judge_survival
+from vsgdesign.metrics.survival import BLOCKED, ExpectedRest, Survival, judge_survival
 from vsgdesign.simulation.dc_start import dc_figures
 from vsgdesign.simulation.every_sample import SignalsAtPcc
 from vsgdesign.simulation.feeds import feed_of
@@ -458,6 +458,8 @@ def _survival(
 ) -> Survival:
     """The verdict on a unit where the events of a study are one disturbance. It is judged as a converter that stands
     alone (:func:`vsgdesign.simulation.survival.scenario.judged_by_rest`), by its rests in the plant."""
+    if run.divergence is not None and run.divergence.blocked:  # its breaker has opened, so that it has no rest
+        return Survival(status=BLOCKED, reason=run.divergence.reason)
     c, end_s = study.converter, study.simulation.duration
     longest, own_s = study.simulation.survival_settling_time, settling_time_of(spec, ready)
     demand = demand_of(
