@@ -35,7 +35,8 @@ from vsgdesign.execution import jobs
 from vsgdesign.execution.executors import worker_processes
 from vsgdesign.execution.jobs import parts_done
 from vsgdesign.execution.journal import Journal, journal_of, kept_folder
-from vsgdesign.simulation.lanes.results import STATUSES
+from vsgdesign.linear.operating_point.many import CURRENT, DC_ENERGY, FAULTS
+from vsgdesign.simulation.lanes.results import OVER_LIMIT, STATUSES
 from vsgdesign.study.parameters import load_study
 from vsgdesign.verbs.pipeline.verify import WORK
 
@@ -244,3 +245,8 @@ def test_a_figure_that_is_no_number_breaks_its_promise() -> None:
     status = np.full(2, STATUSES.index("judged"), np.int8)
     for promise in stand_in.PROMISES:
         assert np.isinf(judged_values(promise, status, figures)).all()
+
+
+def test_what_the_dc_side_cannot_do_is_no_rest_over_its_limit() -> None:
+    status, fault = np.array([OVER_LIMIT] * 3, dtype=np.int8), np.array([DC_ENERGY, CURRENT, DC_ENERGY], dtype=np.int8)
+    assert counting._reasons(status, fault) == {FAULTS[DC_ENERGY]: 2, "rest over limit": 1}
