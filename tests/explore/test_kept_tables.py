@@ -59,6 +59,25 @@ def test_a_table_of_the_same_design_is_taken(
     assert found.words == said == [f"The gain table of table is that of {path}."]
 
 
+@pytest.mark.parametrize("place", ["table.table.json", "out/table/table.table.json", "out/table-table.json"])
+def test_a_table_beside_the_file_of_the_study_is_taken(
+    study: Study, made: GainTable, design: list[str], tmp_path: Path, place: str
+) -> None:
+    """Whoever starts a verb in another folder than the study's had the same table designed again."""
+    assert study.origin is not None
+    there = replace(study, origin=replace(study.origin, folder=str(tmp_path / "mine")))
+    path = tmp_path / "mine" / place
+    path.parent.mkdir(parents=True)
+    write_table_file(made, path)
+    found = kept_tables(there, tmp_path / "out")
+    assert (design, found.files) == ([], {"table": path})
+    named = with_left_tables(there, tmp_path / "out")
+    assert [one.table_file for one in named.controllers if one.schedule == "table"] == [str(path)]
+    kept_tables(there.with_changes(specification={"settling_time": "2 s"}), tmp_path / "out")
+    assert design == ["table"]
+    assert (tmp_path / "out" / "table-explore" / "table.table.json").is_file()
+
+
 def test_a_missing_table_is_designed_once_and_kept(study: Study, design: list[str], tmp_path: Path) -> None:
     said: list[str] = []
     first = kept_tables(study, tmp_path, say=said.append)

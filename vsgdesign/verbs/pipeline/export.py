@@ -27,10 +27,10 @@ def unit_of_study(
 ) -> Unit:
     """A controller of a study, the last one if none is named, as every wrapper takes it.
 
-    ``table`` takes the place of the controller's gain table; without it the table is read, taken from below ``out``, or
-    designed once and kept there. ``rate`` is the largest rate of change of SCR and R/X of the schedule, 1/s. Of a plant
-    of equal units it is one of them. Raises the errors of :func:`vsgdesign.export.unit.unit_of`, and
-    InfeasibleStudyError for any other plant.
+    ``table`` takes the place of the controller's gain table; without it the table is read, taken from where an earlier
+    command has left it, or designed once and kept below ``out``. ``rate`` is the largest rate of change of SCR and R/X
+    of the schedule, 1/s. Of a plant of equal units it is one of them. Raises the errors of
+    :func:`vsgdesign.export.unit.unit_of`, and InfeasibleStudyError for any other plant.
     """
     from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import kept_tables

@@ -172,15 +172,21 @@ def _left(left: LeftTables, study: Study, spec: ControllerSpec) -> tuple[GainTab
 
 
 def left_below(out: str | Path = "out") -> LeftTables:
-    """What ``vsgdesign run``, ``vsgdesign table build`` or an earlier call has left below ``out`` of the same design. A
-    table that is designed is kept in ``out/STUDY-explore``."""
+    """What ``vsgdesign run``, ``vsgdesign table build`` or an earlier call has left of the same design below ``out``,
+    beside the study's file, or below ``out`` beside it. A table that is designed is kept in ``out/STUDY-explore``."""
     out = Path(out)
 
     def places(study: Study, spec: ControllerSpec) -> tuple[Path, ...]:
         name = f"{spec.name}.table.json"
-        return out / study.name / name, out / f"{study.name}-{spec.name}.json", out / f"{study.name}-explore" / name
+        left = Path(study.name) / name, Path(f"{study.name}-{spec.name}.json"), Path(f"{study.name}-explore") / name
+        below = [out / one for one in left[:2]]
+        if study.origin is not None:
+            folder = Path(study.origin.folder)
+            below += [folder / name, *(folder / "out" / one for one in left)]
+        return *below, out / left[-1]
 
-    missing = f"the study names no file, and no earlier command has left one of the same design below {out}"
+    where = f"below {out} or beside the study's file"
+    missing = f"the study names no file, and no earlier command has left one of the same design {where}"
     return LeftTables(places, _another_design, missing=missing, keeps=True)
 
 
@@ -218,14 +224,14 @@ def kept_tables(
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> StudyTables:
-    """The gain tables of a study as earlier commands have left them below ``out`` (:func:`left_below`); what is missing
-    is designed once, with its certificate, and kept. Raises the errors of :func:`study_tables`."""
+    """The gain tables of a study as earlier commands have left them (:func:`left_below`); what is missing is designed
+    once, with its certificate, and kept. Raises the errors of :func:`study_tables`."""
     own = Path(out) / f"{study.name}-explore"
     return study_tables(study, own, left=left_below(out), workers=workers, progress=progress, say=say)
 
 
 def with_left_tables(study: Study, out: str | Path = "out", *, say: Callable[[str], None] | None = None) -> Study:
-    """The study with the gain tables that earlier commands have left below ``out``, as files that it names.
+    """The study with the gain tables that earlier commands have left (:func:`left_below`), as files that it names.
 
     A table of the same design would be built again otherwise. A controller without one stays as it is. ``say`` takes
     one sentence for each table that is found, with the reason where it is not taken.
