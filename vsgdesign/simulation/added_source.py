@@ -50,6 +50,17 @@ class Added(NamedTuple):
     others: Array | None = None
 
 
+def distorted(timeline: Timeline) -> bool:
+    """Whether the source of a run ever has more than its fundamental, or one that wanders or is recorded."""
+    moving = timeline.wander is not None or timeline.replay is not None
+    return moving or any(components for _, components in timeline.components)
+
+
+def adds_to_source(timeline: Timeline) -> bool:
+    """Whether anything is ever added to the source of a run: it is distorted, or ramped."""
+    return distorted(timeline) or not all(source.steady for source in timeline.sources)
+
+
 class AddedSource:
     """The source of a run beside what its program says of it. A source that is ramped is added here as a whole
     (:eq:`source-ramp`)."""
@@ -59,9 +70,8 @@ class AddedSource:
         self._T_s, self._strict = study.converter.T_s, study.simulation.strict
         self._changes = timeline.plant_changes()
         self._background = Background(circuits.of, rms_to_peak(study.converter.V_rated_rms), timeline)
-        moving = timeline.wander is not None or timeline.replay is not None
-        self._distorted = moving or any(components for _, components in timeline.components)
-        self._always = not all(source.steady for source in timeline.sources) or self._distorted
+        self._distorted = distorted(timeline)
+        self._always = adds_to_source(timeline)
 
     def marks(self, samples: int) -> set[int]:
         """The samples at which a stretch begins because of the circuit or its source, in a run of so many."""

@@ -50,6 +50,13 @@ class Log:
     """It ends before this sample; None: it never does."""
     into: Log | None = None
     """The log whose columns its first ones are, and which gets its rows as well, or every so-many-th of them."""
+    again: bool = False
+    """Whether the batch itself writes it anew whenever it is full."""
+
+    @property
+    def room(self) -> int:
+        """For how many samples it has room."""
+        return self.rows.shape[1] * self.every
 
 
 class Batch(Numbers):
@@ -205,6 +212,10 @@ class Batch(Numbers):
         at = begin
         while at < end:
             stop = min(end, self._borders[bisect_right(self._borders, at)])
+            if self.logs and (log := self.logs[-1]).again:
+                stop = min(stop, at + log.room - log.every)
+                if stop - log.begin > log.room:
+                    self.log_anew(at // log.every * log.every)
             here = None if fed is None else fed[:, at - begin : stop - begin]
             after = [(one, self.after_cut(one, here)) for one in self._cut.get(at, ())]
             done = self._call(at, stop, here, groups)

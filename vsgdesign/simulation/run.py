@@ -6,7 +6,7 @@ import functools
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.errors import SimulationDivergedError
+from vsgdesign.errors import SimulationDivergedError, VsgDesignError
 from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
 from vsgdesign.identification import Probe
 from vsgdesign.simulation.added_source import PROGRESS_STRETCH
@@ -38,6 +38,9 @@ Array = NDArray[np.float64]
 _SHORT = 50_000
 """Samples. For as many it does not pay to compile the loop with effort: that takes 0.02 to 0.05 s longer and saves 0.02
 microseconds a sample, or 0.2 with sensors. The bits are the same."""
+
+_PART = 1024
+"""So many rows of several runs are logged before the log is written anew: a part stays in the processor's memory."""
 
 _SPELL_STRETCHES, _SPELL_SAMPLES = 32, 4096
 """Stretches and samples for which an interrupt may wait."""
@@ -134,9 +137,49 @@ def simulated(of: RunOf, *, bridge: str | None = None, progress: Progress | None
     run = RunState(of)
     switched = (of.study.simulation.bridge if bridge is None else bridge) == "pwm"
     run_together([run], switched=switched, progress=progress)
-    if run.too_short and run.divergence is not None:
-        raise SimulationDivergedError(run.divergence.reason)
+    diverged = _diverged(run)
+    if diverged is not None:
+        raise diverged
     return simulation_of(run)
+
+
+def simulated_together(asked: Sequence[RunOf]) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
+    """Runs of one controller of one converter, with an averaged bridge: each as :func:`simulated` gives it alone, to
+    the same bits, or the error that it raises, with its place among those asked for. Those of one kind go side by side.
+    The order is that in which they end."""
+    groups: dict[Hashable, list[tuple[int, RunState]]] = {}
+    for number, of in enumerate(asked):
+        try:
+            run = RunState(of)
+        except VsgDesignError as error:
+            yield number, error
+        else:
+            groups.setdefault(number if run.goes_alone else run.like, []).append((number, run))
+    most = side_by_side(strict=True).lanes
+    for group in groups.values():
+        group.sort(key=lambda one: one[1].samples)  # a run waits for the longest of its group
+        while group:
+            some, group[:] = group[:most], group[most:]
+            yield from _of_group(some)
+
+
+def _of_group(group: list[tuple[int, RunState]]) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
+    try:
+        run_together([run for _, run in group], switched=False)
+    except VsgDesignError as error:
+        if len(group) == 1:
+            yield group[0][0], error
+            return
+        for number, run in group:  # one of them cannot begin
+            yield from _of_group([(number, RunState(run.of))])
+        return
+    for number, run in group:
+        yield number, _diverged(run) or simulation_of(run)
+
+
+def _diverged(run: RunState) -> SimulationDivergedError | None:
+    """The error of a run that diverged before there was anything to see."""
+    return SimulationDivergedError(run.divergence.reason) if run.too_short and run.divergence is not None else None
 
 
 def check_run(
@@ -175,7 +218,7 @@ def _spells(runs: Sequence[RunState], batch: Batch, twins: Twins, begin: int, pr
     deferred = interrupts_deferred if interrupts_come() else nullcontext
     due: dict[int, list[RunState]] = {}
     for run in runs:
-        for mark in run.stops(run.marks()):
+        for mark in run.own_stops:
             due.setdefault(mark, []).append(run)
     for some in _in_spells(sorted({begin, *(mark for mark in due if mark >= begin)})):
         with deferred():
@@ -206,7 +249,7 @@ def _through(
     clock = time.perf_counter()
     done, changed = _advance(runs, batch, first, following, fed, twin)
     runs[0].loop_seconds += time.perf_counter() - clock
-    for run in [one for one in runs if done in one.stops(one.marks())] if changed else due[following]:
+    for run in [one for one in runs if done in one.own_stops] if changed else due[following]:
         run.after(done)
     if twin is not None:
         twin.after(done)
@@ -230,7 +273,8 @@ def _in_spells(marks: list[int]) -> Iterator[list[tuple[int, int]]]:
 def simulation_of(run: RunState) -> Simulation:
     """A run that is over, as a result."""
     rows, every = run.log.rows, run.kept // run.log_every
-    rows = rows if every == 1 and rows.flags.c_contiguous else rows[::every].copy()
+    in_place = rows.flags.c_contiguous or rows[:, 0].flags.c_contiguous
+    rows = rows if every == 1 and in_place else rows[::every].copy()
     return Simulation(
         t_s=np.arange(rows.shape[0]) * (run.kept * run.T_s),
         log=rows,
@@ -262,7 +306,7 @@ def begin_together(runs: Sequence[RunState], switched: bool) -> Batch:
     kind = kind._replace(sensors=sensors, field=memory is not None, seeks=seeks)
     samples = max(run.samples for run in runs)
     build = ALONE if len(runs) == 1 else side_by_side(strict=True)._replace(vectors=1)
-    build = build._replace(quickly=samples <= _SHORT)
+    build = build._replace(quickly=samples <= _SHORT or len(runs) > 1)
     shared = {} if memory is None else {"allowed": memory.allowed}
     batch = Batch(kind, study, len(runs), build, logged=log_names(kind), shared=shared)
     every = math.gcd(*(run.log_every for run in runs))
@@ -278,6 +322,11 @@ def _logs(batch: Batch, samples: int, every: int, of: RunOf) -> list[Log]:
     every sample is given to something, it is filled from one that is written anew whenever it is full."""
     groups, _, width = batch.rows.shape
     names, states = log_names(batch.kind), min(of.log_states, samples)
+    if len(batch) > 1:
+        # Each column of each run in one piece: they are looked at one after the other.
+        columns = np.empty((groups, width, len(names), -(-samples // every)))
+        part = np.empty((groups, _PART, len(names), width))
+        return [Log(part, names, every, into=Log(columns.transpose(0, 3, 2, 1), names, every), again=True)]
     main = Log(np.empty((groups, -(-samples // every), len(names), width)), names, every)
     if of.every_sample is not None:
         spacing = math.gcd(of.every_sample.every, every)
@@ -296,9 +345,10 @@ def program_of(runs: Sequence[RunState]) -> tuple[ProgramWriter, list[CutSample]
     return writer, [one for run in runs for one in run.write(writer)]
 
 
-def _fed(runs: Sequence[RunState], batch: Batch, first: int, count: int) -> Array | None:
-    """What the runs are given over a stretch, (G, count, n, L); None: nothing."""
-    found = [run.fed(first, count) for run in runs]
+def _fed(runs: Sequence[RunState], batch: Batch, first: int, count: int, *, anew: bool = False) -> Array | None:
+    """What the runs are given over a stretch, (G, count, n, L), or over a sample that is computed anew; None:
+    nothing."""
+    found = [run.fed(first, count, anew=anew) for run in runs]
     added = any(rows is not None for rows, _, _ in found)
     if not added and not batch.kind.sensors:
         return None
@@ -328,7 +378,7 @@ def _advance(
         if twin is not None and not twin.lost:
             twin.follow(begun, done, rest)
         if batch.kind.seeks:
-            given = functools.partial(_fed, runs, batch, done - 1, 1)
+            given = functools.partial(_fed, runs, batch, done - 1, 1, anew=True)
             found = [run.look(done - 1, given) for run in runs]
             changed = any(found)
         if batch.kind.field and not runs[0].conclude(done):

@@ -22,9 +22,10 @@ class RunLog:
     def __init__(self, batch: Batch, number: int, length: int, seen: EverySample | None = None) -> None:
         group, lane = batch.lane(number)
         self._batch, self._seen, last = batch, seen, batch.logs[-1]
-        main = last if last.into is None or seen is None else last.into
+        main = last.into or last
         self._whole = main.rows[group, :, :, lane]
-        self._last = last.rows[group, :, :, lane]
+        self._log = main if last.again else last
+        self._last = self._log.rows[group, :, :, lane]
         self._states = [log.rows[group, :, :, lane] for log in batch.logs[:-1]]
         self._sensed = len(SENSED_COLUMNS) if batch.kind.sensors else 0
         self._end_of_more = None if batch.kind.dc is None else -len(batch.kind.dc.logged)
@@ -60,7 +61,7 @@ class RunLog:
 
     def good(self, study: Study, begin: int, end: int) -> int:
         """The sample of the first row among those of samples ``begin`` to ``end`` − 1 that has diverged."""
-        log = self._batch.logs[-1]
+        log = self._log
         first, last = (-(-sample // log.every) - log.begin // log.every for sample in (begin, end))
         rows = self._last[first:last]
         good = good_rows(study, rows[:, : len(LOG_COLUMNS)])

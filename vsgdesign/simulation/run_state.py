@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Hashable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,10 @@ from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.runtime.floats import on_floats
-from vsgdesign.simulation.added_source import AddedSource, sensors_of
+from vsgdesign.simulation.added_source import Added, AddedSource, adds_to_source, sensors_of
 from vsgdesign.simulation.batch import STANDS, Batch
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, CutSample, ProgramWriter
-from vsgdesign.simulation.circuits import Circuits, connection_at
+from vsgdesign.simulation.circuits import Circuits, connection_at, states_of_timelines
 from vsgdesign.simulation.clearing import SLACK, SampleOfFault
 from vsgdesign.simulation.dc_start import BLOCKS_AT, blocked, dc_at_start, dc_changed
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -41,6 +42,10 @@ from vsgdesign.simulation.timeline import build_timeline
 Array = NDArray[np.float64]
 
 _gain_transfer, _relay_sees = on_floats(gain_transfer), on_floats(relay_sees)
+
+
+_MOST_SAMPLES = 100_000
+"""So many samples at most do runs have that go side by side: the logs of eight then take 0.1 GB."""
 
 
 class RunState:
@@ -66,6 +71,21 @@ class RunState:
         """Wall time inside the compiled loop."""
         self.twins: tuple[Twin, ...] = ()
         """What became of the twins that were asked for."""
+
+    @property
+    def goes_alone(self) -> bool:
+        """Whether the run has something that one of several side by side cannot have, or that would change its bits
+        there, or is so long that the logs of several would take much memory."""
+        of, study = self.of, self.study
+        own = (of.probe, of.circuit, of.every_sample, self.feed.memory, self.feed.probe_hold, study.sensors, study.dc)
+        several = of.twins or of.log_states or self.samples > _MOST_SAMPLES
+        return bool(several) or any(one is not None for one in own)
+
+    @property
+    def like(self) -> Hashable:
+        """What runs of one converter and controller have in common that can go side by side."""
+        adds = adds_to_source(self.timeline)
+        return self.search.seeks, states_of_timelines([self.timeline]), adds, self.kept, self.log_every
 
     def begin(self, batch: Batch, number: int, start: SampledState, circuits: Circuits) -> None:
         """Puts the run, which is the ``number``-th of a batch, at its start."""
@@ -104,6 +124,13 @@ class RunState:
         self._gains, self._refs = self.feed.first(), self._references(0)
         self._state, self._offset = self._read_state(), None
         self._put: dict[str, object] = {}  # what the loop was given last
+        self._at_end = self._now["x"].copy(), 0
+        """The circuit's states at the end of the run, and in how many samples it has limited its current."""
+        self._stops: list[int] | None = None
+        self._fed: tuple[int, int, Added | None] = (-1, 0, None)
+        """Of the present stretch, and which it is."""
+        self._since = 0
+        """From here on the run has the events that it has now."""
         self._begun = 0
         """The sample with which the stretch begins that is under way."""
 
@@ -125,6 +152,13 @@ class RunState:
         say what it said before, and what is looked at apart. The source takes up its phase at the marks alone."""
         apart = {at for k in self.search.special(self.timeline) for at in (k, k + 1) if at <= self.ended}
         return sorted(apart.union(mark for mark in marks if mark not in self._quiet))
+
+    @property
+    def own_stops(self) -> list[int]:
+        """The samples at which the loop has to end for this run."""
+        if self._stops is None:
+            self._stops = self.stops(self.marks())
+        return self._stops
 
     def phasors(self, marks: list[int]) -> Array:
         """Of the source at samples, (n, 2)."""
@@ -153,14 +187,31 @@ class RunState:
         self._put_gains(first)
         self._before = self._batch.state(self._number) if first in self.search.special(self.timeline) else None
 
-    def fed(self, first: int, count: int) -> tuple[Array | None, Array | None, Array | None]:
+    def fed(self, first: int, count: int, *, anew: bool = False) -> tuple[Array | None, Array | None, Array | None]:
         """What the run is given over a stretch: what is added to the source (count, states + 2), over the later pieces
-        of its interval (pieces − 1, states), and the noise of the sensors (count, 9). None: nothing."""
+        of its interval (pieces − 1, states), and the noise of the sensors (count, 9). None: nothing. ``anew``: a sample
+        is computed again."""
         if first >= self.ended:
             return None, None, None
-        added = self._added.over(first, count)
+        begin, length = (first, count) if anew else self._own_stretch(first, count)
+        if anew or self._fed[:2] != (begin, length):
+            added = self._added.over(begin, length)
+            if not anew:
+                self._fed = begin, length, added
+        else:
+            added = self._fed[2]
         noise = None if self._sensors is None else self._sensors.noise(first, count)
-        return (None, None, noise) if added is None else (added.rows, added.others, noise)
+        if added is None:
+            return None, None, noise
+        return added.rows[first - begin : first - begin + count], added.others, noise
+
+    def _own_stretch(self, first: int, count: int) -> tuple[int, int]:
+        """First sample and length of the stretch that this run alone would be in: what is added is computed from its
+        beginning, so that its bits are the same beside others, at whose stops the loop ends as well."""
+        stops = self.own_stops
+        at = bisect_right(stops, first)
+        begin = max(stops[at - 1], self._since) if at else self._since
+        return begin, max(stops[at] - begin if at < len(stops) else 0, first + count - begin)
 
     def conclude(self, done: int) -> bool:
         """Ends the cycle of a field estimator, if one ends before sample ``done``. Returns whether the run goes on: it
@@ -188,7 +239,9 @@ class RunState:
             said = f"the simulation diverged at {diverged_s:.4g} s" if whole else BLOCKS_AT.format(diverged_s)
             self.divergence = Divergence(diverged_s, f"{said}: {why}", blocked=not whole)
             self.log.end(good)
-            self.ended = done
+            self.ended, self._stops = done, None
+        if done == self.ended:  # others beside it may go on
+            self._at_end = self._now["x"].copy(), int(self._now["limited"][0])
 
     def _take_offset_away(self) -> None:
         state = self._read_state()
@@ -242,6 +295,8 @@ class RunState:
             self._follow(sample)
             changed, after, crossed = True, computed(), False
         batch.put_state(number, after)
+        if changed:
+            self._since = sample + 1
         return changed
 
     def _lead(self, sample: int) -> float | None:
@@ -291,6 +346,7 @@ class RunState:
         self.timeline = build_timeline(self.study)
         self.ended = self._end()
         self._circuits.meet(self.timeline)
+        self._stops, self._since, self._fed = None, sample, (-1, 0, None)
         self._follow_feed()
         self._added = self._added_source()
         writer = ProgramWriter()
@@ -330,11 +386,10 @@ class RunState:
     def finish(self) -> None:
         """Hands over the last window."""
         self.log.end(self.ended)
-        self.feed.limited_samples = int(self._now["limited"][0])
-        state = self._read_state()
+        self.feed.limited_samples = self._at_end[1]
         refs = self._references(self.ended)
         self.give_up()
-        self.feed.finish(self.ended, self._gains, state, refs, self.log.rows, self.log_every)
+        self.feed.finish(self.ended, self._gains, self._state, refs, self.log.rows, self.log_every)
 
     def give_up(self) -> None:
         """The run is over: what it has not found by now it does not find."""
@@ -350,7 +405,7 @@ class RunState:
     @property
     def final_plant(self) -> Array:
         """The circuit's state at the end."""
-        return self._now["x"].copy()
+        return self._at_end[0]
 
     def _outside(self, state: ControllerState) -> str | None:
         return self._blocked() or outside(self.study, self._now["x"], state)

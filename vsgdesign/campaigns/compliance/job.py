@@ -17,14 +17,14 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.compliance.case import Subject
 from vsgdesign.campaigns.compliance.evidence import csv_path, thinned, write_evidence, write_evidence_comtrade
 from vsgdesign.campaigns.compliance.maps import Mapped, survival_map
-from vsgdesign.campaigns.compliance.matrix import judged_test
+from vsgdesign.campaigns.compliance.matrix import Judged, judged_tests
 from vsgdesign.campaigns.compliance.suite import Suite, SuiteTest
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.jobs import Job
 from vsgdesign.study.parameters.study import Study
 
-BLOCK = 16
-"""Runs of a block where nothing is said: half a second to a second of work."""
+BLOCK = 48
+"""Runs of a block where nothing is said: a second of work. Those of one controller go side by side."""
 
 RUNS = "tests"
 """What progress calls the runs."""
@@ -127,23 +127,36 @@ class SuiteJob(Job[int, dict[str, Any]]):
 
 
 def _rows(
-    number: int, asked: Sequence[tuple[Subject, Suite, SuiteTest]], folder: str, comtrade: str | None
+    block: int, asked: Sequence[tuple[Subject, Suite, SuiteTest]], folder: str, comtrade: str | None
 ) -> dict[str, Any]:
-    rows = []
-    for subject, suite, test in asked:
-        judged = judged_test(subject, suite, test)
-        row = judged.row
-        if judged.evidence is not None:
-            row = replace(row, csv=csv_path(suite.name, test.id, row.controller))
-            path = Path(folder) / str(row.csv)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_evidence(path, thinned(judged.evidence, _instants(test)))
-            if comtrade is not None:
-                first = min((event.t_s for event in test.events), default=0.0)
-                trace, converter = judged.evidence.trace, subject.study.converter
-                write_evidence_comtrade(path.with_suffix(""), trace, comtrade, converter, first)
-        rows.append(plain(asdict(row)))
-    return {str(number): {"rows": rows}}
+    rows: list[dict[str, Any]] = [{} for _ in asked]
+    of_subject: dict[int, list[int]] = {}
+    for place, (subject, _, _) in enumerate(asked):
+        of_subject.setdefault(id(subject), []).append(place)
+    for places in of_subject.values():
+        subject = asked[places[0]][0]
+        for number, judged in judged_tests(subject, [asked[place][1:] for place in places]):
+            _, suite, test = asked[places[number]]
+            rows[places[number]] = _written(subject, suite, test, judged, folder, comtrade)
+    return {str(block): {"rows": rows}}
+
+
+def _written(
+    subject: Subject, suite: Suite, test: SuiteTest, judged: Judged, folder: str, comtrade: str | None
+) -> dict[str, Any]:
+    """A row, whose trace is now in the folder."""
+    row = judged.row
+    if judged.evidence is not None:
+        row = replace(row, csv=csv_path(suite.name, test.id, row.controller))
+        path = Path(folder) / str(row.csv)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_evidence(path, thinned(judged.evidence, _instants(test)))
+        if comtrade is not None:
+            first = min((event.t_s for event in test.events), default=0.0)
+            trace, converter = judged.evidence.trace, subject.study.converter
+            write_evidence_comtrade(path.with_suffix(""), trace, comtrade, converter, first)
+    found: dict[str, Any] = plain(asdict(row))
+    return found
 
 
 def _drawn(number: int, kind: str, subject: Subject) -> dict[str, Any]:

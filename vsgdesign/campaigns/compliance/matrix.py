@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,9 +21,9 @@ from vsgdesign.campaigns.compliance.rows import (
     Check,
     Row,
 )
-from vsgdesign.campaigns.compliance.run import TestRun, differential_rests, nfp_of, run_test
+from vsgdesign.campaigns.compliance.run import TestRun, differential_rests, nfp_of, run_tests
 from vsgdesign.campaigns.compliance.suite import OURS, Criterion, Source, Suite, SuiteTest
-from vsgdesign.errors import CircuitError, StudyError
+from vsgdesign.errors import StudyError
 from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.survival import SURVIVED
 
@@ -37,20 +37,32 @@ class Judged(NamedTuple):
 
 def judged_test(subject: Subject, suite: Suite, test: SuiteTest) -> Judged:
     """One test of one controller: run and judged, where it applies and where any converter could pass it."""
-    why = not_applicable(subject, test)
-    if why is not None:
-        return Judged(_row(subject, suite, test, NOT_APPLICABLE, why), None)
-    why = impossible(subject.own_study, test)
-    if why is not None:
-        return Judged(_row(subject, suite, test, IMPOSSIBLE, why), None)
-    try:
-        run = run_test(subject, test)
-    except (StudyError, CircuitError) as error:  # what no run of this converter can show
-        said = "; ".join(map(str, error.faults)) if isinstance(error, StudyError) else str(error)
-        return Judged(
-            _row(subject, suite, test, NOT_APPLICABLE, f"it cannot be simulated with this converter: {said}"), None
-        )
-    return judge(subject, suite, run)
+    ((_, judged),) = judged_tests(subject, [(suite, test)])
+    return judged
+
+
+def judged_tests(subject: Subject, asked: Sequence[tuple[Suite, SuiteTest]]) -> Iterator[tuple[int, Judged]]:
+    """Tests of one controller, each as :func:`judged_test` gives it, with its place among those asked for. The order is
+    that in which their runs end."""
+    run: list[int] = []
+    for place, (suite, test) in enumerate(asked):
+        why = not_applicable(subject, test)
+        if why is not None:
+            yield place, Judged(_row(subject, suite, test, NOT_APPLICABLE, why), None)
+            continue
+        why = impossible(subject.own_study, test)
+        if why is not None:
+            yield place, Judged(_row(subject, suite, test, IMPOSSIBLE, why), None)
+            continue
+        run.append(place)
+    for number, found in run_tests(subject, [asked[place][1] for place in run]):
+        suite, test = asked[run[number]]
+        if isinstance(found, TestRun):
+            yield run[number], judge(subject, suite, found)
+            continue
+        said = "; ".join(map(str, found.faults)) if isinstance(found, StudyError) else str(found)
+        why = f"it cannot be simulated with this converter: {said}"  # what no run of this converter can show
+        yield run[number], Judged(_row(subject, suite, test, NOT_APPLICABLE, why), None)
 
 
 def judge(subject: Subject, suite: Suite, run: TestRun) -> Judged:

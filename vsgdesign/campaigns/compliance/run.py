@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import clarke_inverse, rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import CircuitError, InfeasibleStudyError, SimulationDivergedError, StudyError
+from vsgdesign.errors import CircuitError, InfeasibleStudyError, SimulationDivergedError, StudyError, VsgDesignError
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loops import network_frequency_perturbation
@@ -25,7 +25,7 @@ from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
 from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.energy import dc_energy_steps
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.run import Simulation, simulated
+from vsgdesign.simulation.run import Simulation, simulated, simulated_together
 from vsgdesign.simulation.run_asked import RunOf
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
@@ -63,22 +63,54 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
     and where an island does not drift to the angle at which its breaker is to close out of phase; CircuitError where
     the simulation cannot follow the circuit.
     """
-    asked, ends = waiting_case(subject, test)
-    study, spec = asked, asked.controllers[0]
+    ((_, found),) = run_tests(subject, [test])
+    if isinstance(found, VsgDesignError):
+        raise found
+    return found
+
+
+def run_tests(
+    subject: Subject, tests: Sequence[SuiteTest]
+) -> Iterator[tuple[int, TestRun | StudyError | CircuitError]]:
+    """The runs of tests with a controller, side by side where they can be: each as :func:`run_test` gives it, or the
+    error that it raises, with its place among the tests. The order is that in which they end."""
+    begun: list[tuple[int, Study, RunOf]] = []
+    for place, test in enumerate(tests):
+        try:
+            asked, ends = waiting_case(subject, test)
+        except StudyError as error:
+            yield place, error
+            continue
+        try:
+            begun.append((place, asked, _run_of(subject, asked, ends)))
+        except VsgDesignError as error:
+            yield place, _test_run(subject, test, asked, error)
+    for number, outcome in simulated_together([of for _, _, of in begun]):
+        place, asked, _ = begun[number]
+        yield place, _test_run(subject, tests[place], asked, outcome)
+
+
+def _test_run(
+    subject: Subject, test: SuiteTest, asked: Study, outcome: Simulation | VsgDesignError
+) -> TestRun | StudyError | CircuitError:
+    """What has become of a test, or the error of what no run of it can show."""
+    spec = asked.controllers[0]
     try:
-        simulation = run_of(subject, asked, ends)
-        test, study = test_as_run(subject, test, asked, simulation.study)
+        if isinstance(outcome, VsgDesignError):
+            raise outcome
+        test, study = test_as_run(subject, test, asked, outcome.study)
     except StudyError as error:  # the test itself has been said above: its breaker never closes
         if any(one.synchro_check is not None and one.synchro_check.around for one in test.events):
-            raise
+            return error
         reason = "; ".join(str(fault) for fault in error.faults)
-        return _without(study, spec, test, Survival(status=NOT_AT_REST, reason=reason))
+        return _without(asked, spec, test, Survival(status=NOT_AT_REST, reason=reason))
     except SimulationDivergedError as error:
-        return _without(study, spec, test, Survival(status=DIVERGED, reason=str(error)))
-    except CircuitError:
-        raise
+        return _without(asked, spec, test, Survival(status=DIVERGED, reason=str(error)))
+    except CircuitError as error:
+        return error
     except InfeasibleStudyError as error:
-        return _without(study, spec, test, Survival(status=NO_REST, reason=f"before the test: {error}"))
+        return _without(asked, spec, test, Survival(status=NO_REST, reason=f"before the test: {error}"))
+    simulation = outcome
     before = [change.gains for change in simulation.gain_changes if change.t_s < subject.lead_s or change.t_s == 0.0]
     return TestRun(
         test=test,
@@ -94,9 +126,13 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
 def run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | None) -> Simulation:
     """The run of :func:`vsgdesign.campaigns.compliance.case.waiting_case`, which finds the instants that only it can
     tell."""
+    return simulated(_run_of(subject, asked, ends))
+
+
+def _run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | None) -> RunOf:
     spec = asked.controllers[0]
     feed = feed_of(asked, spec, build_timeline(asked), subject.ready)
-    return simulated(RunOf(asked, feed, finds=spec, ends=ends))
+    return RunOf(asked, feed, finds=spec, ends=ends)
 
 
 def closed_test(subject: Subject, test: SuiteTest) -> SuiteTest:
