@@ -43,11 +43,18 @@ epochs = 3
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """With a study, a recipe, its weights, its runs and its report."""
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a study and a recipe."""
     folder = tmp_path_factory.mktemp("field")
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
     (folder / "few.toml").write_text(RECIPE, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def folder(asked: Path) -> Path:
+    """The same folder with the weights of the recipe, its runs and its report as well."""
+    folder = asked
     arguments = (folder / "study.toml", "--recipe", folder / "few.toml", "--seed", "2", "--report", folder / "report")
     files = ("--workers", "1", "--out", folder / "w.json", "--windows", folder / "runs.npz")
     result = call("estimator", "train", *arguments, *files)
@@ -118,22 +125,22 @@ def test_interrupted_and_continued_gives_the_same_weights(folder: Path, monkeypa
         ("scr = nan", "scr = "),
     ],
 )
-def test_faults_are_named_and_nothing_is_written(folder: Path, tmp_path: Path, lines: str, says: str) -> None:
+def test_faults_are_named_and_nothing_is_written(asked: Path, tmp_path: Path, lines: str, says: str) -> None:
     (tmp_path / "r.toml").write_text(f'base = "field"\n{lines}\n', encoding="utf-8")
     recipe = ("--recipe", tmp_path / "r.toml")
-    message = failure(2, "estimator", "train", folder / "study.toml", *recipe, "--out", tmp_path / "w.json")
+    message = failure(2, "estimator", "train", asked / "study.toml", *recipe, "--out", tmp_path / "w.json")
     assert says in message
     assert not (tmp_path / "w.json").exists()
 
 
-def test_a_packaged_case_may_be_a_further_converter(folder: Path) -> None:
+def test_a_packaged_case_may_be_a_further_converter(asked: Path) -> None:
     """Its name was refused, because it had the prefix."""
-    _, further = specification.studies_of(load_study(folder / "study.toml"), ("case:hoang2025_5kva",))
+    _, further = specification.studies_of(load_study(asked / "study.toml"), ("case:hoang2025_5kva",))
     assert (further.name, further.converter.S_rated) == ("hoang2025_5kva", 5e3)
 
 
-def test_what_does_not_fit_is_refused(folder: Path, tmp_path: Path) -> None:
-    train = ("estimator", "train", folder / "study.toml", "--out", tmp_path / "w.json")
+def test_what_does_not_fit_is_refused(asked: Path, tmp_path: Path) -> None:
+    train = ("estimator", "train", asked / "study.toml", "--out", tmp_path / "w.json")
     assert "components = 3: the network of the field estimator has none" in failure(
         2, *train, "--recipe", "field", "--components", "3"
     )
@@ -143,9 +150,9 @@ def test_what_does_not_fit_is_refused(folder: Path, tmp_path: Path) -> None:
     assert (tmp_path / "w.json").read_text(encoding="utf-8") == "mine\n"
 
 
-def test_a_converter_that_cannot_run_the_draws_says_why(folder: Path, tmp_path: Path) -> None:
+def test_a_converter_that_cannot_run_the_draws_says_why(asked: Path, tmp_path: Path) -> None:
     (tmp_path / "r.toml").write_text('base = "field"\nruns = 6\nP_pu = 1.9\n', encoding="utf-8")
     recipe = ("--recipe", tmp_path / "r.toml")
-    message = failure(1, "estimator", "train", folder / "study.toml", *recipe, "--out", tmp_path / "w.json")
+    message = failure(1, "estimator", "train", asked / "study.toml", *recipe, "--out", tmp_path / "w.json")
     assert "none of 200 draws of run 0 can be run (" in message
     assert "ask for less P_pu" in message

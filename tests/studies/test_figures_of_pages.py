@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from pathlib import Path
 
@@ -21,29 +22,24 @@ PAGES = [
 FIGURES = re.compile(r"([\d.]+) %(?:,| /) ([\d.]+) s")
 
 
-@pytest.fixture(scope="module")
-def steps() -> dict[str, dict[str, list[tuple[float, float]]]]:
-    """Overshoot in % and settling time in s of every reference step, by study and controller."""
-    found: dict[str, dict[str, list[tuple[float, float]]]] = {}
-    for name in sorted({one[0] for one in PAGES}):
-        result = run_scenario(load_study(ROOT / "studies" / name / "study.toml"), NOTHING)
-        found[name] = {
-            controller.spec.name: [
-                (event.cycle_mean.overshoot_pct, event.cycle_mean.settling_time_s)
-                for event in controller.events
-                if event.kind == "step"
-                and event.cycle_mean.overshoot_pct is not None
-                and event.cycle_mean.settling_time_s is not None
-            ]
-            for controller in result.controllers
-        }
-    return found
+@functools.cache
+def steps_of(study: str) -> dict[str, list[tuple[float, float]]]:
+    """Overshoot in % and settling time in s of every reference step, by controller."""
+    result = run_scenario(load_study(ROOT / "studies" / study / "study.toml"), NOTHING)
+    return {
+        controller.spec.name: [
+            (event.cycle_mean.overshoot_pct, event.cycle_mean.settling_time_s)
+            for event in controller.events
+            if event.kind == "step"
+            and event.cycle_mean.overshoot_pct is not None
+            and event.cycle_mean.settling_time_s is not None
+        ]
+        for controller in result.controllers
+    }
 
 
 @pytest.mark.parametrize(("study", "page", "names", "digits"), PAGES, ids=lambda value: str(value))
-def test_a_page_has_the_figures_of_its_study(
-    study: str, page: str, names: tuple[str, ...], digits: int, steps: dict[str, dict[str, list[tuple[float, float]]]]
-) -> None:
+def test_a_page_has_the_figures_of_its_study(study: str, page: str, names: tuple[str, ...], digits: int) -> None:
     """Before: 1.80 s on two pages, where the study gives 1.79 s."""
     rows = [
         FIGURES.findall(line)
@@ -52,6 +48,6 @@ def test_a_page_has_the_figures_of_its_study(
     ]
     simulated = [
         [(f"{overshoot:.1f}", f"{settling:.{digits}f}") for overshoot, settling in column]
-        for column in zip(*(steps[study][name] for name in names), strict=True)
+        for column in zip(*(steps_of(study)[name] for name in names), strict=True)
     ]
     assert [row for row in rows if len(row) == len(names)] == simulated
