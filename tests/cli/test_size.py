@@ -14,6 +14,8 @@ import vsgdesign as vd
 from tests.cli.small_studies import failure
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns import sizing
+from vsgdesign.campaigns.dc_profiles import Profile
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import simulate
@@ -102,6 +104,27 @@ def test_the_equation_of_the_link_alone_is_that_of_the_whole_run(small: Path) ->
     lowest = run.dc_log[:, dc_columns(own).index("lowest")]
     assert np.ptp(lowest) > 5.0
     assert alone.lowest == pytest.approx(lowest[-1], abs=1e-4)
+
+
+def test_a_test_that_rests_above_the_voltage_of_the_link_is_left_out(
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = load_study(small)
+    spec, link, V_dc = study.controllers[0], sizing._link_of(study, sizing.Asked()), study.converter.V_dc
+    zero = np.zeros(3)
+
+    def rests_at(share: float) -> Profile:
+        return Profile(1e-4, zero, zero, share * V_dc, 3, 0.0)
+
+    shares = iter((0.5, 0.999, 0.999))
+    monkeypatch.setattr(sizing, "profile_of", lambda *_: rests_at(next(shares)))
+    tests = (("low", study), ("high", study))
+    runs, left_out = sizing._runs_of(study, spec, NOTHING, link, tests, sizing.silent)
+    assert [run.name for run in runs] == ["low"]
+    assert [name for name, _ in left_out] == ["high"]
+    assert "2 % more than the bridge needs at rest" in left_out[0][1]
+    with pytest.raises(InfeasibleStudyError, match="for any test: high: the link has to keep"):
+        sizing._runs_of(study, spec, NOTHING, link, tests[1:], sizing.silent)
 
 
 SUITE = """

@@ -129,7 +129,7 @@ class Sizing:
     runs: tuple[str, ...]
     """The tests for which it is sized; empty: the study's own events."""
     left_out: tuple[tuple[str, str], ...]
-    """Tests that are not survived with an ideal link, and why."""
+    """Tests that are not survived with an ideal link, or whose rest needs more than V_dc, and why."""
 
 
 def size_dc_side(
@@ -145,20 +145,14 @@ def size_dc_side(
     study's [dc] says of it, else with its defaults.
 
     ``tests``: a name and a study each (:func:`vsgdesign.campaigns.compliance.case.case_of`). One that is not survived
-    with an ideal link is left out. A link is large enough if it keeps 2 % more than the bridge needs at its rests, and
-    stays within V_low and V_high.
-    Raises InfeasibleStudyError where no run is survived with an ideal link, where V_dc itself is not enough at a rest,
-    or where no power is enough.
+    with an ideal link, or at whose rest V_dc is not enough, is left out. A link is large enough if it keeps 2 % more
+    than the bridge needs at its rests, and stays within V_low and V_high.
+    Raises InfeasibleStudyError where nothing is left, or where no power is enough.
     """
     tell, keep, c = progress or silent, asked.keep, study.converter
     link = _link_of(study, asked)
     runs, left_out = _runs_of(study, spec, ready, link, tests, tell)
     least_v = max(link.V_low, KEPT * max(run.profile.at_rest for run in runs))
-    if least_v >= c.V_dc:
-        raise InfeasibleStudyError(
-            f"the link has to keep {least_v:.4g} V, 2 % more than the bridge needs at rest, and V_dc is "
-            f"{c.V_dc:.4g} V: no capacitor may be used. Raise V_dc."
-        )
     link = replace(link, V_low=least_v)
     search, full = LinkSearch(study, link, runs), _Full(study, ready, link, runs)
     tell("size the source", 0.2)
@@ -221,21 +215,33 @@ def size_dc_side(
 def _runs_of(
     study: Study, spec: ControllerSpec, ready: Ready, link: DcLink, tests: Sequence[tuple[str, Study]], tell: Progress
 ) -> tuple[list[SizedRun], tuple[tuple[str, str], ...]]:
-    """The runs that are survived with an ideal link, and which are not. Raises InfeasibleStudyError where none is."""
+    """The runs for which a link can be sized, and the tests that are left out. Raises InfeasibleStudyError where no run
+    is left."""
     found, left_out = [], []
     listed = tests or (("", study),)
     for k, (name, one) in enumerate(listed):
         tell("simulate with an ideal dc side", 0.2 * k / len(listed))
         own = one.controllers[0] if tests else spec
         try:
-            found.append(SizedRun(name, one, own, profile_of(one, own, ready, link)))
+            profile = profile_of(one, own, ready, link)
+            _check_kept(max(link.V_low, KEPT * profile.at_rest), study.converter.V_dc)
+            found.append(SizedRun(name, one, own, profile))
         except InfeasibleStudyError as error:
             if not tests:
                 raise
             left_out.append((name, str(error)))
     if not found:
-        raise InfeasibleStudyError(f"no test is survived with an ideal dc side: {left_out[0][0]}: {left_out[0][1]}")
+        raise InfeasibleStudyError(f"the dc side cannot be sized for any test: {left_out[0][0]}: {left_out[0][1]}")
     return found, tuple(left_out)
+
+
+def _check_kept(kept: float, V_dc: float) -> None:
+    """Raises InfeasibleStudyError where a link at V_dc has no room above the voltage that it has to keep."""
+    if kept >= V_dc:
+        raise InfeasibleStudyError(
+            f"the link has to keep {kept:.4g} V, 2 % more than the bridge needs at rest, and V_dc is {V_dc:.4g} V: no "
+            "capacitor may be used. Raise V_dc."
+        )
 
 
 def _large_enough(search: LinkSearch, asked: Asked, link: DcLink, first: Size) -> Size:

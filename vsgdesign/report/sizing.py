@@ -65,8 +65,10 @@ def _of_tests(document: Mapping[str, Any]) -> list[str]:
         return []
     said = [f"The sizes are those of {len(tests)} tests of {', '.join(document['suites'])}."]
     if left_out:
-        names = ", ".join(name for name, _ in left_out[:3]) + (" and others" if len(left_out) > 3 else "")
-        said.append(f"{len(left_out)} tests are left out, because they are not survived with an ideal link: {names}.")
+        count = f"{len(left_out)} tests are" if len(left_out) > 1 else "One test is"
+        first, why = left_out[0]
+        others = ", ".join(name for name, _ in left_out[1:3]) + (" and others" if len(left_out) > 3 else "")
+        said.append(f"{count} left out. {first}: {why}" + (f" The others: {others}." if others else ""))
     return said
 
 
