@@ -126,3 +126,11 @@ def test_the_damped_controller_keeps_its_current_limit(published: tuple[Study, R
         assert overshoot is not None
         assert 0.85 < settled <= 1.005  # 1.014 s and 0.45 % with poles for 1 s
         assert 0.0 <= overshoot <= 0.25
+
+
+def test_the_continuous_study_is_the_published_one_but_for_the_recipe() -> None:
+    published, continuous = (load_study(STUDIES / name / "study.toml") for name in ("published", "continuous"))
+    assert published.estimator is not None
+    assert continuous.estimator == replace(published.estimator, recipe="continuous")
+    assert (continuous.controllers, continuous.events) == (published.controllers, published.events)
+    assert continuous.simulation == published.simulation

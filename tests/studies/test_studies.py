@@ -118,11 +118,3 @@ def test_the_averaged_study_is_the_published_one_but_for_bridge_and_estimate() -
     assert averaged.simulation == replace(switched.simulation, bridge="averaged")
     assert averaged.controllers == tuple(c for c in switched.controllers if c.estimate == "truth")
     assert averaged.events == switched.events
-
-
-def test_the_continuous_study_is_the_published_one_but_for_the_recipe() -> None:
-    published, continuous = (load_study(STUDIES / name / "study.toml") for name in ("published", "continuous"))
-    assert published.estimator is not None
-    assert continuous.estimator == replace(published.estimator, recipe="continuous")
-    assert (continuous.controllers, continuous.events) == (published.controllers, published.events)
-    assert continuous.simulation == published.simulation
