@@ -24,7 +24,7 @@ from tests.simulation.one_by_one import run_one
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns.verification.draws import cases_of, uniforms_of
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.many import DC_ENERGY
+from vsgdesign.linear.operating_point.many import DC_ENERGY, DC_ENERGY_IN_DOUBT
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.results import BLOCKED, JUDGED, OVER_LIMIT
 from vsgdesign.simulation.lanes.run import run_lanes
@@ -95,7 +95,7 @@ def measure(study: Study, count: int, seed: int) -> dict[str, Any]:
         for control in CONTROLS:
             own, of = with_control(held, control), found[control]
             results = run_lanes(own, spec, NOTHING, cases)
-            fed, by_energy = results.status, results.fault == DC_ENERGY
+            fed, by_energy = results.status, np.isin(results.fault, (DC_ENERGY, DC_ENERGY_IN_DOUBT))
             told = judged & (fed <= OVER_LIMIT)
             of["survived"] += int((judged & (fed == JUDGED)).sum())
             of["blocked"] += int((judged & (fed == BLOCKED)).sum())

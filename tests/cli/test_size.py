@@ -6,6 +6,7 @@ import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns import sizing
 from vsgdesign.campaigns.dc_profiles import Profile
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.report.sizing import sizing_sentences
 from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import simulate
@@ -200,3 +202,14 @@ def test_what_it_refuses(small: Path) -> None:
         vd.size(small, keep={"power": 1e4, "capacitor": 1e-3, "energy": 1e3})
     small.write_text(TEXT.replace('"small"', '"small"\n[simulation.x]'), encoding="utf-8")
     assert "small.toml" in failure(2, "size", small)
+
+
+def test_a_source_of_the_losses_alone_is_explained() -> None:
+    """With P_ref = 0 and a capacitor that carries the events, the answer says what 31.7 W mean."""
+    size = {"p_max": 31.7, "p_charge_max": 1e-7, "C": 0.2, "energy": 3e-5}
+    document: dict[str, Any] = {"size": size, "trials": [{"survived": True, "lowest_v": 749.0, "highest_v": 1040.0}]}
+    document |= {"controller": "closed", "source": "battery", "tests": [], "left_out": [], "suites": [], "kept": []}
+    document |= {"S_rated_w": 4e5, "smallest_p_w": -1.2e5, "largest_p_w": 4.8e5}
+    assert "the capacitor carries all that the events move, up to 480 kW." in sizing_sentences(document)[1]
+    assert len(sizing_sentences(document | {"kept": ["power"]})) == 2
+    assert len(sizing_sentences(document | {"size": size | {"p_max": 4.1e3}})) == 2

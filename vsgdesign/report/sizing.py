@@ -33,6 +33,9 @@ LIMITS = (
     "frequency, are not in the sizes.",
 )
 
+NEXT_TO_NOTHING_PU = 0.01
+"""Power of a source that covers no more than what a filter loses, pu."""
+
 _LEFT, _RIGHT, _BOTTOM, _TOP, _GAP, _HEIGHT = 0.62, 0.12, 0.42, 0.24, 0.78, 2.1
 
 
@@ -49,9 +52,22 @@ def sizing_sentences(document: Mapping[str, Any]) -> list[str]:
     of_tests = _of_tests(document)
     return [
         said,
+        *_of_capacitor_alone(document),
         *of_tests,
         f"In the full simulation with these sizes the link stays between {number(confirmed['lowest_v'], 4)} and "
         f"{number(confirmed['highest_v'], 4)} V.",
+    ]
+
+
+def _of_capacitor_alone(document: Mapping[str, Any]) -> list[str]:
+    """What a source of next to no power means."""
+    if "power" in document["kept"] or document["size"]["p_max"] > NEXT_TO_NOTHING_PU * document["S_rated_w"]:
+        return []
+    moved = max(abs(document["smallest_p_w"]), abs(document["largest_p_w"]))
+    return [
+        "At rest the bridge takes next to nothing, and the least power is found first: the source gives the losses "
+        f"alone, and the capacitor carries all that the events move, up to {_w(moved)}. For a smaller capacitor, give "
+        "a power with --keep."
     ]
 
 

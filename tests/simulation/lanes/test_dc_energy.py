@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from tests.simulation.one_by_one import run_one
 from tests.simulation.test_lanes import study_named
@@ -16,7 +17,7 @@ from vsgdesign.campaigns.verification.draws import cases_of, families, uniforms_
 from vsgdesign.equations.dc_control import reactive_rest
 from vsgdesign.equations.limiter_interface import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.linear.operating_point.many import DC_ENERGY, Lanes, many_steady_states
+from vsgdesign.linear.operating_point.many import DC_ENERGY_IN_DOUBT, DC_FAULTS, Lanes, many_steady_states
 from vsgdesign.linear.operating_point.many_rests import reactive_curve
 from vsgdesign.simulation.dc_start import dc_columns, moved_rest
 from vsgdesign.simulation.lanes import dc_energy, rests
@@ -54,7 +55,8 @@ def test_a_jump_of_the_phase_moves_the_energy_of_its_closed_form() -> None:
     jump, loops, zero = np.repeat([0.1, -0.1], 3), dc_energy.PhasorLoops(study), np.zeros(6)
     links = dc_energy.links_at_rest(study, start)
     assert links is not None
-    x = dc_energy.Swing(start.controller._replace(theta=start.delta - jump), np.full(6, c.omega_n), 0.0, links)
+    i_g = (start.plant[4] + 1j * start.plant[5]) * np.exp(-1j * start.controller.theta)
+    x = dc_energy.Swing(start.controller._replace(theta=start.delta - jump), np.full(6, c.omega_n), 0.0, links, i_g)
     grid = Segments(zero, R_g, L_g, np.full(6, c.V_rated_rms), zero, np.full(6, c.omega_n), zero, zero, zero)
     moved = np.zeros(6)
     for _ in range(2500):
@@ -64,6 +66,41 @@ def test_a_jump_of_the_phase_moves_the_energy_of_its_closed_form() -> None:
     np.testing.assert_allclose(moved, -D_p * jump, rtol=0.01)
 
 
+def test_a_limited_current_is_the_share_of_what_its_loop_asks_for() -> None:
+    """i = min(1, I/|w|) w with w = w_0 + A i (:eq:`dc-told`), with feedback that would make an iteration diverge."""
+    rng = np.random.default_rng(5)
+    drawn_pairs = rng.normal(size=(2, 200, 2)).view(np.complex128)[..., 0]
+    asked, fed_back = 8.0 * drawn_pairs[0], 3.0 * drawn_pairs[1] - 4.0
+    i = dc_energy.limited_current(asked, fed_back, 1.0)
+    w = asked + fed_back * i
+    over = np.abs(w) > 1.0 + 1e-9
+    assert 20 < over.sum() < 180
+    np.testing.assert_allclose(i, np.where(over, w / np.abs(w), w), atol=1e-12)
+
+
+def test_the_current_of_the_grid_moves_as_its_differential_equation_says() -> None:
+    """L di/dt = v − v_g − (R + jωL) i with constant voltages, by DOP853 (:eq:`dc-told-current`)."""
+    study = battery(study_named("survival", "angle_damped")[0], 1.0)
+    f, omega, zero = study.filter, study.converter.omega_n, np.zeros(1)
+    R_g, L_g, v, v_g, before = (
+        np.array([0.3]),
+        np.array([2e-3]),
+        150.0 + 20j,
+        np.array([90.0 - 60j]),
+        np.array([9 - 4j]),
+    )
+    grid = Segments(zero, R_g, L_g, zero, zero, np.full(1, omega), zero, zero, zero)
+    circuit = dc_energy.PhasorLoops(study)._circuit(grid, v_g, before)
+    i_s = (v - circuit.v_g) / circuit.Z + 1j * circuit.omega_C * v
+    R, L = 0.3 + f.R_2, 2e-3 + f.L_2
+    found = solve_ivp(
+        lambda _, i: (v - v_g - (R + 1j * omega * L) * i) / L, (0.0, dc_energy.STEP_S), before, "DOP853", rtol=1e-11
+    )
+    made, i_g = circuit.at(i_s)
+    np.testing.assert_allclose(i_g, found.y[:, -1], rtol=1e-9)
+    np.testing.assert_allclose(made, v, rtol=1e-12)
+
+
 def drawn(study: Study, spec: ControllerSpec, names: tuple[str, ...], count: int) -> LaneCases:
     """Cases of several families in turn."""
     kinds = np.resize([families().index(name) for name in names], count)
@@ -71,18 +108,18 @@ def drawn(study: Study, spec: ControllerSpec, names: tuple[str, ...], count: int
 
 
 def test_what_is_told_of_a_full_battery_is_lost_in_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nine tenths of it, and at most one other is lost, which the sum does not see (3 % in the evidence dc_side). Below
-    full charge nothing is told, and nothing is lost."""
+    """Nine tenths of it, and no other is lost (none in the evidence dc_side). Below full charge nothing is told, and
+    nothing is lost."""
     study, spec = study_named("survival", "angle_damped")
     cases, full = drawn(study, spec, ("phase", "ramp", "grid", "sag"), 40), battery(study, 1.0)
     results = lanes_run.run_lanes(full, spec, NOTHING, cases)
-    told = results.fault == DC_ENERGY
-    assert (results.status == BLOCKED).sum() <= 1
+    told = np.isin(results.fault, DC_FAULTS)
+    assert not (results.status == BLOCKED).any()
     monkeypatch.setattr(rests, "beyond_the_capacitor", lambda *_: np.zeros(len(cases), dtype=bool))
     blocked = lanes_run.run_lanes(full, spec, NOTHING, cases).status == BLOCKED
     assert 10 <= told.sum() <= 30
     assert blocked[told].mean() >= 0.9
-    assert blocked[~told].sum() <= 1
+    assert not blocked[~told].any()
     below = lanes_run.run_lanes(battery(study, 0.8), spec, NOTHING, cases).status
     assert (below[below >= JUDGED] == JUDGED).all()
 
@@ -138,7 +175,7 @@ def test_what_is_told_of_an_empty_battery_is_lost_in_a_run() -> None:
     is told and survives (2 of 99 in docs/theory/dc-side.md), and one is lost that was not told."""
     study, spec = study_named("survival", "angle_damped")
     cases, empty = drawn(study, spec, ("phase", "sag"), 12), battery(study, 0.0)
-    told = lanes_run.run_lanes(empty, spec, NOTHING, cases).fault == DC_ENERGY
+    told = np.isin(lanes_run.run_lanes(empty, spec, NOTHING, cases).fault, DC_FAULTS)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rests, "beyond_the_capacitor", lambda *_: np.zeros(len(cases), dtype=bool))
         blocked = lanes_run.run_lanes(empty, spec, NOTHING, cases).status == BLOCKED
@@ -165,3 +202,7 @@ def test_a_study_is_told_what_its_events_ask_of_a_full_battery() -> None:
     (said,) = told_beforehand(full)
     assert said.startswith("angle_damped: not possible, because the events move more energy than")
     assert told_beforehand(below) == told_beforehand(given) == ()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rests, "beyond_the_capacitor", lambda *_: np.array([DC_ENERGY_IN_DOUBT]))
+        (said,) = told_beforehand(below)
+    assert said.startswith("angle_damped: in doubt, because the events may move more energy than")

@@ -24,7 +24,7 @@ from vsgdesign.campaigns.verification.summary import (
     worst_of,
 )
 from vsgdesign.equations.grid import SCR_BASES
-from vsgdesign.linear.operating_point.many import DC_ENERGY, DC_SOURCE, FAULTS
+from vsgdesign.linear.operating_point.many import DC_FAULTS, FAULTS
 from vsgdesign.metrics.survival import HARDWARE_PU
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.results import IN_NOISE, JUDGED, NO_REST, OVER_LIMIT, STATUSES
@@ -207,7 +207,7 @@ def _promise(
 
 def _reasons(status: NDArray[np.int8], fault: NDArray[np.int8]) -> Mapping[str, int]:
     """How many cases are left out for which reason."""
-    told = (DC_SOURCE, DC_ENERGY)  # the dc side cannot, which is no limit of a current
+    told = DC_FAULTS  # the dc side cannot, which is no limit of a current
     said = [
         FAULTS[f] if f in told or (s == NO_REST and f > 0) else STATUSES[s] for s, f in zip(status, fault, strict=True)
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.linear.operating_point.many import DC_ENERGY, DC_SOURCE, FAULTS
+from vsgdesign.linear.operating_point.many import DC_FAULTS, said_of
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.cases import LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import rests_of
@@ -24,8 +24,8 @@ def told_beforehand(study: Study, ready: Ready = NOTHING) -> tuple[str, ...]:
         if spec.schedule == "table" and spec.name not in ready.tables:
             continue
         fault = _fault(study.with_limit_of(spec), spec, ready)
-        if fault in (DC_SOURCE, DC_ENERGY):
-            found.append(f"{spec.name}: not possible, because {FAULTS[fault]}.")
+        if fault in DC_FAULTS:
+            found.append(f"{spec.name}: {said_of(fault)}.")
     return tuple(found)
 
 

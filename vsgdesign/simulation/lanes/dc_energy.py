@@ -1,9 +1,9 @@
 """What events push into a dc link whose source takes nothing, or draw from one that gives nothing, before a case runs.
 
 A full battery takes nothing, an array takes nothing, and an empty source gives nothing. What an event then pushes into
-the link has to find room in the capacitor. The sum has phasors in the place of the grid's currents, and of the
-controller all but the current loop, in steps of 1 ms (:eq:`dc-told`, :eq:`dc-jump-by-hand`). Its equations are those of
-the controller and of the link.
+the link has to find room in the capacitor. The sum has the grid's current, and of the controller all but the current
+loop, in steps of 1 ms (:eq:`dc-told`, :eq:`dc-told-current`, :eq:`dc-jump-by-hand`). Its equations are those of the
+controller and of the link.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from vsgdesign.equations.controller import ControllerState, power_stage
 from vsgdesign.equations.dc_control import clamp_of_sample
 from vsgdesign.equations.dc_link import BridgePower, DcState, link_step
 from vsgdesign.equations.frames import SPACE_VECTOR_POWER, instantaneous_power, rms_to_peak
-from vsgdesign.equations.inner_loops import limit_length, transient_impedance, voltage_integrators, voltage_loop
+from vsgdesign.equations.inner_loops import transient_impedance, voltage_integrators, voltage_loop
 from vsgdesign.equations.limiter_interface import GridEstimate, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.dc_rest import bridge_power, power_of_plant
-from vsgdesign.linear.operating_point.many import ManyStates
+from vsgdesign.linear.operating_point.many import DC_ENERGY, DC_ENERGY_IN_DOUBT, ManyStates
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.telling import KnownChanges, OfTrueGrid, Telling
 from vsgdesign.simulation.segments import Segments
@@ -49,12 +49,15 @@ AFTER = 1.0
 
 class Swing(NamedTuple):
     """What moves, (N,): the controller, whose angle is that to the source, the frequency of the clamp, rad/s, by how
-    much it changes P_ref, W, and the link."""
+    much it changes P_ref, W, the link, the current of the grid in the controller's frame, A peak, and whether the
+    limiter has held the power loops so far."""
 
     state: ControllerState
     slow: Array
     cut: Any
     link: DcState
+    i_g: Complex
+    held: Any = False
 
 
 def near_an_end(study: Study, link: DcLink) -> bool:
@@ -75,15 +78,18 @@ def beyond_the_capacitor(
     told: Telling | OfTrueGrid,
     gains: tuple[PowerLoopGains, PowerLoopGains],
     settling_time: float,
-) -> Mask:
-    """Cases, (N,), whose events push more energy into the link, or draw more from it, than the capacitor can take or
-    give while its source cannot (:eq:`dc-told`).
+) -> NDArray[np.intp]:
+    """DC_ENERGY for cases, (N,), whose events push more energy into the link, or draw more from it, than the capacitor
+    can take or give while its source cannot (:eq:`dc-told`), and 0 for the others.
+
+    Whether the limiter holds the power loops in a sag hangs on a threshold that the sum knows less exactly than the
+    run. Where it holds them, and only the sum without this finds too much energy, the answer is DC_ENERGY_IN_DOUBT.
 
     ``start``, ``delta``: the rest before, and its angle to the source (N,), rad. ``told``: what the controllers are
     told, whose state stays; ``gains``: at the start and at the end. Where the source can both give and take, there are
     none. Cases whose events change the source, and those with a network, are left out.
     """
-    none = np.zeros(len(cases), dtype=bool)
+    none = np.zeros(len(cases), dtype=np.intp)
     if study.dc is None or cases.networks is not None or len(cases) == 0 or not near_an_end(study, study.dc):
         return none
     changed = np.isfinite(np.stack([getattr(cases.events, name) for name in DC_QUANTITIES])).any(axis=(0, 2))
@@ -91,15 +97,25 @@ def beyond_the_capacitor(
         links = links_at_rest(study, start)
         if links is None:
             return none
-        begin = Swing(start.controller._replace(theta=delta), np.array(cases.omega_g, dtype=float), 0.0, links)
-        lowest, highest = _swung(study, cases, segments, begin, _Present(study, cases, told, gains), settling_time)
+        i_g = (start.plant[4] + 1j * start.plant[5]) * np.exp(-1j * start.controller.theta)
+        begin = Swing(start.controller._replace(theta=delta), np.array(cases.omega_g, dtype=float), 0.0, links, i_g)
         apart = 2.0 * stored_in_coils(study, cases) / study.dc.C  # V²
-        fallen, risen = links.v**2 - lowest**2, highest**2 - links.v**2
-        # Where an event moves less than that, the link stays where it rests, however near to a limit that is.
-        low = fallen + np.where(fallen > apart, apart, 0.0) > links.v**2 - study.dc.V_low**2
-        high = risen + np.where(risen > apart, apart, 0.0) > study.dc.V_high**2 - links.v**2
-        found: Mask = ~changed & (low | high)
-    return found
+        down, up = links.v**2 - study.dc.V_low**2, study.dc.V_high**2 - links.v**2
+
+        def sum_of(holds: bool) -> tuple[Mask, Any]:
+            present, loops = _Present(study, cases, told, gains), PhasorLoops(study, holds=holds)
+            lowest, highest, held = _swung(study, cases, segments, begin, present, loops, settling_time)
+            fallen, risen = links.v**2 - lowest**2, highest**2 - links.v**2
+            # Where an event moves less than that, the link stays where it rests, however near to a limit that is.
+            low = fallen + np.where(fallen > apart, apart, 0.0) > down
+            high = risen + np.where(risen > apart, apart, 0.0) > up
+            return ~changed & (low | high), held
+
+        beyond, held = sum_of(holds=True)
+        doubtful = ~changed & ~beyond & held
+        if np.any(doubtful):
+            doubtful &= sum_of(holds=False)[0]
+    return np.where(beyond, DC_ENERGY, np.where(doubtful, DC_ENERGY_IN_DOUBT, 0))
 
 
 def stored_in_coils(study: Study, cases: LaneCases) -> Array:
@@ -112,26 +128,40 @@ def stored_in_coils(study: Study, cases: LaneCases) -> Array:
 
 
 def _swung(
-    study: Study, cases: LaneCases, segments: Segments, x: Swing, present: _Present, settling_time: float
-) -> tuple[Array, Array]:
-    """Least and largest voltage of the links up to the end of the last case, V."""
+    study: Study,
+    cases: LaneCases,
+    segments: Segments,
+    x: Swing,
+    present: _Present,
+    loops: PhasorLoops,
+    settling_time: float,
+) -> tuple[Array, Array, Any]:
+    """Least and largest voltage of the links up to the end of the last case, V, and where the limiter has held the
+    power loops. The clock of each case is such that its first event falls on a step; others act at the nearest one."""
     rows, nominal = np.arange(len(cases)), study.converter.references()
-    at, loops = np.zeros(len(cases), dtype=np.intp), PhasorLoops(study)
+    at, first_s = np.zeros(len(cases), dtype=np.intp), _first_event_s(cases)
+    late_s = np.where(np.isfinite(first_s), np.ceil(first_s / STEP_S) * STEP_S - first_s, 0.0)
     lowest = highest = np.asarray(x.link.v)
     last_s = float(np.max(cases.cleared_s)) + AFTER * settling_time
     for n in range(math.ceil(last_s / STEP_S)):
-        t_s = n * STEP_S
-        now = (segments.t_s <= t_s + 1e-9).sum(axis=1) - 1
+        t_s = n * STEP_S - late_s
+        now = np.maximum((segments.t_s <= (t_s + 0.5 * STEP_S)[:, None]).sum(axis=1) - 1, 0)
         if np.any(now != at):
             before = segments.at_column(rows, at).at(segments.t_s[rows, now])
             jump = np.where(now != at, segments.phase[rows, now] - before.phase, 0.0)
             x, at = x._replace(state=x.state._replace(theta=x.state.theta - jump)), now
-        grid, refs = segments.at_column(rows, at).at(np.full(len(cases), t_s)), _references(cases, nominal, t_s)
-        x = x._replace(state=present.move_to(t_s, x.state, refs._replace(P_ref=refs.P_ref + x.cut)))
+        grid, refs = segments.at_column(rows, at).at(t_s), _references(cases, nominal, t_s)
+        x = x._replace(state=present.move_to(n * STEP_S, x.state, refs._replace(P_ref=refs.P_ref + x.cut)))
         x = loops.step(x, grid, refs, present.gains, present.estimate)
         # A link that has collapsed has no numbers any more, and those of before count.
         lowest, highest = np.fmin(lowest, x.link.v), np.fmax(highest, x.link.v)
-    return lowest, highest
+    return lowest, highest, x.held
+
+
+def _first_event_s(cases: LaneCases) -> Array:
+    """When the first event of each case begins, s (N,); inf without one."""
+    found: Array = np.nanmin(np.where(np.isfinite(cases.events.t_s), cases.events.t_s, np.inf), axis=1)
+    return found
 
 
 class _Present:
@@ -146,8 +176,7 @@ class _Present:
         self.gains, self._at = first, 0
         self._told: Telling | None = None
         if isinstance(told, OfTrueGrid):
-            learnt_s = np.nanmin(np.where(np.isfinite(cases.events.t_s), cases.events.t_s, np.inf), axis=1)
-            at = np.ceil((learnt_s + cases.silent_s) / self._T_s).astype(np.int64)
+            at = np.ceil((_first_event_s(cases) + cases.silent_s) / self._T_s).astype(np.int64)
             self._changes = KnownChanges(np.arange(count), at, last, *told.grid_at_end)
             self.estimate = GridEstimate(cases.R_g, cases.L_g)
         else:
@@ -197,8 +226,8 @@ def links_at_rest(study: Study, start: ManyStates) -> DcState | None:
     return found
 
 
-def _references(cases: LaneCases, nominal: References, t_s: float) -> References:
-    """The set points at an instant, (N,)."""
+def _references(cases: LaneCases, nominal: References, t_s: Array) -> References:
+    """The set points at an instant of each case, (N,)."""
     found = {"P_ref": cases.P_ref, "Q_ref": cases.Q_ref, "omega_0": nominal.omega_0, "V_n": nominal.V_n}
     for k in range(cases.events.count):
         for name in References._fields:
@@ -209,9 +238,11 @@ def _references(cases: LaneCases, nominal: References, t_s: float) -> References
 
 
 class PhasorLoops:
-    """The controller without its current loop, the grid as phasors, and the link, in steps of STEP_S."""
+    """The controller without its current loop, the grid's current, and the link, in steps of STEP_S. Without ``holds``
+    the limiter does not hold the power loops: it takes the power for what it is."""
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, holds: bool = True) -> None:
+        self._holds = holds
         c = study.converter
         c = replace(c, f_sw=1.0 / (STEP_S * c.samples_per_carrier))
         study = replace(study, converter=c)
@@ -234,7 +265,7 @@ class PhasorLoops:
             )
             refs = refs._replace(P_ref=P_ref)
         v_g = rms_to_peak(grid.V_g_rms) * np.exp(-1j * state.theta)
-        circuit = self._circuit(grid, v_g)
+        circuit = self._circuit(grid, v_g, x.i_g)
         v, i_g = circuit.at(self._held(state, circuit))
         drop_d, drop_q, i_f_d, i_f_q = transient_impedance(
             i_g.real, i_g.imag, state.i_f_d, state.i_f_q, inner, s.smoothing_t
@@ -250,6 +281,9 @@ class PhasorLoops:
             state.V, state.omega_i, P, Q, inner.K_pv, 0.0,
         )  # fmt: skip
         sample = self._law.limit(state.limiter, view, estimate, refs, gains, s)
+        held = x.held | (sample.P != P)
+        if not self._holds:
+            sample = sample._replace(P=P, Q=Q)
         xi_vd, xi_vq = voltage_integrators(
             sample.e_d,
             sample.e_q,
@@ -275,15 +309,18 @@ class PhasorLoops:
             limiter=remembered,
         )
         i_s = sample.i_ref_d + 1j * sample.i_ref_q
-        v, _ = circuit.at(i_s)
+        v, i_g = circuit.at(i_s)
         p = bridge_power(self._study, v, i_s)
         link = link_step(x.link, BridgePower(p, p, p, p), x.link.needs, self._link, self._source)
-        return Swing(after, slow, cut, link)
+        return Swing(after, slow, cut, link, i_g, held)
 
-    def _circuit(self, grid: Segments, v_g: Complex) -> _Circuit:
+    def _circuit(self, grid: Segments, v_g: Complex, i_g: Complex) -> _Circuit:
+        """What the current has at the end of a step whose voltages are constant (:eq:`dc-told-current`)."""
         f = self._study.filter
-        Z = grid.R_g + f.R_2 + 1j * grid.omega * (grid.L_g + f.L_2)
-        return _Circuit(Z, v_g, grid.omega * f.C)
+        R, L = grid.R_g + f.R_2, grid.L_g + f.L_2
+        left = np.exp(-(R / L + 1j * grid.omega) * self._settings.T_s)
+        Z = (R + 1j * grid.omega * L) / (1.0 - left)
+        return _Circuit(Z, v_g - left * Z * i_g, grid.omega * f.C)
 
     def _held(self, state: ControllerState, circuit: _Circuit) -> Complex:
         """The converter current that the voltage loop asks for once it flows, within its limit, A peak
@@ -295,9 +332,19 @@ class PhasorLoops:
         known = known + state.xi_vd + 1j * state.xi_vq
         per_v = 1j * s.omega_C - inner.K_pv - own * 1j * circuit.omega_C
         v_0, v_1 = circuit.at(0.0)[0], circuit.per_current
-        i = (known + per_v * v_0) / (1.0 - own - per_v * v_1)
-        d, q = limit_length(i.real, i.imag, s.i_max_pk)
-        return np.asarray(d + 1j * q, dtype=complex)
+        asked, fed_back = known + per_v * v_0, own + per_v * v_1
+        return limited_current(asked, fed_back, s.i_max_pk)
+
+
+def limited_current(asked: Complex, fed_back: Complex, most: float) -> Complex:
+    """The current i = min(1, most/|w|) w of a loop that asks for w = ``asked`` + ``fed_back`` i, A (N,)."""
+    free = asked / (1.0 - fed_back)
+    if not math.isfinite(most):
+        return free
+    turned = most * fed_back.real
+    root = np.sqrt(np.maximum(turned**2 + np.abs(asked) ** 2 - (most * np.abs(fed_back)) ** 2, 0.0))
+    share = np.where(np.abs(free) > most, most / np.where(turned + root > 0.0, turned + root, most), 1.0)
+    return np.asarray(share * asked / (1.0 - share * fed_back), dtype=complex)
 
 
 class _Circuit(NamedTuple):

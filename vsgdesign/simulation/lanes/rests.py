@@ -14,8 +14,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.many import (
     BRIDGE_VOLTAGE,
     CURRENT,
-    DC_ENERGY,
-    DC_SOURCE,
+    DC_FAULTS,
     LIMITER_ACTS,
     LIMITER_PULLS,
     NO_POINT,
@@ -138,14 +137,14 @@ def rests_of(
     beyond = beyond_the_capacitor(
         study, cases, segments, start, rests.delta_start, told, (gains, at_last), demand.settling_time
     )
-    fault[beyond & (fault == 0)] = DC_ENERGY
+    fault = np.where(fault == 0, beyond, fault)
     results.fault[:] = fault
     results.status[fault == 0] = JUDGED
     if demand.i_max_pu is not None:
         largest = REST_SHARE * demand.i_max_pu * study.converter.I_rated_pk
         over = ~step & (fault == 0) & (np.maximum(start.i_s_pk, end.i_s_pk) > largest)
         results.status[over] = OVER_LIMIT
-    limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS, DC_SOURCE, DC_ENERGY))
+    limited = np.isin(fault, (BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, LIMITER_PULLS, *DC_FAULTS))
     results.status[limited] = OVER_LIMIT
     return rests, gains
 
