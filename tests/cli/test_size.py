@@ -129,6 +129,30 @@ def test_a_test_that_rests_above_the_voltage_of_the_link_is_left_out(
         sizing._runs_of(study, spec, NOTHING, link, tests[1:], sizing.silent)
 
 
+def test_the_runs_decide_that_are_lost_with_less(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One run of five has no rest below 5 W of charging, and is far from every limit above; the others are near one."""
+    study = load_study(small)
+    spec, link = study.controllers[0], sizing._link_of(study, sizing.Asked())
+    profile = Profile(1e-4, np.zeros(3), np.zeros(3), 0.0, 3, 0.0)
+    runs = [sizing.SizedRun(name, study, spec, profile) for name in ("a", "b", "c", "d", "charging")]
+
+    class Search:
+        def tightest(self, size: sizing.Size) -> list[sizing.SizedRun]:
+            left = {"charging": 100.0 if size.p_charge_max >= 5.0 else -np.inf}
+            return sorted(runs, key=lambda run: left.get(run.name, 1.0))
+
+    def verdict(_: object, size: sizing.Size, of: sizing.SizedRun) -> sizing.Trial:
+        return sizing.Trial(
+            "", survived=of.name != "charging" or size.p_charge_max >= 5.0, why="", lowest_v=0.0, highest_v=0.0
+        )
+
+    monkeypatch.setattr(sizing._Full, "_verdict", verdict)
+    search: Any = Search()
+    size = sizing.Size(p_max=9.0, p_charge_max=5.1, C=1e-3)
+    found = sizing._Full(study, NOTHING, link, runs).least("p_charge_max", size, search)
+    assert 5.0 <= found.p_charge_max < 5.05
+
+
 SUITE = """
 title = "two"
 [[tests]]

@@ -70,6 +70,9 @@ POWER, CAPACITOR, ENERGY = KEEPS = ("power", "capacitor", "energy")
 _MOST_DOUBLED = 1000.0
 """Over the first capacitor."""
 
+_MOST_GIVEN = 100.0
+"""The largest capacitor that is looked at, over the given one."""
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -161,29 +164,32 @@ def size_dc_side(
     charged = dict(link.given).get("charge", 0.5)
     big = Size(p_max=3.0 * first, p_charge_max=3.0 * back, C=link.C, charge=charged)
     big = _large_enough(search, asked, link, big)
-    given = big.C
-    full.watch(search.tightest(big))
-    least = big.p_max
+    given, least = big.C, big.p_max
     if POWER not in keep:
         least = search.least(lambda x: replace(big, p_max=x), 1e-3 * first, big.p_max)
-        least = full.least("p_max", replace(big, p_max=least)).p_max
+        least = full.least("p_max", replace(big, p_max=least), search).p_max
     more = 1.0 if POWER in keep else MORE_POWER
     sized = replace(big, p_max=more * least)
     charging = search.least(lambda x: replace(sized, p_charge_max=x), 1e-6 * back, 3.0 * back)
-    charging = full.least("p_charge_max", replace(sized, p_charge_max=charging)).p_charge_max
+    charging = full.least("p_charge_max", replace(sized, p_charge_max=charging), search).p_charge_max
     sized = replace(sized, p_charge_max=MORE_POWER * charging)
     tell("size the capacitor", 0.4)
     trade_off = []
     for factor in (more,) if POWER in keep else TRADE_OFF:
         of_factor = replace(sized, p_max=factor * least, p_charge_max=max(factor, MORE_POWER) * charging)
-        found = search.least_capacitor(of_factor, 1e-4 * given, 100.0 * given)
-        found = found if math.isinf(found) else full.least("C", replace(of_factor, C=found)).C
+        found = search.least_capacitor(of_factor, 1e-4 * given, _MOST_GIVEN * given)
+        if math.isinf(found) and factor == more and CAPACITOR not in keep:
+            raise InfeasibleStudyError(
+                f"no capacitor up to {format_quantity(_MOST_GIVEN * given, 'F')} follows the power of the events with "
+                f"{format_quantity(of_factor.p_max, 'W')}. Keep more power: --keep power=VALUE."
+            )
+        found = found if math.isinf(found) else full.least("C", replace(of_factor, C=found), search).C
         trade_off.append((of_factor.p_max, found))
         sized = replace(sized, C=found) if factor == more and CAPACITOR not in keep else sized
     tell("size the energy", 0.8)
     energy, charge, energy_given = full.energy(sized)
     if ENERGY not in keep:
-        sized = full.least("energy", replace(sized, energy=energy, charge=charge))
+        sized = full.least("energy", replace(sized, energy=energy, charge=charge), search)
     less = {
         POWER: ("5 % less than the least power, and the given capacitor", replace(sized, p_max=LESS * least, C=given)),
         CAPACITOR: ("5 % less capacitor", replace(sized, C=LESS * sized.C)),
@@ -282,10 +288,6 @@ class _Full:
         self._study, self._ready, self._link, self._runs = study, ready, link, list(runs)
         self._watched = self._runs
 
-    def watch(self, runs: Sequence[SizedRun]) -> None:
-        """The runs in the order in which they are tried. The first ones decide."""
-        self._runs, self._watched = list(runs), list(runs)[:TIGHT]
-
     def run(self, size: Size, of: SizedRun) -> tuple[Simulation, Study]:
         """A simulation, and its study. Raises InfeasibleStudyError where it cannot start."""
         slack = SLACK * self._study.converter.V_dc
@@ -318,14 +320,17 @@ class _Full:
                 why = f"at the end the power of the bridge is {apart:.4g} W beside that with an ideal link"
         return Trial("", survived=not why, why=why, lowest_v=float(v.min()), highest_v=float(v.max()))
 
-    def least(self, name: str, size: Size) -> Size:
+    def least(self, name: str, size: Size, search: LinkSearch) -> Size:
         """The size with the least value of one of its fields near the one that it has: where the bridge is at its limit
-        for some samples, its power depends on the link, and the equation of the link alone is not exact."""
+        for some samples, its power depends on the link, and the equation of the link alone is not exact. The runs
+        decide to which that equation leaves least with 5 % less, those first that are lost then."""
 
         def with_value(value: float) -> Size:
             return replace(size, **{name: value})
 
         good, bad = getattr(size, name), 0.0
+        self._runs = search.tightest(with_value(LESS * good))
+        self._watched = self._runs[:TIGHT]
         for _ in range(_MOST_STEPS):
             if self.trial(with_value(good)).survived:
                 break
