@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -346,7 +346,8 @@ def _matrices(function: ca.Function, z: Array, p: Array) -> tuple[Array, ...]:
     # as long as the computation. It counts down columns, lane by lane.
     given = [np.ascontiguousarray(one, dtype=float) for one in (z, p)]
     found = [np.empty((count, columns, rows)) for rows, columns in shapes]
-    buffer, evaluate = _over(_with_zeros(function), count).buffer()
+    called: Any = _over(_with_zeros(function), count)  # the types of CasADi's buffers ask for a size beside the memory
+    buffer, evaluate = called.buffer()
     for k, array in enumerate(given):
         buffer.set_arg(k, array.data)
     for k, array in enumerate(found):
