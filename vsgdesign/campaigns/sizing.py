@@ -40,9 +40,9 @@ TRADE_OFF = (1.0, 1.03, MORE_POWER, 1.25, 1.5, 2.0)
 LESS = 0.95
 """What the confirming runs have of one of the three sizes."""
 
-_MOST_STEPS, _HALVINGS, _NOTHING = 60, 3, 1e-6
-"""Of the search in full simulations: steps of 5 % up to a size that survives, halvings of the last step, and the share
-of the first value below which nothing is needed."""
+_MOST_STEPS, _FINE, _NOTHING = 60, 1.0 - 0.05 / 8.0, 1e-6
+"""Of the search in full simulations: steps of 5 % up to a size that survives, how near to it one that is lost has to be,
+and the share of the first value below which nothing is needed."""
 
 KEPT = 1.02
 """Over the voltage that the bridge needs at rest, what the link has to keep."""
@@ -335,13 +335,14 @@ class _Full:
             if self.trial(with_value(good)).survived:
                 break
             good, bad = good / LESS, good
-        while bad == 0.0 and good > _NOTHING * getattr(size, name):
-            lower = LESS * good
+        least, step = _NOTHING * getattr(size, name), LESS  # each step down is as large as all before it
+        while bad == 0.0 and good > least:
+            lower = max(step * good, least)
             if self.trial(with_value(lower)).survived:
-                good = lower
+                good, step = lower, step * step
             else:
                 bad = lower
-        for _ in range(_HALVINGS if bad else 0):
+        while 0.0 < bad < _FINE * good:
             middle = 0.5 * (good + bad)
             good, bad = (middle, bad) if self.trial(with_value(middle)).survived else (good, middle)
         return with_value(good)
