@@ -41,7 +41,7 @@ LESS = 0.95
 """What the confirming runs have of one of the three sizes."""
 
 _MOST_STEPS, _FINE, _NOTHING = 60, 1.0 - 0.05 / 8.0, 1e-6
-"""Of the search in full simulations: steps of 5 % up to a size that survives, how near to it one that is lost has to be,
+"""Of the search in full simulations: steps of 5 % up to a size that survives, how near to it a lost one has to be,
 and the share of the first value below which nothing is needed."""
 
 KEPT = 1.02
