@@ -147,14 +147,17 @@ def mode_at(study: Study, system: System, point: Any) -> dict[str, Any]:
 
 
 def _proof(row: dict[str, Any]) -> list[str]:
+    return [row["case"], f"{row['f_n']:.0f} Hz, {row['delay']}", *proof_columns(row)]
+
+
+def proof_columns(row: dict[str, Any]) -> list[str]:
+    """Least decay, what is proved, boxes, time and what is left of a design."""
+    unstable = row["least"] <= 0.0
     left = "; ".join(
         "SCR {:.3g} to {:.3g}, X/R {:.2g} to {:.2g}: ".format(*part["scr"], *part["x_over_r"]) + f"{part['reason']}"
         for part in row["left"][:1]
     )
-    unstable = row["least"] <= 0.0
     return [
-        row["case"],
-        f"{row['f_n']:.0f} Hz, {row['delay']}",
         f"{row['least']:.3g} 1/s",
         "–" if unstable else f"{row['decay']:.3g} 1/s",
         "unstable" if unstable else "all" if not row["left"] else f"{100.0 * row['proved']:.4g} %",

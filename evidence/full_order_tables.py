@@ -17,7 +17,7 @@ from typing import Any
 
 from evidence._kept_runs import kept_runs, progress
 from evidence._tables import leave, table
-from evidence.full_order_designs import SCR, X_OVER_R
+from evidence.full_order_designs import SCR, X_OVER_R, proof_columns
 from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_file
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.certificate import on_basis_of_table, prove_full_order, region_of
@@ -136,17 +136,4 @@ def _row(row: dict[str, Any]) -> list[str]:
     begin = [row["case"], f"{row['f_n']:.0f} Hz, {row['delay']}", grids, nodes_, f"{row['build_s']:.0f}"]
     if "refused" in row:
         return [*begin, *["–"] * 5, row["refused"]]
-    unstable = row["least"] <= 0.0
-    left = "; ".join(
-        "SCR {:.3g} to {:.3g}, X/R {:.2g} to {:.2g}: ".format(*part["scr"], *part["x_over_r"]) + f"{part['reason']}"
-        for part in row["left"][:1]
-    )
-    return [
-        *begin,
-        f"{row['least']:.3g} 1/s",
-        "–" if unstable else f"{row['decay']:.3g} 1/s",
-        "unstable" if unstable else "all" if not row["left"] else f"{100.0 * row['proved']:.4g} %",
-        f"{row['boxes']:,}",
-        f"{row['cpu_s']:.0f}",
-        "" if unstable else left,
-    ]
+    return [*begin, *proof_columns(row)]
