@@ -16,6 +16,7 @@ from vsgdesign.certificate.moving.functions import common_function, shortfall
 from vsgdesign.certificate.moving.places import MovingLoops, estimates, loops_at, with_estimates
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.certificate.step_terms import STEPS, acting_limits
+from vsgdesign.equations.frames import SQRT_2
 from vsgdesign.equations.limiters.projection import LOW_VOLTAGE, current_at_reference
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
@@ -172,7 +173,7 @@ def _of_projection(study: Study, loops: MovingLoops, values: Array, C: Array) ->
     share = np.clip(-(behind * (Z_g * i_g).conj()).real / np.maximum(np.abs(Z_g * i_g) ** 2, 1e-18), 0.0, 1.0)
     least = np.abs(behind + share * Z_g * i_g)
     # Voltages of which both terms of the gate are one, and its doubt in them; v may move by so much, and Z i_g as well.
-    gate, doubt = (float(np.hypot(value, value)) for value in (c.v_gate_pk, c.doubt))
+    gate, doubt = SQRT_2 * c.v_gate_pk, SQRT_2 * c.doubt
     each = [
         0.5 * (size - LOW_VOLTAGE * gate),
         0.5 * (least - gate),

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.equations.frames import PHASES, rms_to_peak
 from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError
@@ -114,11 +114,11 @@ def _newton(situation: Situation, share: float) -> Flow | None:
     v = V / np.maximum(np.abs(V), 1e-9) * V_near
     for _ in range(30):
         i = Y @ (v - V)
-        S = 3.0 * v * i.conj()
+        S = PHASES * v * i.conj()
         wrong = S - share * (P + 1j * Q) - 1j * D_q * (V_n - np.abs(v))
         if np.abs(wrong / scale).max() < 1e-12:
             return Flow(v, i)
-        dS = 3.0 * np.diag(i.conj()), 3.0 * v[:, None] * Y.conj()  # for dv, and for its conjugate
+        dS = PHASES * np.diag(i.conj()), PHASES * v[:, None] * Y.conj()  # for dv, and for its conjugate
         direction = v / np.abs(v)
         columns = []
         for unit in (1.0, 1j):

@@ -119,8 +119,8 @@ def beyond_the_capacitor(
 
 
 def stored_in_coils(study: Study, cases: LaneCases) -> Array:
-    """What the inductors of filter and grid store at the current limit, J (N,): the sum has no currents that move, and
-    an event may move this energy into the link or out of it."""
+    """What the inductors of filter and grid store at the current limit, J (N,): the sum has no oscillation of the
+    filter, which may move this energy into the link or out of it."""
     f, most = study.filter, study.controller_settings().i_max_pk
     L_g = np.fmax(cases.L_g, np.nanmax(np.where(np.isfinite(cases.events.L_g), cases.events.L_g, 0.0), axis=1))
     within = min(most, 2.0 * study.converter.I_rated_pk)  # without a limit, twice the rated current
