@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vsgdesign.codegen.blocks import Part, Plain, Writer, joined, with_outputs
+from vsgdesign.codegen.blocks import Part, Plain, Writer, abreast, joined, renamed, with_outputs
 from vsgdesign.codegen.expressions import Number
 from vsgdesign.codegen.llvm import LoopSpec, aligned_zeros, compiled_loop, flat_block
+from vsgdesign.codegen.loop_spec import Product
 from vsgdesign.equations.frames import clarke_inverse, rotate
 
 
@@ -114,3 +115,63 @@ def test_nan_stays_through_extremes(strict: bool) -> None:
     loop(0, 1, rows, np.zeros(0))
     np.testing.assert_array_equal(rows[0, :2], [[2.0, nan, nan, 1.0], [2.0, nan, nan, 3.0]])
     assert rows.ctypes.data % 64 == 0
+
+
+def turned(x: Any, y: Any, speed: Any, share: Any, least: Any) -> Any:
+    """Returns (next_x, next_y)."""
+    angle = np.arctan2(y, x) + speed * share
+    size = np.hypot(x, y)
+    size = least if size < least else size / (1.0 + share)
+    return size * np.cos(angle), size * np.sin(angle)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_several_at_once_have_the_bits_of_one_after_the_other(count: int) -> None:
+    """``share`` is the same for all of them, ``speed`` a number of each, and x and y are those of the sample before."""
+    names = [lambda name, k=k: name if name in ("share", "least") else f"u{k}.{name}" for k in range(count)]
+    block, units = flat_block(turned), range(count)
+    both = abreast(block, names, 8), joined(*(Part(renamed(block, name)) for name in names))
+    state = tuple((f"u{k}.{one}", f"u{k}.next_{one}") for k in units for one in ("x", "y"))
+    given = np.random.default_rng(7).uniform(-2.0, 2.0, 3 * count)
+    logs = np.empty((2, 1, 40, 2 * count, 1))
+    for own, log in zip(both, logs, strict=True):
+        spec = LoopSpec(
+            (own,), state, (*(f"u{k}.speed" for k in units),), ("share", "least"),
+            logged=tuple(name for name, _ in state), strict=True,
+        )  # fmt: skip
+        compiled_loop(spec)(0, 40, given[None, :, None].copy(), np.array([0.13, 0.7]), log=log, every=1)
+    assert logs[0].tobytes() == logs[1].tobytes()
+    assert np.ptp(logs[0, 0, -1, :, 0]) > 0.5
+    with pytest.raises(ValueError, match="for several at once, in 2 lanes: give one lane"):
+        LoopSpec((both[0],), state, tuple(f"u{k}.speed" for k in units), ("share", "least"), lanes=2).check()
+
+
+@pytest.mark.parametrize(("rows", "lanes"), [(1, 1), (5, 1), (11, 1), (19, 1), (11, 4)])
+def test_products_of_one_matrix_are_sums_in_order(rows: int, lanes: int) -> None:
+    draws = np.random.default_rng(rows)
+    matrix, factors = draws.normal(size=(3, rows, lanes)), draws.normal(size=(2, 3, lanes))
+    line = Writer()
+    results = [tuple(f"{head}.{row}" for row in range(rows)) for head in "ab"]
+    own = [tuple(f"{head}{k}" for k in range(3)) for head in "xy"]
+    for name in (*own[0], *own[1]):
+        line.output(f"next.{name}", line.input(name))
+    for name in (one for some in results for one in some):
+        line.output(f"said.{name}", line.input(name))
+    places = tuple(f"m{k}" for k in range(3 * rows))
+    spec = LoopSpec(
+        (line.block(),),
+        tuple((name, f"next.{name}") for some in own for name in some),
+        places,
+        products=tuple(Product(some, places, given) for some, given in zip(results, own, strict=True)),
+        logged=tuple(f"said.{name}" for some in results for name in some),
+        lanes=lanes,
+        strict=True,
+    )
+    log = np.empty((1, 1, 2 * rows, lanes))
+    given = np.concatenate([factors.reshape(6, lanes), matrix.reshape(-1, lanes)])
+    compiled_loop(spec)(0, 1, given[None].copy(), np.zeros(0), log=log, every=1)
+    for which in range(2):
+        found = np.zeros((rows, lanes))
+        for k in range(3):
+            found = found + matrix[k] * factors[which, k]
+        assert found.tobytes() == log[0, 0, which * rows : (which + 1) * rows].tobytes()

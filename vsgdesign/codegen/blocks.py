@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from vsgdesign.codegen.expressions import Expression, Number, Numbers, Operation, Variable
-from vsgdesign.codegen.flat import Block, needed_lets, value_key
+from vsgdesign.codegen.flat import PACKED, TAKEN, Block, needed_lets, value_key
 
 
 class Part(NamedTuple):
@@ -58,6 +58,40 @@ def renamed(block: Block, name: Callable[[str], str]) -> Block:
         here[one] = Variable(own)
     outputs = tuple((name(one), _moved(value, here)) for one, value in block.outputs)
     return Block(tuple(name(one) for one in block.inputs), tuple(lets), outputs)
+
+
+def abreast(block: Block, names: Sequence[Callable[[str], str]], width: int) -> Block:
+    """The block for several at once, each with its own names for inputs and outputs: their numbers lie side by side, so
+    that one operation does it for all of them. What they share is computed once. ``width``: numbers side by side, at
+    least as many as there are names; the last one fills up."""
+    inputs = dict.fromkeys(name(one) for name in names for one in block.inputs)
+    lets: list[tuple[str, Expression]] = []
+    here: dict[str, Expression] = {}
+    taken, several = set(inputs), set()
+    for one in block.inputs:
+        own = [name(one) for name in names]
+        here[one] = whole = Variable(own[0])
+        if len(set(own)) > 1:
+            here[one] = whole = Variable(_free(f"all.{one}", taken))
+            filled = own + own[-1:] * (width - len(own))
+            lets.append((whole.name, Operation(PACKED, tuple(map(Variable, filled)))))
+            several.add(whole.name)
+    for one, value in block.lets:
+        own, moved = _free(one, taken), _moved(value, here)
+        lets.append((own, moved))
+        here[one] = Variable(own)
+        arguments = moved.arguments if isinstance(moved, Operation) else ()
+        if any(argument.name in several for argument in arguments if isinstance(argument, Variable)):
+            several.add(own)
+    outputs: dict[str, Expression] = {}
+    for one, value in block.outputs:
+        whole = _moved(value, here)
+        for at, name in enumerate(names):
+            outputs[name(one)] = whole
+            if isinstance(whole, Variable) and whole.name in several:
+                lets.append((_free(name(one), taken), Operation(TAKEN, (whole, Number(float(at))))))
+                outputs[name(one)] = Variable(lets[-1][0])
+    return Block(tuple(inputs), tuple(lets), tuple(outputs.items()))
 
 
 def with_outputs(block: Block, names: tuple[str, ...]) -> Block:

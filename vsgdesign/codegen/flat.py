@@ -58,6 +58,10 @@ OPERATIONS = (
 """What a block is made of. ``max`` and ``min`` give NaN where either is NaN. Counts are whole numbers among the others;
 ``bitand`` and ``bitor`` are for them. ``read`` takes a number of a row that is known."""
 
+PACKED, TAKEN = "packed", "taken"
+"""Operations of blocks that do the same for several at once: numbers side by side, and one of them. Machine code of a
+loop with one lane has them."""
+
 FLAGS = frozenset(("and", "or", "not", *COMPARISONS))
 """Operations whose result is true or false."""
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from vsgdesign.codegen.expressions import Expression, Number, Numbers, Operation, Variable
-from vsgdesign.codegen.flat import Block, needed_lets
+from vsgdesign.codegen.flat import PACKED, TAKEN, Block, needed_lets
 from vsgdesign.codegen.llvm_values import Printer, Scope, Value
 from vsgdesign.codegen.loop_spec import LoopSpec
 
@@ -32,20 +32,24 @@ class Kept:
         self.pointer, self.printer, self.scope, self.wide = pointer, printer, scope, wide
         self.places: dict[str, int] = {}
 
+        self._end = 0
+
     def place(self, value: Value) -> int:
         """Where the value waits, in doubles behind the pointer."""
-        size = self.printer.width if self.wide else 1
         if value.text not in self.places:
-            self.places[value.text] = at = len(self.places) * size
-            where = self.printer.line(self.scope, f"getelementptr double, ptr {self.pointer}, i64 {at}")
-            kind = self.printer.type(self.wide)
-            self.scope.lines.append(f"  store {kind} {value.text}, ptr {where}, align 8")
+            printer = self.printer.of(value)
+            wide = self.wide or value.abreast > 0
+            size = printer.width if wide else 1
+            self.places[value.text] = at = -(-self._end // size) * size  # a vector on one line of the cache
+            self._end = at + size
+            where = printer.line(self.scope, f"getelementptr double, ptr {self.pointer}, i64 {at}")
+            self.scope.lines.append(f"  store {printer.type(wide)} {value.text}, ptr {where}, align 8")
         return self.places[value.text]
 
     @property
     def size(self) -> int:
         """Doubles that it needs, at least one."""
-        return max(1, len(self.places) * (self.printer.width if self.wide else 1))
+        return max(1, self._end)
 
 
 @dataclass(frozen=True)
@@ -127,12 +131,16 @@ class Body:
         scope = self._scope(self.levels[name])
         if value.name == "/" and not self.spec.strict:
             value = self._product(value, name, scope)
-        row = value.arguments[0]
-        if isinstance(row, Numbers):
-            self._values[name, id(scope)] = self.printer.read(scope, row, self._seen(value.arguments[1], scope))
-            return
+        self._values[name, id(scope)] = self._made(value, scope)
+
+    def _made(self, value: Operation, scope: Scope) -> Value:
+        printer, first = self.printer, value.arguments[0]
+        if isinstance(first, Numbers):
+            return printer.read(scope, first, self._seen(value.arguments[1], scope))
+        if value.name == TAKEN and isinstance(value.arguments[1], Number):
+            return printer.taken(scope, self._seen(first, scope), int(value.arguments[1].value))
         given = [self._seen(one, scope) for one in value.arguments]
-        self._values[name, id(scope)] = self.printer.operation(scope, value.name, *given)
+        return printer.packed(scope, given) if value.name == PACKED else printer.operation(scope, value.name, *given)
 
     def _scope(self, level: Level) -> Scope:
         return {ONCE: self.around.entry, STRETCH: self.around.stretch}.get(level, self.scope)
@@ -195,7 +203,8 @@ class Body:
             if made.flag or scope is not self.scope:
                 return made
             kept = around.lanes if made.wide else around.once
-            return Value(printer.load(scope, kept.pointer, kept.place(made), made.wide), made.wide, sound=made.sound)
+            text = printer.of(made).load(scope, kept.pointer, kept.place(made), made.wide)
+            return Value(text, made.wide, sound=made.sound, abreast=made.abreast)
         if name == spec.index:
             return Value("%index", False, sound=True)
         if name in around.places:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vsgdesign.codegen.llvm_values import Printer
-from vsgdesign.codegen.loop_spec import LoopSpec
+from vsgdesign.codegen.loop_spec import LoopSpec, Product
 
 _REGISTERS = 8
 """Sums that are under way at once: while one waits for its last addition, the others go on."""
@@ -15,24 +15,34 @@ _ROWS = 8
 def product_lines(spec: LoopSpec, printer: Printer) -> list[str]:
     """The text that fills ``%products``, at the beginning of a sample. It ends within a block that goes on."""
     text, done = [], 0
-    for number, product in enumerate(spec.products):
-        height = len(product.results)
-        matrix, factors = spec.rows.index(product.matrix[0]), spec.rows.index(product.factors[0])
-        base = "%base"
-        if product.turns > 1:
-            base, size = f"%base_{number}", height * len(product.factors) * spec.width
-            text += [
-                f"  %turned_{number} = mul i64 %turn, {size}",
-                f"  {base} = getelementptr double, ptr %base, i64 %turned_{number}",
-            ]
-        step = _ROWS if spec.width == 1 else 1
-        parts = [(at, min(step, height - at)) for at in range(0, height, step)]
-        for first in range(0, len(parts), _REGISTERS):
-            text += _columns(
-                spec, printer, f"{number}_{first}", parts[first : first + _REGISTERS], matrix, factors, height,
-                len(product.factors), done, base,
-            )  # fmt: skip
-        done += height
+    alike: dict[tuple[tuple[str, ...], int], list[tuple[Product, int]]] = {}
+    for product in spec.products:
+        alike.setdefault((product.matrix, product.turns), []).append((product, done))
+        done += len(product.results)
+    for number, some in enumerate(alike.values()):
+        text += _of_one_matrix(spec, printer, number, some)
+    return text
+
+
+def _of_one_matrix(spec: LoopSpec, printer: Printer, number: int, some: list[tuple[Product, int]]) -> list[str]:
+    """Products with one matrix, each with the place of its first result: its numbers are read once for all."""
+    product, text = some[0][0], []
+    height, columns, width = len(product.results), len(product.factors), spec.width
+    base, matrix = "%base", spec.rows.index(product.matrix[0])
+    if product.turns > 1:
+        base = f"%base_{number}"
+        text += [
+            f"  %turned_{number} = mul i64 %turn, {height * columns * width}",
+            f"  {base} = getelementptr double, ptr %base, i64 %turned_{number}",
+        ]
+    factors = [(spec.rows.index(one.factors[0]), done) for one, done in some]
+    step = min(_ROWS, height) if width == 1 else 1
+    # The last rows are a whole register, too: some of them are in two of them, with the same sums.
+    parts = [(min(at, height - step), step) for at in range(0, height, step)]
+    most = max(_REGISTERS // len(some), 1)
+    for first in range(0, len(parts), most):
+        own = parts[first : first + most]
+        text += _columns(spec, printer, f"{number}_{first}", own, matrix, factors, height, columns, base)
     return text
 
 
@@ -42,14 +52,13 @@ def _columns(
     name: str,
     parts: list[tuple[int, int]],
     matrix: int,
-    factors: int,
+    factors: list[tuple[int, int]],
     height: int,
     columns: int,
-    done: int,
     base: str,
 ) -> list[str]:
-    """The loop over the columns for some parts of them: (first row, rows). ``done``: results of earlier products;
-    ``base``: where the rows begin of which the matrix is one."""
+    """The loop over the columns for some parts of them: (first row, rows). ``factors``: the first row of the factors of
+    each product, and the place of its first result; ``base``: where the rows begin of which the matrix is one."""
     width, flags = spec.width, printer.flags
     before, head, tail = f"%before_{name}", f"column_{name}", f"columns_{name}"
     text = [
@@ -59,37 +68,40 @@ def _columns(
         f"{head}:",
         f"  %c_{name} = phi i64 [ 0, {before} ], [ %c_next_{name}, %{head} ]",
     ]
-    sums = []
-    for at, rows in parts:
-        kind = _kind(rows * width)
+    sums = [(at, rows, which, f"{name}_{which}_{at}") for at, rows in parts for which in range(len(factors))]
+    for _, rows, _, own in sums:
         zero = "0.0" if rows * width == 1 else "zeroinitializer"
-        now, after = f"%sum_{name}_{at}", f"%sum_next_{name}_{at}"
-        text.append(f"  {now} = phi {kind} [ {zero}, {before} ], [ {after}, %{head} ]")
-        sums.append((at, rows, kind, now, after))
+        text.append(f"  %sum_{own} = phi {_kind(rows * width)} [ {zero}, {before} ], [ %sum_next_{own}, %{head} ]")
     text += [
         f"  %factor_at_{name} = mul i64 %c_{name}, {width}",
-        f"  %factor_cell_{name} = add i64 %factor_at_{name}, {factors * width}",
-        f"  %factor_place_{name} = getelementptr double, ptr %base, i64 %factor_cell_{name}",
-        f"  %factor_{name} = load {_kind(width)}, ptr %factor_place_{name}, align 8",
         f"  %column_at_{name} = mul i64 %c_{name}, {height * width}",
         f"  %column_cell_{name} = add i64 %column_at_{name}, {matrix * width}",
         f"  %here_{name} = getelementptr double, ptr {base}, i64 %column_cell_{name}",
     ]
-    for at, rows, kind, now, after in sums:
-        own = f"{name}_{at}"
-        factor = f"%factor_{name}"
-        if rows > 1:  # one lane: the factor in every row
-            mask = f"<{rows} x i32> zeroinitializer"
+    wide = max(rows for _, rows in parts)
+    for which, (first, _) in enumerate(factors):
+        own = f"{name}_{which}"
+        text += [
+            f"  %factor_cell_{own} = add i64 %factor_at_{name}, {first * width}",
+            f"  %factor_place_{own} = getelementptr double, ptr %base, i64 %factor_cell_{own}",
+            f"  %factor_{own} = load {_kind(width)}, ptr %factor_place_{own}, align 8",
+        ]
+        if wide > 1:  # one lane: the factor in every row
+            kind, mask = _kind(wide), f"<{wide} x i32> zeroinitializer"
             text += [
-                f"  %first_{own} = insertelement {kind} poison, double {factor}, i64 0",
+                f"  %first_{own} = insertelement {kind} poison, double %factor_{own}, i64 0",
                 f"  %wide_{own} = shufflevector {kind} %first_{own}, {kind} poison, {mask}",
             ]
-            factor = f"%wide_{own}"
+    for at, rows in parts:
         text += [
-            f"  %place_{own} = getelementptr double, ptr %here_{name}, i64 {at * width}",
-            f"  %number_{own} = load {kind}, ptr %place_{own}, align 8",
-            f"  %term_{own} = fmul {flags}{kind} %number_{own}, {factor}",
-            f"  {after} = fadd {flags}{kind} {now}, %term_{own}",
+            f"  %place_{name}_{at} = getelementptr double, ptr %here_{name}, i64 {at * width}",
+            f"  %number_{name}_{at} = load {_kind(rows * width)}, ptr %place_{name}_{at}, align 8",
+        ]
+    for at, rows, which, own in sums:
+        kind, factor = _kind(rows * width), f"%{'wide' if wide > 1 else 'factor'}_{name}_{which}"
+        text += [
+            f"  %term_{own} = fmul {flags}{kind} %number_{name}_{at}, {factor}",
+            f"  %sum_next_{own} = fadd {flags}{kind} %sum_{own}, %term_{own}",
         ]
     text += [
         f"  %c_next_{name} = add i64 %c_{name}, 1",
@@ -97,10 +109,10 @@ def _columns(
         f"  br i1 %on_{name}, label %{head}, label %{tail}",
         f"{tail}:",
     ]
-    for at, _, kind, _, after in sums:
+    for at, rows, which, own in sums:
         text += [
-            f"  %to_{name}_{at} = getelementptr double, ptr %products, i64 {(done + at) * width}",
-            f"  store {kind} {after}, ptr %to_{name}_{at}, align 8",
+            f"  %to_{own} = getelementptr double, ptr %products, i64 {(factors[which][1] + at) * width}",
+            f"  store {_kind(rows * width)} %sum_next_{own}, ptr %to_{own}, align 8",
         ]
     return text
 

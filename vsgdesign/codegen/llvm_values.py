@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import itertools
 import struct
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 from vsgdesign.codegen.expressions import Number, Numbers
 
@@ -30,6 +33,8 @@ class Value:
     flag: bool = False
     sound: bool = False
     """Whether it cannot be NaN."""
+    abreast: int = 0
+    """How many numbers of one lane are in it side by side (:func:`vsgdesign.codegen.blocks.abreast`); 0: it is one."""
 
 
 def _bits_of(value: float) -> str:
@@ -65,12 +70,19 @@ class Printer:
         self.declared: set[str] = set()
         self.rows: dict[tuple[float, ...], tuple[str, str]] = {}
         """Rows of numbers by what is in them: their names and their texts."""
-        self._count = 0
+        self._count = itertools.count(1)
 
     def register(self) -> str:
         """A new register."""
-        self._count += 1
-        return f"%v{self._count}"
+        return f"%v{next(self._count)}"
+
+    def of(self, value: Value) -> Printer:
+        """The printer of a value: of numbers side by side in one lane, one whose lanes they are."""
+        if not value.abreast:
+            return self
+        other = copy.copy(self)
+        other.width = value.abreast
+        return other
 
     def type(self, wide: bool, flag: bool = False) -> str:
         """The type of a value."""
@@ -119,8 +131,24 @@ class Printer:
         text = self.line(scope, f"shufflevector {many} {first}, {many} poison, {mask}")
         return Value(text, True, value.flag, value.sound)
 
+    def packed(self, scope: Scope, values: Sequence[Value]) -> Value:
+        """Numbers of one lane side by side."""
+        kind, found = f"<{len(values)} x double>", "poison"
+        for at, one in enumerate(values):
+            found = self.line(scope, f"insertelement {kind} {found}, double {one.text}, i64 {at}")
+        return Value(found, True, sound=all(one.sound for one in values), abreast=len(values))
+
+    def taken(self, scope: Scope, value: Value, at: int) -> Value:
+        """One of the numbers that are side by side."""
+        text = self.line(scope, f"extractelement <{value.abreast} x double> {value.text}, i64 {at}")
+        return Value(text, True, sound=value.sound)
+
     def operation(self, scope: Scope, name: str, *values: Value) -> Value:
-        """The value of an operation, wide if any argument is."""
+        """The value of an operation, wide if any argument is; of numbers side by side if any argument is that."""
+        first = next((one for one in values if one.abreast), None)
+        if first is not None and self.width != first.abreast:
+            given = [one if one.abreast else replace(one, wide=False) for one in values]
+            return replace(self.of(first).operation(scope, name, *given), abreast=first.abreast)
         given, wide = list(values), any(one.wide for one in values)
         if wide:
             given = [self.widened(scope, one) for one in given]
@@ -164,6 +192,8 @@ class Printer:
             name = f"@row.{len(self.rows)}"
             text = f"private constant [{len(row.values)} x double] [{numbers}], align 64"
             self.rows[row.values] = name, f"{name} = {text}"
+        if at.abreast and self.width != at.abreast:
+            return replace(self.of(at).read(scope, row, at), abreast=at.abreast)
         name, wide = self.rows[row.values][0], at.wide and self.width > 1
         index = self.line(scope, f"fptosi {self.type(at.wide)} {at.text} to {self.whole(at.wide)}")
         if not wide:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from vsgdesign.codegen.expressions import Variable
-from vsgdesign.codegen.flat import Block
+from vsgdesign.codegen.flat import PACKED, Block
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,8 @@ class LoopSpec:
             faults.append("state is empty: a loop moves at least one number")
         if self.lanes not in (1, 2, 4, 8):
             faults.append(f"lanes = {self.lanes}: give 1, 2, 4 or 8")
+        if self.width > 1 and any(getattr(value, "name", "") == PACKED for one in self.bodies for _, value in one.lets):
+            faults.append(f"a body does the same for several at once, in {self.width} lanes: give one lane")
         if not 1 <= self.vectors <= 8:
             faults.append(f"vectors = {self.vectors}: give 1 to 8")
         for at, body in enumerate(self.bodies[1:], 1):

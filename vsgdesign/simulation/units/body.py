@@ -7,11 +7,12 @@ phasors of the sources.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from vsgdesign.codegen.blocks import Part, Writer, joined, renamed, with_outputs
+from vsgdesign.codegen.blocks import Part, Writer, abreast, joined, renamed, with_outputs
 from vsgdesign.codegen.expressions import Expression, Number
 from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.loop_spec import LoopSpec, Product
@@ -34,6 +35,9 @@ SAID_BY_OTHERS = ("P", "Q", "omega", "V", "theta", "limited", "at_bridge")
 
 ENDS = "ends"
 """Whether a cycle of a field estimator has ended at an instant: the loop ends there."""
+
+ABREAST = 8
+"""Most converters whose samples a plant in a loop with one lane takes at once."""
 
 PHASORS = ("along", "across")
 """Of a source on an axis: its phasor there, and less its phasor a quarter turn before. On α (cos, sin), on β (sin,
@@ -158,6 +162,7 @@ def link_names(kind: PlantKind, k: int) -> list[str]:
     return [*(f"next.u{k}.{name}" for name in dc.state), *(f"u{k}.{name}" for name in dc.clamp)]
 
 
+@functools.lru_cache(maxsize=64)
 def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
     """The loop of a plant, strict: every operation rounds by itself. Of one that is watched nothing is logged."""
     moved = _moved(kind)
@@ -167,7 +172,8 @@ def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
     outputs += tuple(output for _, output in kind.rings)
     outputs += (stop,) if stop else ()
     distinct = tuple(dict.fromkeys(kind.sampling))
-    bodies = tuple(with_outputs(_body(kind, sampling, moved), outputs) for sampling in distinct)
+    most = ABREAST if build.lanes * build.vectors == 1 else 1
+    bodies = tuple(with_outputs(_body(kind, sampling, moved, most), outputs) for sampling in distinct)
     placed = {name for name, _ in moved} | {name for axis in AXES for name in _results(kind, axis)} | set(kind.fed)
     placed |= {"k", *(name for name, _ in kind.rings)}
     inputs = dict.fromkeys(name for one in bodies for name in one.inputs)
@@ -226,11 +232,11 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
     return [(name, f"next.{name}") for name in found]
 
 
-def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]) -> Block:
-    """One instant at which some converters sample."""
+def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]], most: int) -> Block:
+    """One instant at which some converters sample, ``most`` of them at once."""
     parts = [Part(_arrived(kind))] if kind.added else []
     parts += [Part(_charged(kind))] if kind.linked else []
-    parts += [Part(renamed(_sampled(kind, k), lambda name, k=k: _called(kind, k, name))) for k in sampling]
+    parts += _samples(kind, sampling, most)
     parts += _heard_in_common(kind) if kind.common else []
     after: dict[str, str] = {}
     for axis in AXES:
@@ -276,6 +282,21 @@ def _charged(kind: PlantKind) -> Block:
             line.output(f"u{k}.charge_now.{axis}", own)
             line.output(f"u{k}.uncharged.{axis}", line.does("*", Number(0.0), own))
     return line.block()
+
+
+def _samples(kind: PlantKind, sampling: Sequence[int], most: int) -> list[Part]:
+    """The samples of converters: those that are alike at once, as many as ``most``."""
+    alike: dict[object, list[int]] = {}
+    for k in sampling:
+        count = len(kind.units)
+        alike.setdefault(kind.units[k] if k < count else (kind.others[k - count],), []).append(k)
+    parts = []
+    for some in alike.values():
+        for first in range(0, len(some), most):
+            names = [functools.partial(_called, kind, k) for k in some[first : first + most]]
+            one, width = _sampled(kind, some[first]), 1 << (len(names) - 1).bit_length()
+            parts.append(Part(abreast(one, names, width) if width > 1 else renamed(one, names[0])))
+    return parts
 
 
 def _sampled(kind: PlantKind, k: int) -> Block:

@@ -178,6 +178,7 @@ class _Run:
         self.log_periods = max(round(study.simulation.log_interval / self.clock.period), 1)
         self.periods = int(np.floor(study.simulation.duration / self.clock.period + 1e-6))
         self._gains = [one.first for one in self.given]
+        self._like = [cold_start(one).controller for one in timeline.units]
         widths = [len(link_names(self.kind, k)) for k in range(len(kinds))]
         ends = len(log_names(self.kind)) - sum(widths) + np.cumsum(widths)
         self._links = [slice(end - width, end) for end, width in zip(ends.tolist(), widths, strict=True)]
@@ -338,7 +339,7 @@ class _Run:
         return with_noise(more, self.sensors, self.clock, begin, end)
 
     def _state(self, k: int) -> ControllerState:
-        like = cold_start(self.timeline.units[k]).controller
+        like = self._like[k]
         numbers, count = self._at(f"u{k}.state").tolist(), len(like) - 1
         return ControllerState(*numbers[:count], limiter=type(like.limiter)(*numbers[count:]))
 
@@ -418,23 +419,28 @@ class _Run:
 
     def _terminals(self, t_s: Array, log: Array) -> Array:
         """(n, converters, 2): the voltages at the terminals of the converters (:eq:`plant-terminal`)."""
-        width, units = len(LOG_COLUMNS), self.kind.converters
+        width, units, first = len(LOG_COLUMNS), self.kind.converters, len(LOG_COLUMNS) * self.kind.converters
+        states = [width * k + 2 * m for k in range(units) for m in range(3)]
+        states += range(first, first + 2 * (len(self.kind.states) - 3 * units), 2)
+        v_g = LOG_COLUMNS.index("v_g_alpha")  # with its components
+        columns = np.array([*states, v_g])[:, None] + np.arange(2)  # of both axes
+        given = log[:, columns.ravel()]
         found = np.empty((len(t_s), units, 2))
         starts = [one.t_s for one in self.timeline.segments]
         index = np.maximum(np.searchsorted(starts, t_s + 1e-9 * self.clock.period, side="right") - 1, 0)
         for j in np.unique(index).tolist():
-            rows, segment = index == j, self.timeline.segments[j]
+            begin, end = np.searchsorted(index, [j, j + 1]).tolist()
+            rows, segment = slice(begin, end), self.timeline.segments[j]
             circuit: UnitsCircuit = circuit_of_units(self.wiring, segment.topology, self.kind.states)
             per_state, per_source = circuit.terminals
-            phase = segment.source.phase + segment.source.omega * (t_s[rows] - segment.t_s)
+            weights = np.zeros((*columns.shape, units, 2))
             for axis in range(2):
-                own = [log[rows, width * k + 2 * m + axis] for k in range(units) for m in range(3)]
-                own += list(self._of_circuit(log)[rows, axis::2].T)
-                turned = phase[:, None] + np.array([0.0, *(one.phase for one in self.timeline.plant.sources)])
-                V = np.array([segment.source.V_g_rms, *(one.V_rms for one in self.timeline.plant.sources)])
-                v_g = (np.cos(turned) if axis == 0 else np.sin(turned)) * V / peak_to_rms(1.0)
-                v_g[:, 0] = log[rows, 6 + axis]  # with its components
-                found[rows, :, axis] = np.array(own).T @ per_state.T + v_g @ per_source.T
+                weights[:, axis, :, axis] = np.column_stack([per_state, per_source[:, 0]]).T
+            found[rows] = (given[rows] @ weights.reshape(given.shape[1], -1)).reshape(-1, units, 2)
+            phase = segment.source.phase + segment.source.omega * (t_s[rows] - segment.t_s)
+            for one, own in zip(self.timeline.plant.sources, per_source[:, 1:].T, strict=True):
+                turned = np.column_stack([np.cos(phase + one.phase), np.sin(phase + one.phase)])
+                found[rows] += own[:, None] * (rms_to_peak(one.V_rms) * turned)[:, None, :]
         return found
 
 
