@@ -27,13 +27,13 @@ TAIL = "3.6541528853610087963519472518"
 """Where the lowest layer ends and the tail of the distribution begins."""
 AREA = "0.00492867323397465493159091343185"
 """Of each layer, the tail being part of the lowest: TAIL·f(TAIL) + ∫ f from TAIL on, with f(x) = exp(−x²/2)."""
-_BITS = 52
+BITS = 52
 
-_MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
+MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 """Of PCG64's congruence."""
 
 _NAME = "normals"
-_ARGUMENTS = ("state", "out", "rows", "columns", "row_step", "column_step", "again", "scale", "layers", "log1p", "exp")
+_ARGUMENTS = ("state", "out", "rows", "columns", "row_step", "column_step", "scale", "layers", "log1p", "exp")
 _PACKED = struct.Struct(f"{len(_ARGUMENTS)}q")
 
 
@@ -47,23 +47,25 @@ class NormalStream:
             raise ValueError(f"bits is a {found['bit_generator']}: give a PCG64.")
         whole = found["state"]["state"], found["state"]["inc"]
         words = [number >> shift & 0xFFFF_FFFF_FFFF_FFFF for number in whole for shift in (0, 64)]
-        self._state = np.array(words, dtype=np.uint64)
+        self.state = np.array(words, dtype=np.uint64)
+        """Of the generator now, and its increment: two words each, the lower one first."""
 
-    def put(self, out: Floats, scale: Floats, again: int = 0) -> None:
+    def put(self, out: Floats, scale: Floats) -> None:
         """Puts the next numbers, row after row, each times the ``scale`` (n,) of its column, into ``out`` (m, n), which
-        may lie anywhere, and each once more so many numbers after its place."""
+        may lie anywhere."""
         rows, columns = out.shape
         steps = out.strides[0] // 8, out.strides[1] // 8
         if (out.dtype, scale.dtype, scale.shape) != (np.float64, np.float64, (columns,)) or scale.strides != (8,):
             raise ValueError(f"out is {out.shape} of {out.dtype}, scale {scale.shape}: give float64, and (n,).")
         if rows and columns:
-            state, to, of = self._state.ctypes.data, out.ctypes.data, scale.ctypes.data
-            _compiled()(_PACKED.pack(state, to, rows, columns, *steps, again, of, *_fixed()))
+            state, to, of = self.state.ctypes.data, out.ctypes.data, scale.ctypes.data
+            _compiled()(_PACKED.pack(state, to, rows, columns, *steps, of, *fixed_places()))
 
     def skip(self, count: int) -> None:
         """Goes past so many numbers."""
-        nowhere = np.zeros(1)
-        self.put(np.lib.stride_tricks.as_strided(nowhere, (count, 1), (0, 0)), np.zeros(1))
+        if count:
+            nowhere = np.zeros(1)
+            self.put(np.lib.stride_tricks.as_strided(nowhere, (count, 1), (0, 0)), np.zeros(1))
 
 
 @functools.cache
@@ -73,7 +75,7 @@ def layers() -> NDArray[np.void]:
     found = np.zeros(LAYERS, dtype=[("inside", np.int64), ("width", float), ("upper", float), ("lower", float)])
     with localcontext() as context:
         context.prec = 40
-        edge, area, whole = Decimal(TAIL), Decimal(AREA), Decimal(2**_BITS)
+        edge, area, whole = Decimal(TAIL), Decimal(AREA), Decimal(2**BITS)
 
         def density(x: Decimal) -> Decimal:
             return (-x * x / 2).exp()
@@ -92,7 +94,7 @@ def layers() -> NDArray[np.void]:
 
 
 @functools.cache
-def _fixed() -> tuple[int, int, int]:
+def fixed_places() -> tuple[int, int, int]:
     """Where the layers lie, and two functions of the C library."""
     library = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
     functions = (ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0 for name in ("log1p", "exp"))
@@ -108,10 +110,10 @@ def _hex(number: float) -> str:
     return f"0x{struct.unpack('<Q', struct.pack('<d', number))[0]:016X}"
 
 
-def _raw(of: str, to: str) -> list[str]:
+def raw_text(of: str, to: str) -> list[str]:
     """The generator's next state ``%{to}`` from ``%{of}``, and its number ``%{to}_bits``."""
     return [
-        f"  %{to}_times = mul i128 %{of}, {_MULTIPLIER}",
+        f"  %{to}_times = mul i128 %{of}, {MULTIPLIER}",
         f"  %{to} = add i128 %{to}_times, %increment",
         f"  %{to}_lo = trunc i128 %{to} to i64",
         f"  %{to}_shifted = lshr i128 %{to}, 64",
@@ -125,7 +127,7 @@ def _raw(of: str, to: str) -> list[str]:
 def _uniform(of: str, to: str) -> list[str]:
     """The same, and its number in [0, 1), ``%{to}_u``."""
     return [
-        *_raw(of, to),
+        *raw_text(of, to),
         f"  %{to}_53 = lshr i64 %{to}_bits, 11",
         f"  %{to}_whole = uitofp i64 %{to}_53 to double",
         f"  %{to}_u = fmul double %{to}_whole, {_hex(2.0**-53)}",
@@ -139,10 +141,9 @@ def _text() -> str:
         for at, name in enumerate(_ARGUMENTS)
         for line in (
             f"  %place_{name} = getelementptr i64, ptr %given, i64 {at}",
-            f"  %{name} = load {'i64' if name in _ARGUMENTS[2:7] else 'ptr'}, ptr %place_{name}",
+            f"  %{name} = load {'i64' if name in _ARGUMENTS[2:6] else 'ptr'}, ptr %place_{name}",
         )
     ]
-    tail, back = _hex(float(TAIL)), _hex(-1.0 / float(TAIL))
     lines = [
         "declare i64 @llvm.fshr.i64(i64, i64, i64)",
         f"define void @{_NAME}(ptr %given) {{",
@@ -164,12 +165,12 @@ def _text() -> str:
         "  br label %draw",
         "draw:",
         "  %now = phi i128 [ %of_column, %column ], [ %after, %rare ]",
-        *_raw("now", "next"),
+        *raw_text("now", "next"),
         "  %layer = and i64 %next_bits, 255",
         "  %layer_at = shl i64 %layer, 2",
         "  %entry_place = getelementptr i64, ptr %layers, i64 %layer_at",
         "  %sized = lshr i64 %next_bits, 9",
-        f"  %size = and i64 %sized, {2**_BITS - 1}",
+        f"  %size = and i64 %sized, {2**BITS - 1}",
         "  %width_place = getelementptr i64, ptr %entry_place, i64 1",
         "  %width = load double, ptr %width_place, align 8",
         "  %real = sitofp i64 %size to double",
@@ -198,8 +199,6 @@ def _text() -> str:
         "  %column_at = mul i64 %c, %column_step",
         "  %to = getelementptr double, ptr %row_place, i64 %column_at",
         "  store double %scaled, ptr %to, align 8",
-        "  %to_again = getelementptr double, ptr %to, i64 %again",
-        "  store double %scaled, ptr %to_again, align 8",
         "  %c_next = add i64 %c, 1",
         "  %more_columns = icmp slt i64 %c_next, %columns",
         "  br i1 %more_columns, label %column, label %row_end",
@@ -211,6 +210,17 @@ def _text() -> str:
         "  store i128 %moved, ptr %state, align 8",
         "  ret void",
         "}",
+        *beside_text(),
+        '!0 = !{!"branch_weights", i32 100, i32 1}',
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def beside_text() -> list[str]:
+    """The function for what falls beside the inner part of a layer: a number, or NaN where another one is needed."""
+    tail, back = _hex(float(TAIL)), _hex(-1.0 / float(TAIL))
+    return [
         "define internal double @beside(ptr %state, ptr %entry_place, i64 %layer, i64 %size, double %x, ptr %log1p, "
         "ptr %exp) noinline {",
         "entry:",
@@ -259,7 +269,4 @@ def _text() -> str:
         "  %end = select i1 %negative, double %minus_far, double %far",
         "  ret double %end",
         "}",
-        '!0 = !{!"branch_weights", i32 100, i32 1}',
-        "",
     ]
-    return "\n".join(lines)

@@ -187,19 +187,24 @@ class SensorsOfRun:
             self.put(first, found)
         return found
 
-    def put(self, first: int, out: Array, again: int = 0) -> None:
-        """Puts the same from sample ``first`` on into ``out`` (count, 9), which may lie anywhere, and each number once
-        more so many numbers after its place.
+    def put(self, first: int, out: Array) -> None:
+        """Puts the same from sample ``first`` on into ``out`` (count, 9), which may lie anywhere.
 
         Each block of samples has a stream of its own. To go on where the last call ended costs nothing but the draw.
         """
         done = 0
         while done < len(out):
-            block, at = divmod(first + done, NOISE_BLOCK)
+            at = (first + done) % NOISE_BLOCK
             if self._stream is None or at == 0 or first + done != self._next:
-                self._stream = normal_stream(self._seed, "noise", block)
-                self._stream.skip(at * len(CHANNELS))
+                self._stream = self.stream(first + done)
             part = out[done : done + NOISE_BLOCK - at]
-            self._stream.put(part, self.rms, again)
+            self._stream.put(part, self.rms)
             done += len(part)
             self._next = first + done
+
+    def stream(self, sample: int) -> NormalStream:
+        """The numbers from a sample on, up to the end of its block, nine for each."""
+        block, at = divmod(sample, NOISE_BLOCK)
+        found = normal_stream(self._seed, "noise", block)
+        found.skip(at * len(CHANNELS))
+        return found

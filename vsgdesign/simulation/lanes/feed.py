@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import aligned_zeros
+from vsgdesign.codegen.many_normals import ManyNormalStreams
 from vsgdesign.codegen.records import numbers_of
-from vsgdesign.simulation.added_source import AddedSource, SensorsOfRun
+from vsgdesign.simulation.added_source import NOISE_BLOCK, AddedSource, SensorsOfRun
 from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
 from vsgdesign.simulation.circuits import Circuits
@@ -38,18 +39,24 @@ class LaneFeed:
         self._batch = batch
         self._apart = 2 if beside else 1
         self._sources: list[_SourceOfLane] = []
-        self._sensors: list[SensorsOfRun] = []
-        self._columns = len(fed_names(batch.kind._replace(added=batch.kind.moved)))
+        self._noise: list[_NoiseOfGroup] = []
+        fed = fed_names(batch.kind._replace(added=batch.kind.moved))
+        self._columns = len(fed)
+        at = next((k for k, name in enumerate(fed) if name.startswith("noise.")), 0)
+        self._of_noise = slice(at, at + len(CHANNELS))
         self._room = np.zeros((0, 0, self._columns, batch.rows.shape[2]))
 
     def add_sensors(self, specs: Sequence[SensorSpec], x: Array, omega: Array) -> None:
         """``x`` (2n, N): the circuits' states at the beginning; ``omega`` (N,): of the sources there, rad/s."""
-        batch = self._batch
-        of_run = zip(specs, x.T, omega.tolist(), strict=True)
-        self._sensors = [SensorsOfRun(batch.study, *one) for one in of_run]
-        for number, run in enumerate(self._sensors):
-            batch.set("sensors", numbers_of(run.constants), number)
-            batch.set("before", run.before, number)
+        batch, mains = self._batch, []
+        for number in range(0, len(batch), self._apart):
+            run = SensorsOfRun(batch.study, specs[number], x[:, number], float(omega[number]))
+            mains.append(run)
+            for lane in range(number, number + self._apart):
+                batch.set("sensors", numbers_of(run.constants), lane)
+                batch.set("before", run.before, lane)
+        each = batch.rows.shape[2] // self._apart
+        self._noise = [_NoiseOfGroup(mains[k : k + each], each, self._apart) for k in range(0, len(mains), each)]
 
     def add_sources(
         self, writer: ProgramWriter, studies: Sequence[Study], timelines: Sequence[Timeline], circuits: Circuits
@@ -72,8 +79,11 @@ class LaneFeed:
         found = self._room[:groups, :most]
         for group in range(first, first + groups):
             lanes = range(group * width, min((group + 1) * width, len(self._batch)), self._apart)
-            if self._sensors:
-                self._add_noise(found[group - first], group, lanes, begin, counts, late)
+            if self._noise:
+                of_group = slice(group * width, (group + 1) * width, self._apart)
+                self._noise[group].put(
+                    found[group - first, :, self._of_noise], begin[of_group], *(one[of_group] for one in (counts, late))
+                )
             for lane in lanes if self._sources else ():
                 rows = slice(late[lane], late[lane] + counts[lane])
                 self._sources[lane].put(found[group - first, rows, :, lane % width], int(begin[lane]))
@@ -82,16 +92,37 @@ class LaneFeed:
                 found[group - first, :, :columns, 1::2] = found[group - first, :, :columns, ::2]
         return found
 
-    def _add_noise(
-        self, found: Array, group: int, lanes: range, begin: Samples, counts: Samples, late: Samples
-    ) -> None:
-        """A twin has what its run has, in the next lane."""
-        at = self._columns - len(CHANNELS) - (self._batch.kind.moved and self._batch.kind.watch == DISTURBANCE)
-        width = found.shape[2]
-        for lane in lanes:
-            rows = slice(late[lane], late[lane] + counts[lane])
-            of_lane = found[rows, at : at + len(CHANNELS), lane - group * width]
-            self._sensors[lane].put(int(begin[lane]), of_lane, self._apart - 1)
+
+class _NoiseOfGroup:
+    """The noise of the sensors of runs side by side, of which there are ``each`` or fewer, and of their twins."""
+
+    def __init__(self, sensors: Sequence[SensorsOfRun], each: int, copies: int) -> None:
+        scale = np.zeros((len(CHANNELS), each))
+        scale[:, : len(sensors)] = np.transpose([one.rms for one in sensors])
+        self._sensors, self._streams = sensors, ManyNormalStreams(scale, copies)
+        self._next = np.full(len(sensors), -1)
+        """The sample after the last one of each run that was drawn."""
+
+    def put(self, out: Array, begin: Samples, counts: Samples, late: Samples) -> None:
+        """Puts what is added to the readings into ``out`` (most, 9, L): of each run (n,) from its sample ``begin`` on
+        into ``counts`` rows, from row ``late`` on."""
+        streams, count = self._streams, len(self._sensors)
+        begin, counts, late = begin[:count], counts[:count], late[:count]
+        streams.first[:count], streams.until[:count] = late, late + counts
+        # A block of samples has a stream of its own, which may begin in any row.
+        edge = begin + (-begin) % NOISE_BLOCK
+        anew = (begin != self._next) & (begin < edge)
+        due = [(int(late[run]), run, int(begin[run])) for run in np.flatnonzero(anew).tolist()]
+        while (within := edge < begin + counts).any():
+            due += [(int((late + edge - begin)[run]), run, int(edge[run])) for run in np.flatnonzero(within).tolist()]
+            edge = edge + NOISE_BLOCK
+        self._next[:] = begin + counts
+        done = 0
+        for row, run, sample in sorted(due):
+            streams.put(out, done, row)
+            streams.take(run, self._sensors[run].stream(sample))
+            done = row
+        streams.put(out, done, len(out))
 
 
 class _SourceOfLane:
