@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from vsgdesign.campaigns.compliance.reading import SUITES, packaged_document, suite_named
-from vsgdesign.campaigns.compliance.suite_text import suite_markdown
+from website.grid_code_suites import suite_markdown
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "grid-code-suites.md"
 

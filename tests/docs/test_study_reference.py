@@ -37,7 +37,8 @@ from vsgdesign.study.parameters import (
 from vsgdesign.study.parameters.building import Sections
 from vsgdesign.study.parameters.fields import fields_of
 from vsgdesign.study.parameters.reader import REQUIRED, TableReader
-from vsgdesign.study.parameters.reference import HEADER, table_lines, tables_of
+from vsgdesign.study.parameters.reference import tables_of
+from website.study_file import HEADER, table_lines
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "study-file.md"

@@ -15,8 +15,9 @@ import pytest
 import vsgdesign as vd
 from vsgdesign.study.parameters.building import Sections
 from vsgdesign.study.parameters.fields import Field, fields_of
-from vsgdesign.study.parameters.reference import argument_line, tables_of, type_text
+from vsgdesign.study.parameters.reference import tables_of, type_text
 from vsgdesign.verbs.facade import studies
+from website.study_file import argument_line
 
 ROOT = Path(__file__).resolve().parents[2]
 STUB = ROOT / "vsgdesign" / "verbs" / "facade" / "studies.pyi"

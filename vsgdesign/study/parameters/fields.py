@@ -4,8 +4,6 @@ A class describes a table by the specifiers below (``number``, ``whole``, ``word
 have their defaults. The first paragraph of an attribute's docstring is its meaning, as the page [study file] has it. A
 :func:`section` is the record as well; where the record lies in another room, or needs more than the fields, a plain
 class has the fields alone. :func:`read` makes the record of a table, and :func:`document` writes it back.
-:mod:`vsgdesign.study.parameters.reference` writes the tables of docs/study-file.md and the types of the facade's
-arguments. Checks of several fields together stay functions.
 """
 
 from __future__ import annotations

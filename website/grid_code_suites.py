@@ -1,4 +1,4 @@
-"""Suites in words: one table row for each sweep of a suite file, for pages and listings."""
+"""The sections of docs/grid-code-suites.md: one table row for each sweep of a suite file."""
 
 from __future__ import annotations
 
