@@ -12,12 +12,12 @@ import numpy as np
 
 from bench.timing import Figure, Row, figure, repeat, run_python, scaled
 from tests.export.exchange import KINDS, compare, exported, random_calls, windows, written
+from tests.export.footprint import COMPILER, measure_footprint
 from tests.export.fuzzing import build_fuzz, distance_from_table, run_fuzz
 from vsgdesign.artifacts import read_table_file
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.export import compile_c
 from vsgdesign.export.compiled import run_compiler
-from vsgdesign.export.footprint import COMPILER, measure_footprint
 from vsgdesign.export.known_answers import gain_sizes
 from vsgdesign.runtime import Scheduler, load_scheduler
 from vsgdesign.simulation import build_timeline, simulate

@@ -18,12 +18,12 @@ import numpy as np
 
 from evidence._tables import leave, table
 from tests.export.exchange import compare, random_calls, written
+from tests.export.footprint import COMPILER, measure_footprint
 from tests.export.fuzzing import build_control_fuzz, run_control_fuzz
 from tests.export.random_states import compare_steps
 from tests.runtime.test_many import Inputs as RandomUpdates
 from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.export import compile_c, export_c_files
-from vsgdesign.export.footprint import COMPILER, measure_footprint
 from vsgdesign.runtime import ManySchedulers, Scheduler, load_scheduler
 from vsgdesign.simulation.compiled_schedulers import CompiledSchedulers
 

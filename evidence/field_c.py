@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 
 from evidence._tables import leave, table
+from tests.codegen.counting import cost_of
 from tests.export.exchange import written
 from tests.export.field_record import FieldRecord, apart, recorded_run, replay
+from tests.export.footprint import COMPILER, measure_field_footprint
 from vsgdesign.artifacts.field_weights import read_field_weights
-from vsgdesign.codegen.counting import cost_of
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, conclude, features, listen, probe_value
 from vsgdesign.equations.frames import rotate
 from vsgdesign.equations.probe import probe_offset
 from vsgdesign.export.c_code import export_c
 from vsgdesign.export.c_content import Origin
 from vsgdesign.export.field import converter_constants
-from vsgdesign.export.footprint import COMPILER, measure_field_footprint
 from vsgdesign.identification.field_network import field_network
 from vsgdesign.runtime import load_scheduler
 from vsgdesign.study.parameters import study_from_text

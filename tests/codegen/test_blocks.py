@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vsgdesign.codegen.blocks import Part, Plain, Writer, abreast, joined, renamed, with_outputs
+from tests.codegen.plain_blocks import Plain
+from vsgdesign.codegen.blocks import Part, Writer, abreast, joined, renamed, with_outputs
 from vsgdesign.codegen.expressions import Number
 from vsgdesign.codegen.llvm import LoopSpec, aligned_zeros, compiled_loop, flat_block
 from vsgdesign.codegen.loop_spec import Product

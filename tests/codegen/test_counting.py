@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tests.codegen import language
-from vsgdesign.codegen.counting import Cost, cost_of
+from tests.codegen.counting import Cost, cost_of
 from vsgdesign.equations.frames import rotate
 
 

@@ -16,6 +16,7 @@ from tests.artifacts.networks import random_weights
 from tests.cli.small_studies import as_json, call
 from tests.compilers import GCC_AND_CLANG, needs, require_compiler
 from tests.export.exchange import KINDS, exported, self_test_of, written
+from tests.export.footprint import COMPILER, measure_footprint
 from vsgdesign.artifacts import read_table_file
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.errors import ArtifactError
@@ -23,7 +24,6 @@ from vsgdesign.export import compile_c, export_c_files
 from vsgdesign.export.c_code import FILES, MANIFEST
 from vsgdesign.export.c_content import REASON_NAMES
 from vsgdesign.export.compiled import STRICT, run_compiler
-from vsgdesign.export.footprint import COMPILER, measure_footprint
 from vsgdesign.runtime.guards import REASONS
 from vsgdesign.study.parameters import load_study
 

@@ -18,7 +18,6 @@ from vsgdesign.study.parameters.network_fields import (
     Base,
     fault_document,
     load_document,
-    network_document,
     read_fault,
     read_load,
     read_sag,
@@ -120,8 +119,10 @@ def test_in_pu_and_in_si_are_the_same_load() -> None:
 
 def test_what_is_written_is_read_again() -> None:
     load = Load(R_parallel=10.0, C_parallel=2e-5, R_series=3.0, L_series=1e-3)
-    network = Network(load=load, fault=Fault(kind="phase_to_phase", at=0.25, R=0.3, phases="ab"), connected=False)
-    assert build(study_of(network=network_document(network))).network == network
+    fault = Fault(kind="phase_to_phase", at=0.25, R=0.3, phases="ab")
+    network = Network(load=load, fault=fault, connected=False)
+    written = {"load": load_document(load), "fault": fault_document(fault), "breaker": "open"}
+    assert build(study_of(network=written)).network == network
     faults: list[Wrong] = []
     assert read_load(TableReader(load_document(load), "load", faults), BASE) == load
     per_unit = Load(R_parallel=2.0, L_parallel=0.5, C_series=0.3)

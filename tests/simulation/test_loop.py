@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from tests.codegen.plain_blocks import Plain
 from tests.simulation.studies import GAINS, lc_study, lcl_study
 from tests.simulation.test_emt_against_dop853 import SENSORS, compare
 from tests.simulation.test_field_in_the_loop import FOLLOWING
-from vsgdesign.codegen.blocks import Plain
 from vsgdesign.equations.controller_data import Nothing
 from vsgdesign.equations.limiters import CIRCULAR
 from vsgdesign.linear.operating_point.plant import plant_step, state_matrices, two_axes

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vsgdesign.codegen.blocks import Plain
+from tests.codegen.plain_blocks import Plain
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.model.compiled import block_of, model_names
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order

@@ -11,7 +11,7 @@ refused with file, line and what to write instead.
   (:mod:`~vsgdesign.codegen.expressions`), with everything folded that is known.
 - :func:`c_functions` prints them as C99 for either precision, with the comments of the source.
 - :func:`~vsgdesign.codegen.llvm.flat_block` makes one straight line of a function and all that it calls. Blocks are
-  joined (:mod:`~vsgdesign.codegen.blocks`), run by plain Python (``Plain``), or compiled:
+  joined (:mod:`~vsgdesign.codegen.blocks`) and compiled:
   :class:`~vsgdesign.codegen.llvm.LoopSpec` says where each of their numbers comes from, and
   :func:`~vsgdesign.codegen.llvm.compiled_loop` makes a loop over samples and lanes of them. A strict loop has the bits
   of plain Python.

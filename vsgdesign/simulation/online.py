@@ -127,18 +127,6 @@ class Hears(Protocol):
         ...
 
 
-class KnowsItsGrid(Protocol):
-    """An online scheduler that says which grid its gains are made for: what a current limiter is told of the grid.
-
-    A scheduler is one by having the attribute.
-    """
-
-    @property
-    def grid(self) -> Grid | None:
-        """The grid in force; None before there is one."""
-        ...
-
-
 @dataclass(frozen=True)
 class FixedGains:
     """The scheduler that never changes anything; wrapped in a :class:`Recorder`, it collects windows."""

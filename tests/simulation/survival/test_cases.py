@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,6 @@ from vsgdesign.simulation.survival import (
     GridKnowledge,
     GridState,
     SurvivalCase,
-    case_from_document,
 )
 from vsgdesign.simulation.survival.cases import LEAD_S
 from vsgdesign.study.parameters.event import Event
@@ -57,20 +54,6 @@ def test_a_case_is_a_study_with_its_events() -> None:
     assert third.omega_g == pytest.approx(2.0 * math.pi * 49.0)
     assert (third.over, third.P_ref, third.Q_ref) == (0.5, 0.9 * c.S_rated, 0.2 * c.S_rated)
     assert first.V_g_rms is first.omega_g is first.P_ref is None
-
-
-@pytest.mark.parametrize("silent_s", [0.02, FOR_EVER])
-def test_a_document_is_the_same_case(silent_s: float) -> None:
-    one = case(JUMP, Event.of_pu(0.1, V_g_pu=0.0), silent_s=silent_s, magnitude=0.8, angle_deg=10.0)
-    assert case_from_document(json.loads(json.dumps(asdict(one)))) == one
-
-
-@pytest.mark.parametrize(
-    "document", [{}, {"group": "x", "start": {}, "changes": [], "cleared_s": 0.0}, {"grup": 1}, {"group": "x"}]
-)
-def test_a_wrong_document_is_refused(document: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="case"):
-        case_from_document(document)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from vsgdesign.simulation.survival.cases import (
     GridKnowledge,
     GridState,
     SurvivalCase,
-    case_from_document,
 )
 from vsgdesign.simulation.survival.clearing import ClearingTimes, Verdicts, critical_clearing_times
 from vsgdesign.simulation.survival.demand import field_cases
@@ -25,7 +24,6 @@ __all__ = [
     "SurvivalFigures",
     "Verdicts",
     "by_group",
-    "case_from_document",
     "critical_clearing_times",
     "dc_set",
     "field_cases",

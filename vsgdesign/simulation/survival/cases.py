@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from vsgdesign.simulation.timeline import Timeline
@@ -11,7 +11,6 @@ from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.event import BASIS, Event
 from vsgdesign.study.parameters.grid import Grid, Place
-from vsgdesign.study.parameters.network_fields import NOTHING_SAID, Said
 from vsgdesign.study.parameters.sensors import SensorSpec
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
@@ -154,38 +153,11 @@ class SurvivalCase:
         return tuple(said)
 
 
-def case_from_document(document: dict[str, Any]) -> SurvivalCase:
-    """The case of a document in JSON's types, such as ``dataclasses.asdict`` makes of one. Raises ValueError."""
-    known = {f.name for f in fields(SurvivalCase)}
-    if not isinstance(document, dict) or set(document) - known:
-        raise ValueError(f"a case has the fields {', '.join(sorted(known))}, not {document!r:.200}.")
-    try:
-        return SurvivalCase(
-            group=str(document["group"]),
-            start=GridState(**document["start"]),
-            changes=tuple(_change(change) for change in document["changes"]),
-            cleared_s=float(document["cleared_s"]),
-            knowledge=GridKnowledge(**document.get("knowledge", {})),
-            lead_s=float(document.get("lead_s", LEAD_S)),
-            draw=None if document.get("draw") is None else int(document["draw"]),
-        )
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"the document of a case is not complete: {error}.") from error
-
-
 _Drawn = TypeVar("_Drawn", BackgroundSpec | None, SensorSpec | None)
 
 
 def _redrawn(spec: _Drawn, seed: int | None) -> _Drawn:
     return spec if spec is None or seed is None else spec.redrawn(seed)
-
-
-def _change(document: dict[str, Any]) -> Event:
-    """An event of a document, as ``dataclasses.asdict`` makes one."""
-    given = dict(document)
-    place, switched = given.pop("place", None), given.pop("switched", None)
-    at = None if place is None else Place(**place)
-    return Event(**given, place=at, switched=NOTHING_SAID if switched is None else Said(*switched))
 
 
 def _event(c: Converter, change: Event, lead_s: float) -> Event:
@@ -224,5 +196,4 @@ __all__ = [
     "GridKnowledge",
     "GridState",
     "SurvivalCase",
-    "case_from_document",
 ]

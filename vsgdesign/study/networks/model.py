@@ -321,10 +321,3 @@ def _unknown(source: Source, before: Sequence[Fault], machine_x: bool) -> tuple[
         return problem, ""
     own = f'--source "{source.name} = 2 GVA, 10" gives its own short-circuit power and X/R, and "= none" leaves it out;'
     return problem, f"{advice} {own} --source FILE.csv gives many.".strip()
-
-
-def sentences_of(network: Network) -> Sequence[str]:
-    """What is in the file, in one sentence."""
-    counts = ((network.buses, "buses"), (network.branches, "branches"), (network.sources, "sources"))
-    said = ", ".join(f"{len(found)} {word}" for found, word in counts)
-    return [f"{network.file}: {said}, {len(network.converters)} converters, {len(network.loads)} loads."]

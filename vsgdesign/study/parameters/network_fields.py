@@ -359,13 +359,3 @@ def synchro_check_document(check: SynchroCheck) -> dict[str, Any]:
 def fault_in_si(fault: Fault, Z_base: float) -> Fault:
     """A fault whose resistance is in pu with that in Ω."""
     return replace(fault, R=fault.R * Z_base)
-
-
-def network_document(network: Network) -> dict[str, Any]:
-    """The fields ``load``, ``fault`` and ``breaker`` of a network in SI that differ from the plain one."""
-    found: dict[str, Any] = {}
-    if network.load is not None:
-        found["load"] = load_document(network.load)
-    if network.fault is not None:
-        found["fault"] = fault_document(network.fault)
-    return found if network.connected else found | {"breaker": OPEN}

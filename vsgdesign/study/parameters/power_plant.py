@@ -6,7 +6,6 @@ neutral. A cable is three of them, and a load up to four. :class:`PowerPlant` ha
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -212,8 +211,3 @@ def pairs_of_units(chosen: Sequence[int | None]) -> list[int]:
     """The pair of each unit of a plant: the chosen ones, then those that are left in turn; 0 where none is left."""
     left = [pair for pair in range(1, len(PAIRS) + 1) if pair not in chosen]
     return [one if one is not None else left.pop(0) if left else 0 for one in chosen]
-
-
-def finite(*values: float) -> bool:
-    """Whether all of these were read without a fault."""
-    return all(map(math.isfinite, values))
