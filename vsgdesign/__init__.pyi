@@ -6,6 +6,7 @@ from vsgdesign.runtime.scheduler import load_scheduler as load_scheduler
 from vsgdesign.study.parameters.loading import case_names as case_names
 from vsgdesign.study.parameters.study import Study as Study
 from vsgdesign.verbs.facade.assessed import Margins as Margins
+from vsgdesign.verbs.facade.assessed import linear_model as linear_model
 from vsgdesign.verbs.facade.assessed import margins as margins
 from vsgdesign.verbs.facade.campaigns import Compliance as Compliance
 from vsgdesign.verbs.facade.campaigns import Survival as Survival
@@ -35,6 +36,7 @@ from vsgdesign.verbs.facade.estimators import Training as Training
 from vsgdesign.verbs.facade.estimators import compare_estimators as compare_estimators
 from vsgdesign.verbs.facade.estimators import stress_estimators as stress_estimators
 from vsgdesign.verbs.facade.estimators import train as train
+from vsgdesign.verbs.facade.exports import ProcessorResult as ProcessorResult
 from vsgdesign.verbs.facade.exports import export_all as export_all
 from vsgdesign.verbs.facade.exports import export_dll as export_dll
 from vsgdesign.verbs.facade.exports import export_firmware as export_firmware
@@ -43,11 +45,9 @@ from vsgdesign.verbs.facade.exports import export_modelica as export_modelica
 from vsgdesign.verbs.facade.exports import export_plecs as export_plecs
 from vsgdesign.verbs.facade.exports import export_simulink as export_simulink
 from vsgdesign.verbs.facade.exports import export_sunspec as export_sunspec
-from vsgdesign.verbs.facade.linear import linear_model as linear_model
+from vsgdesign.verbs.facade.exports import pil as pil
 from vsgdesign.verbs.facade.networks import NetworkGrid as NetworkGrid
 from vsgdesign.verbs.facade.networks import grid_of_network as grid_of_network
-from vsgdesign.verbs.facade.processors import ProcessorResult as ProcessorResult
-from vsgdesign.verbs.facade.processors import pil as pil
 from vsgdesign.verbs.facade.reporting import explore as explore
 from vsgdesign.verbs.facade.reporting import write_report as write_report
 from vsgdesign.verbs.facade.simulated import Run as Run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vsgdesign.codegen.comments import WIDTH, block_comment
+from vsgdesign.codegen.described import WIDTH, block_comment
 
 
 @pytest.mark.parametrize("indent", ["", "    "])

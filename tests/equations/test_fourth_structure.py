@@ -18,9 +18,9 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.certificate import Certificate, Region, certify
 from vsgdesign.design.cell import common_design, design_cell
-from vsgdesign.design.closed_form import design_closed_form
 from vsgdesign.design.evaluation import law_of
 from vsgdesign.design.single import best_fixed
+from vsgdesign.design.study_design import design_closed_form
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED, STRUCTURES, NormalisedGains, Structure, placed_closed_form

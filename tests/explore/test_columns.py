@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsgdesign.report.explore.columns import BITS, Columns, rounded
+from vsgdesign.report.explore.lattice import BITS, Columns, rounded
 
 COUNT, WIDTH = 31, 7
 

@@ -12,9 +12,9 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.report.explore.linear import linear_answer
 from vsgdesign.report.explore.maps import map_cells, quick_figures
 from vsgdesign.report.explore.scene import shown_of
+from vsgdesign.report.explore.session import session_from
 from vsgdesign.simulation.units.scenario import run_plant
 from vsgdesign.study.parameters import study_from_text
-from vsgdesign.verbs.pipeline.exploring import session_from
 from vsgdesign.verbs.pipeline.one_unit import written_as_unit
 
 TEXT = """

@@ -17,8 +17,15 @@ from tests.simulation.test_limiters import LEANING
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.integration import TURN, within_a_turn
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS
-from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants
-from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
+from vsgdesign.equations.power_loops import (
+    NO_NOTCH,
+    NotchConstants,
+    PowerLoopGains,
+    References,
+    frequency_at_rest,
+    gain_transfer,
+    notch_constants,
+)
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.export import CompiledC, export_c, export_c_files
 from vsgdesign.export.c_content import Origin

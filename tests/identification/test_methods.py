@@ -27,9 +27,8 @@ from vsgdesign.identification import Estimate, Estimator
 from vsgdesign.identification.constant import ConstantGuess
 from vsgdesign.identification.injection import Injection
 from vsgdesign.identification.interface import ComplexArray
-from vsgdesign.identification.kalman import ExtendedKalmanFilter, turn_grid
 from vsgdesign.identification.pseudo_random import PseudoRandomSequence, binary_sequence
-from vsgdesign.identification.recursive import RecursiveLeastSquares
+from vsgdesign.identification.recursive import ExtendedKalmanFilter, RecursiveLeastSquares, turn_grid
 from vsgdesign.identification.two_windows import TwoWindows
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.metrics.beside_limit import beside_limit
+from vsgdesign.metrics.met import beside_limit
 from vsgdesign.report.drawing.quantities import number, percent
 
 

@@ -12,7 +12,7 @@ from tests.stability.test_prediction_full_order import BOUND, STEP_PU, compare
 from vsgdesign.artifacts.design_inputs import design_inputs
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.design.evaluation import law_of
-from vsgdesign.equations.power_filter import notch, notch_constants, notch_delay
+from vsgdesign.equations.power_loops import notch, notch_constants, notch_delay
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import Cell
 from vsgdesign.linear.stability.margins import full_order_margins

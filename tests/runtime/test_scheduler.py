@@ -39,7 +39,7 @@ from vsgdesign.runtime import (
 )
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.runtime.guards import REASONS
-from vsgdesign.runtime.interpolation import locate
+from vsgdesign.runtime.table import locate
 
 
 @pytest.mark.parametrize(

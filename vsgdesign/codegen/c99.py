@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsgdesign.codegen.c99_expressions import ROW_OF_NUMBERS, ExpressionPrinter
-from vsgdesign.codegen.comments import ascii_text, block_comment, field_groups
+from vsgdesign.codegen.described import ascii_text, block_comment, field_groups
 from vsgdesign.codegen.expressions import (
     COUNT,
     FLAG,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.certificate import Certificate, Counterexample, Region
-from vsgdesign.design.closed_form import ClosedFormDesign, design_closed_form, distinct_grids
+from vsgdesign.design.study_design import ClosedFormDesign, design_closed_form, distinct_grids
 
 if TYPE_CHECKING:
     from vsgdesign.certificate import certify

@@ -20,8 +20,7 @@ from vsgdesign.equations.inner_loops import (
 )
 from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.limiter_interface import GridEstimate, IntegratorSteps, LimiterLaw, LimiterView
-from vsgdesign.equations.power_filter import notch
-from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
+from vsgdesign.equations.power_loops import PowerLoopGains, References, notch, power_loops
 
 AT_THE_LIMIT = 0.9999
 """Share of the square of its limit from which on a bridge voltage is at it: more than the rounding takes away."""

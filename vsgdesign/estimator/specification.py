@@ -6,6 +6,7 @@ Arrays are made in blocks, by one or several processes, and kept so that an inte
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import json
 import shutil
@@ -51,7 +52,6 @@ from vsgdesign.execution.executors import How, executor_of, worker_count
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, journal_of, kept_count, run_job
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.simulation.source_stamp import source_stamp
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.loading import study_from_text
 from vsgdesign.study.parameters.study import Study
@@ -350,3 +350,18 @@ def studies_of(study: Study, converters: Sequence[str]) -> Studies:
                 "recipe", [Fault("converters", f'"{one}"', str(error), "Give case:NAME or the file of a study.")]
             ) from error
     return tuple(found)
+
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+_ROOMS = ("equations", "simulation")
+
+
+@functools.cache
+def source_stamp() -> int:
+    """The hash of every source file of the equations and the simulation: data that was simulated with others is
+    stale."""
+    digest = hashlib.sha256()
+    for room in _ROOMS:
+        for path in sorted((_PACKAGE / room).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return int.from_bytes(digest.digest()[:7], "big")

@@ -290,7 +290,7 @@ def _environment() -> jinja2.Environment:
 
 
 _MODULES = (
-    *("c_code.py", "c_content.py", "field.py", "known_answers.py", "known_cycles.py", "laws.py"),
+    *("c_code.py", "c_content.py", "field.py", "known_answers.py", "laws.py"),
     *("port_records.py", "ports.py", "unit.py", "unit_content.py"),
 )
 

@@ -15,8 +15,15 @@ from vsgdesign.equations.field.fusion import FIRST_GATE
 from vsgdesign.equations.limiters import CIRCULAR, limiter_named
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.field import ConverterConstants, field_content
-from vsgdesign.export.known_answers import KnownSteps, known_answers, known_powers, known_steps, known_windows
-from vsgdesign.export.known_cycles import known_cycles, known_posteriors
+from vsgdesign.export.known_answers import (
+    KnownSteps,
+    known_answers,
+    known_cycles,
+    known_posteriors,
+    known_powers,
+    known_steps,
+    known_windows,
+)
 from vsgdesign.export.laws import REASON_NAMES, laws_content
 from vsgdesign.identification.field_network import FieldNetwork
 from vsgdesign.identification.neural import NeuralEstimator

@@ -15,8 +15,7 @@ from vsgdesign.equations.controller import ControllerOutput, ControllerSettings,
 from vsgdesign.equations.field import FieldSettings
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
-from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants
-from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.power_loops import NO_NOTCH, NotchConstants, PowerLoopGains, References
 from vsgdesign.equations.scheduler_data import TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED, SchedulerState
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.compiled_field import CompiledConverter, CompiledField

@@ -17,8 +17,7 @@ from vsgdesign.equations.guarded_controller import LARGEST_STATE, TIMES_NOMINAL,
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.equations.limiters import Limiter, limiter_named
-from vsgdesign.equations.power_filter import notch
-from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
+from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer, notch
 from vsgdesign.equations.scheduled_gains import grid_at, normalised_at
 from vsgdesign.equations.scheduler_data import ScheduleLaw, SchedulerState
 from vsgdesign.equations.scheduling import start_place, state_at, told_state, updated

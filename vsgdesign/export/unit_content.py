@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from vsgdesign.codegen import c_functions
-from vsgdesign.codegen.comments import ascii_text
+from vsgdesign.codegen.described import ascii_text
 from vsgdesign.equations.dc_control import clamp_of_sample, turned_with_link
 from vsgdesign.equations.dc_link import bridge_limit
 from vsgdesign.equations.frames import clarke, clarke_inverse, instantaneous_power, rotate

@@ -19,7 +19,7 @@ from typing import Any
 from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain, write_text
 from vsgdesign.artifacts.folders import check_folder_target, staged_folder, write_record
-from vsgdesign.codegen.comments import ascii_text
+from vsgdesign.codegen.described import ascii_text
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.c_code import MANIFEST, render_unit
 from vsgdesign.export.port_records import VARIANTS, PortList

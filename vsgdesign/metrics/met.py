@@ -1,11 +1,13 @@
 """Whether a step of a reference keeps its settling time and its overshoot: one rule for everything that says "met".
 
 The page of a run, ``verify``, ``comply``, ``compare``, a gain table, the explorer and the Python functions ask here
-(docs/definitions.md).
+(docs/definitions.md). A value that misses its limit is shown with so many digits that a reader sees it.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 SETTLING_ROOM = 1.005
@@ -50,3 +52,22 @@ def score_met(score: float | None) -> bool:
 def overshoot_met(overshoot: float, asked: float, noise: float = 0.0) -> bool:
     """Whether an overshoot, as a share of the step, meets the one asked for (:func:`most_overshoot`)."""
     return bool(overshoot <= most_overshoot(asked, noise))
+
+
+MOST = 15
+"""Digits that a value may take."""
+
+
+def beside_limit(
+    value: float, limit: float | None, missed: bool, text: Callable[[float, int], str], digits: int
+) -> str:
+    """``text(value, digits)``; with more digits where a limit is ``missed`` and both would be rounded to the same text.
+
+    A settling time of 1.301 s that misses 1.3 s is shown as 1.301 s and not as 1.30 s. ``text`` writes a number with so
+    many digits, after the point or in all. ``limit`` is in the unit of ``value``.
+    """
+    if missed and limit is not None and math.isfinite(value):
+        for more in range(digits, max(digits, MOST) + 1):
+            if text(value, more) != text(limit, more):
+                return text(value, more)
+    return text(value, digits)

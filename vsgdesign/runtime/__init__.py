@@ -34,13 +34,12 @@ from vsgdesign.runtime.updating import Answer
 
 if TYPE_CHECKING:
     from vsgdesign.runtime.many import ManySchedulers
-    from vsgdesign.runtime.power_controller import PowerController
-    from vsgdesign.runtime.whole_controller import guarded_step
+    from vsgdesign.runtime.power_controller import PowerController, guarded_step
 
 _LATER = {
     "ManySchedulers": "many",
     "PowerController": "power_controller",
-    "guarded_step": "whole_controller",
+    "guarded_step": "power_controller",
 }
 """What is imported when it is asked for, and its module here."""
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from math import hypot, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from vsgdesign.equations.following import CHI_SQUARE_95
+from vsgdesign.equations.estimate_guards import CHI_SQUARE_95
 from vsgdesign.equations.grid import error_half_widths
 from vsgdesign.runtime.floats import on_floats
 

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.equations.power_filter import notch
-from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.equations.power_loops import PowerLoopGains, notch
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.full_order import controller_of, parameters_of
 from vsgdesign.linear.operating_point.many import Lanes, lanes_of

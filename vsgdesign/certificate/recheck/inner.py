@@ -13,7 +13,7 @@ import numpy as np
 
 from vsgdesign.certificate.recheck.polynomials import Polynomial, Space
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.equations.power_filter import NotchConstants, notch
+from vsgdesign.equations.power_loops import NotchConstants, notch
 from vsgdesign.study.parameters.study import Study
 
 Array = Any

@@ -37,8 +37,7 @@ from vsgdesign.equations.limiters.projection import (
     projection_limit,
     projection_move,
 )
-from vsgdesign.equations.power_filter import notch, notch_constants
-from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.power_loops import PowerLoopGains, References, notch, notch_constants
 
 CERTAIN_SHARE = 0.5
 """Share of the estimated grid impedance that the controller counts with: a fault may have cut off any part of it."""

@@ -1,7 +1,7 @@
 """The circuit of a plant: the filters of all units, what lies between them, and the sources (:eq:`plant-circuit`).
 
 It is made of the list of elements by the same elimination as the circuit of one converter with a load
-(:mod:`vsgdesign.linear.operating_point.branches`). Both axes are alike, so there is one real matrix for α and β.
+(:mod:`vsgdesign.linear.operating_point.network`). Both axes are alike, so there is one real matrix for α and β.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.branches import Equations, UndeterminedError, reduced
+from vsgdesign.linear.operating_point.network import Equations, UndeterminedError, reduced
 from vsgdesign.linear.operating_point.plants import less_one
 from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.grid import Grid

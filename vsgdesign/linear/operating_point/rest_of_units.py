@@ -18,8 +18,7 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.frames import instantaneous_power, rms_to_peak
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
 from vsgdesign.linear.model.full_order import ControllerMap, limiter_states
-from vsgdesign.linear.model.inverter import inverter_map
-from vsgdesign.linear.model.link_of_unit import LinkMap, link_map
+from vsgdesign.linear.model.parts_of_plant import LinkMap, inverter_map, link_map
 from vsgdesign.linear.operating_point.circuit_of_units import (
     UnitsCircuit,
     circuit_of_units,

@@ -17,8 +17,7 @@ from vsgdesign.linear.stability.assessment import ControllerAssessment
 from vsgdesign.linear.stability.cells import NOT_ASKED
 from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.linear.stability.margins import MarginTable, rows_of
-from vsgdesign.metrics.beside_limit import beside_limit
-from vsgdesign.metrics.met import settling_met
+from vsgdesign.metrics.met import beside_limit, settling_met
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

@@ -6,8 +6,7 @@ import math
 
 from vsgdesign.artifacts.definitions import ASKED, DEFINITIONS
 from vsgdesign.design.comparison import CLOSED_FORM, TABLE, Comparison, summary_of
-from vsgdesign.metrics.beside_limit import beside_limit
-from vsgdesign.metrics.met import most_overshoot, most_settling_time
+from vsgdesign.metrics.met import beside_limit, most_overshoot, most_settling_time
 from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.stability.gains import used_gains

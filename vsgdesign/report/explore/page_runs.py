@@ -28,10 +28,9 @@ from vsgdesign.linear.model.dc_link import LinkInModel
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel, link_in_model
 from vsgdesign.linear.stability.loci import RANKED, quantity_of
-from vsgdesign.report.explore.columns import Columns
 from vsgdesign.report.explore.dc_side import page_of_dc
 from vsgdesign.report.explore.events import NAMES, STEP_NAME, after_s, event_s, study_of
-from vsgdesign.report.explore.lattice import Lattice, Texts
+from vsgdesign.report.explore.lattice import Columns, Lattice, Texts
 from vsgdesign.report.explore.live import NOTHING
 from vsgdesign.report.explore.page_cases import PageCase, cases_document
 from vsgdesign.report.explore.page_starts import AtRest, CellStarts, at_rest

@@ -7,9 +7,15 @@ import math
 from typing import Any
 
 from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
-from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, TOO_SHORT, UNSTABLE
-from vsgdesign.metrics.met import OVERSHOOT_ROOM, most_overshoot, most_settling_time, overshoot_met, settling_met
+from vsgdesign.metrics.met import (
+    OVERSHOOT_ROOM,
+    beside_limit,
+    most_overshoot,
+    most_settling_time,
+    overshoot_met,
+    settling_met,
+)
 from vsgdesign.metrics.survival import BLOCKED, HARDWARE_PU, LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, TRIPPED
 from vsgdesign.report.explore.events import SHOWN_S
 from vsgdesign.simulation.outcome import MOVES_AT, RESTS_AT

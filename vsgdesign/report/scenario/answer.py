@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.campaigns.verification.promises import LIMIT_ROOM
 from vsgdesign.metrics import EventMetrics
-from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
+from vsgdesign.metrics.met import beside_limit
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing import spark

@@ -10,10 +10,9 @@ from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.placing import OVERSHOOT_PCT, settling_factor
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics import EventMetrics, StepNoise
-from vsgdesign.metrics.beside_limit import beside_limit
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, SIGMAS, UNSTABLE
 from vsgdesign.metrics.met import RULE as MET_WITHIN
-from vsgdesign.metrics.met import overshoot_met, settling_met
+from vsgdesign.metrics.met import beside_limit, overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, quantity
 from vsgdesign.simulation.rest import Rest

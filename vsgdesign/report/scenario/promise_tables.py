@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from vsgdesign.artifacts.definitions import DEFINITIONS
-from vsgdesign.metrics.beside_limit import beside_limit
+from vsgdesign.metrics.met import beside_limit
 from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.simulation.scenario.promises import TABLE, Kept

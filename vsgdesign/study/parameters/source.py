@@ -6,7 +6,7 @@ import cmath
 import math
 from dataclasses import dataclass
 
-from vsgdesign.equations.sags import SAG_TYPES, sag_sequences
+from vsgdesign.equations.source import SAG_TYPES, sag_sequences
 from vsgdesign.study.parameters.fields import number, section, word
 
 

@@ -12,7 +12,7 @@ from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
-from vsgdesign.equations.power_filter import NO_NOTCH, NotchConstants, notch_constants, notch_delay
+from vsgdesign.equations.power_loops import NO_NOTCH, NotchConstants, notch_constants, notch_delay
 from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.parameters.controllers import NO_LIMITER, ControllerSpec

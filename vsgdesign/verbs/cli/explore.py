@@ -211,7 +211,7 @@ def _session(
             raise Interrupted("finished cells of gain tables are kept, and the same command continues there") from None
     show("Loading the models.")
     from vsgdesign.artifacts.ready import Ready
-    from vsgdesign.verbs.pipeline.exploring import session_from
+    from vsgdesign.report.explore.session import session_from
 
     ready, words = Ready(tables=kept.tables), " ".join([*of_plant, *kept.words])
     return session_from(study, ready, link, files=kept.files, words=words, bridge=bridge)

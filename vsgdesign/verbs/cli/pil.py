@@ -53,7 +53,7 @@ def pil(
     """
     from contextlib import nullcontext
 
-    from vsgdesign.verbs.pipeline.pil import run_processor
+    from vsgdesign.verbs.pipeline.export import run_processor
 
     with nullcontext() if out is None else results_at(out):
         unit, study = unit_asked(file, study_file, controller)

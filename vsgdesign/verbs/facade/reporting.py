@@ -75,7 +75,7 @@ def explore(
     """
     from vsgdesign.report.explore.lattice import lattice_counts
     from vsgdesign.report.explore.page_file import write_page
-    from vsgdesign.verbs.pipeline.exploring import session_from
+    from vsgdesign.report.explore.session import session_from
     from vsgdesign.verbs.pipeline.one_unit import alone
     from vsgdesign.verbs.pipeline.study_tables import kept_tables
 

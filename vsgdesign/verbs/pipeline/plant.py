@@ -100,7 +100,7 @@ def _report(
 ) -> dict[str, Any]:
     """Figures, page, tables and their C. Returns what results.json has of the margins."""
     from vsgdesign.report.drawing.files import write_all
-    from vsgdesign.report.plant_page import plant_figures, write_plant_page
+    from vsgdesign.report.plant import plant_figures, write_plant_page
     from vsgdesign.verbs.pipeline.margins import assess_study, stability_document
 
     study, margins = result.study, None

@@ -1,4 +1,5 @@
-"""A source that wanders: the path of its phase and magnitude, and the phasors that it moves (:eq:`wander`)."""
+"""The grid's source: how its phase and magnitude wander and the phasors that this moves (:eq:`wander`), and sags by
+their types A to G."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.frames import rotate
+from vsgdesign.equations.frames import PHASES, rotate
 
 
 class WanderPath(NamedTuple):
@@ -70,3 +71,27 @@ def moved_phasor(gain: Any, angle: Any, turned: Any, cosine: Any, sine: Any) -> 
     turn_re, turn_im = rotate(np.cos(turned), np.sin(turned), cosine, sine)
     moved_re, moved_im = rotate(turn_re, turn_im, np.cos(angle), np.sin(angle))
     return moved_re, moved_im, gain * moved_re - turn_re, gain * moved_im - turn_im
+
+
+_HALF, _THIRD = 0.5, 1.0 / PHASES
+
+SAG_TYPES: dict[str, tuple[float, float]] = {
+    "A": (1.0, 0.0),
+    "B": (_THIRD, -_THIRD),
+    "C": (_HALF, _HALF),
+    "D": (_HALF, -_HALF),
+    "E": (1.0 - _THIRD, _THIRD),
+    "F": (1.0 - _THIRD, -_THIRD),
+    "G": (1.0 - _THIRD, _THIRD),
+}
+"""Shares p and n of each type (:eq:`sag-types`). Without a zero sequence, E and G are the same."""
+
+
+def sag_sequences(kind: str, V: complex) -> tuple[complex, complex]:
+    """Positive and negative sequence of a sag over the voltage before it, as phasors of phase a (:eq:`sag-types`).
+
+    ``kind`` is a name of :data:`SAG_TYPES`, and ``V`` is the characteristic voltage over the voltage before. Phase a is
+    the phase of symmetry. The zero sequence is left out: three wires carry none.
+    """
+    p, n = SAG_TYPES[kind]
+    return 1.0 - p * (1.0 - V), n * (1.0 - V)
