@@ -22,8 +22,8 @@ from tests.export.field_record import FieldRecord, apart, recorded_run, replay
 from tests.export.footprint import COMPILER, measure_field_footprint
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures, conclude, features, listen, probe_value
+from vsgdesign.equations.field.lock_in import probe_offset
 from vsgdesign.equations.frames import rotate
-from vsgdesign.equations.probe import probe_offset
 from vsgdesign.export.c_code import export_c
 from vsgdesign.export.c_content import Origin
 from vsgdesign.export.field import converter_constants

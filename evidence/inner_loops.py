@@ -10,8 +10,8 @@ from typing import Any
 
 from evidence._tables import leave, line, table
 from vsgdesign.design.inner import GridBox, check_full_order, design_inner_loops, score_inner_loops
-from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.placing import current_loop_gains, voltage_loop_gains
 from vsgdesign.errors import VsgDesignError
 from vsgdesign.study.parameters import Study, case_names, study_from_text
 from vsgdesign.study.parameters.study import InnerLoopRequest

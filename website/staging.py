@@ -40,7 +40,7 @@ API = {
         (
             "vsgdesign.equations.power_flow",
             "vsgdesign.equations.grid",
-            "vsgdesign.equations.closed_form",
+            "vsgdesign.equations.placing",
             "vsgdesign.equations.power_loops",
             "vsgdesign.equations.structures",
             "vsgdesign.equations.inner_loops",

@@ -15,9 +15,8 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import ValidityBox
 from vsgdesign.certificate.full_order import points as search
 from vsgdesign.design import table_nodes
-from vsgdesign.design.between import BetweenCheck
+from vsgdesign.design.between import BetweenCheck, refuted_between
 from vsgdesign.design.record import CellTask, with_full_order
-from vsgdesign.design.refuted import refuted_between
 from vsgdesign.design.table_nodes import TableJob, TableNodes, look_between, smooth_nodes
 from vsgdesign.execution.progress import silent
 

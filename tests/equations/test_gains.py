@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.equations.closed_form import (
+from vsgdesign.equations.placing import (
     closed_form_poles,
     current_loop_gains,
     inner_loop_bandwidth,

@@ -9,12 +9,12 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lti, step
 
-from vsgdesign.equations.closed_form import overshoot_of
 from vsgdesign.equations.placing import (
     DAMPING_RATIO,
     OVERSHOOT_PCT,
     PLACED,
     damping_of,
+    overshoot_of,
     placed_poles,
     placing_time,
     settling_factor,

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from vsgdesign.equations.closed_form import closed_form_poles
+from vsgdesign.equations.placing import closed_form_poles
 from vsgdesign.equations.power_flow import jacobian_from_powers, operating_point, power_flow
 from vsgdesign.equations.power_loops import (
     PowerLoopGains,

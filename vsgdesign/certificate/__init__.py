@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from vsgdesign.certificate.asked import beyond_table, on_basis_of_table, region_of
     from vsgdesign.certificate.certifying import certify, largest_rate
-    from vsgdesign.certificate.full_order.statement import FullOrderProof, LeftPart, proof_file, prove_full_order
+    from vsgdesign.certificate.full_order.record import LeftPart
+    from vsgdesign.certificate.full_order.statement import FullOrderProof, proof_file, prove_full_order
     from vsgdesign.certificate.moving.statement import MovingProof, moving_proof_file, prove_moving
     from vsgdesign.certificate.places import by_place, of_a_pair
     from vsgdesign.certificate.region import MeasuredSchedule, Region
@@ -30,7 +31,7 @@ _HOMES = {
     "Counterexample": "results",
     "FullOrderProof": "full_order.statement",
     "Gap": "results",
-    "LeftPart": "full_order.statement",
+    "LeftPart": "full_order.record",
     "MeasuredSchedule": "region",
     "MovingProof": "moving.statement",
     "NoFunctionError": "results",

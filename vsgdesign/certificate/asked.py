@@ -138,3 +138,31 @@ def _whole_region(study: Study, spec: ControllerSpec | None, ready: Ready) -> Re
     axes, S = study.stability, study.converter.S_rated
     scr, x_over_r = (axes.scr[0], axes.scr[-1]), (axes.x_over_r[0], axes.x_over_r[-1])
     return Region(scr, x_over_r, (-0.9 * S, 0.9 * S), (-0.4 * S, 0.4 * S), 0.2)
+
+
+def check_known(study: Study, spec: ControllerSpec, region: Region, ready: Ready) -> None:
+    """Raises StudyError where the proof does not know what the loop does."""
+    faults = []
+    if np.isfinite(region.rate):
+        faults.append(Fault("rate", f"{region.rate:g}", "the proof of the full-order model is one of grids that rest"))
+    table = ready.tables.get(spec.name)
+    for sentence in beyond_table(region, table):
+        faults.append(Fault("region", "", f"goes beyond the table, whose scheduler would draw it in. {sentence}"))
+    if table is not None:
+        faults += _drawn_in(study, region, table)
+    if faults:
+        raise StudyError(study.name, faults)
+
+
+def _drawn_in(study: Study, region: Region, table: GainTable) -> list[Fault]:
+    """Where a table's scheduler limits P, Q or V of the region: the proof makes gains of them as they are."""
+    box, faults = settings_of(table), []
+    for name, own, asked in (
+        ("P", box.P, region.P),
+        ("Q", box.Q, region.Q),
+        ("V_rms", box.V_rms, study.converter.V_limits_rms),
+    ):
+        if asked[0] < own[0] or asked[1] > own[1]:
+            limit = f"must hold {asked[0]:g} to {asked[1]:g}: gains are made of the values as they are"
+            faults.append(Fault(f"table's box of {name}", f"{own[0]:g} to {own[1]:g}", limit))
+    return faults

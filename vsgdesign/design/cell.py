@@ -15,7 +15,7 @@ from vsgdesign.design.evaluation import Evaluation, Figures, LawOfStudy, exact_w
 from vsgdesign.design.nlp import KINDS, SLOTS, RobustProgram, robust_program
 from vsgdesign.design.search import Ground, candidates, evolved, hardest, log_stiffness
 from vsgdesign.design.variables import variables
-from vsgdesign.equations.closed_form import LEAST_BANDWIDTH
+from vsgdesign.equations.placing import LEAST_BANDWIDTH
 from vsgdesign.equations.power_loops import MOST_FED_BACK
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.execution.executors import Each

@@ -28,6 +28,7 @@ from vsgdesign.design.between import (
     failing_intervals,
     probe,
     reach,
+    refuted_between,
     rough_nodes,
     surface,
 )
@@ -35,7 +36,6 @@ from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import common_design
 from vsgdesign.design.evaluation import LawOfStudy
 from vsgdesign.design.record import CellRecord, CellTask, better, sweep
-from vsgdesign.design.refuted import refuted_between
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.closed_form import closed_form_poles
-from vsgdesign.equations.placing import OVERSHOOT_PCT
+from vsgdesign.equations.placing import OVERSHOOT_PCT, closed_form_poles
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import UnknownNameError
 

@@ -23,11 +23,11 @@ from vsgdesign.equations.field import (
     probe_value,
 )
 from vsgdesign.equations.field.fusion import fused_answer, next_gate, step_refuted
+from vsgdesign.equations.field.lock_in import probe_offset
 from vsgdesign.equations.field.tracks import Track
 from vsgdesign.equations.frames import rotate
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import References
-from vsgdesign.equations.probe import probe_offset
 from vsgdesign.identification.field_network import FieldNetwork
 
 if TYPE_CHECKING:

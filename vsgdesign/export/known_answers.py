@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.controller import (
     ControllerOutput,
     ControllerSettings,
@@ -26,6 +25,7 @@ from vsgdesign.equations.field import probe_value as probe_of
 from vsgdesign.equations.frames import PHASES, rms_to_peak
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterRatings, LimiterView
+from vsgdesign.equations.placing import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.power_loops import (
     NotchConstants,
     PowerLoopGains,

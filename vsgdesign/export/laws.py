@@ -11,9 +11,18 @@ from typing import Any
 from vsgdesign.codegen import CText, c_functions
 from vsgdesign.codegen.single_math import SINGLE
 from vsgdesign.codegen.vector_math import PLAIN
-from vsgdesign.equations.controller import ControllerSettings, ControllerState, controller_step, power_stage
+from vsgdesign.equations.controller import (
+    LARGEST_STATE,
+    TIMES_NOMINAL,
+    ControllerSettings,
+    ControllerState,
+    controller_step,
+    plausible,
+    power_stage,
+    skipped_step,
+    sound,
+)
 from vsgdesign.equations.grid import SCR_BASES
-from vsgdesign.equations.guarded_controller import LARGEST_STATE, TIMES_NOMINAL, plausible, skipped_step, sound
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.equations.limiters import Limiter, limiter_named

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.codegen.described import described_numbers
-from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.controller import V_PLAUSIBLE, ControllerState
 from vsgdesign.equations.dc_link import LEAST_VOLTAGE
 from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.equations.field import FieldAnswer, FieldSettings, FieldTrack, LockIn
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import instantaneous_power
-from vsgdesign.equations.guarded_controller import V_PLAUSIBLE
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.equations.scheduler_data import HELD

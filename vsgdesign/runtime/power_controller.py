@@ -8,7 +8,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from vsgdesign.equations.controller import controller_step, power_stage
+from vsgdesign.equations.controller import (
+    LARGEST_STATE,
+    TIMES_NOMINAL,
+    controller_step,
+    plausible,
+    power_stage,
+    skipped_step,
+    sound,
+)
 from vsgdesign.equations.controller_data import (
     ControllerOutput,
     ControllerSettings,
@@ -16,7 +24,6 @@ from vsgdesign.equations.controller_data import (
     Measurement,
     flat_state,
 )
-from vsgdesign.equations.guarded_controller import LARGEST_STATE, TIMES_NOMINAL, plausible, skipped_step, sound
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import advanced, within_a_turn
 from vsgdesign.equations.limiters import GridEstimate, Limiter, LimiterView

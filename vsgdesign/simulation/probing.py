@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.probe import probe_offset
+from vsgdesign.equations.field.lock_in import probe_offset
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
 

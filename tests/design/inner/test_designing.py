@@ -26,8 +26,8 @@ from vsgdesign.design.inner.designing import alternatives
 from vsgdesign.design.inner.grids import lattice, sampling_ratio
 from vsgdesign.design.inner.promises import PROMISES, bench_of, evaluate, worst_score
 from vsgdesign.design.inner.search import Effort, closed_form_starts, variables
-from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.placing import current_loop_gains, voltage_loop_gains
 from vsgdesign.errors import StudyError
 from vsgdesign.study.parameters import case_names
 

@@ -1,4 +1,4 @@
-"""What a search has decided, as trees of cuts and arcs that a proof's file keeps.
+"""What a search has decided: the parts that are left, and trees of cuts and arcs that a proof's file keeps.
 
 A tree is written level by level: for each box that is open, the coordinate in which it is cut, or what it is. Both
 halves of a cut come next to each other in the following level, the lower one first.
@@ -6,6 +6,8 @@ halves of a cut come next to each other in the following level, the lower one fi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,12 +15,34 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.proof_file import EMPTY, LEFT, PROVED
 from vsgdesign.certificate.full_order.boxes import Part, Pieces
-from vsgdesign.certificate.full_order.search import Found, Waiting
+from vsgdesign.certificate.full_order.search import Found, Problem, Waiting
+from vsgdesign.equations.frames import PHASES
+from vsgdesign.equations.grid import SCR_BASES
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 _MOST_CUTS = 48
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftPart:
+    """A part of the region that is not proved: its limits (P in W, Q in var), its share of the boxes' volume, and
+    why."""
+
+    scr: tuple[float, float]
+    x_over_r: tuple[float, float]
+    P: tuple[float, float]
+    Q: tuple[float, float]
+    share: float
+    reason: str
+    """``inner``: the inner loops alone are not inside the circle; ``functions``: they are not enclosed well enough;
+    ``boxes``: the power loops are not enclosed well enough; ``time``: not looked at in the time that was given."""
+    frequency: tuple[float, float] | None = None
+    """Between which frequencies, rad/s, f is not known; None where it was not looked at."""
+    least_decay: float | None = None
+    """The least decay that random points and a search find there, 1/s; None: not looked for, or no point keeps the
+    static limits."""
 
 
 def arrays_of(roots: list[Waiting], pieces: Pieces, found: Found, coarse: Array) -> dict[str, NDArray[Any]]:
@@ -122,3 +146,37 @@ def _halvings(edges: Array, coarse: Array) -> NDArray[np.uint8]:
     """How often each arc of a cell was halved."""
     of = np.clip(np.searchsorted(coarse, 0.5 * (edges[:-1] + edges[1:])) - 1, 0, len(coarse) - 2)
     return np.round(np.log2((coarse[of + 1] - coarse[of]) / np.diff(edges))).astype(np.uint8)
+
+
+def left_row(problem: Problem, one: Waiting, why: str) -> list[Any]:
+    """A part that is left, as a journal keeps it: limits of the grids, of P and Q, and of the frequencies."""
+    c, boxes = problem.system.study.converter, one.boxes
+    basis = SCR_BASES[problem.system.study.scr_basis]
+    sizes = [float(basis.magnitude(first, np.sin(angle))) for first in (one.low[0], one.high[0])
+             for angle in (one.low[1], one.high[1])]  # fmt: skip
+    powers: list[float] = []
+    for k, own in ((4, problem.region.P), (5, problem.region.Q)):
+        ends = float(boxes.low[:, k].min()), float(boxes.high[:, k].max())
+        every = [end * V**2 / size * c.S_rated / PHASES
+                 for end in ends for V in (c.V_min_pu, c.V_max_pu) for size in (min(sizes), max(sizes))]  # fmt: skip
+        powers += np.clip([min(every), max(every)], *own).tolist()
+    looked = why == "boxes"
+    frequency = [float(boxes.frequency.min()), float(boxes.frequency.max())] if looked else None
+    return [*one.low.tolist(), *one.high.tolist(), *powers, frequency, float(boxes.share.sum()), why]
+
+
+def left_parts(proved: float, rest: Sequence[list[Any]]) -> tuple[float, list[LeftPart]]:
+    """The volume of what is not empty, and the rows of :func:`left_row` as parts, the largest first."""
+    total = max(proved + sum(row[-2] for row in rest), 1e-300)
+    return total, [
+        LeftPart(
+            scr=(1.0 / row[2], 1.0 / row[0]),
+            x_over_r=(float(np.tan(row[1])), float(np.tan(row[3]))),
+            P=(row[4], row[5]),
+            Q=(row[6], row[7]),
+            frequency=None if row[8] is None else (row[8][0], row[8][1]),
+            share=row[-2] / total,
+            reason=row[-1],
+        )
+        for row in sorted(rest, key=lambda row: -row[-2])
+    ]

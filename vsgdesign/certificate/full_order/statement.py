@@ -19,17 +19,15 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.proof_file import ProofFile, packed, proved_table
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.certificate.asked import beyond_table, within_scheduler
+from vsgdesign.certificate.asked import check_known, within_scheduler
 from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.full_order.cells import Arcs
 from vsgdesign.certificate.full_order.points import least_decay
-from vsgdesign.certificate.full_order.record import arrays_of
+from vsgdesign.certificate.full_order.record import LeftPart, arrays_of, left_parts, left_row
 from vsgdesign.certificate.full_order.rows import inner_rows
 from vsgdesign.certificate.full_order.search import Found, Problem, Waiting, beginning, search
 from vsgdesign.certificate.region import Region, System
-from vsgdesign.equations.frames import PHASES
-from vsgdesign.equations.grid import SCR_BASES
-from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.executors import executor_of, worker_count
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, journal_at, run_job
@@ -54,26 +52,6 @@ _STEP = 2_000
 
 _SHARE = 0.5
 """Of the least decay that is found, what is proved where no decay is asked for."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LeftPart:
-    """A part of the region that is not proved: its limits (P in W, Q in var), its share of the boxes' volume, and
-    why."""
-
-    scr: tuple[float, float]
-    x_over_r: tuple[float, float]
-    P: tuple[float, float]
-    Q: tuple[float, float]
-    share: float
-    reason: str
-    """``inner``: the inner loops alone are not inside the circle; ``functions``: they are not enclosed well enough;
-    ``boxes``: the power loops are not enclosed well enough; ``time``: not looked at in the time that was given."""
-    frequency: tuple[float, float] | None = None
-    """Between which frequencies, rad/s, f is not known; None where it was not looked at."""
-    least_decay: float | None = None
-    """The least decay that random points and a search find there, 1/s; None: not looked for, or no point keeps the
-    static limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,23 +247,6 @@ class FullOrderJob(Job[int, dict[str, Any]]):
         return {}
 
 
-def left_row(problem: Problem, one: Waiting, why: str) -> list[Any]:
-    """A part that is left, as a journal keeps it: limits of the grids, of P and Q, and of the frequencies."""
-    c, boxes = problem.system.study.converter, one.boxes
-    basis = SCR_BASES[problem.system.study.scr_basis]
-    sizes = [float(basis.magnitude(first, np.sin(angle))) for first in (one.low[0], one.high[0])
-             for angle in (one.low[1], one.high[1])]  # fmt: skip
-    powers: list[float] = []
-    for k, own in ((4, problem.region.P), (5, problem.region.Q)):
-        ends = float(boxes.low[:, k].min()), float(boxes.high[:, k].max())
-        every = [end * V**2 / size * c.S_rated / PHASES
-                 for end in ends for V in (c.V_min_pu, c.V_max_pu) for size in (min(sizes), max(sizes))]  # fmt: skip
-        powers += np.clip([min(every), max(every)], *own).tolist()
-    looked = why == "boxes"
-    frequency = [float(boxes.frequency.min()), float(boxes.frequency.max())] if looked else None
-    return [*one.low.tolist(), *one.high.tolist(), *powers, frequency, float(boxes.share.sum()), why]
-
-
 def prove_full_order(  # noqa: PLR0913 - those of certify
     study: Study,
     spec: ControllerSpec,
@@ -378,34 +339,6 @@ def _searched(study: Study, system: System, region: Region, left: tuple[LeftPart
     return tuple(found)
 
 
-def check_known(study: Study, spec: ControllerSpec, region: Region, ready: Ready) -> None:
-    """Raises StudyError where the proof does not know what the loop does."""
-    faults = []
-    if np.isfinite(region.rate):
-        faults.append(Fault("rate", f"{region.rate:g}", "the proof of the full-order model is one of grids that rest"))
-    table = ready.tables.get(spec.name)
-    for sentence in beyond_table(region, table):
-        faults.append(Fault("region", "", f"goes beyond the table, whose scheduler would draw it in. {sentence}"))
-    if table is not None:
-        faults += _drawn_in(study, region, table)
-    if faults:
-        raise StudyError(study.name, faults)
-
-
-def _drawn_in(study: Study, region: Region, table: GainTable) -> list[Fault]:
-    """Where a table's scheduler limits P, Q or V of the region: the proof makes gains of them as they are."""
-    box, faults = settings_of(table), []
-    for name, own, asked in (
-        ("P", box.P, region.P),
-        ("Q", box.Q, region.Q),
-        ("V_rms", box.V_rms, study.converter.V_limits_rms),
-    ):
-        if asked[0] < own[0] or asked[1] > own[1]:
-            limit = f"must hold {asked[0]:g} to {asked[1]:g}: gains are made of the values as they are"
-            faults.append(Fault(f"table's box of {name}", f"{own[0]:g} to {own[1]:g}", limit))
-    return faults
-
-
 def _statement(
     study: Study,
     spec: ControllerSpec,
@@ -438,23 +371,6 @@ def _statement(
         delay=study.converter.delay_samples,
         blocks=tuple(part["record"] for part in every),
     )
-
-
-def left_parts(proved: float, rest: Sequence[list[Any]]) -> tuple[float, list[LeftPart]]:
-    """The volume of what is not empty, and the rows of :func:`left_row` as parts, the largest first."""
-    total = max(proved + sum(row[-2] for row in rest), 1e-300)
-    return total, [
-        LeftPart(
-            scr=(1.0 / row[2], 1.0 / row[0]),
-            x_over_r=(float(np.tan(row[1])), float(np.tan(row[3]))),
-            P=(row[4], row[5]),
-            Q=(row[6], row[7]),
-            frequency=None if row[8] is None else (row[8][0], row[8][1]),
-            share=row[-2] / total,
-            reason=row[-1],
-        )
-        for row in sorted(rest, key=lambda row: -row[-2])
-    ]
 
 
 def proof_file(study: Study, proof: FullOrderProof, table: GainTable | None) -> ProofFile:

@@ -18,18 +18,16 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.proof_file import ProofFile
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.certificate.asked import within_scheduler
+from vsgdesign.certificate.asked import check_known, within_scheduler
 from vsgdesign.certificate.certifying import prepared
 from vsgdesign.certificate.full_order.cells import Arcs
 from vsgdesign.certificate.full_order.points import decays_at, least_decay
+from vsgdesign.certificate.full_order.record import LeftPart, left_parts
 from vsgdesign.certificate.full_order.search import Problem, Waiting
 from vsgdesign.certificate.full_order.statement import (
     FullOrderJob,
-    LeftPart,
-    check_known,
     half_of,
     inner_hash,
-    left_parts,
     until_done,
 )
 from vsgdesign.certificate.moving.ball import ball_of, middle_error

@@ -9,7 +9,7 @@ from vsgdesign.design.comparison import CLOSED_FORM, TABLE, Comparison, summary_
 from vsgdesign.metrics.met import beside_limit, most_overshoot, most_settling_time
 from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.stability.gains import used_gains
+from vsgdesign.report.stability.maps import used_gains
 from vsgdesign.study.parameters.specification import UNBOUNDED_H
 
 _ROUNDING = 1e-9

@@ -13,7 +13,7 @@ from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import MOST, Frame, Panel, Surface, map_figure, surface_figure, surface_scale
 from vsgdesign.report.drawing.quantities import GAIN_UNITS, plain
-from vsgdesign.report.stability.gains import gain_symbol, used_gains
+from vsgdesign.report.stability.maps import gain_symbol, used_gains
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from vsgdesign.equations.closed_form import overshoot_of
-from vsgdesign.equations.placing import OVERSHOOT_PCT, settling_factor
+from vsgdesign.equations.placing import OVERSHOOT_PCT, overshoot_of, settling_factor
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics import EventMetrics, StepNoise
 from vsgdesign.metrics.events import DIVERGED, MEASURED, NOT_SETTLED, SIGMAS, UNSTABLE

@@ -13,7 +13,7 @@ from vsgdesign.linear.stability.cells import OUTSIDE
 from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.report.drawing.look import edges
 from vsgdesign.report.drawing.quantities import typeset
-from vsgdesign.report.stability.gains import used_gains
+from vsgdesign.report.stability.maps import used_gains
 from vsgdesign.report.stability.modes import VIEWS, finite_points, locus_limits
 from vsgdesign.simulation.stability_result import StabilityResult
 

@@ -14,7 +14,7 @@ import numpy as np
 from vsgdesign.artifacts.definitions import in_words
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.equations.closed_form import overshoot_of
+from vsgdesign.equations.placing import overshoot_of
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, reduced_cells

@@ -51,11 +51,11 @@ from vsgdesign.study.parameters.fields import (
 )
 from vsgdesign.study.parameters.grid import Grid, Impedance, basis_field, read_grid
 from vsgdesign.study.parameters.inner_loops import INNER_LOOPS, InnerLoopSource, read_inner_loops, request_of
-from vsgdesign.study.parameters.power_plant_checks import check_estimators, check_plant
-from vsgdesign.study.parameters.power_plant_fields import (
-    NETWORK,
+from vsgdesign.study.parameters.power_plant_fields import NETWORK, PlantFields
+from vsgdesign.study.parameters.power_plant_reading import (
     Around,
-    PlantFields,
+    check_estimators,
+    check_plant,
     on_all_units,
     read_plant,
     units_asked,

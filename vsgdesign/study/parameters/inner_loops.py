@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from vsgdesign.equations.closed_form import current_loop_gains, voltage_loop_gains
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.placing import current_loop_gains, voltage_loop_gains
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.fields import F_N, SEEDS, Z_BASE, Scope, fields_of, flag, number, numbers, values, whole
 from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS

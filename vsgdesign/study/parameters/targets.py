@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import field, replace
 
-from vsgdesign.equations.closed_form import paced
-from vsgdesign.equations.placing import PLACED, Poles, placed_poles, placing_time
+from vsgdesign.equations.placing import PLACED, Poles, paced, placed_poles, placing_time
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import PUBLISHED, STRUCTURES
 from vsgdesign.study.parameters.fields import S_RATED, Scope, fields_of, number, picked, section, values, word
