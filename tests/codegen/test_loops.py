@@ -260,6 +260,34 @@ def test_a_loop_stops_after_the_sample_that_says_so() -> None:
     same(one, other)
 
 
+@pytest.mark.parametrize(("lanes", "vectors"), [(2, 2), (1, 1)])
+def test_each_lane_may_log_in_slots_of_its_own(lanes: int, vectors: int) -> None:
+    """Slots that a block computes for each lane, against a log of all samples; what lies outside lands at the ends."""
+
+    def counted(own: Any, pace: Any, first: Any) -> Any:
+        """Returns (after, slot, value)."""
+        return own + pace, own - first, own * own + pace
+
+    width = lanes * vectors
+    block = flat_block(counted)
+    spec = LoopSpec(
+        (block,), (("own", "after"),), ("pace",), ("first",), logged=("value", "own"), slot="slot",
+        lanes=lanes, vectors=vectors, strict=True,
+    )  # fmt: skip
+    rows, log = empty_rows(spec, 2), np.full((2, width, 20, 2), np.nan)
+    rows[:, 0], rows[:, 1] = np.arange(2 * width).reshape(2, width), [np.ones(width), np.arange(width) % 2]
+    own, pace = rows[:, 0].copy(), rows[:, 1].copy()
+    compiled_loop(spec)(0, 25, rows, np.array([4.0]), log=log, every=1)
+    expected = np.full_like(log, np.nan)
+    for k, group, lane in itertools.product(range(25), range(2), range(width)):
+        now = own[group, lane] + k * pace[group, lane]
+        expected[group, lane, int(np.clip(now - 4.0, 0, 19))] = now * now + pace[group, lane], now
+    np.testing.assert_array_equal(log, expected)
+    for wrong, said in ((log[:, :, :9], "not one behind the other"), (log.swapaxes(1, 2), "log has the shape")):
+        with pytest.raises(ValueError, match=said):
+            compiled_loop(spec)(0, 1, rows, np.array([4.0]), log=wrong, every=1)
+
+
 def test_a_loop_that_is_compiled_quickly_has_the_same_bits() -> None:
     ours, expected = drawn(), drawn()
     call(compiled_loop(SPEC), expected, 0, END)

@@ -103,18 +103,19 @@ class Body:
             found[name] = Level(any(one.lane for one in read), any(one.sample for one in read))
         return found
 
-    def print(self) -> tuple[list[Value], Value | None]:
-        """Prints the sample without its log; the values to be logged, and the one that stops the loop."""
+    def print(self) -> tuple[list[Value], Value | None, Value | None]:
+        """Prints the sample without its log; the values to be logged, the lanes' slots, and the one that stops the
+        loop."""
         spec, outputs = self.spec, dict(self.block.outputs)
         inputs = {name for name, _ in spec.state}
         targets = [*spec.state, *spec.rings]
         wanted = [outputs[output] for _, output in targets]
         logs = [outputs.get(name, Variable(name)) for name in spec.logged]
-        stops = [outputs[spec.stop]] if spec.stop else []
-        for name, value in needed_lets(self.block.lets, [*wanted, *logs, *stops]):
+        slots, stops = ([outputs[name]] if name else [] for name in (spec.slot, spec.stop))
+        for name, value in needed_lets(self.block.lets, [*wanted, *logs, *slots, *stops]):
             self._let(name, value)
         # Everything is read before anything is written: an output may be the input of another row.
-        results = [self._at_sample(value) for value in (*wanted, *logs, *stops)]
+        results = [self._at_sample(value) for value in (*wanted, *logs, *slots, *stops)]
         moved, logged = results[: len(targets)], results[len(targets) : len(targets) + len(logs)]
         for at, ((name, _), value) in enumerate(zip(targets, moved, strict=True)):
             if at < len(spec.state):
@@ -123,7 +124,8 @@ class Body:
             else:
                 self.printer.store(self.scope, "%ring", (at - len(inputs)) * spec.width, value)
         logged = [self.printer.widened(self.scope, value) for value in logged]
-        return logged, self.printer.widened(self.scope, results[-1]) if stops else None
+        others = [self.printer.widened(self.scope, value) for value in results[len(targets) + len(logs) :]]
+        return logged, others[0] if slots else None, others[-1] if stops else None
 
     def _let(self, name: str, value: Expression) -> None:
         if not isinstance(value, Operation):

@@ -56,6 +56,7 @@ def loop_text(spec: LoopSpec, name: str = NAME) -> str:
         f"  %lanes = alloca double, i64 {around.lanes.size}, align 64",
         f"  %products = alloca double, i64 {max(1, len(spec.multiplied) * spec.width)}, align 64",
         *entry.lines,
+        *(_own_slots(spec) if spec.slot else []),
         "  br label %group",
         *_group(spec),
         *_program(spec),
@@ -83,6 +84,25 @@ def _entrance(name: str) -> list[str]:
     return [*lines, f"  %samples = call i64 @all.groups({', '.join(given)})", "  ret i64 %samples", "}"]
 
 
+def _whole(spec: LoopSpec) -> str:
+    return f"<{spec.width} x i64>" if spec.width > 1 else "i64"
+
+
+def _own_slots(spec: LoopSpec) -> list[str]:
+    """How far apart the logs of the lanes of a group are, and the last slot of each."""
+    kind, lanes = _whole(spec), ", ".join(f"i64 {lane}" for lane in range(spec.width))
+    room = [f"  %log_room = sdiv i64 %log_sample, {len(spec.logged)}", "  %log_end = sub i64 %log_room, 1"]
+    if spec.width == 1:
+        return [*room, "  %log_last = add i64 %log_end, 0", "  %log_apart = add i64 0, 0"]
+    spread, zeros = [], f"<{spec.width} x i32> zeroinitializer"
+    for name, value in (("last", "%log_end"), ("from", "%log_sample")):
+        spread += [
+            f"  %log_{name}_one = insertelement {kind} poison, i64 {value}, i64 0",
+            f"  %log_{name} = shufflevector {kind} %log_{name}_one, {kind} poison, {zeros}",
+        ]
+    return [*room, *spread, f"  %log_apart = mul {kind} %log_from, <{lanes}>"]
+
+
 def _group(spec: LoopSpec) -> list[str]:
     """Groups one after the other, each over all samples."""
     rings = len(spec.rings) * spec.width
@@ -95,6 +115,7 @@ def _group(spec: LoopSpec) -> list[str]:
         "  %fed_first = getelementptr double, ptr %fed, i64 %fed_at",
         "  %log_at = mul i64 %g, %log_group",
         "  %log_first = getelementptr double, ptr %log, i64 %log_at",
+        *([f"  %log_lanes = getelementptr double, ptr %log_first, {_whole(spec)} %log_apart"] if spec.slot else []),
         "  %ring_count = mul i64 %g, %ring_size",
         f"  %ring_at = mul i64 %ring_count, {rings}",
         "  %ring_first = getelementptr double, ptr %rings, i64 %ring_at",
@@ -246,7 +267,7 @@ def _sample_head(spec: LoopSpec, printer: Printer) -> list[str]:
 
 def _sample(body: Body, number: int) -> list[str]:
     """One kind of sample, with its log."""
-    logged, stop = body.print()
+    logged, slot, stop = body.print()
     spec, printer, scope = body.spec, body.printer, body.scope
     if stop is not None:
         kind, flags = printer.type(True), printer.type(True, True)
@@ -259,17 +280,22 @@ def _sample(body: Body, number: int) -> list[str]:
     if not spec.logged:
         return [f"body_{number}:", *scope.lines, f"  br label %end_{number}", f"end_{number}:", "  br label %next"]
     log = Scope(scope)
-    for at, value in enumerate(logged):
-        printer.store(log, f"%log_now_{number}", at * spec.width, value)
+    if slot is not None:
+        printer.scatter(log, "%log_lanes", slot, "%log_last", len(logged), logged)
+    else:
+        log.lines += [
+            f"  %log_slot_{number} = sdiv i64 %k, %every_safe",
+            f"  %log_here_{number} = mul i64 %log_slot_{number}, %log_sample",
+            f"  %log_now_{number} = getelementptr double, ptr %log_first, i64 %log_here_{number}",
+        ]
+        for at, value in enumerate(logged):
+            printer.store(log, f"%log_now_{number}", at * spec.width, value)
     return [
         f"body_{number}:",
         *scope.lines,
         f"  %logs_{number} = icmp eq i64 %wait, 0",
         f"  br i1 %logs_{number}, label %log_{number}, label %end_{number}",
         f"log_{number}:",
-        f"  %log_slot_{number} = sdiv i64 %k, %every_safe",
-        f"  %log_here_{number} = mul i64 %log_slot_{number}, %log_sample",
-        f"  %log_now_{number} = getelementptr double, ptr %log_first, i64 %log_here_{number}",
         *log.lines,
         f"  br label %end_{number}",
         f"end_{number}:",

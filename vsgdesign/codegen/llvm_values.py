@@ -207,6 +207,31 @@ class Printer:
         call = f"call {kind} {function}({places} {place}, i32 8, {flags} {all_lanes}, {kind} poison)"
         return Value(self.line(scope, call), True)
 
+    def scatter(self, scope: Scope, pointer: str, slot: Value, last: str, at: int, values: Sequence[Value]) -> None:
+        """Writes values of all lanes beside each other, each lane into its own ``slot``, from 0 to ``last``, where
+        there are ``at`` doubles from one to the next; slot 0 of the lanes lies at ``pointer``."""
+        whole, kind, flags = self.whole(True), self.type(True), self.type(True, True)
+        zero = "zeroinitializer" if self.width > 1 else "0"
+        place = self.line(scope, f"fptosi {kind} {slot.text} to {whole}")
+        early = self.line(scope, f"icmp slt {whole} {place}, {zero}")
+        place = self.line(scope, f"select {flags} {early}, {whole} {zero}, {whole} {place}")
+        late = self.line(scope, f"icmp sgt {whole} {place}, {last}")
+        place = self.line(scope, f"select {flags} {late}, {whole} {last}, {whole} {place}")
+        many = f"<{', '.join([f'i64 {at}'] * self.width)}>" if self.width > 1 else str(at)
+        place = self.line(scope, f"mul {whole} {place}, {many}")
+        pointers = f"<{self.width} x ptr>" if self.width > 1 else "ptr"
+        to = self.line(scope, f"getelementptr double, {pointers} {pointer}, {whole} {place}")
+        for column, value in enumerate(values):
+            here = self.line(scope, f"getelementptr double, {pointers} {to}, i64 {column}") if column else to
+            if self.width == 1:
+                scope.lines.append(f"  store double {value.text}, ptr {here}, align 8")
+                continue
+            function = f"@llvm.masked.scatter.v{self.width}f64.v{self.width}p0"
+            self.declared.add(f"declare void {function}({kind}, {pointers}, i32, {flags})")
+            every = self.number(Number(True), True).text
+            call = f"call void {function}({kind} {value.text}, {pointers} {here}, i32 8, {flags} {every})"
+            scope.lines.append(f"  {call}")
+
     def whole(self, wide: bool) -> str:
         """The type of whole numbers as many as a value has."""
         return f"<{self.width} x i64>" if wide and self.width > 1 else "i64"

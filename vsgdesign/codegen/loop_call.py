@@ -102,7 +102,8 @@ class Loop:
         k % period. ``fed`` (G, end − begin, n, L) begins at sample ``begin``. ``rings`` (G, size, n, L) hold the last
         ``ring_length`` (G,) samples, sample k in slot k % ring_length. ``log`` (G, slots, n, L) gets samples 0,
         ``every``, 2·``every``, … of the run in slots 0, 1, 2, …, or those from ``log_begin`` on, a multiple of
-        ``every`` and not after ``begin``; ``every`` = 0 logs nothing. ``index`` is k − ``origin``.
+        ``every`` and not after ``begin``; ``every`` = 0 logs nothing. Where each lane has a slot of its own, ``log`` is
+        (G, L, slots, n), and every sample is logged. ``index`` is k − ``origin``.
 
         Raises ValueError with everything that does not fit. The interpreter's lock is free meanwhile.
         """
@@ -169,7 +170,7 @@ class Loop:
         if program is not None:
             given |= {name: getattr(program, name) for name in _OF_PROGRAM}
         # A call is mostly like one before: then a look at the forms is all that is needed.
-        forms = tuple(_form(name, array, given) for name, array in given.items())
+        forms = tuple(_form(name, array, given, spec) for name, array in given.items())
         if forms not in self._fitting:
             _refuse(_shape_faults(spec, given, every > 0))
         if program is not None and (forms not in self._fitting or program.at is not self._records):
@@ -182,7 +183,7 @@ class Loop:
         period = given["cycle"] if "cycle" in given else given.get("cyclic", _ONE)
         fed_strides, log_strides = (given[name].strides if name in given else (0, 0) for name in ("fed", "log"))
         places = [_address(given[name]) if name in given else 0 for name in POINTERS]
-        if "log" in given:  # the loop counts slots from sample 0
+        if "log" in given and not spec.slot:  # the loop counts slots from sample 0
             places[POINTERS.index("log")] -= log_begin // every * log_strides[1]
         if program is None:
             places[-len(_OF_PROGRAM) :] = _no_program(len(rows))[1]
@@ -260,10 +261,10 @@ def _refuse(faults: list[str]) -> None:
         raise ValueError("A compiled loop cannot run: " + "; ".join(faults) + ".")
 
 
-def _form(name: str, array: NDArray[Any], given: Arrays) -> tuple[object, ...]:
+def _form(name: str, array: NDArray[Any], given: Arrays, spec: LoopSpec) -> tuple[object, ...]:
     """What has to be as in a call before, so that its shape, its type and its contiguity need no other look: not how
     many samples or records there are."""
-    if name in ("fed", "log"):
+    if name == "fed" or (name == "log" and not spec.slot):
         return name, array.ndim, len(array), array.shape[2:], array.strides[2:], 0 in array.shape, array.dtype
     if name in ("at", "lane", "row", "count", "source"):
         return name, array.shape == (len(given["at"]),), array.strides, array.dtype
@@ -287,6 +288,8 @@ def _shape_faults(spec: LoopSpec, given: Arrays, logging: bool) -> list[str]:
         "ring_length": (bool(spec.rings), (groups,), _INTEGERS),
         "log": (logging, (groups, None, len(spec.logged), spec.width), _FLOATS),
     }
+    if spec.slot:
+        wanted["log"] = logging, (groups, spec.width, None, len(spec.logged)), _FLOATS
     if "at" in given:
         wanted |= dict.fromkeys(("at", "lane", "row", "count", "source"), (True, (len(given["at"]),), _INTEGERS))
         wanted |= {"values": (True, (None,), _FLOATS), "done": (True, (groups,), _INTEGERS)}
@@ -351,7 +354,11 @@ def _faults(spec: LoopSpec, given: Arrays, begin: int, end: int, every: int, log
         faults.append(f"rows has {len(given['rows'])} groups: a loop that stops takes one")
     if spec.fed and given["fed"].shape[1] < end - begin:
         faults.append(f"fed has {given['fed'].shape[1]} samples: give {end - begin}")
-    if every and end > begin:
+    if every and end > begin and spec.slot:
+        log = given["log"]
+        if log.strides[1] != 8 * log.shape[2] * log.shape[3]:
+            faults.append("the lanes of log are not one behind the other: give whole ones")
+    elif every and end > begin:
         if not 0 <= log_begin <= begin or log_begin % every:
             faults.append(f"log_begin = {log_begin}: give a multiple of {every} from 0 to {begin}")
         elif (slots := (end - 1 - log_begin) // every + 1) > given["log"].shape[1]:

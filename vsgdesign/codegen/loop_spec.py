@@ -52,6 +52,9 @@ class LoopSpec:
     """Products of matrices and numbers of the state."""
     logged: tuple[str, ...] = ()
     """Outputs, or inputs of the state, that are written at every ``every``-th sample of the run."""
+    slot: str = ""
+    """The output that says in which slot of its own each lane logs this sample; the log is then (G, L, slots, n), and
+    what lies before the first slot or behind the last one lands there. Empty: all lanes log in that of the sample."""
     index: str = ""
     """The input that is the number of samples since ``origin``."""
     stop: str = ""
@@ -144,7 +147,8 @@ class LoopSpec:
         if not self.bodies:
             return []
         outputs = {name for name, _ in self.bodies[0].outputs}
-        wanted = [output for _, output in (*self.state, *self.rings)] + ([self.stop] if self.stop else [])
+        wanted = [output for _, output in (*self.state, *self.rings)]
+        wanted += [name for name in (self.stop, self.slot) if name]
         faults = [
             f"{name} is no output of a body: name one of its outputs"
             for name in dict.fromkeys(wanted)

@@ -50,16 +50,17 @@ def no_figures(initial: float, final: float | None = None) -> ResponseMetrics:
 
 
 def cycle_mean(y: Array, samples_per_cycle: int) -> Array:
-    """Mean over the cycle, or the whole cycles, that end at each sample; before the first end, over what there is."""
+    """Mean over the cycle, or the whole cycles, that end at each sample; before the first end, over what there is. The
+    samples of ``y`` are along its last axis."""
     if samples_per_cycle <= 1:
         return y.copy()
-    n = min(samples_per_cycle, len(y))
-    total = np.cumsum(y - y[0])
-    mean = np.empty(len(y))
-    np.divide(total[:n], np.arange(1, n + 1), out=mean[:n])
-    np.subtract(total[n:], total[:-n], out=mean[n:])
-    mean[n:] /= n
-    mean += y[0]
+    n = min(samples_per_cycle, y.shape[-1])
+    total = np.cumsum(y - y[..., :1], axis=-1)
+    mean = np.empty(y.shape)
+    np.divide(total[..., :n], np.arange(1, n + 1), out=mean[..., :n])
+    np.subtract(total[..., n:], total[..., :-n], out=mean[..., n:])
+    mean[..., n:] /= n
+    mean += y[..., :1]
     return mean
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,6 +117,10 @@ class Batch(Numbers):
     def follow(self, writer: ProgramWriter, cut: Sequence[CutSample] = ()) -> None:
         """What happens in the runs from their beginning on."""
         self.program = writer.program(len(self.rows), self.spec.width)
+        self.cut_only(cut)
+
+    def cut_only(self, cut: Sequence[CutSample]) -> None:
+        """Events fall in the intervals of these samples alone."""
         self._cut = {}
         for one in cut:
             self._cut.setdefault(one.sample, []).append(one)
@@ -176,7 +180,7 @@ class Batch(Numbers):
         self.logs = logs
         self._divide()
 
-    def apart(self) -> Batch:
+    def apart(self) -> Self:
         """A batch with the same numbers, at the same place of the same program, which goes its own way from here on and
         logs nothing."""
         other = copy(self)
@@ -239,14 +243,15 @@ class Batch(Numbers):
         together: bool = False,
     ) -> None:
         """Moves the runs of some groups, from ``first`` on as many as the program has, with another program than their
-        own. ``log`` (groups, end − begin, n, L) gets what they log. ``together``: none of them has to wait."""
+        own. ``log`` (groups, L, slots, n) gets what they log, each in the slots of its own samples. ``together``: none
+        of them has to wait."""
         groups = slice(first, first + len(program.done))
         made = loop_of(self.kind._replace(added=self._adds(fed), together=together), self.spec.logged, self.build)
         given: dict[str, Any] = {"cyclic": self._cyclic, "cycle": self._cycle} if self.kind.bridge.slopes else {}
         if self.rings is not None and self.ring_length is not None:
             given |= {"rings": self.rings[groups], "ring_length": self.ring_length[groups]}
         if log is not None:
-            given |= {"log": log, "every": 1, "log_begin": begin}
+            given |= {"log": log, "every": 1}
         made.loop(begin, end, self.rows[groups], self.uniform, program=program, fed=fed, **given)
 
     def _adds(self, fed: Array | None) -> bool:

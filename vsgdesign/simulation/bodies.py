@@ -416,6 +416,7 @@ def _standing_still(moved: tuple[tuple[str, str], ...], together: bool) -> Block
     line = Writer()
     k = line.input("k")
     following = line.does("+", k, Number(1.0))
+    line.output("slot", line.does("-", k, line.input("log_begin")))
     if together:
         line.output("k_after", following)
         return line.block()

@@ -105,6 +105,12 @@ def conclusion_spec(lanes: int = 1, vectors: int = 1) -> LoopSpec:
     )
 
 
+@functools.cache
+def conclusion_loop(lanes: int, vectors: int) -> Loop:
+    """That loop, for estimators side by side."""
+    return compiled_loop(conclusion_spec(lanes, vectors))
+
+
 def _conclusion() -> Loop:
     # It runs once a cycle: what compiling quickly saves is worth the calls of twenty minutes.
     return compiled_loop(conclusion_spec(), quickly=True)

@@ -135,13 +135,14 @@ def spec_of(kind: Kind, logged: tuple[str, ...] = (), build: Build = ALONE) -> L
     A field estimator that is alone ends the loop with its cycle, and an instant that is found where it is found.
     """
     moved, rings = moves(kind, watched_names(kind)), () if kind.cut else kind.rings
+    slot = "slot" if kind.waits and logged else ""
     stop = "closed" if kind.field and not kind.waits else ""
     if kind.seeks and not kind.cut:
         stop = "ends" if stop else "found"
     still = moved if kind.seeks else tuple(pair for pair in (*moved, *rings) if pair[0] != "k")
     moved = held(moved, kind)
     state = {name for name, _ in moved}
-    wanted = [*(output for _, output in (*moved, *rings)), *([stop] if stop else [])]
+    wanted = [*(output for _, output in (*moved, *rings)), *(name for name in (stop, slot) if name)]
     wanted += [name for name in logged if name not in state]
     made = bodies(kind, tuple(dict.fromkeys(wanted)), still if kind.waits or kind.seeks else ())
     known = {name for block in made for name in block.inputs}
@@ -156,6 +157,7 @@ def spec_of(kind: Kind, logged: tuple[str, ...] = (), build: Build = ALONE) -> L
         rings=rings,
         products=products(kind),
         logged=logged,
+        slot=slot,
         index="k" if "k" in known and not kind.waits else "",
         stop=stop,
         lanes=build.lanes,
@@ -170,7 +172,8 @@ def watched_names(kind: Kind) -> tuple[str, ...]:
         return ()
     unwatched: tuple[str, ...] = ("watch.late",)
     if kind.own_rest:
-        unwatched = ("watch.entry.",) if kind.watch == DISTURBANCE else ("watch.most", "watch.entry.")
+        of_mean = "watch.most", "watch.entry.", "watch.sum", "watch.mean"
+        unwatched = ("watch.entry.",) if kind.watch == DISTURBANCE else of_mean
     return tuple(name for name in names_of(kind.watched[0], "watch") if not name.startswith(unwatched))
 
 
@@ -221,6 +224,7 @@ def _uniform_names(kind: Kind) -> list[str]:
     """Inputs that are the same for all runs of a loop."""
     found = [*names_of(InnerLoopGains, "inner_gains"), *kind.names(ControllerSettings, "settings"), "R_c", "V_dc"]
     found += [*SHARED_DEMAND, *(f"circuit.{name}" for name in FilterGrid._fields if name not in ("R_g", "L_g"))]
+    found += ["log_begin"] if kind.waits else []
     return found + ([*names_of(FieldSettings, "field"), "V_rated_rms", "allowed"] if kind.field else [])
 
 

@@ -56,8 +56,8 @@ class Kind(NamedTuple):
     watch: str = ""
     """What is watched: STEP, DISTURBANCE or nothing."""
     own_rest: bool = False
-    """Whether it is judged by the rest to which it comes, which is known at its end alone: the means of its powers are
-    logged until then."""
+    """Whether it is judged by the rest to which it comes, which is known at its end alone: its powers are logged until
+    then."""
     network: bool = False
     """Whether more than a grid may be connected: the watched power at the PCC is then that of its circuit."""
     second_inductor: bool = True
@@ -119,7 +119,10 @@ class Kind(NamedTuple):
 
     @property
     def rings(self) -> tuple[tuple[str, str], ...]:
-        """Powers that are read again some samples later: (input, output)."""
+        """Powers that are read again some samples later: (input, output). The mean of a step that is judged by its own
+        rest is taken from its log."""
+        if self.watch == STEP and self.own_rest:
+            return ()
         return {STEP: (("power_ago", "power"),), DISTURBANCE: (("P_ago", "said.P"), ("Q_ago", "said.Q"))}.get(
             self.watch, ()
         )

@@ -126,6 +126,20 @@ def test_each_lane_has_a_background_and_sensors_of_its_own(around: str, chosen: 
     assert one_for_all.peak_pu[0] != lanes.peak_pu[0]
 
 
+def test_steps_in_other_groups_have_the_same_bits() -> None:
+    """Steps go alone before their events and beside their twins behind them, so that groups are made anew in a run."""
+    study, spec = field_study("closed_form", text=FIELD + AROUND)
+    drawn = cases().take(np.arange(11) % 2)
+    drawn = replace(drawn, around=Around.drawn(study, range(11)).neutral, omega_g=drawn.omega_g + 0.1 * np.arange(11))
+    together = run_lanes(study, spec, NOTHING, drawn)
+    assert np.isfinite(together.settling_s).all()
+    assert len(set(together.noise)) == 11
+    for some in (np.arange(3), np.arange(3, 11)):
+        apart = run_lanes(study, spec, NOTHING, drawn.take(some))
+        for f in fields(apart):
+            assert getattr(apart, f.name).tobytes() == getattr(together, f.name)[some].tobytes(), f.name
+
+
 def test_all_lanes_play_one_record(tmp_path: Path) -> None:
     """A jump of the grid while a recorded voltage with harmonics is played."""
     t_s = np.arange(30_000) / 10_000.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,7 @@ class LaneFeed:
         self._batch = batch
         self._apart = 2 if beside else 1
         self._sources: list[_SourceOfLane] = []
-        self._noise: list[_NoiseOfGroup] = []
+        self._noise: _Noise | None = None
         fed = fed_names(batch.kind._replace(added=batch.kind.moved))
         self._columns = len(fed)
         at = next((k for k, name in enumerate(fed) if name.startswith("noise.")), 0)
@@ -55,8 +56,7 @@ class LaneFeed:
             for lane in range(number, number + self._apart):
                 batch.set("sensors", numbers_of(run.constants), lane)
                 batch.set("before", run.before, lane)
-        each = batch.rows.shape[2] // self._apart
-        self._noise = [_NoiseOfGroup(mains[k : k + each], each, self._apart) for k in range(0, len(mains), each)]
+        self._noise = _Noise(mains, batch.rows.shape[2] // self._apart, self._apart)
 
     def add_sources(
         self, writer: ProgramWriter, studies: Sequence[Study], timelines: Sequence[Timeline], circuits: Circuits
@@ -68,6 +68,15 @@ class LaneFeed:
             marks = source.marks[:-1]
             writer.put(np.full(len(marks), number), marks, self._batch.span("source").start, source.phasors(marks))
 
+    def alone(self, batch: Batch) -> LaneFeed:
+        """The same for a batch of the runs without their twins."""
+        one = copy(self)
+        one._batch, one._apart, one._sources = batch, 1, self._sources[:: self._apart]
+        if self._noise is not None:
+            one._noise = _Noise(self._noise.sensors, batch.rows.shape[2], 1)
+        one._room = self._room[:0]
+        return one
+
     def given(self, begin: Samples, counts: Samples, first: int, groups: int, late: Samples | None = None) -> Array:
         """What ``groups`` groups from ``first`` on are given, (groups, most, n, L), each run from its own sample
         ``begin`` (N,) on for ``counts`` (N,) samples, which come ``late`` (N,) samples later than the first; None: at
@@ -77,13 +86,11 @@ class LaneFeed:
         if self._room.shape[0] < groups or self._room.shape[1] < most:
             self._room = aligned_zeros((groups, most, self._columns, width))
         found = self._room[:groups, :most]
+        if self._noise is not None:
+            mains = (one[:: self._apart] for one in (begin, counts, late))
+            self._noise.put(found[:, :, self._of_noise], first, *mains)
         for group in range(first, first + groups):
             lanes = range(group * width, min((group + 1) * width, len(self._batch)), self._apart)
-            if self._noise:
-                of_group = slice(group * width, (group + 1) * width, self._apart)
-                self._noise[group].put(
-                    found[group - first, :, self._of_noise], begin[of_group], *(one[of_group] for one in (counts, late))
-                )
             for lane in lanes if self._sources else ():
                 rows = slice(late[lane], late[lane] + counts[lane])
                 self._sources[lane].put(found[group - first, rows, :, lane % width], int(begin[lane]))
@@ -93,36 +100,44 @@ class LaneFeed:
         return found
 
 
-class _NoiseOfGroup:
-    """The noise of the sensors of runs side by side, of which there are ``each`` or fewer, and of their twins."""
+class _Noise:
+    """The noise of the sensors of runs side by side, ``each`` in a group, and of their twins."""
 
     def __init__(self, sensors: Sequence[SensorsOfRun], each: int, copies: int) -> None:
-        scale = np.zeros((len(CHANNELS), each))
-        scale[:, : len(sensors)] = np.transpose([one.rms for one in sensors])
-        self._sensors, self._streams = sensors, ManyNormalStreams(scale, copies)
+        self.sensors, self._each = sensors, each
+        scale = np.zeros((-(-len(sensors) // each), each, len(CHANNELS)))
+        scale.reshape(-1, len(CHANNELS))[: len(sensors)] = [one.rms for one in sensors]
+        self._groups = [ManyNormalStreams(one.T, copies) for one in scale]
         self._next = np.full(len(sensors), -1)
         """The sample after the last one of each run that was drawn."""
 
-    def put(self, out: Array, begin: Samples, counts: Samples, late: Samples) -> None:
-        """Puts what is added to the readings into ``out`` (most, 9, L): of each run (n,) from its sample ``begin`` on
-        into ``counts`` rows, from row ``late`` on."""
-        streams, count = self._streams, len(self._sensors)
-        begin, counts, late = begin[:count], counts[:count], late[:count]
-        streams.first[:count], streams.until[:count] = late, late + counts
+    def put(self, out: Array, first: int, begin: Samples, counts: Samples, late: Samples) -> None:
+        """Puts what is added to the readings into ``out`` (groups, most, 9, L), the groups from ``first`` on: of each
+        run (N,) from its sample ``begin`` on into ``counts`` rows, from row ``late`` on."""
+        each = self._each
+        runs = slice(first * each, min((first + len(out)) * each, len(self.sensors)))
+        begin, counts, late = begin[runs], counts[runs], late[runs]
         # A block of samples has a stream of its own, which may begin in any row.
         edge = begin + (-begin) % NOISE_BLOCK
-        anew = (begin != self._next) & (begin < edge)
-        due = [(int(late[run]), run, int(begin[run])) for run in np.flatnonzero(anew).tolist()]
+        due = [np.where((begin != self._next[runs]) & (begin < edge), begin, -1)]
         while (within := edge < begin + counts).any():
-            due += [(int((late + edge - begin)[run]), run, int(edge[run])) for run in np.flatnonzero(within).tolist()]
+            due.append(np.where(within, edge, -1))
             edge = edge + NOISE_BLOCK
-        self._next[:] = begin + counts
-        done = 0
-        for row, run, sample in sorted(due):
-            streams.put(out, done, row)
-            streams.take(run, self._sensors[run].stream(sample))
-            done = row
-        streams.put(out, done, len(out))
+        self._next[runs] = begin + counts
+        anew: list[list[tuple[int, int, int]]] = [[] for _ in out]
+        for samples in due:
+            for run in np.flatnonzero(samples >= 0).tolist():
+                row = int(late[run] + samples[run] - begin[run])
+                anew[run // each].append((row, run, int(samples[run])))
+        for group, listed in enumerate(anew):
+            streams, own, done = self._groups[first + group], slice(group * each, (group + 1) * each), 0
+            count = len(late[own])
+            streams.first[:count], streams.until[:count] = late[own], late[own] + counts[own]
+            for row, run, sample in sorted(listed):
+                streams.put(out[group], done, row)
+                streams.take(run % each, self.sensors[runs.start + run].stream(sample))
+                done = row
+            streams.put(out[group], done, out.shape[1])
 
 
 class _SourceOfLane:

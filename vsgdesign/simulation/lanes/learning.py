@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.codegen.llvm import Program, aligned_zeros, best_lanes, compiled_loop, empty_rows
+from vsgdesign.codegen.llvm import Program, best_lanes, empty_rows
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.field import FieldAnswer, first_lock_in, first_track
 from vsgdesign.equations.integration import TURN
@@ -26,7 +26,8 @@ from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation.circuit_program import CutSample
 from vsgdesign.simulation.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.field_feed import LEAST_RESISTANCE, box_of, network_of, settings_of_study
-from vsgdesign.simulation.field_observer import conclusion_spec
+from vsgdesign.simulation.field_observer import conclusion_loop
+from vsgdesign.simulation.lanes.before_steps import in_groups, mains_alone, put_beside
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.part import Part
 from vsgdesign.simulation.lanes.rests import Rests, circuits_at_rest
@@ -40,7 +41,7 @@ Samples = NDArray[np.int64]
 
 
 _GROUPS = 16
-"""Groups that are moved at once where they are given noise or log something."""
+"""Groups that are moved at once where they are given noise."""
 
 _TIE = 1e-6
 """Share of a sample by which the end of a cycle lies beside it at least, where rounding cannot decide."""
@@ -155,16 +156,16 @@ class Listeners:
     cycles to the end of the next, and all cycles are concluded at once."""
 
     def __init__(self, study: Study, spec: ControllerSpec, part: Part, learning: Learning) -> None:
-        self._study, self._part, self._learning = study, part, learning
+        self._study, self._spec, self._part, self._learning = study, spec, part, learning
         self._settings = settings_of_study(study)
         groups, _, width = part.rows.shape
         network, lanes = network_of(study, spec), best_lanes()
         mains = width // 2 if part.beside else width
         self._networks = None if network is None else ManyNetworks(network, self._settings, groups, mains)
-        conclusion = conclusion_spec(lanes, mains // lanes)
-        self._conclusion, self._rows = compiled_loop(conclusion), empty_rows(conclusion, groups)
+        self._conclusion = conclusion_loop(lanes, mains // lanes)
+        self._rows = empty_rows(self._conclusion.spec, groups)
         self._constants = np.array(numbers_of(self._settings))
-        self._log = np.empty((groups, 1, len(conclusion.logged), mains))
+        self._log = np.empty((groups, 1, len(self._conclusion.spec.logged), mains))
         self._lock = part.span("lock")
         lock = numbers_of(first_lock_in(self._settings, study.converter.omega_n))
         part.rows[:, self._lock, :] = np.array(lock)[:, None]
@@ -173,7 +174,6 @@ class Listeners:
         """The sample at which each lane is."""
         self._begun = 0
         """Samples of the loop so far."""
-        self._logged = np.zeros((0, 0, 0, 0))
         program = part.program
         count = np.diff(program.first)
         self._lane = np.repeat(np.arange(groups), count) * width + program.lane
@@ -189,21 +189,41 @@ class Listeners:
         self._put(learning.gains)
 
     def run(self) -> None:
-        """Runs every lane to its end."""
+        """Runs every lane to its end. Twins are beside their runs from before the first step on."""
+        if self._part.beside:
+            alone = Listeners(self._study, self._spec, mains_alone(self._part), self._learning)
+            alone._run_to(self._part.logs[0].begin)
+            self._go_on(alone)
+        self._run_to(None)
+
+    def _go_on(self, alone: Listeners) -> None:
+        """Goes on where the runs have come to alone."""
+        put_beside(self._part, alone._part)
+        groups, _, mains = self._rows.shape
+        self._rows[:] = in_groups(alone._rows, groups, mains)
+        if self._networks is not None and alone._networks is not None:
+            self._networks.go_on(alone._networks)
+        self._samples, self._begun = np.repeat(alone._samples[: groups * mains], 2), alone._begun
+
+    def _run_to(self, sample: int | None) -> None:
+        """Runs every lane to its end, or as long as no cycle ends behind a sample."""
         ends = self._part.ends + 1
         width = self._part.rows.shape[2]
         while True:
             left = np.flatnonzero(self._samples[: len(ends)] < ends)
             if len(left) == 0:
                 return
-            self._cycle(-(-(int(left[-1]) + 1) // width))
+            groups = -(-(int(left[-1]) + 1) // width)
+            counts = self._samples_to_the_end(self._part.rows[:groups])
+            if sample is not None and int((self._samples[: groups * width] + counts).max()) > sample:
+                return
+            self._cycle(groups, counts)
 
-    def _cycle(self, groups: int) -> None:
-        """One cycle of every lane of the first groups."""
+    def _cycle(self, groups: int, counts: Samples) -> None:
+        """One cycle of every lane of the first groups, which ends after so many samples."""
         part, width = self._part, self._part.rows.shape[2]
         lanes = slice(0, groups * width)
         rows, lock = part.rows[:groups], self._rows[:groups, : self._lock.stop - self._lock.start]
-        counts = self._samples_to_the_end(rows)
         late = self._wait_for_carrier(rows, lanes)
         longest = int((counts + late).max())
         with interrupts_deferred():
@@ -234,17 +254,17 @@ class Listeners:
         return late
 
     def _move(self, groups: int, counts: Samples, late: Samples) -> None:
-        """Moves the lanes of the first groups through their next samples. What they are given and what they log is kept
-        for a few groups at once, so that it stays in the cache."""
+        """Moves the lanes of the first groups through their next samples. What they are given is made for a few groups
+        at once, so that it stays in the cache."""
         part, program, begun = self._part, self._program(groups, counts, late), self._begun
-        each = groups if part.feed is None and part.means is None else _GROUPS
+        each = groups if part.feed is None else _GROUPS
         width = part.rows.shape[2]
         for first in range(0, groups, each):
             count = min(each, groups - first)
             own = replace(program, first=program.first[first : first + count + 1], done=program.done[first:][:count])
             fed = None if part.feed is None else part.feed.given(self._samples, counts, first, count, late)
-            log = self._means_of(first, count, counts + late)
             lanes = slice(first * width, (first + count) * width)
+            logs = part.slots is not None and int((self._samples[lanes] + counts[lanes]).max()) > part.logs[0].begin
             cut = self._cut_samples(lanes, counts, late)
             # Until the first cycle ends, no lane has to look whether it stands still: a quarter of the time.
             together = int(late[lanes].max()), int((counts + late)[lanes].min())
@@ -258,13 +278,11 @@ class Listeners:
                     begun + end,
                     first=first,
                     fed=here,
-                    log=None if log is None else log[:, begin:end],
+                    log=part.slots[first : first + count] if part.slots is not None and logs else None,
                     together=together[0] <= begin and end <= together[1],
                 )
                 for lane, state in after:
                     part.put_state(lane, state)
-            if log is not None:
-                self._keep(log, first, counts, late)
 
     def _cut_samples(self, lanes: slice, counts: Samples, late: Samples) -> dict[int, list[CutSample]]:
         """The samples of some lanes in whose intervals events fall, by their place in this cycle of the loop."""
@@ -275,32 +293,6 @@ class Listeners:
                 if 0 <= at < counts[lane]:
                     found.setdefault(at + int(late[lane]), []).append(one)
         return found
-
-    def _means_of(self, first: int, groups: int, counts: Samples) -> Array | None:
-        """Room for what is logged of some groups over so many samples of the loop; None: nothing is."""
-        means, width = self._part.means, self._part.rows.shape[2]
-        lanes = slice(first * width, (first + groups) * width)
-        if means is None or int((self._samples[lanes] + counts[lanes]).max()) <= means.begin:
-            return None
-        most = int(counts.max())
-        if self._logged.shape[1] < most:
-            self._logged = aligned_zeros((_GROUPS, most, len(means.names), width))
-        return self._logged[:groups, :most]
-
-    def _keep(self, log: Array, first: int, counts: Samples, later: Samples) -> None:
-        """Puts what some groups have logged where each lane keeps its own samples."""
-        part, width = self._part, self._part.rows.shape[2]
-        means = part.means
-        if means is None:
-            return
-        for lane in range(first * width, min(first * width + log.shape[0] * width, len(part))):
-            group, at = divmod(lane, width)
-            begin = int(self._samples[lane]) - means.begin
-            late = max(-begin, 0)
-            kept = log[group - first, later[lane] + late : later[lane] + counts[lane], :, at]
-            slot = begin + late
-            room = means.rows[group, slot : slot + len(kept), :, at]
-            room[:] = kept[: len(room)]
 
     def _samples_to_the_end(self, rows: Array) -> Samples:
         """In how many samples the cycle of each lane ends."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.metrics.events import SIGMAS, late_rows, noise_left
-from vsgdesign.metrics.step_response import SETTLING_BAND
+from vsgdesign.metrics.step_response import SETTLING_BAND, cycle_mean
 from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.simulation.batch import Log
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
@@ -69,11 +69,12 @@ def judge_steps(part: Watched, found: LaneResults) -> None:
     twin (:eq:`twin`)."""
     T_s, log_begin = part.study.converter.T_s, _logged(part).begin
     begin = first_judged(part.cases, T_s)
-    initial, late = part.get(part.kept["initial"]), part.watched("late")
-    final = late / late_rows(part.ends - begin, part.cycle_at_end)
+    final = part.watched("late") / late_rows(part.ends - begin, part.cycle_at_end)
     t_s = part.cases.events.t_s[:, 0]
-    for lanes, log in _groups(part):
-        start, step = initial[lanes], (final - initial)[lanes]
+    for lanes, power in _groups(part):
+        log = cycle_mean(power.T, part.cycle).T
+        start = log[np.maximum(begin[lanes] - 1 - log_begin, 0), 0, np.arange(log.shape[2])]
+        step = final[lanes] - start
         if part.beside:
             twins, lanes = slice(lanes.start + 1, lanes.stop, 2), slice(lanes.start, lanes.stop, 2)
             start, step = np.zeros(log.shape[2] // 2), final[lanes] - final[twins]

@@ -97,7 +97,7 @@ class Part(Batch):
     ) -> None:
         """``cases`` (n) run for ``ends`` samples (n,), and ``index`` (n,) says which of the batch they are; ``cycle``:
         samples over which means are taken. ``beside``: behind each case is its twin."""
-        means = ("watched.sum_P", "watched.sum_Q") if kind.watch == DISTURBANCE else ("watched.mean",)
+        means = ("watched.sum_P", "watched.sum_Q") if kind.watch == DISTURBANCE else ("power",)
         means = means if kind.own_rest else ()
         node = "true" if kind.sensors else "measured"
         guarded = ("said.omega", f"{node}.v_alpha", f"{node}.v_beta")
@@ -105,21 +105,27 @@ class Part(Batch):
         """Whether the protection of the study is judged: its columns are logged after those of the means, from the
         first sample on."""
         logged = (*means, *(guarded if self.guarded else ()))
-        kept = {"watch": len(watched_names(kind)), "limited": 1, "late": 1, "initial": 1, "limited_at_end": 1}
+        kept = {"watch": len(watched_names(kind)), "limited": 1, "late": 1, "limited_at_end": 1}
         kept |= {} if kind.dc is None else {"dc_lowest": 1, "dc_highest": 1}
         kept |= dict.fromkeys(("first", "least", "most"), cases.events.count)
+        begin = 0 if self.guarded or not logged else int(first_judged(cases, study.converter.T_s).min())
+        if kind.watch != DISTURBANCE:  # before the step there is the mean with which it begins
+            begin = max(begin - cycle, 0)
+        shared = {**shared, "log_begin": begin - 1.0} if kind.waits else shared
         super().__init__(kind, study, len(cases), build, logged=logged, kept=kept, shared=shared)
         self.cases, self.index, self.ends, self.cycle = cases, index, ends, cycle
         self.beside, self.mains = beside, slice(None, None, 2 if beside else None)
         """Whether behind each case is its twin, and the cases themselves."""
         self.cycle_at_end = np.zeros(len(cases), dtype=np.int64)
         """Samples of a cycle of the grid at the end, (n,)."""
+        self.slots: Array | None = None
+        """Where lanes that wait log, each of them samples of its own, one after the other (G, L, slots, n)."""
         if logged:
             groups, _, width = self.rows.shape
-            begin = 0 if self.guarded else int(first_judged(cases, study.converter.T_s).min())
             slots = self.end - begin
-            if kind.waits:  # each lane logs samples of its own, one after the other
-                rows = aligned_zeros((groups, width, len(logged), slots)).transpose(0, 3, 2, 1)
+            if kind.waits:  # what is too early lands in the first slot
+                self.slots = aligned_zeros((groups, width, slots + 1, len(logged)))
+                rows = self.slots[:, :, 1:].transpose(0, 2, 3, 1)
             else:
                 rows = aligned_zeros((groups, slots, len(logged), width))
             self.log(Log(rows, logged, begin=begin))
@@ -133,7 +139,7 @@ class Part(Batch):
 
     @property
     def means(self) -> Log | None:
-        """Where a rest of its own is judged, the means of the powers, or their sums."""
+        """Where a rest of its own is judged, the power that is stepped, or the sums of both over a cycle."""
         return self.logs[0] if self.kind.own_rest else None
 
     def logged(self, columns: slice) -> Iterator[tuple[slice, Array]]:
@@ -385,7 +391,6 @@ def watch_step(part: Watched, writer: ProgramWriter, cases: LaneCases, rests: Re
         writer.put(lanes, at, place["watch.most"], np.zeros(len(lanes)))
         writer.copy(lanes, at, place["of.initial"], 1, place["watch.mean"])
     else:
-        writer.copy(lanes, at, part.kept["initial"], 1, place["watch.mean"])
         late = part.ends - late_rows(part.ends - at, part.cycle_at_end)
         writer.put(lanes, late, place["watch.late"], np.zeros(len(lanes)))
     _load(part, writer, lanes, t_s, at, first=True)

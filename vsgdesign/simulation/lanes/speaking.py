@@ -23,6 +23,7 @@ from vsgdesign.equations.field.fusion import (
     step_refuted,
 )
 from vsgdesign.identification.field_network import FieldNetwork
+from vsgdesign.simulation.lanes.before_steps import in_groups
 from vsgdesign.simulation.run_kind import names_of
 
 Array = NDArray[np.float64]
@@ -63,6 +64,10 @@ class ManyNetworks:
         known |= dict(zip(names_of(FieldSettings, "settings"), numbers_of(settings), strict=True))
         known |= dict(zip(("learning", "tracking", "doubting"), network.radii, strict=True))
         self._constants = np.array([float(known[name]) for name in spec.uniform])
+
+    def go_on(self, before: ManyNetworks) -> None:
+        """Goes on where the same estimators in other groups have come to."""
+        self._rows[:] = in_groups(before._rows, len(self._rows), self._rows.shape[2])
 
     def behind(self, concluded: Array) -> Array:
         """What the lanes of the first groups say, (groups, 14, width): the fields of FieldAnswer. ``concluded`` has

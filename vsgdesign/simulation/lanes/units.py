@@ -63,7 +63,7 @@ from vsgdesign.study.parameters.study import ControllerSpec, Study
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-_KEPT = {"limited": 1, "late": 1, "initial": 1, "limited_at_end": 1}
+_KEPT = {"limited": 1, "late": 1, "limited_at_end": 1}
 
 
 @dataclass(frozen=True, kw_only=True)
