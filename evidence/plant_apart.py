@@ -1,8 +1,9 @@
-"""What lies between two units: the decay that the closed form leaves there, over x_t and the transient reactance.
+"""What lies between two units: the decay that a closed form leaves there, over x_t and the transient reactance.
 
-Four converters with their designed inner loops, and with a transient reactance of 0.3 pu in the place of theirs. The
-decay is that of ``vsgdesign inner`` (:func:`vsgdesign.design.inner.check_apart`): the slowest over SCR 1.5 to 80 of a
-unit, X/R 1 to 20 and three powers. Beside it stands what this costs: the score of the usual requirements.
+Four converters with the inner loops that are designed for one converter, with another transient reactance in the place
+of theirs, and with those that are designed for units behind 3 %. The decay is that of ``vsgdesign inner``
+(:func:`vsgdesign.design.inner.check_apart`): the slowest over SCR 1.5 to 80 of a unit, X/R 1 to 20 and three powers.
+Beside it stands what this costs: the score of the usual requirements.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from pathlib import Path
 
 from evidence._tables import leave, table
 from evidence.plant_cases import STUDIES
-from vsgdesign.design.inner import GridBox, check_apart, score_inner_loops
+from vsgdesign.design.inner import GridBox, check_apart, design_inner_loops, score_inner_loops
+from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.study.parameters import load_study, study_from_text
 from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.study import Study
@@ -28,9 +30,9 @@ CONVERTERS = {
 X_T = (0.02, 0.03, 0.045, 0.06)
 """Of a unit, pu, with R of a fifth of it."""
 
-CORNERS_HZ = (None, 5.5, 12.0)
-"""None: the transient impedance of the design."""
-X_TRANSIENT = 0.3
+OWN, FOR_UNITS = "designed for one", "designed for units"
+TRIED: tuple[str | tuple[float, float], ...] = (OWN, (0.3, 5.5), (0.3, 12.0), (0.2, 20.0), FOR_UNITS)
+"""Inner loops that are designed, or the X_t (pu) and corner (Hz) in the place of those of the first."""
 BOX = GridBox((1.5, 80.0), (1.0, 20.0))
 T_S, DECAY = 1.3, 3.0
 
@@ -54,25 +56,33 @@ def behind(study: Study, x_t: float) -> Filter:
     return replace(f, L_2=f.L_2 + x_t * Z_base / study.converter.omega_n, R_2=f.R_2 + 0.2 * x_t * Z_base)
 
 
+def tried(study: Study, which: str | tuple[float, float]) -> tuple[InnerLoopGains, float]:
+    """Inner gains (SI) with ω_t (rad/s)."""
+    c = study.converter
+    if which == FOR_UNITS:
+        found = design_inner_loops(c, behind(study, X_T[1]), BOX, settling_time=T_S, decay_apart=DECAY)
+        return found.gains, found.omega_t
+    if isinstance(which, str):
+        return study.inner_gains, study.omega_t
+    return study.inner_gains._replace(X_t=which[0] * c.Z_base), 2.0 * math.pi * which[1]
+
+
 def main(folder: Path) -> None:
     rows = []
     for name, source in CONVERTERS.items():
         study = study_of(source)
-        c, own = study.converter, study.inner_gains
-        for corner in CORNERS_HZ:
-            gains = own if corner is None else own._replace(X_t=X_TRANSIENT * c.Z_base)
-            omega_t = study.omega_t if corner is None else 2.0 * math.pi * corner
-            decays = [
-                check_apart(c, behind(study, x_t), gains, omega_t, BOX, settling_time=T_S, decay=DECAY)[1].value
-                for x_t in X_T
-            ]
+        c = study.converter
+        for which in TRIED:
+            gains, omega_t = tried(study, which)
+            decays = [check_apart(c, behind(study, x_t), gains, omega_t, BOX, decay=DECAY)[1].value for x_t in X_T]
             score = score_inner_loops(c, behind(study, X_T[1]), gains, omega_t, BOX, settling_time=T_S)
             rows.append(
                 {
                     "converter": name,
                     "X_t": gains.X_t / c.Z_base,
                     "corner_hz": omega_t / (2.0 * math.pi),
-                    "designed": corner is None,
+                    "which": which,
+                    "gains": gains._asdict(),
                     "decay": decays,
                     "score": score.t,
                     "limiting": score.limiting.name,
@@ -84,7 +94,8 @@ def main(folder: Path) -> None:
     cells = [
         (
             one["converter"],
-            f"{one['X_t']:.2f} pu above {one['corner_hz']:.3g} Hz" + (", designed" if one["designed"] else ""),
+            f"{one['X_t']:.2f} pu above {one['corner_hz']:.3g} Hz"
+            + (f", {one['which']}" if isinstance(one["which"], str) else ""),
             *(f"{value:.1f} 1/s" for value in one["decay"]),
             f"{one['score']:.2f}",
         )

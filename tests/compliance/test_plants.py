@@ -115,6 +115,8 @@ def test_the_units_against_each_other(scr: float, verdict: str) -> None:
     split = found.rests[0].split  # with the powers of the end
     assert split is not None
     assert check.value == pytest.approx(-split.differential[0].s.real, rel=1e-3)
+    growth = f"the units grow against each other with {int(split.differential[0].s.real)}"
+    assert row.why.partition(".")[0] == growth if verdict == FAIL else not row.why
     assert (found.outcome.status == "unstable") == (verdict == FAIL)  # rounding is enough to begin it
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +35,6 @@ from vsgdesign.simulation.units.run import _Run
 from vsgdesign.simulation.units.scenario import PlantController, run_plant
 from vsgdesign.simulation.units.start import StartOfPlant, situation_at
 from vsgdesign.study.parameters import Study, load_study
-from vsgdesign.verbs.pipeline.verify import Asked, check_verifiable
 
 IDEAL, OFFSETS = "", (0.0, 0.3, 0.0, 0.0)
 SOURCES = {"b": BATTERY, "s": STAGE, "i": IDEAL}
@@ -348,10 +346,3 @@ def test_links_are_those_of_the_units() -> None:
     assert [t_s for t_s, _ in links[1]] == [0.0, 1e-3, 2e-3]
     assert links[1][-1][1]["i_max"] == 15.0
     assert links[1][-1][1]["charge"] == 0.2
-
-
-def test_what_knows_ideal_links_alone_says_so() -> None:
-    study = plant_study(f"[plant]\nunits = 2\nreactance = 0.06\n{BATTERY}")
-    asked = Asked(controller="fixed")
-    with pytest.raises(StudyError, match="random cases of a plant have ideal dc links"):
-        check_verifiable(replace(study, origin=None), asked)

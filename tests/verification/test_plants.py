@@ -112,3 +112,37 @@ def test_a_case_as_a_study_has_the_figures_of_the_batch(plant: Study, tmp_path: 
     for figure, value in again.figures.items():
         assert getattr(results, figure)[0] == pytest.approx(value, rel=1e-9, abs=1e-9)
     assert (f"unit {some.who[0] + 1} is lost" in what_of(plant, some, 0)) == (name == "loss")
+
+
+DC = """
+[verification.dc_power]
+weight = 1
+size = [0.8, 0.95]
+[verification.dc_charge]
+weight = 1
+size = [0.0, 1.0]
+
+[dc]
+source = "battery"
+C = "2 mF"
+control = "CONTROL"
+[dc.battery]
+R_i = "0.3 ohm"
+i_max = 24
+capacity_Ah = 0.5
+charge = 0.5
+"""
+
+
+@pytest.fixture(scope="module", params=["none", "power_clamp"])
+def linked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """The same units, each with a battery of its own."""
+    file = tmp_path_factory.mktemp("linked") / "study.toml"
+    file.write_text(PLANT.format(root=ROOT.as_posix()) + DC.replace("CONTROL", request.param), encoding="utf-8")
+    return load_study(file)
+
+
+@pytest.mark.parametrize("name", ["dc_power", "phase", "step"])
+def test_a_case_with_dc_links_has_the_figures_of_the_batch(linked: Study, tmp_path: Path, name: str) -> None:
+    """Of the worst unit, where all units lose a share of their source, where one does, and where it is not touched."""
+    test_a_case_as_a_study_has_the_figures_of_the_batch(linked, tmp_path, name)

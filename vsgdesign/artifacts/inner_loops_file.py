@@ -50,8 +50,11 @@ class InnerLoopsRecord:
 
 
 def request_document(request: InnerLoopRequest) -> dict[str, Any]:
-    """A request in JSON's types. Equal documents are designed alike."""
-    return plain(asdict(request))
+    """A request in JSON's types. Equal documents are designed alike; those of one converter are as they always were."""
+    document = plain(asdict(request))
+    if request.decay_apart == 0.0:
+        del document["decay_apart"]
+    return document
 
 
 def differing_fields(request: dict[str, Any], other: dict[str, Any]) -> list[str]:

@@ -14,7 +14,7 @@ from vsgdesign.metrics.survival import NO_REST, OVER_LIMIT, SURVIVED
 from vsgdesign.simulation.survival import GridKnowledge, Subject, SurvivalCase, fixed_set, plant_set, run_case
 from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.verbs.pipeline.one_unit import as_unit
-from vsgdesign.verbs.pipeline.survival import subjects_of
+from vsgdesign.verbs.pipeline.survival import subjects_of, survival_cases
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +63,23 @@ def test_side_by_side_and_one_after_the_other(subject: Subject) -> None:
             expected = getattr(alone, name)
             close = expected if expected is None else pytest.approx(expected, rel=1e-6, abs=1e-9)
             assert getattr(one, name) == close, (case.group, name)
+
+
+def test_dc_links_side_by_side_and_one_after_the_other() -> None:
+    """Half of the source of every unit is lost: what is left gives the power, or it does not."""
+    source = {"p_max": "12 kW", "p_charge_max": "12 kW", "tau": "2 ms"}
+    dc = {"source": "converter", "C": "2 mF", "converter": source}
+    found = load_study("studies/plant/study.toml").with_changes(plant={"units": 2}, events=[], dc=dc)
+    study = replace(found, controllers=(replace(found.controllers[0], schedule="closed_form"),))
+    subject = subjects_of(study, Ready(), limiters=None)["table"]
+    some = [one for one in survival_cases(study, random=False) if one.group == "dc source"]
+    cases = [next(one for one in some if one.start.P_pu < 0.45), next(one for one in some if one.start.P_pu > 0.8)]
+    together = verdicts_of(subject, cases)
+    assert [one.status for one in together] == [SURVIVED, NO_REST]
+    for case, one in zip(cases, together, strict=True):
+        alone = plant_verdict(subject, case)
+        assert (one.status, one.reason) == (alone.status, alone.reason)
+        assert one.peak_pu == (alone.peak_pu if alone.peak_pu is None else pytest.approx(alone.peak_pu, rel=1e-6))
 
 
 def test_the_loss_of_a_unit(subject: Subject) -> None:

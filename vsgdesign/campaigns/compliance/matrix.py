@@ -98,6 +98,9 @@ def _against_each_other(subject: Subject, run: TestRun) -> Check:
     rests before and after the test."""
     found = differential_rests(run, subject.lead_s)
     verdict = INFORMATIONAL if isinstance(found, str) else PASS if found > 0.0 else FAIL
+    why = found if isinstance(found, str) else ""
+    if verdict == FAIL:  # a decay below zero is read as one
+        why = f"the units grow against each other with {-float(found):.4g} 1/s"
     return Check(
         measure="units_against_each_other",
         label="slowest decay of the units against each other",
@@ -107,7 +110,7 @@ def _against_each_other(subject: Subject, run: TestRun) -> Check:
         ours=True,
         limit_of=OURS,
         verdict=verdict,
-        why=found if isinstance(found, str) else "",
+        why=why,
     )
 
 
@@ -133,6 +136,8 @@ def _with_status(status: str, reason: str | None) -> str:
 def _failure(check: Check) -> str:
     if check.value is None:
         return f"{check.label}: {check.why}" if check.why else f"{check.label} is not known"
+    if check.why:
+        return check.why
     value = f"{check.label} {check.value:.4g}{' ' * bool(check.unit)}{check.unit}"
     if check.envelope is not None:
         return f"{value} outside of its envelope"

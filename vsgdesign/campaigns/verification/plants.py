@@ -43,6 +43,7 @@ from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.case_families import LOSS, families
 from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
 from vsgdesign.study.parameters.grid import Grid, GridEstimate
 from vsgdesign.study.parameters.network_fields import OPEN, Said
 from vsgdesign.study.parameters.power_plant import Element, PowerPlant, Unit
@@ -72,7 +73,7 @@ class PlantCases(LaneCases):
     units: NDArray[np.int64]
     """On line at the start, (N,)."""
     who: NDArray[np.int64]
-    """The unit that steps, or that is lost; ALL."""
+    """The unit that steps, whose dc source changes, or that is lost; ALL."""
     lost: NDArray[np.bool_]
     """Whether it is lost."""
     P_apart: Array
@@ -123,8 +124,9 @@ def plants_of(
 
     cases, kind = cases_of(unit, spec, numbers[:, :UNIFORMS], family, ready, share_of)
     units, lost = units_of(kind), kind == loss
-    alone = np.floor((2.0 * u["who"] - 1.0) * units).astype(np.int64)  # every other step is one of all units
-    who = np.where(kind == step, np.maximum(alone, ALL), ALL)
+    alone = np.floor((2.0 * u["who"] - 1.0) * units).astype(np.int64)  # every other event is one of all units
+    of_one = [step, *(families().index(name) for name in DC_QUANTITIES)]
+    who = np.where(np.isin(kind, of_one), np.maximum(alone, ALL), ALL)
     who = np.where(lost, np.floor(u["who"] * units).astype(np.int64), who)
     before, after = units / most, (units - lost) / most
     events = replace(cases.events, R_g=cases.events.R_g / after[:, None], L_g=cases.events.L_g / after[:, None])
@@ -217,13 +219,13 @@ def _events(study: Study, cases: PlantCases, k: int) -> tuple[Event, ...]:
         if at == 0 and cases.lost[k]:
             found.append(Event(event.t_s, element=names[who], switched=Said(None, None, OPEN)))
             continue
-        for j, name in enumerate(names) if event.set_points else ():
+        for j, name in enumerate(names) if event.set_points or event.of_dc else ():
             if who in (ALL, j):
                 apart = {"P_ref": float(cases.P_apart[k, j]), "Q_ref": float(cases.Q_apart[k, j])}
                 moved = {one: value + apart.get(one, 0.0) for one, value in event.set_points.items()}
-                found.append(replace(Event(event.t_s, element=name), **moved))
+                found.append(replace(Event(event.t_s, element=name), **moved, **event.of_dc))
         grid = None if event.grid is None else Grid(event.grid.R_g / most, event.grid.L_g / most)
-        rest = replace(event, grid=grid, **dict.fromkeys(event.set_points))
+        rest = replace(event, grid=grid, **dict.fromkeys((*event.set_points, *event.of_dc)))
         if rest.of_grid:
             found.append(rest)
     return tuple(found)
@@ -262,7 +264,7 @@ def run_drawn(
 
 
 _SEVERITY = (JUDGED, NOT_AT_REST, LATCHED, SLIPPED, DIVERGED, OVER_LIMIT, NO_REST, TRIPPED, IN_NOISE, BLOCKED)
-"""Statuses from the best to the worst; the last three are not those of a plant."""
+"""Statuses from the best to the worst; two of the last three are not those of a plant."""
 
 _OF_STEP = ("overshoot", "settling_s", "noise")
 _FIGURES = tuple(f.name for f in fields(LaneResults) if f.name not in ("status", "fault"))

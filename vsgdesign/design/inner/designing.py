@@ -9,45 +9,36 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vsgdesign.design.inner.frozen import law_matrix, modes, plants
+from vsgdesign.design.inner.apart import check_apart, searched_apart
 from vsgdesign.design.inner.grids import (
+    CHECKED,
+    POWERS_PU,
     GridBox,
     GridPoint,
     angle_damped_target,
+    closed_form_cells,
     highest_resonance,
     lattice,
     sampling_ratio,
     study_of,
 )
 from vsgdesign.design.inner.promises import (
-    DAMPING,
     PromiseReached,
     check_gains,
-    controller_settings,
     limiting,
     score_of,
     targets,
 )
 from vsgdesign.design.inner.search import FINE, Effort, search
-from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.execution.threads import one_thread
-from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order, steady_cells
-from vsgdesign.linear.stability.differential import differential_modes
+from vsgdesign.linear.operating_point.full_order import linearise_full_order
 from vsgdesign.metrics.met import score_met
 from vsgdesign.metrics.modes import least_damping, to_continuous
-from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
-from vsgdesign.study.parameters.grid import Place
-from vsgdesign.study.parameters.study import ClosedFormTarget, Study
-
-CHECKED = (7, 7)
-"""SCR × X/R of the check."""
-POWERS_PU = (-0.5, 0.1, 0.7)
-"""Active powers of the check over the rated one, reactive power zero."""
+from vsgdesign.study.parameters.study import ClosedFormTarget
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +87,7 @@ def check_full_order(
     target = target or angle_damped_target(settling_time, converter.omega_n)
     study = study_of(converter, filter_, gains, omega_t, box, target=target)
     points = lattice(box, *CHECKED) if grids is None else tuple(grids)
-    requested, where = _cells(study, target, points, box.basis, powers_pu)
+    requested, where = closed_form_cells(study, target, points, box.basis, powers_pu)
     model = linearise_full_order(study, requested)
     at = [where[k] for k in model.index]
     s = to_continuous(np.linalg.eigvals(model.A) if len(at) else np.ones((0, 1)), model.T_s)
@@ -118,65 +109,10 @@ def check_full_order(
     )
 
 
-def _cells(
-    study: Study, target: ClosedFormTarget, points: Sequence[GridPoint], basis: str, powers_pu: Sequence[float]
-) -> tuple[list[Cell], list[tuple[float, float, float]]]:
-    """Cells with closed-form power loops that know the grid, and SCR, X/R and P (W) of each."""
-    converter = study.converter
-    requested, where = [], []
-    for scr, x_over_r in points:
-        grid = Place(scr, x_over_r, basis).grid(converter)
-        for share in powers_pu:
-            P = share * converter.S_rated
-            power_gains = closed_form_schedule(study, target, P, 0.0).gains_over(
-                np.array([grid.R_g]), np.array([grid.L_g])
-            )
-            values = type(power_gains)(*(float(np.ravel(value)[0]) for value in power_gains))
-            if all(np.isfinite(value) for value in values):
-                requested.append(Cell(grid, values, P, 0.0))
-                where.append((scr, x_over_r, P))
-    return requested, where
-
-
-def check_apart(
-    converter: Converter,
-    filter_: Filter,
-    gains: InnerLoopGains,
-    omega_t: float,
-    box: GridBox,
-    *,
-    settling_time: float,
-    decay: float,
-) -> tuple[PromiseReached, PromiseReached]:
-    """What the inner loops keep between equal units at one node, each on its R_2 and L_2 alone, which contain its
-    transformer (:eq:`plant-split`): the damping ratio with the power loops held still, which no grid has a say in, and
-    the slowest decay with the closed-form power loops of the grids and powers of :func:`check_full_order`, of which
-    ``decay`` (1/s) is asked."""
-    f, settings = filter_, controller_settings(converter, filter_)
-    alone = FilterGrid(f.L_1, f.R_1, f.C, f.R_c, f.L_2, f.R_2, 0.0, 0.0)
-    law = law_matrix(InnerLoopGains(*(np.array([one]) for one in gains)), np.array([omega_t]), settings)
-    still = plants([alone], settings, converter.delay_samples, converter.omega_n)
-    damping = float(least_damping(modes(law, still))[0, 0])
-    target = angle_damped_target(settling_time, converter.omega_n)
-    study = study_of(converter, filter_, gains, omega_t, box, target=target)
-    requested, where = _cells(study, target, lattice(box, *CHECKED), box.basis, POWERS_PU)
-    rests = steady_cells(study, requested)
-    known = [k for k, fault in enumerate(rests.faults) if fault is None]
-    reached, scr, x_over_r = math.nan, math.nan, math.nan
-    if rests.states is not None and known:
-        P, Q, V = (np.asarray(one)[known] for one in (rests.states.P, rests.states.Q, rests.states.V))
-        each = PowerLoopGains(*np.array([requested[k].gains for k in known]).T)
-        growth = np.nan_to_num(differential_modes(study, each, P, Q, V, converter.omega_n).real, nan=math.inf)
-        worst = int(np.argmax(growth))
-        (scr, x_over_r, _), reached = where[known[worst]], -float(growth[worst])
-    return (
-        PromiseReached("damping_apart", damping, DAMPING, damping / DAMPING, math.nan, math.nan),
-        PromiseReached("decay_apart", reached, decay, reached / decay, scr, x_over_r),
-    )
-
-
 L_2_PU = 0.03
 """An L_2 for a filter that has none, over the base inductance."""
+APART = Effort(heat=30, generations=90, joined=30, rounds=3)
+"""With the units against each other: a gain set takes eight times as long."""
 FEWER = Effort(heat=30, generations=70, joined=20, rounds=2)
 """An alternative's search: within 3 % of a full one's t for five of six converters, 9 % for the slowest sampler."""
 
@@ -257,29 +193,37 @@ def design_inner_loops(
     target: ClosedFormTarget | None = None,
     effort: Effort | None = None,
     starts: Sequence[tuple[InnerLoopGains, float]] = (),
+    decay_apart: float = 0.0,
 ) -> InnerDesign:
     """The inner gains with the largest worst score over the box (:eq:`inner-score`), checked with the power loops.
 
     ``settling_time`` (s): the power loops'. ``progress`` is called many times a second and may raise to stop.
     ``target``: power loops of the check; None: the angle-damped closed form for ``settling_time``. ``starts``: further
-    gains (SI) with ω_t (rad/s) to begin from. Equal arguments give equal gains to the last bit, whatever the number of
-    threads. A box on which no gains keep everything is no error: t is below 1 then, and ``limiting`` says what fails
+    gains (SI) with ω_t (rad/s) to begin from. ``decay_apart``: the decay (1/s) that a table of equal units behind R_2
+    and L_2 is asked for between them: with their damping one more promise (:func:`check_apart`), which lowers t where
+    it is not kept; 0: none. Equal arguments give equal gains to the last bit, whatever the number of threads. A box on
+    which no gains keep everything is no error: t is below 1 then, and ``limiting`` says what fails
     where. Raises StudyError for a settling time that is no positive number.
     """
     if not (math.isfinite(settling_time) and settling_time > 0.0):
         raise StudyError("inner loops", [Fault("settling_time", f"{settling_time} s", "must be a positive number")])
     begin = time.perf_counter()
     with one_thread():
+        apart, more_starts = searched_apart(converter, filter_, box, decay_apart)
         found = search(
             converter,
             filter_,
             box,
             settling_time=settling_time,
             seed=seed,
-            effort=effort or Effort(),
+            effort=effort or (Effort() if apart is None else APART),
             tell=progress or silent,
-            more_starts=starts,
+            more_starts=(*starts, *more_starts),
+            apart=apart,
         )
+        more = ()
+        if apart is not None:
+            more = check_apart(converter, filter_, found.gains, found.omega_t, box, decay=decay_apart)
         score = score_of(box, found.promises, targets(converter, settling_time), *FINE)
         full_order = check_full_order(
             converter, filter_, found.gains, found.omega_t, box, target=target, settling_time=settling_time
@@ -291,10 +235,10 @@ def design_inner_loops(
         box=box,
         settling_time=settling_time,
         seed=seed,
-        t=found.t,
+        t=min(found.t, *(one.score for one in more), math.inf),
         search_t=found.search_t,
         start_t=found.start_t,
-        promises=score.promises,
+        promises=(*score.promises, *more),
         stable_grids=int(score.stable.sum()),
         grids=int(score.stable.size),
         full_order=full_order,
@@ -317,12 +261,13 @@ def what_would_help(
     seed: int = 0,
     progress: Progress | None = None,
     effort: Effort = FEWER,
+    decay_apart: float = 0.0,
 ) -> list[Alternative]:
     """What twice the sampling, no delay and a larger L_2 would buy: each designed anew, the best t first.
 
     The searches are shorter than a design's and begin, among others, with the present ``gains`` (SI) and ``omega_t``
-    (rad/s). An alternative that is already there (no delay without delay) is left out. Raises StudyError with
-    every fault of the gains.
+    (rad/s). An alternative that is already there (no delay without delay) is left out. ``decay_apart``: as in
+    :func:`design_inner_loops`. Raises StudyError with every fault of the gains.
     """
     check_gains(converter, gains, omega_t, settling_time)
     tell = progress or silent
@@ -335,6 +280,7 @@ def what_would_help(
 
         with one_thread():
             present = gains._replace(kappa=gains.kappa if c.delay_samples else 0.0)
+            apart, _ = searched_apart(c, f, box, decay_apart)
             result = search(
                 c,
                 f,
@@ -344,6 +290,7 @@ def what_would_help(
                 effort=effort,
                 tell=part,
                 more_starts=[(present, omega_t)],
+                apart=apart,
             )
         score = score_of(box, result.promises, targets(c, settling_time), *FINE)
         ratio = sampling_ratio(c, f, box)

@@ -12,9 +12,12 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.placing import settling_margin
+from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import ANGLE_DAMPED
 from vsgdesign.errors import Fault, StudyError
+from vsgdesign.linear.operating_point.full_order import Cell
 from vsgdesign.linear.operating_point.plants import state_matrices
+from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.inner_loops import Reading, request_of
@@ -171,3 +174,27 @@ def study_of(
         stability=StabilitySpec(scr=(1.0,), x_over_r=(1.0,), P=(0.0,), Q=(0.0,), errors=(0.0,), gates=Gates()),
         hash="",
     )
+
+
+CHECKED = (7, 7)
+"""SCR × X/R of a check with closed power loops."""
+POWERS_PU = (-0.5, 0.1, 0.7)
+"""Active powers of such a check over the rated one, reactive power zero."""
+
+
+def closed_form_cells(
+    study: Study, target: ClosedFormTarget, points: Sequence[GridPoint], basis: str, powers_pu: Sequence[float]
+) -> tuple[list[Cell], list[tuple[float, float, float]]]:
+    """Cells with closed-form power loops that know the grid, and SCR, X/R and P (W) of each."""
+    grids = [Place(scr, x_over_r, basis).grid(study.converter) for scr, x_over_r in points]
+    R_g, L_g = np.array([grid.R_g for grid in grids]), np.array([grid.L_g for grid in grids])
+    powers = [share * study.converter.S_rated for share in powers_pu]
+    found = [closed_form_schedule(study, target, P, 0.0).gains_over(R_g, L_g) for P in powers]
+    cells, where = [], []
+    for k, point in enumerate(points):
+        for P, gains in zip(powers, found, strict=True):
+            own = PowerLoopGains(*(float(np.broadcast_to(value, R_g.shape)[k]) for value in gains))
+            if all(map(math.isfinite, own)):
+                cells.append(Cell(grids[k], own, P, 0.0))
+                where.append((*point, P))
+    return cells, where

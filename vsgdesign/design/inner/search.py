@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,19 @@ from vsgdesign.execution.progress import Progress
 from vsgdesign.study.parameters.converter import Converter, Filter
 
 Array = NDArray[np.float64]
+
+
+class Limit(Protocol):
+    """One more promise of a search."""
+
+    def scores(self, gains: InnerLoopGains, omega_t: Array, of: Array, /) -> Array:
+        """What it leaves of the scores ``of`` (M,) of gains (arrays (M,), SI) with ω_t (M,), rad/s."""
+        ...
+
+    def joined(self, gains: InnerLoopGains, omega_t: float, /) -> Limit:
+        """The same with what is worst with these gains, from now on."""
+        ...
+
 
 NAMES = ("k_c", "k_v", "r_v", "r_c", "R_t", "omega_t", "K_ff", "X_t", "kappa")
 """k_c = K_pc T_s/L_1, k_v = K_pv Z_b, r_v = K_iv/K_pv and r_c = K_ic/K_pc over ω_n, R_t and X_t over Z_b, ω_t over ω_n,
@@ -211,8 +225,10 @@ def search(
     effort: Effort,
     tell: Progress,
     more_starts: Sequence[tuple[InnerLoopGains, float]] = (),
+    apart: Limit | None = None,
 ) -> Found:
-    """The gains with the largest t (:eq:`inner-score`). Equal arguments give equal digits; one thread."""
+    """The gains with the largest t (:eq:`inner-score`). Equal arguments give equal digits; one thread. ``apart``: what
+    one more promise leaves of t."""
     space = variables(converter, filter_)
     coarse = lattice(box, *COARSE)
     every = lattice(box, *FINE)
@@ -222,7 +238,7 @@ def search(
 
     fine = made(every, every)
     grids, off = list(coarse), list(corners(box))
-    t_of = _score_on(space, made(grids, off, points=POINTS_SEARCH))
+    t_of = _score_on(space, made(grids, off, points=POINTS_SEARCH), apart)
     closed_forms = closed_form_starts(converter, filter_, sampling_ratio(converter, filter_, box))
     starts = [space.encode(*start) for start in (*closed_forms, *more_starts)]
     starts += _best_of_sobol(space, t_of, seed)
@@ -243,18 +259,19 @@ def search(
     winner = max(ranked[:2], key=lambda run: run.t)
     evaluations = 2 * SOBOL + sum(run.evaluations for run in runs)
     x, search_t = winner.best, winner.t
-    promises, t = _on(fine, space, x)
+    promises, t = _on(fine, space, x, wider := _joined(apart, space, x))
     for k in range(effort.rounds):
         if search_t > 0.0 and t >= (1.0 - AGREE) * search_t:
             break
         _join(promises, fine, grids, off)
-        t_of = _score_on(space, made(grids, off, points=POINTS_SEARCH))
+        apart = wider
+        t_of = _score_on(space, made(grids, off, points=POINTS_SEARCH), apart)
         run = _Run(x, _JOINED_WIDTH, _seed(seed, len(runs) + k))
         run.best, run.t = x, float(t_of(x[None])[0])
         run.advance(t_of, effort.joined, progress)
         evaluations += run.evaluations + 1
         x, search_t = run.best, run.t
-        promises, t = _on(fine, space, x)
+        promises, t = _on(fine, space, x, wider := _joined(apart, space, x))
     tell("inner loops", 1.0)
     gains, omega_t = space.decode(x[None])
     start_t = max(float(worst_score(evaluate(fine, *_as_arrays(*start)), fine.targets)[0]) for start in closed_forms)
@@ -299,13 +316,25 @@ def short_search(
     return InnerLoopGains(*(float(value[0]) for value in gains)), float(omega_t[0]), run.t
 
 
-def _score_on(space: Variables, bench: Bench) -> Callable[[Array], Array]:
-    return lambda x: worst_score(evaluate(bench, *space.decode(x)), bench.targets)
+def _score_on(space: Variables, bench: Bench, apart: Limit | None = None) -> Callable[[Array], Array]:
+    def t_of(x: Array) -> Array:
+        gains, omega_t = space.decode(x)
+        t = worst_score(evaluate(bench, gains, omega_t), bench.targets)
+        return t if apart is None else apart.scores(gains, omega_t, t)
+
+    return t_of
 
 
-def _on(bench: Bench, space: Variables, x: Array) -> tuple[Promises, float]:
-    promises = evaluate(bench, *space.decode(x[None]))
-    return promises, float(worst_score(promises, bench.targets)[0])
+def _joined(apart: Limit | None, space: Variables, x: Array) -> Limit | None:
+    gains, omega_t = space.decode(x[None])
+    return apart and apart.joined(InnerLoopGains(*(float(value[0]) for value in gains)), float(omega_t[0]))
+
+
+def _on(bench: Bench, space: Variables, x: Array, apart: Limit | None) -> tuple[Promises, float]:
+    gains, omega_t = space.decode(x[None])
+    promises = evaluate(bench, gains, omega_t)
+    t = worst_score(promises, bench.targets)
+    return promises, float((t if apart is None else apart.scores(gains, omega_t, t))[0])
 
 
 def _as_arrays(gains: InnerLoopGains, omega_t: float) -> tuple[InnerLoopGains, Array]:

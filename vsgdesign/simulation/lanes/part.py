@@ -255,7 +255,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     elif waves is not None or sensors:
         take_up_phasors(part, writer, cases, segments, waves, part.end)
     put_references(part, writer, cases)
-    _put_links(part, writer, cases)
+    put_links(part, writer, cases)
     (watch_step if step else watch_disturbance)(part, writer, cases, rests)
     if moved and not step:
         at_start = np.array([one.source_phase(np.zeros(1))[0] for one in lines])
@@ -263,8 +263,7 @@ def make_part(  # noqa: PLR0913 - everything that a part is made of
     lanes, watched = np.arange(len(cases)), part.span("watch")
     writer.copy(lanes, ends, part.kept["watch"], watched.stop - watched.start, watched.start)
     writer.copy(lanes, ends, part.kept["limited_at_end"], 1, part.place["limited"])
-    for name in ("lowest", "highest") if kind.dc is not None else ():
-        writer.copy(lanes, ends, part.kept[f"dc_{name}"], 1, part.place[f"dc.{name}"])
+    keep_links(part, writer)
     _means(part, cases, rests, cycle)
     part.follow(writer, circuit.cut)
     return part
@@ -352,7 +351,7 @@ def put_references(part: Watched, writer: ProgramWriter, cases: LaneCases) -> No
                 writer.put(some, at, part.place[f"refs.{name}"], getattr(events, name)[some, k])
 
 
-def _put_links(part: Part, writer: ProgramWriter, cases: LaneCases) -> None:
+def put_links(part: Watched, writer: ProgramWriter, cases: LaneCases) -> None:
     """Changes of the sources of the dc links: in force at the first sample at or after their time."""
     study, events = part.study, cases.events
     for lane, held in enumerate(cases.links(study.dc) or ()):
@@ -361,7 +360,13 @@ def _put_links(part: Part, writer: ProgramWriter, cases: LaneCases) -> None:
             changed = {name: value for name, value in given.items() if math.isfinite(value)}
             at = at_or_after(events.t_s[lane, j : j + 1], study.converter.T_s, SAME_INSTANT)
             for name, values in dc_changed(study, link, changed) if changed else ():
-                writer.put([lane], at, part.spans[name].start, values[None])
+                writer.put([lane], at, part.span(name).start, values[None])
+
+
+def keep_links(part: Watched, writer: ProgramWriter) -> None:
+    """The least and the largest voltage of the dc links up to the ends."""
+    for name in ("lowest", "highest") if part.study.dc is not None else ():
+        writer.copy(np.arange(len(part)), part.ends, part.kept[f"dc_{name}"], 1, part.place[f"dc.{name}"])
 
 
 def _load(part: Watched, writer: ProgramWriter, lanes: NDArray[np.intp], t_s: Array, at: Samples, first: bool) -> None:

@@ -128,7 +128,7 @@ def rests_of(
         P_end=np.where(step, at_pcc[1][0], end.P),
         Q_end=np.where(step, at_pcc[1][1], end.Q),
         P_asked=power_of(*lanes_of(study, at_end, at_last)),
-        curve=_curve(study, at_end, at_last, end, linked.end),
+        curve=curve_of_rest(study, at_end, at_last, end, linked.end),
         delta_start=start.controller.theta - phase,
         delta_end=end.controller.theta,
         states=linked.states,
@@ -149,9 +149,10 @@ def rests_of(
     return rests, gains
 
 
-def _curve(
+def curve_of_rest(
     study: Study, at_end: Lanes, gains: PowerLoopGains, end: ManyStates, circuits: tuple[NetworkCircuit, ...] | None
 ) -> Array:
+    """How Q follows a P that a clamp holds elsewhere, (N, 4); zeros without a clamp."""
     if study.dc is None or not study.dc.clamps:
         return np.zeros((len(end), len(RestCurve._fields)))
     found = reactive_curve(study, at_end, gains, end.P, circuits)

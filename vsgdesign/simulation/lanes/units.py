@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
 from vsgdesign.linear.operating_point.circuit_of_units import wiring_of
 from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
-from vsgdesign.linear.operating_point.many import Lanes
+from vsgdesign.linear.operating_point.many import DC_FAULTS, Lanes, ManyStates, lanes_of, power_of
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
 from vsgdesign.metrics.step_response import SETTLING_BAND
@@ -31,19 +31,22 @@ from vsgdesign.metrics.survival import REST_SHARE, SurvivalDemand
 from vsgdesign.simulation.batch import Log
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
 from vsgdesign.simulation.feeds import Told
-from vsgdesign.simulation.lanes.cases import STEP, LaneCases, LaneEvents
+from vsgdesign.simulation.lanes.cases import STEP, LaneCases, LaneEvents, segments_of
+from vsgdesign.simulation.lanes.dc_energy import beyond_the_capacitor
 from vsgdesign.simulation.lanes.part import (
     Samples,
+    keep_links,
     means_at_rest,
     padded,
+    put_links,
     put_references,
     watch_disturbance,
     watch_step,
 )
-from vsgdesign.simulation.lanes.rests import Rests
+from vsgdesign.simulation.lanes.rests import Rests, curve_of_rest
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.run import drive, judge_part
-from vsgdesign.simulation.lanes.telling import telling
+from vsgdesign.simulation.lanes.telling import Telling, telling
 from vsgdesign.simulation.lanes.told import ToldGrids
 from vsgdesign.simulation.loop import kind_of, side_by_side, watched_names
 from vsgdesign.simulation.numbers_of_runs import Numbers
@@ -126,15 +129,21 @@ def run_plants(
     told = telling(own, spec, ready, flat, grids)
     phase = timelines[0].segments[0].source.phase
     first, gains = many_rests_with_measured_gains(own, flat.at_start, told.first, phase=phase)
-    refs_at_end = flat.references_at_end(own.converter.references())
-    _, last_gains = many_rests_with_measured_gains(own, _at_end(timelines, refs_at_end), told.known_at_end())
+    at_end, held = _at_end(timelines, flat.references_at_end(own.converter.references())), flat.links(own.dc)
+    links = None if held is None else [one[-1] for one in held]
+    last, last_gains = many_rests_with_measured_gains(own, at_end, told.known_at_end(), links=links)
     before, after = np.stack(np.broadcast_arrays(*gains)), np.stack(np.broadcast_arrays(*last_gains))
     begin = np.searchsorted(case, np.arange(len(timelines)))
+    dc_faults = _dc_faults(own, flat, told, (first, last), (gains, last_gains), demand, phase)
     prepared = []
     for c, (study, timeline) in enumerate(zip(plants.studies, timelines, strict=True)):
         mine = slice(begin[c], begin[c] + len(timeline.units))
         if (first.fault[mine] > 0).any():
             results.fault[mine] = first.fault[mine].max()
+            continue
+        there = [not _lost(timeline, k) for k in range(len(timeline.units))]
+        if (dc_faults[mine][there] > 0).any():
+            results.fault[mine], results.status[mine] = dc_faults[mine][there].max(), OVER_LIMIT
             continue
         found = _prepared(c, study, timeline, before[:, mine], after[:, mine])
         if isinstance(found, int):
@@ -145,12 +154,39 @@ def run_plants(
         results.status[mine] = OVER_LIMIT if over else JUDGED
         prepared += [] if over else [found]
     rests = _rests(prepared, begin, len(flat), plants.cases.kind)
+    if own.dc is not None and own.dc.clamps:
+        asked = power_of(*lanes_of(own, at_end, last_gains))
+        rests = replace(rests, P_asked=asked, curve=curve_of_rest(own, at_end, last_gains, last, None))
     parts = [one for some in _groups(plants, prepared) for one in _part(plants, some, begin, flat, rests, demand).units]
     if parts:
         drive(parts, told, gains)
     for one in parts:
         judge_part(one, rests, demand, results)
     return Units(case, unit, on_line, results)
+
+
+def _lost(timeline: PlantTimeline, k: int) -> bool:
+    """Whether a unit is not on line at the end."""
+    return timeline.plant.units[k].name in timeline.segments[-1].topology.opened
+
+
+def _dc_faults(
+    own: Study,
+    flat: LaneCases,
+    told: Telling,
+    rests: tuple[ManyStates, ManyStates],
+    gains: tuple[PowerLoopGains, PowerLoopGains],
+    demand: SurvivalDemand,
+    phase: float,
+) -> Index:
+    """What the dc side of each unit cannot do, as of converters that stand alone on the grid that a unit sees where all
+    of them move alike (:eq:`dc-told`); 0: nothing. ``phase``: of the source at the start, rad."""
+    if own.dc is None:
+        return np.zeros(len(flat), dtype=np.intp)
+    (first, last), segments = rests, segments_of(flat)
+    delta = first.controller.theta - phase
+    beyond = beyond_the_capacitor(own, flat, segments, first, delta, told, gains, demand.settling_time)
+    return np.where(np.isin(last.fault, DC_FAULTS), last.fault, beyond)
 
 
 def _cases_of_units(plants: Plants, timelines: Sequence[PlantTimeline], case: Index, unit: Index) -> LaneCases:
@@ -182,7 +218,7 @@ def _joined(events: Sequence[Event]) -> list[Event]:
     found: dict[float, Event] = {}
     for one in events:
         if one.t_s > 0.0:
-            known = {name: value for name, value in vars(one).items() if value not in (None, 0.0, "")}
+            known = {f.name: getattr(one, f.name) for f in fields(one) if getattr(one, f.name) != f.default}
             found[one.t_s] = replace(found.get(one.t_s, one), **known)
     return [found[t_s] for t_s in sorted(found)]
 
@@ -241,7 +277,7 @@ def _rests(prepared: Sequence[_Prepared], begin: Index, count: int, kind: NDArra
                 found[column : column + 2, f] = _powers(rest, at, step)
                 found[4 + column // 2, f] = rest.controller(at, 0.0)[0].theta
     start: Any = None  # the lanes are put at rest by what knows the plant
-    curve = np.zeros((count, len(RestCurve._fields)))  # of a source that clamps the power: a batch of plants has none
+    curve = np.zeros((count, len(RestCurve._fields)))  # of a source that clamps the power
     names = ("P_start", "Q_start", "P_end", "Q_end", "delta_start", "delta_end")
     return Rests(start=start, P_asked=found[2], curve=curve, **dict(zip(names, found, strict=True)))
 
@@ -272,6 +308,7 @@ class PlantPart(Numbers):
     def __init__(self, study: Study, kind: PlantKind, some: Sequence[_Prepared], ends: Samples, events: int) -> None:
         kept = _KEPT | dict.fromkeys(("first", "least", "most"), events)
         kept["watch"] = len(watched_names(kind.units[0]))
+        kept |= {} if kind.units[0].dc is None else {"dc_lowest": 1, "dc_highest": 1}
         kept = {f"u{k}.{name}": count for k in range(len(kind.units)) for name, count in kept.items()}
         spec = spec_of_plant(kind, side_by_side(strict=True))
         super().__init__(spec, len(some), kept)
@@ -413,10 +450,12 @@ def _part(
             one.put(f"refs.{name}", np.broadcast_to(value, len(one)))
         one.put("watch.entry.last_out", np.full(len(one), -1.0))
         put_references(one, writer, one.cases)
+        put_links(one, writer, one.cases)
         (watch_step if step else watch_disturbance)(one, writer, one.cases, mine)
         watched = one.span("watch")
         writer.copy(lanes, part.ends, one.kept["watch"], watched.stop - watched.start, watched.start)
         writer.copy(lanes, part.ends, one.kept["limited_at_end"], 1, one.place["limited"])
+        keep_links(one, writer)
         present.append(means_at_rest(one, one.cases, mine, cycle))
     part.ring(cycle, present)
     return part

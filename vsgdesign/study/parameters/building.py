@@ -51,6 +51,7 @@ from vsgdesign.study.parameters.fields import (
 )
 from vsgdesign.study.parameters.grid import Grid, Impedance, basis_field, read_grid
 from vsgdesign.study.parameters.inner_loops import INNER_LOOPS, InnerLoopSource, read_inner_loops, request_of
+from vsgdesign.study.parameters.power_plant import with_path
 from vsgdesign.study.parameters.power_plant_fields import NETWORK, PlantFields
 from vsgdesign.study.parameters.power_plant_reading import (
     Around,
@@ -259,7 +260,10 @@ def build_study(
     root.finish()
     inner_gains, omega_t, request = inner.gains, inner.omega_t, None
     if inner_gains is None:
-        request = request_of(inner, converter, filter_, basis, target, specification)
+        alike = plant is not None and plant.equal
+        own = with_path(filter_, plant.units[0]) if plant is not None and alike else filter_
+        several = plant is not None and alike and len(plant.units) > 1
+        request = request_of(inner, converter, own, basis, target, specification, several)
         inner_gains, omega_t = _designed(request, inner_loops, faults)
     if not faults:
         error = 0.0 if specification is None else specification.error

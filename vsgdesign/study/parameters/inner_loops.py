@@ -13,7 +13,7 @@ from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.fields import F_N, SEEDS, Z_BASE, Scope, fields_of, flag, number, numbers, values, whole
 from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.specification import Specification
+from vsgdesign.study.parameters.specification import Specification, settled_decay
 from vsgdesign.study.parameters.study import InnerLoopRequest
 from vsgdesign.study.parameters.targets import ClosedFormTarget
 
@@ -143,13 +143,17 @@ def request_of(
     basis: str,
     target: ClosedFormTarget,
     specification: Specification | None,
+    several: bool = False,
 ) -> InnerLoopRequest:
-    """What the inner loops are designed for: their own grids, else the specification's, else the default ones."""
+    """What the inner loops are designed for: their own grids, else the specification's, else the default ones.
+    ``several``: of equal units, which are not to swing against each other; their transformer is a part of the
+    filter."""
     scr = reading.scr or (specification.scr if specification else DEFAULT_SCR)
     x_over_r = reading.x_over_r or (specification.x_over_r if specification else DEFAULT_X_OVER_R)
     # A table's axis has its own basis; the section's own numbers have the study's.
     of_table = specification is not None and reading.scr is None
     settling_time = specification.settling_time if specification else target.settling_time
+    decay = specification.differential_decay if specification else 0.0
     return InnerLoopRequest(
         converter=converter,
         filter=filter_,
@@ -158,6 +162,7 @@ def request_of(
         scr_basis=specification.scr_basis if specification is not None and of_table else basis,
         settling_time=settling_time,
         seed=reading.seed,
+        decay_apart=(decay or several * settled_decay(settling_time)) if filter_.L_2 > 0.0 else 0.0,
     )
 
 

@@ -191,10 +191,12 @@ def behind_its_path(study: Study, unit: Unit) -> Study:
     grid begins at the unit's node. The table of a unit is made for this filter."""
     base = unit.case or study
     base = base if base.dc == unit.dc else replace(base, dc=unit.dc)
-    if unit.R == 0.0 and unit.L == 0.0:
-        return base
-    f = base.filter
-    return replace(base, filter=replace(f, L_2=f.L_2 + unit.L, R_2=f.R_2 + unit.R))
+    return base if unit.R == 0.0 and unit.L == 0.0 else replace(base, filter=with_path(base.filter, unit))
+
+
+def with_path(filter_: Filter, unit: Unit) -> Filter:
+    """A filter with the transformer and feeder of a unit in L_2 and R_2."""
+    return replace(filter_, L_2=filter_.L_2 + unit.L, R_2=filter_.R_2 + unit.R)
 
 
 def one_converter(study: Study, what: str) -> None:

@@ -224,6 +224,11 @@ def settled_decay(settling_time: float) -> float:
     return _SETTLED / settling_time
 
 
+def decaying_time(decay: float) -> float:
+    """The time (s) after which a decay (1/s) leaves 2 %."""
+    return _SETTLED / decay
+
+
 _APART = 2.0
 """The largest ratio of two neighbouring nodes that are added to those of a study."""
 

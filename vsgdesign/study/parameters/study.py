@@ -52,6 +52,8 @@ class InnerLoopRequest:
     settling_time: float
     """Settling time of the power loops, s. The inner loops have to be faster."""
     seed: int = 0
+    decay_apart: float = 0.0
+    """What equal units behind R_2 and L_2 of ``filter`` are to decay with against each other, 1/s; 0: nothing."""
 
 
 @dataclass(frozen=True)

@@ -112,17 +112,9 @@ def assess_inner_loops(
         converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
     )
     spec, apart = study.specification, ()
-    decay = 0.0 if spec is None else spec.differential_decay
-    if several or decay > 0.0:
-        apart = check_apart(
-            converter,
-            filter_,
-            study.inner_gains,
-            study.omega_t,
-            box,
-            settling_time=request.settling_time,
-            decay=decay or settled_decay(request.settling_time),
-        )
+    decay = (0.0 if spec is None else spec.differential_decay) or several * settled_decay(request.settling_time)
+    if decay > 0.0:
+        apart = check_apart(converter, filter_, study.inner_gains, study.omega_t, box, decay=decay)
     tell("score the inner loops", 1.0)
     found = phase_jumps(study, remedies=remedies, progress=progress) if jumps else None
     alternatives = None
@@ -137,6 +129,7 @@ def assess_inner_loops(
                 settling_time=request.settling_time,
                 seed=request.seed,
                 progress=progress,
+                decay_apart=decay,
             )
         )
     resonance_hz = highest_resonance(converter, filter_, box) / (2.0 * math.pi)

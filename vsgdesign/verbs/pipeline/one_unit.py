@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields, replace
 
-from vsgdesign.errors import Fault, InfeasibleStudyError
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
-from vsgdesign.study.parameters.power_plant import PowerPlant, behind_its_path, one_converter
+from vsgdesign.study.parameters.power_plant import behind_its_path, one_converter
 from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
 
@@ -31,13 +31,6 @@ def as_unit(study: Study, what: str) -> Study:
             "and of the events. vsgdesign simulate runs it with its modes."
         )
     return replace(plant_timeline(study).units[0], name=study.name)
-
-
-def faults_of_links(plant: PowerPlant, problem: str) -> list[Fault]:
-    """Of a plant with dc links that are not ideal, for what knows no other. ``problem``: what that is."""
-    given = sorted({one.dc.source for one in plant.units if one.dc is not None})
-    advice = "Take [dc] out; vsgdesign simulate runs a plant with it."
-    return [Fault("dc", f'source = "{name}"', problem, advice) for name in given]
 
 
 def written_as_unit(study: Study, what: str) -> Study:

@@ -137,7 +137,7 @@ def check_study(path: str | Path) -> tuple[Study, str]:
 
 
 def design_record(request: InnerLoopRequest, progress: Progress | None = None) -> InnerLoopsRecord:
-    """Design inner loops for a request; about five seconds on one core."""
+    """Design inner loops for a request; about five seconds on one core, and of the units of a plant half a minute."""
     from vsgdesign.design.inner import GridBox, design_inner_loops
 
     design = design_inner_loops(
@@ -147,6 +147,7 @@ def design_record(request: InnerLoopRequest, progress: Progress | None = None) -
         settling_time=request.settling_time,
         seed=request.seed,
         progress=progress,
+        decay_apart=request.decay_apart,
     )
     return InnerLoopsRecord(
         request=request_document(request),

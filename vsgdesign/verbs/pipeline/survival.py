@@ -18,7 +18,7 @@ from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification import estimator_kind
 from vsgdesign.study.parameters.study import NO_LIMITER, ControllerSpec, Study
 from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
-from vsgdesign.verbs.pipeline.one_unit import as_unit, faults_of_links
+from vsgdesign.verbs.pipeline.one_unit import as_unit
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
     from vsgdesign.report.explore.page_cases import PageCase
@@ -179,7 +179,6 @@ def subjects_of(
     faults = _faults_of_study(study)
     if study.plant is not None:
         faults += _faults_of_plant(study, [known[name] for name in wanted if name in known], bridge)
-        faults += faults_of_links(study.plant, "disturbances of a plant are measured with ideal dc links")
     for name in wanted:
         if name not in known:
             faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))

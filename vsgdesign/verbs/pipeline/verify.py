@@ -196,7 +196,7 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
 def _faults_of_plant(study: Study, spec: ControllerSpec | None, asked: Asked) -> list[Fault]:
     """What random cases of a plant cannot have; of one converter, what is asked of a plant alone."""
     from vsgdesign.identification.registry import samples_itself
-    from vsgdesign.verbs.pipeline.one_unit import as_unit, faults_of_links
+    from vsgdesign.verbs.pipeline.one_unit import as_unit
 
     faults, plant, given = [], study.plant, study.verification
     if plant is None:
@@ -214,7 +214,6 @@ def _faults_of_plant(study: Study, spec: ControllerSpec | None, asked: Asked) ->
     if study.protection is not None:
         advice = "Take it out; vsgdesign simulate judges it in a plant."
         faults.append(Fault("survival.protection", "", "random cases of a plant have no protection", advice))
-    faults += faults_of_links(plant, "random cases of a plant have ideal dc links")
     if study.background is not None or study.sensors is not None:
         advice = "Take [background] and [sensors] out; vsgdesign simulate runs with them."
         faults.append(Fault("background", "", "random cases of a plant have a clean grid and exact sensors", advice))
