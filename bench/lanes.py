@@ -154,7 +154,7 @@ def field_cases(count: int = 128) -> list[Row]:
         run_lanes(study, spec, NOTHING, some)
         values.append((time.process_time() - begin) / count * 1e3)
     what = f"{count} steps with field estimator, background, sensors and twins: one case"
-    return [Row("lanes", what, figure(values[1:]), "ms", limit="a third is the loop, a quarter random numbers")]
+    return [Row("lanes", what, figure(values[1:]), "ms", limit="a quarter is the loop; random numbers, the source")]
 
 
 BENCHMARKS = {"lanes": loop, "lanes-sets": instruction_sets, "lanes-compile": compilation, "lanes-cases": cases}

@@ -25,7 +25,7 @@ from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, own_powers
 Array = NDArray[np.float64]
 Samples = NDArray[np.int64]
 
-LOG_BYTES = 128_000_000
+LOG_BYTES = 256_000_000
 """Memory for the logs of the lanes that run at once."""
 
 _LANES = 16
