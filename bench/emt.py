@@ -95,7 +95,7 @@ def published(bridge: str, anchors: tuple[float, float], targets: tuple[float, f
             f"{what}: run_scenario(), 2 controllers",
             real_time_factor(everything, simulated),
             "RT",
-            limit="the loop; named series and figures of every event",
+            limit="the loop; figures of every event and of every sample",
         ),
         Row(bridge, f"{what}: one control step", scaled(figure(inside), 1e9 / steps), "ns", limit=CHAIN[bridge]),
     ]

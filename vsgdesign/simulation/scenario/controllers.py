@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ POWERS = ("P_pcc", "Q_pcc")
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerResult:
-    """One controller's run. ``series`` maps names to arrays over ``series["t_s"]``, SI.
+    """One controller's run.
 
     All figures are those of every sample. ``simulation``, ``series`` and ``means`` have the rows that the study logs.
     """
@@ -71,7 +72,8 @@ class ControllerResult:
     bridge: str
     gain_changes: tuple[GainChange, ...]
     simulation: Simulation
-    series: dict[str, Array]
+    derives: Callable[[], dict[str, Array]]
+    """Computes ``series``."""
     means: dict[str, Array]
     """Of P_pcc and Q_pcc over :func:`mean_cycles`, W and var."""
     without: dict[float, dict[str, Array]]
@@ -94,6 +96,12 @@ class ControllerResult:
     late_peak_pu: float | None = None
     """The largest length of the converter current's vector later than 5 ms after each event, over the rated peak; None
     without an event."""
+
+    @cached_property
+    def series(self) -> dict[str, Array]:
+        """Names to arrays over ``series["t_s"]``, SI. They are computed when they are first read, because figures and
+        verdicts need none of them."""
+        return self.derives()
 
     @property
     def ripples(self) -> bool:
@@ -245,7 +253,7 @@ def _run_controllers(
             bridge=used,
             gain_changes=run.gain_changes,
             simulation=logged,
-            series=derive_series(study, logged),
+            derives=partial(derive_series, study, logged),
             means=dict(zip(POWERS, every_sample.means, strict=True)),
             without={t_s: _means_of(own_study, twin) for t_s, twin in without.items()},
             events=events,

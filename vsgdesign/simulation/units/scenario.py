@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -432,13 +433,13 @@ def _unit_result(
     per_mean = samples_per_mean(own, run.t_s)
     expected = [one.expected[k] for one in rests]
     means = {name: cycle_mean(power, per_mean)[::every] for name, power in (("P_pcc", P), ("Q_pcc", Q))}
-    at_pcc = unit.terminals[::every], i_g[::every]
+    at_pcc = unit.terminals[::every].copy(), i_g[::every].copy()  # series are derived later, and need no other row
     return ControllerResult(
         spec=own_spec,
         bridge="averaged",
         gain_changes=unit.gain_changes,
         simulation=logged,
-        series=derive_series(own, logged, at_pcc, run.timeline.shared.source_phase(logged.t_s, 1e-9)),
+        derives=partial(derive_series, own, logged, at_pcc, run.timeline.shared.source_phase(logged.t_s, 1e-9)),
         means=means,
         without={},
         events=events,
