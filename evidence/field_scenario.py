@@ -83,7 +83,7 @@ def _figures(
     S, per_mean = study.converter.S_rated, samples_per_mean(study, seen.t_s)
     y, twin = getattr(seen, signal), None if without is None else getattr(without, signal)
     end = EndState(None, math.inf)
-    figures = measure_event(window, signal, seen.t_s, y, seen.i_pu, S, per_mean, end, twin)
+    figures = measure_event(window, signal, seen.t_s, y, S, per_mean, end, twin)
     settled, over = figures.cycle_mean.settling_time_s, figures.cycle_mean.overshoot_pct
     found = {"settling_s": math.inf if settled is None else settled}
     if over is not None and figures.noise is not None:

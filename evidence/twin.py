@@ -166,7 +166,7 @@ def hidden(per_fault: int, seed: int) -> list[dict[str, Any]]:
 def _measure(y: Array, without: Array | None) -> EventMetrics:
     t_s = DT * np.arange(len(y), dtype=np.float64)
     window = EventWindow("step", BEFORE * DT, len(y) * DT, True)
-    return measure_event(window, "P_pcc", t_s, y, 0.0 * y, 5e3, 40, EndState(None, math.inf), without)
+    return measure_event(window, "P_pcc", t_s, y, 5e3, 40, EndState(None, math.inf), without)
 
 
 def _inf(value: float | None) -> float:

@@ -34,7 +34,10 @@ def measure(
     end: EndState = AT_2500,
 ) -> EventMetrics:
     current = np.zeros_like(y) if current is None else current
-    return measure_event(EventWindow("event", t_s, end_s, steps), "P_pcc", T, y, current, RATING, PER_CYCLE, end)
+    window = EventWindow("event", t_s, end_s, steps)
+    return measure_event(
+        window, "P_pcc", T, y, RATING, PER_CYCLE, end, largest_pu=lambda rows: float(current[rows].max())
+    )
 
 
 def test_a_step_in_the_middle() -> None:
@@ -174,7 +177,7 @@ def test_no_window_gives_a_settling_time_that_a_longer_one_takes_back(switched: 
         length = rng.uniform(0.3, 10.0 if switched else 6.0) / decay.min()
         end = EndState(None if switched else 1000.0, float(decay.min()))
         window = EventWindow("step", 1.0, 1.0 + length, True)
-        m = measure_event(window, "P_pcc", grid, y, 0.0 * y, RATING, 20, end)
+        m = measure_event(window, "P_pcc", grid, y, RATING, 20, end)
         if m.status == TOO_SHORT:
             refused += 1
             continue
@@ -228,7 +231,7 @@ def in_noise(size: float, rms: float, hidden: np.ndarray | float = 0.0) -> Event
     after = T > 0.4 - 0.5 * DT
     y = 2000.0 + common + after * (size * (1.0 + hidden) * (1.0 - np.exp(-np.maximum(T - 0.4, 0.0) / TAU)) + left)
     window, end = EventWindow("event", 0.4, 6.0, True), EndState(None, 1.0 / TAU)
-    return measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end, 2000.0 + common)
+    return measure_event(window, "P_pcc", T, y, RATING, PER_CYCLE, end, 2000.0 + common)
 
 
 def test_a_step_beside_its_twin_has_the_figures_of_one_without_noise() -> None:
@@ -264,8 +267,8 @@ def test_a_twin_hides_nothing_that_comes_with_the_step() -> None:
 def test_a_window_that_is_too_short_stays_so_beside_a_twin() -> None:
     window, end = EventWindow("event", 2.0, 2.5, True), EndState(None, 1.0 / TAU)
     y = first_order(2.0, 2000.0, 2500.0)
-    alone = measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end)
-    beside = measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end, np.full(T.size, 2000.0))
+    alone = measure_event(window, "P_pcc", T, y, RATING, PER_CYCLE, end)
+    beside = measure_event(window, "P_pcc", T, y, RATING, PER_CYCLE, end, np.full(T.size, 2000.0))
     assert alone.status == TOO_SHORT
     assert (beside.status, beside.reason, beside.needs_s) == (alone.status, alone.reason, alone.needs_s)
     assert beside.cycle_mean.settling_time_s is None
@@ -279,7 +282,7 @@ def at_a_changed_grid(rms: float, restless: bool = True, hidden: np.ndarray | fl
     noise = rms * math.sqrt(PER_CYCLE) * np.random.default_rng(5).standard_normal(T.size)
     y = 2000.0 + noise + (T > 0.4 - 0.5 * DT) * (500.0 * np.exp(-np.maximum(T - 0.4, 0.0) / TAU) + hidden)
     window, end = EventWindow("grid", 0.4, 6.0, False), EndState(None, 1.0 / TAU)
-    return measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end, restless=restless)
+    return measure_event(window, "P_pcc", T, y, RATING, PER_CYCLE, end, restless=restless)
 
 
 def test_a_disturbance_in_noise_that_leaves_its_band_cannot_be_judged() -> None:
@@ -305,7 +308,7 @@ def test_the_noise_of_a_disturbance_is_found_after_its_slowest_mode() -> None:
     slow = at_a_changed_grid(3.0, hidden=400.0 * np.exp(-(T - 0.4) / 0.7))
     window, end = EventWindow("grid", 0.4, 6.0, False), EndState(None, 1.0 / 0.7)
     y = np.asarray(2000.0 + (T > 0.4 - 0.5 * DT) * 900.0 * np.exp(-np.maximum(T - 0.4, 0.0) / 0.7), dtype=float)
-    alone = measure_event(window, "P_pcc", T, y, 0.0 * y, RATING, PER_CYCLE, end, restless=True)
+    alone = measure_event(window, "P_pcc", T, y, RATING, PER_CYCLE, end, restless=True)
     for m in (slow, alone):
         assert m.noise is not None
         assert m.noise.judgeable

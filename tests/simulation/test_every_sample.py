@@ -113,9 +113,8 @@ def test_parts_of_a_run_are_the_whole_of_it(monkeypatch: pytest.MonkeyPatch, apa
     for found, power, mean in zip(seen.signals[1:3], powers, seen.means, strict=True):
         np.testing.assert_array_equal(found, power)
         np.testing.assert_array_equal(mean, cycle_mean(power, per_mean)[:: 5000 // apart])
-    I_rated = study.converter.I_rated_pk
-    for found, vector in ((seen.signals.i_pu, i), (seen.signals.i_s_pu, log[:, :2])):
-        np.testing.assert_array_equal(found, np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2) / I_rated)
+    for found, vector in ((seen.signals.i_sq, i), (seen.signals.i_s_sq, log[:, :2])):
+        np.testing.assert_array_equal(found, vector[:, 0] ** 2 + vector[:, 1] ** 2)
     np.testing.assert_array_equal(seen.end_of(run).log, log[-len(seen.end_of(run).log) :])
     np.testing.assert_array_equal(run.log, logged.log[::5000])
 

@@ -7,6 +7,7 @@ The mean is the signal that is judged everywhere (docs/definitions.md).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from vsgdesign.metrics.step_response import (
     ResponseMetrics,
     cycle_mean,
     disturbance_response,
+    half_steps_of,
     no_figures,
     step_response,
 )
@@ -139,7 +141,7 @@ class EventMetrics:
     cycle_mean: ResponseMetrics
     """Of its mean over whole cycles: these figures are shown and judged."""
     peak_current_pu: float | None
-    """None where the simulation diverged."""
+    """None where the simulation diverged, or where no current is known."""
     status: str = MEASURED
     """One of STATUSES."""
     reason: str | None = None
@@ -166,20 +168,22 @@ def measure_event(
     signal: str,
     t: Array,
     y: Array,
-    current_pu: Array,
     rating: float,
     samples_per_cycle: int,
     end: EndState,
     without: Array | None = None,
     restless: bool = False,
+    largest_pu: Callable[[slice], float] | None = None,
 ) -> EventMetrics:
     """Results of one signal in one window.
 
-    ``t`` (s), ``y`` and ``current_pu`` (length of the current vector over the rated peak) cover the whole run. The
-    initial value is the mean of the cycle before the event. The final value is that of ``end``. If ``end`` has none,
-    it is the mean of the whole cycles in the last tenth of the window, at least one. The bands are 2 % of the step,
-    or of ``rating`` for a disturbance. If the window is too short (:func:`time_needed`), or if there is no state in
-    which the signal settles, a reason is given instead of results.
+    ``t`` (s) and ``y`` cover the whole run. ``largest_pu`` gives the largest length of the current vector in rows of
+    it, over the rated peak.
+
+    The initial value is the mean of the cycle before the event. The final value is that of ``end``. If ``end`` has
+    none, it is the mean of the whole cycles in the last tenth of the window, at least one. The bands are 2 % of the
+    step, or of ``rating`` for a disturbance. If the window is too short (:func:`time_needed`), or if there is no state
+    in which the signal settles, a reason is given instead of results.
 
     ``without`` (the whole run): the signal of the same run without the step, equal before it. What is judged is then
     the difference of both (:eq:`twin`): the initial and the final value are the means of ``without`` and of ``y`` over
@@ -227,7 +231,9 @@ def measure_event(
         status, reason = UNSTABLE, end.obstacle
     else:
         share = 1.0 if end.final is not None else SHARE_OF_BAND
-        error = np.abs(mean - final) / reference
+        error = mean - final
+        np.abs(error, out=error)
+        error /= reference
         if not judgeable:  # the noise alone leaves the band
             error = error[:1]
         needed = time_needed(since[: len(error)], error, end.decay, moved_s, share)
@@ -250,13 +256,15 @@ def measure_event(
     if status == MEASURED and not is_step and not judgeable:
         reason = lost_in_noise(noise, signal)
 
+    half_steps = half_steps_of(since)
+
     def measure(values: Array) -> ResponseMetrics:
         if status not in (MEASURED, NOT_SETTLED):
             return no_figures(initial, end.final)
         found = (
-            step_response(since, values, initial, final, SETTLING_BAND)
+            step_response(since, values, initial, final, SETTLING_BAND, half_steps)
             if is_step
-            else disturbance_response(since, values, initial, final, rating, SETTLING_BAND)
+            else disturbance_response(since, values, initial, final, rating, SETTLING_BAND, half_steps)
         )
         return found if status == MEASURED and reason is None else replace(found, settling_time_s=None)
 
@@ -267,7 +275,7 @@ def measure_event(
         kind="step" if is_step else "disturbance",
         raw=measure(judged),
         cycle_mean=measure(mean),
-        peak_current_pu=float(np.max(current_pu[begin:stop])),
+        peak_current_pu=None if largest_pu is None else largest_pu(slice(begin, stop)),
         status=status,
         reason=reason,
         needs_s=needs,

@@ -73,7 +73,7 @@ def step_figures(t: ArrayLike, P: ArrayLike, *, at: float, f_hz: float = 50.0) -
     n = quiet[0]
     # The response of a record is as complete as it is: no model says how it would go on.
     window, end = EventWindow("step", at, float(t_s[-1]) + step_s, True), EndState(None, math.inf)
-    found = measure_event(window, "P", t_s, _at_rest_before(y, begin), 0.0 * y, size, n * cycle, end).cycle_mean
+    found = measure_event(window, "P", t_s, _at_rest_before(y, begin), size, n * cycle, end).cycle_mean
     if found.final is None or found.overshoot_pct is None:
         raise StudyError("step_figures", [Fault("P", f"{size:g}", "there is no step in it", "Give the time of one.")])
     return RecordedStep(

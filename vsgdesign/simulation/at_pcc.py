@@ -43,7 +43,15 @@ class AtPcc:
         changing = (timeline.grids,) if self._states is None else (timeline.grids, timeline.networks)
         self._instants = sorted({instant for listed in changing for instant, _ in listed})
         self._begins = np.array(self._instants) - _SAME_INSTANT * study.converter.T_s
-        self._grids = [timeline.grid_at(instant) for instant in self._instants]
+        own, grids = study.circuit(), [timeline.grid_at(instant) for instant in self._instants]
+        self._circuits = [
+            own._replace(R_g=grid.R_g, L_g=grid.L_g) if self._states is None else _AT_PCC for grid in grids
+        ]
+
+    @property
+    def grid_alone(self) -> bool:
+        """Whether nothing but a grid is connected at any time."""
+        return self._states is None
 
     def rows(self, t_s: Array, log: Array, more: Array) -> tuple[Array, Array]:
         """v_pcc and i_pcc, (n, 2) each as (α, β), of rows of a run's log at increasing instants. i_pcc is the current
@@ -65,10 +73,9 @@ class AtPcc:
         if self._states is not None:
             log = np.hstack([log[:, :2], self._behind_network(t_s, log, more), log[:, 4:8]])
         cuts = [0, *np.searchsorted(t_s, self._begins[1:]).tolist(), len(log)]
-        for grid, (begin, end) in zip(self._grids, itertools.pairwise(cuts), strict=True):
-            own = self._study.circuit()._replace(R_g=grid.R_g, L_g=grid.L_g)
+        for circuit, (begin, end) in zip(self._circuits, itertools.pairwise(cuts), strict=True):
             for first in range(begin, end, most):
-                yield log[first : min(first + most, end), :8], own if self._states is None else _AT_PCC
+                yield log[first : min(first + most, end), :8], circuit
 
     def _behind_network(self, t_s: Array, log: Array, more: Array) -> Array:
         """v_pcc (n, 2) of rows."""

@@ -4,6 +4,7 @@ on, so that its log of every sample is written over again and again."""
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -58,14 +59,20 @@ def rows_apart(study: Study) -> int:
 
 
 class SignalsAtPcc(NamedTuple):
-    """What figures are taken from: time (s), powers at the PCC (W, var), and the lengths of the current's vector there
-    and of that of the converter over the rated peak, (n,) each."""
+    """What figures are taken from: time (s), powers at the PCC (W, var), and the squared lengths of the current's vector
+    there and of that of the converter (A² peak), (n,) each."""
 
     t_s: Array
     P_pcc: Array
     Q_pcc: Array
-    i_pu: Array
-    i_s_pu: Array
+    i_sq: Array
+    i_s_sq: Array
+
+
+def in_pu(study: Study, squared: float) -> float:
+    """A current over the rated peak, from the square of its length, A² peak. The largest one comes from the largest
+    square, to the bit, so that no sample needs a root."""
+    return math.sqrt(squared) / study.converter.I_rated_pk
 
 
 class Sums(NamedTuple):
@@ -81,8 +88,7 @@ class Sums(NamedTuple):
 
 def taken(sums: Sums, P_ago: Any, Q_ago: Any, x: PlantState, v_g_alpha: Any, v_g_beta: Any, circuit: FilterGrid) -> Any:
     """What is taken of a sample: the powers, the squared lengths of i_g and i_s (A² peak), and the sums of the powers
-    over the samples of a mean. P_ago and Q_ago are the sums of as many samples before. Roots and quotients are left for
-    whole arrays (:class:`EverySample`). Returns (sums_after, P_pcc, Q_pcc, i_sq, i_s_sq, sum_P, sum_Q)."""
+    over the samples of a mean. P_ago and Q_ago are the sums of as many samples before. Returns (sums_after, P_pcc, Q_pcc, i_sq, i_s_sq, sum_P, sum_Q)."""
     P, Q = power_at_pcc(x, v_g_alpha, v_g_beta, circuit)
     begins = sums.begun < 0.5
     P_0, Q_0 = np.where(begins, P, sums.P_0), np.where(begins, Q, sums.Q_0)
@@ -166,19 +172,19 @@ class EverySample:
         self._loop.log_from(begin)
         x = x if x.strides[1] == x.itemsize else x.copy()
         self._loop(begin, end, x[None, :, :, None])
-        P, Q, *squares, sum_P, sum_Q = self._log[0, : end - begin, :, 0].T
+        *found, sum_P, sum_Q = self._log[0, : end - begin, :, 0].T
         signals = self._signals
-        signals.P_pcc[begin:end], signals.Q_pcc[begin:end] = P, Q
-        for values, square in zip((signals.i_pu, signals.i_s_pu), squares, strict=True):
-            lengths = values[begin:end]
-            lengths[:] = square
-            np.sqrt(lengths, out=lengths)
-            lengths /= self._study.converter.I_rated_pk
+        for values, own in zip(signals[1:], found, strict=True):
+            values[begin:end] = own
         logged = -begin % self._apart
-        numbers = np.arange(begin + logged, end, self._apart)
-        means, count = self._means[:, (begin + logged) // self._apart :], np.minimum(numbers + 1.0, self._per_mean)
+        count: Array | int = self._per_mean
+        if begin + logged < count:
+            count = np.minimum(np.arange(begin + logged, end, self._apart) + 1, count)
+        means = self._means[:, (begin + logged) // self._apart :]
         for values, first, total in zip(means, (signals.P_pcc[0], signals.Q_pcc[0]), (sum_P, sum_Q), strict=True):
-            values[: len(numbers)] = total[logged :: self._apart] / count + first
+            some = total[logged :: self._apart]
+            mean = np.divide(some, count, out=values[: len(some)])
+            mean += first
         self.length = end
 
     @property

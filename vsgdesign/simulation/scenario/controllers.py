@@ -26,6 +26,7 @@ from vsgdesign.simulation.every_sample import (
     EverySample,
     SignalsAtPcc,
     first_resting,
+    in_pu,
     rows_apart,
     spacing_of_figures,
     without_steps,
@@ -284,7 +285,8 @@ def _late_peak_pu(study: Study, seen: SignalsAtPcc) -> float | None:
     """The current that a limit is held against, as ``vsgdesign verify`` does it: no sampled loop can act at once, and
     the limiter does not see the current of the filter capacitor."""
     instants = sorted({event.t_s for event in study.events if 0.0 < event.t_s < seen.t_s[-1]})
-    return peaks_of(seen.t_s, seen.i_s_pu, instants)[1] if instants else None
+    later = peaks_of(seen.t_s, seen.i_s_sq, instants)[1] if instants else None
+    return None if later is None else in_pu(study, later)
 
 
 def rest_at_limit(study: Study, run: Simulation, seen: SignalsAtPcc) -> LimitedEnd | None:
@@ -392,6 +394,10 @@ def measure_events(
     per_mean = samples_per_mean(study, t_s)
     interval = float(t_s[1] - t_s[0])
     metrics = []
+
+    def largest_pu(rows: slice) -> float:
+        return in_pu(study, float(seen.i_sq[rows].max()))
+
     for rest in found:
         events = [event for event in study.events if event.t_s == rest.t_s]
         if not events or (rest.t_s == 0.0 and study.simulation.start == "steady_state"):
@@ -407,5 +413,7 @@ def measure_events(
             if rest.end_s - rest.t_s > 4.0 * interval:
                 y, rating = getattr(seen, signal), study.converter.S_rated
                 twin = None if without is None or rest.t_s not in without else getattr(without[rest.t_s], signal)
-                metrics.append(measure_event(window, signal, t_s, y, seen.i_pu, rating, per_mean, end, twin, restless))
+                metrics.append(
+                    measure_event(window, signal, t_s, y, rating, per_mean, end, twin, restless, largest_pu=largest_pu)
+                )
     return tuple(metrics)

@@ -409,9 +409,7 @@ def _unit_result(
     own, found = unit.study, tuple(one.units[k] for one in rests)
     i_g, i_s = unit.log[:, 4:6], unit.log[:, 0:2]
     P, Q = instantaneous_power(*unit.terminals.T, *i_g.T)
-    c = own.converter
-    lengths = (np.hypot(*one.T) / c.I_rated_pk for one in (i_g, i_s))
-    seen = SignalsAtPcc(run.t_s, P, Q, *lengths)
+    seen = SignalsAtPcc(run.t_s, P, Q, *(np.square(np.hypot(*one.T)) for one in (i_g, i_s)))
     simulation = as_simulation(run, unit, k)
     at_limit = None if run.divergence else rest_at_limit(own, simulation, seen)
     events = measure_events(
@@ -443,7 +441,7 @@ def _unit_result(
         means=means,
         without={},
         events=events,
-        outcome=outcome_of(blocked or run.divergence, found, events, at_limit, c.S_rated),
+        outcome=outcome_of(blocked or run.divergence, found, events, at_limit, own.converter.S_rated),
         rests=found,
         estimates=None if feed is None else feed.log(run.timeline.timelines[k]),
         distorted=study.has_components,
