@@ -7,7 +7,6 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.errors import SimulationDivergedError, VsgDesignError
-from vsgdesign.execution.interrupts import interrupts_come, interrupts_deferred
+from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.identification import Probe
 from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch, Log
@@ -215,21 +214,21 @@ def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress
 def _spells(runs: Sequence[RunState], batch: Batch, twins: Twins, begin: int, progress: Progress | None) -> int:
     """Takes the runs from a sample on to their ends, or to the sample before which one of them has found an instant.
     Returns this sample; -1 at their ends."""
-    deferred = interrupts_deferred if interrupts_come() else nullcontext
     due: dict[int, list[RunState]] = {}
     for run in runs:
         for mark in run.own_stops:
             due.setdefault(mark, []).append(run)
-    for some in _in_spells(sorted({begin, *(mark for mark in due if mark >= begin)})):
-        with deferred():
+    with interrupts_deferred() as deliver:
+        for some in _in_spells(sorted({begin, *(mark for mark in due if mark >= begin)})):
             for first, following in some:
                 done, changed = _through(runs, due, batch, twins, first, following)
                 if changed:
                     return done
-        if all(run.divergence is not None for run in runs):
-            break
-        if progress is not None:
-            progress(some[-1][1] * runs[0].T_s)
+            deliver()
+            if all(run.divergence is not None for run in runs):
+                break
+            if progress is not None:
+                progress(some[-1][1] * runs[0].T_s)
     return -1
 
 
