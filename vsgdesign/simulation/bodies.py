@@ -39,11 +39,17 @@ def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], .
         found += [("ramp.V_pk", "ramp_after.V_pk"), ("ramp.drift", "ramp_after.drift")]
     found += kind.dc.moves if kind.dc is not None else []
     found += _seek_moves(kind)
+    found += [(name, name.replace("sums.", "sums_after.", 1)) for name in sums_names(kind)]
     renamed = {"watch.delta": "next_delta"} if kind.field else {}
     found += [(name, renamed.get(name, name.replace("watch.", "watched.", 1))) for name in watched]
     if kind.waits:
         found.append(("k", "k_after"))
     return tuple(found)
+
+
+def sums_names(kind: Kind) -> list[str]:
+    """The sums of what is taken of every sample."""
+    return names_of(watched_sample.Sums, "sums") if kind.taken else []
 
 
 def _seek_moves(kind: Kind) -> list[tuple[str, str]]:
@@ -396,6 +402,8 @@ def bodies(kind: Kind, outputs: tuple[str, ...], moved: tuple[tuple[str, str], .
     """
     seen = watch(kind)
     ends = [] if seen is None else [Part(seen)]
+    if kind.taken:
+        ends.append(Part(headed(flat_block(watched_sample.taken))))
     if kind.waits:
         ends.append(Part(_standing_still(moved, kind.together)))
     if kind.seeks:

@@ -111,7 +111,7 @@ class CircuitProgram:
         # A run with a timeline of its own takes up its source's phase anew, and what moves a source is fed.
         self._turns = circuits is None or ("watch" in spans and not kind.moved)
         self._edged, self._in_pieces = kind.edged, kind.in_pieces
-        self._ramped, self._axes = kind.ramped, kind.axes
+        self._ramped, self._axes, self._taken = kind.ramped, kind.axes, kind.taken
         self._of_slopes = kept_of_slopes(axes_of(kind)) if kind.coupled else None
         self._most_turns = kind.dc.turns if kind.dc is not None else 0.0
         if self._axes is not None:
@@ -255,6 +255,8 @@ class CircuitProgram:
             self._put_ramp(lanes, at, source)
         else:
             self._put(lanes, at, interval)
+        if self._taken:
+            self._write(lanes, at, "circuit", np.column_stack([source.R_g, source.L_g]))
         if self._circuits is not None and "pcc" in self._spans:
             per_state, per_source = self._circuits.at_pcc(source.place)
             acting = per_state[:, self._by_state[:2]], per_source[:, self._by_state[:2, :2]]

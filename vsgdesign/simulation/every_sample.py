@@ -6,18 +6,20 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.codegen.llvm import Loop, LoopSpec, compiled_loop, empty_rows, flat_block
+from vsgdesign.codegen.llvm import Loop, LoopSpec, StandingLoop, compiled_loop, empty_rows, flat_block
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.simulation.at_pcc import AtPcc
 from vsgdesign.simulation.circuit_sample import PlantState
 from vsgdesign.simulation.outcome import RESTING_S
+from vsgdesign.simulation.run_kind import RINGS_OF_TAKEN, TAKEN_COLUMNS
 from vsgdesign.simulation.timeline import Timeline
-from vsgdesign.simulation.watched_sample import power_at_pcc
+from vsgdesign.simulation.watched_sample import Sums, taken
 from vsgdesign.study.parameters.study import Study
 
 if TYPE_CHECKING:
@@ -59,8 +61,8 @@ def rows_apart(study: Study) -> int:
 
 
 class SignalsAtPcc(NamedTuple):
-    """What figures are taken from: time (s), powers at the PCC (W, var), and the squared lengths of the current's vector
-    there and of that of the converter (A² peak), (n,) each."""
+    """What figures are taken from: time (s), powers at the PCC (W, var), and the squared lengths of the current's
+    vector there and of that of the converter (A² peak), (n,) each."""
 
     t_s: Array
     P_pcc: Array
@@ -75,32 +77,9 @@ def in_pu(study: Study, squared: float) -> float:
     return math.sqrt(squared) / study.converter.I_rated_pk
 
 
-class Sums(NamedTuple):
-    """What the means of the powers are made of: 1 once there is a sample, the powers of the first one (W, var), and the
-    sums of what all differ from them."""
-
-    begun: Any
-    P_0: Any
-    Q_0: Any
-    P: Any
-    Q: Any
-
-
-def taken(sums: Sums, P_ago: Any, Q_ago: Any, x: PlantState, v_g_alpha: Any, v_g_beta: Any, circuit: FilterGrid) -> Any:
-    """What is taken of a sample: the powers, the squared lengths of i_g and i_s (A² peak), and the sums of the powers
-    over the samples of a mean. P_ago and Q_ago are the sums of as many samples before. Returns (sums_after, P_pcc, Q_pcc, i_sq, i_s_sq, sum_P, sum_Q)."""
-    P, Q = power_at_pcc(x, v_g_alpha, v_g_beta, circuit)
-    begins = sums.begun < 0.5
-    P_0, Q_0 = np.where(begins, P, sums.P_0), np.where(begins, Q, sums.Q_0)
-    after = Sums(1.0, P_0, Q_0, sums.P + (P - P_0), sums.Q + (Q - Q_0))
-    i_sq = x.i_g_alpha * x.i_g_alpha + x.i_g_beta * x.i_g_beta
-    i_s_sq = x.i_s_alpha * x.i_s_alpha + x.i_s_beta * x.i_s_beta
-    return after, P, Q, i_sq, i_s_sq, after.P - P_ago, after.Q - Q_ago
-
-
 @functools.cache
 def _loop() -> Loop:
-    """:func:`taken`, sample by sample: the bits of NumPy in a fraction of its time."""
+    """:func:`vsgdesign.simulation.watched_sample.taken`, sample by sample, of rows of a log that does not have it."""
     block = flat_block(taken)
     return compiled_loop(
         LoopSpec(
@@ -108,76 +87,111 @@ def _loop() -> Loop:
             state=tuple((f"sums.{name}", f"sums_after.{name}") for name in Sums._fields),
             uniform=tuple(name for name in block.inputs if name.startswith("circuit.")),
             fed=(*(f"x.{name}" for name in PlantState._fields), "v_g_alpha", "v_g_beta"),
-            rings=(("P_ago", "sums_after.P"), ("Q_ago", "sums_after.Q")),
-            logged=("P_pcc", "Q_pcc", "i_sq", "i_s_sq", "sum_P", "sum_Q"),
+            rings=RINGS_OF_TAKEN,
+            logged=TAKEN_COLUMNS,
             strict=True,
         ),
         quickly=True,
     )
 
 
+def memory_for(study: Study, t_s: Array | None = None) -> SignalsAtPcc:
+    """Room for the signals of a run, or of rows at given times, s."""
+    if t_s is None:
+        every, T_s = spacing_of_figures(study), study.converter.T_s
+        t_s = np.arange(-(-round(study.simulation.duration / T_s) // every), dtype=np.float64)
+        t_s *= every * T_s
+    return SignalsAtPcc(t_s, *(np.empty(len(t_s)) for _ in range(4)))
+
+
+def rings_of_taken(per_mean: int) -> tuple[Array, NDArray[np.int64]]:
+    """The rings of a run of which figures are taken, and their length: the samples of a mean."""
+    return np.zeros((1, per_mean, 2, 1)), np.array([per_mean])
+
+
 class EverySample:
     """What figures need of every sample of a run, or of every n-th one (:func:`spacing_of_figures`). The run gives its
     log to it part by part."""
 
-    def __init__(self, study: Study, timeline: Timeline, per_mean: int, t_s: Array | None = None) -> None:
+    def __init__(
+        self,
+        study: Study,
+        timeline: Timeline,
+        per_mean: int,
+        t_s: Array | None = None,
+        memory: SignalsAtPcc | None = None,
+    ) -> None:
         """``study``: with its own log, and with the current limit of the controller. ``per_mean``: how many of these
-        samples come to a mean of the powers. ``t_s``: of rows that are given at once; None: of a run's samples."""
-        self._study, self._per_mean, c = study, per_mean, study.converter
+        samples come to a mean of the powers. ``t_s``: of rows that are given at once; None: of a run's samples.
+        ``memory``: that of a run of the same study (:func:`memory_for`), which is written over; None: its own."""
+        self._study, rows = study, t_s is not None
+        self.per_mean = per_mean
+        """How many of these samples come to a mean of the powers."""
         self.follow(timeline)
-        self.every = spacing_of_figures(study) if t_s is None else 1
+        self.every = 1 if rows else spacing_of_figures(study)
         """Samples from one that is taken to the next."""
         self.length = 0
         """How many have been taken."""
-        self._apart, self._kept_from = 1, 0
-        if t_s is None:
-            count = -(-round(study.simulation.duration / c.T_s) // self.every)
-            t_s = np.arange(count, dtype=np.float64) * (self.every * c.T_s)
-            self._apart = rows_apart(study)
-            self._kept_from = 0 if study.simulation.survival else first_resting(t_s)
-        self._signals = SignalsAtPcc(t_s, *(np.empty(len(t_s)) for _ in range(4)))
+        self._signals = memory or memory_for(study, t_s)
+        t_s = self._signals.t_s
+        self._apart = 1 if rows else rows_apart(study)
+        self._kept_from = 0 if rows or study.simulation.survival else first_resting(t_s)
         self._means = np.empty((2, -(-len(t_s) // self._apart)))
         self._kept: list[tuple[Array, Array]] = []
-        loop = _loop()
-        self._uniform, self._log = np.array(study.circuit()), np.empty((1, _ROWS, len(loop.spec.logged), 1))
-        self._loop = loop.standing(
-            empty_rows(loop.spec, 1),
-            self._uniform,
-            rings=np.zeros((1, per_mean, 2, 1)),
-            ring_length=np.array([per_mean]),
-            log=self._log,
-            every=1,
-        )
 
     def follow(self, timeline: Timeline) -> None:
         """The run has another timeline from the rows on that have not been taken yet."""
         self._at_pcc = AtPcc(self._study, timeline)
 
-    def take(self, first: int, every: int, log: Array, more: Array) -> None:
+    @property
+    def fits_loop(self) -> bool:
+        """Whether the loop of a run can take it: of every sample, with nothing but a grid connected."""
+        return self.every == 1 and self._at_pcc.grid_alone
+
+    def take(self, first: int, every: int, log: Array, more: Array, found: Array | None = None) -> None:
         """Rows of a log that begins at sample ``first`` and has every so-many-th one: (n, 15) of LOG_COLUMNS, and
-        (n, m) of the circuit's other states. Those that have been taken before are passed over."""
+        (n, m) of the circuit's other states. Those that have been taken before are passed over. ``found`` (n, 6): what
+        the loop of the run has taken of them, TAKEN_COLUMNS; None: nothing."""
         new = slice((self.length * self.every - first) // every, None, self.every // every)
         log, more = log[new], more[new]
         if self.length + len(log) > self._kept_from:
             late = slice(max(self._kept_from - self.length, 0), None)
             self._kept.append((log[late].copy(), more[late].copy()))
+        if found is not None:
+            self._keep(found[new])
+            return
         t_s = self._signals.t_s[self.length : self.length + len(log)]
         for x, circuit in self._at_pcc.parts(t_s, log, more, _ROWS):
-            self._uniform[: len(circuit)] = circuit
-            self._take(x)
+            self._keep(self._taken(x, circuit))
 
-    def _take(self, x: Array) -> None:
-        """``x`` (n, 8): the first columns of a log, of samples with one circuit."""
+    @cached_property
+    def _own(self) -> tuple[Array, Array, StandingLoop]:
+        """What is the same for all samples, the log of a loop, and this loop."""
+        spec = _loop().spec
+        uniform, log = np.array(self._study.circuit()), np.empty((1, _ROWS, len(spec.logged), 1))
+        rings, lengths = rings_of_taken(self.per_mean)
+        loop = _loop().standing(empty_rows(spec, 1), uniform, rings=rings, ring_length=lengths, log=log, every=1)
+        return uniform, log, loop
+
+    def _taken(self, x: Array, circuit: FilterGrid) -> Array:
+        """TAKEN_COLUMNS of (n, 8), the first columns of a log, of samples with one circuit."""
+        uniform, log, loop = self._own
+        uniform[: len(circuit)] = circuit
         begin, end = self.length, self.length + len(x)
-        self._loop.log_from(begin)
+        loop.log_from(begin)
         x = x if x.strides[1] == x.itemsize else x.copy()
-        self._loop(begin, end, x[None, :, :, None])
-        *found, sum_P, sum_Q = self._log[0, : end - begin, :, 0].T
+        loop(begin, end, x[None, :, :, None])
+        return log[0, : end - begin, :, 0]
+
+    def _keep(self, taken: Array) -> None:
+        """(n, 6), TAKEN_COLUMNS of the next samples."""
+        begin, end = self.length, self.length + len(taken)
+        *found, sum_P, sum_Q = taken.T
         signals = self._signals
         for values, own in zip(signals[1:], found, strict=True):
             values[begin:end] = own
         logged = -begin % self._apart
-        count: Array | int = self._per_mean
+        count: Array | int = self.per_mean
         if begin + logged < count:
             count = np.minimum(np.arange(begin + logged, end, self._apart) + 1, count)
         means = self._means[:, (begin + logged) // self._apart :]

@@ -210,6 +210,7 @@ def _constant_names(kind: Kind) -> list[str]:
     found += kind.dc.settings if kind.dc is not None else []
     found += [*names_of(References, "refs"), *names_of(PowerLoopGains, "power_gains"), *names_of(GridEstimate, "grid")]
     found += [*(names_of(Sensors, "sensors") if kind.sensors else []), *seek_names(kind)]
+    found += ["circuit.R_g", "circuit.L_g"] if kind.taken else []
     if kind.watched is not None:
         found += [*names_of(kind.watched[1], "of"), *names_of(LoadDemand, "load_of"), "circuit.R_g", "circuit.L_g"]
         found += pcc_names(kind)

@@ -20,13 +20,14 @@ from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, start_of
-from vsgdesign.simulation.every_sample import BLOCK, EverySample
+from vsgdesign.simulation.every_sample import BLOCK, EverySample, rings_of_taken
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import ALONE, LOG_COLUMNS, fed_names, kind_of, log_names, side_by_side
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence
 from vsgdesign.simulation.run_asked import RunOf, Twin
+from vsgdesign.simulation.run_kind import TAKEN_COLUMNS
 from vsgdesign.simulation.run_state import RunState
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.simulation.twin import TwinRun, Twins
@@ -302,12 +303,16 @@ def begin_together(runs: Sequence[RunState], switched: bool) -> Batch:
     sensors = study.sensors is not None and study.sensors.act
     seeks = tuple(dict.fromkeys(what for run in runs for what in run.search.seeks))
     kind = kind_of(study, switched=switched, axes=circuits.axes)
-    kind = kind._replace(sensors=sensors, field=memory is not None, seeks=seeks)
+    seen = first.of.every_sample
+    taken = seen is not None and seen.fits_loop and first.of.circuit is None and not seeks
+    kind = kind._replace(sensors=sensors, field=memory is not None, seeks=seeks, taken=taken)
     samples = max(run.samples for run in runs)
     build = ALONE if len(runs) == 1 else side_by_side(strict=True)._replace(vectors=1)
     build = build._replace(quickly=samples <= _SHORT or len(runs) > 1)
     shared = {} if memory is None else {"allowed": memory.allowed}
     batch = Batch(kind, study, len(runs), build, logged=log_names(kind), shared=shared)
+    if seen is not None and taken:
+        batch.rings, batch.ring_length = rings_of_taken(seen.per_mean)
     every = math.gcd(*(run.log_every for run in runs))
     batch.log(*_logs(batch, samples, every, first.of))
     for number, run in enumerate(runs):
@@ -331,6 +336,7 @@ def _logs(batch: Batch, samples: int, every: int, of: RunOf) -> list[Log]:
         spacing = math.gcd(of.every_sample.every, every)
         # The samples of a stretch come together.
         room = min(max(BLOCK, round(PROGRESS_STRETCH / batch.study.converter.T_s)), samples) // spacing + 1
+        names = (*names, *TAKEN_COLUMNS) if batch.kind.taken else names
         return [Log(np.empty((groups, room, len(names), width)), names, spacing, into=main)]
     if not states:
         return [main]

@@ -20,6 +20,13 @@ has set itself to the grid behind its breaker."""
 STEP, DISTURBANCE = "step", "disturbance"
 """What is watched of a run: a step of a reference, judged by the mean of its power over some samples; anything else."""
 
+TAKEN_COLUMNS = ("P_pcc", "Q_pcc", "i_sq", "i_s_sq", "sum_P", "sum_Q")
+"""What is kept besides where figures are taken of every sample, W, var and A² peak: the powers at the PCC, the squared
+lengths of i_g and i_s, and sums of the powers (:func:`vsgdesign.simulation.watched_sample.taken`)."""
+
+RINGS_OF_TAKEN = ("P_ago", "sums_after.P"), ("Q_ago", "sums_after.Q")
+"""What is read again of the sums of the powers, for their means."""
+
 LARGEST_DEGREE = len(Coefficients._fields) - 1
 """Of an edge polynomial of a circuit whose axes are alike. A stiffer one goes the way of two axes."""
 
@@ -53,6 +60,9 @@ class Kind(NamedTuple):
     """Whether all that a source does is fed, as in a run of its own: it wanders, or what turns with it is on a ramp."""
     waves: int = 0
     """So many components of the source turn in the loop itself (:class:`vsgdesign.simulation.segments.Waves`)."""
+    taken: bool = False
+    """Whether what figures need is taken of every sample (:func:`vsgdesign.simulation.watched_sample.taken`). Nothing
+    but a grid is connected then, and nothing is watched or sought."""
     watch: str = ""
     """What is watched: STEP, DISTURBANCE or nothing."""
     own_rest: bool = False
@@ -121,6 +131,8 @@ class Kind(NamedTuple):
     def rings(self) -> tuple[tuple[str, str], ...]:
         """Powers that are read again some samples later: (input, output). The mean of a step that is judged by its own
         rest is taken from its log."""
+        if self.taken:
+            return RINGS_OF_TAKEN
         if self.watch == STEP and self.own_rest:
             return ()
         return {STEP: (("power_ago", "power"),), DISTURBANCE: (("P_ago", "said.P"), ("Q_ago", "said.Q"))}.get(

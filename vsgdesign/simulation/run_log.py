@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.dc_start import rows_before_block
 from vsgdesign.simulation.every_sample import EverySample
-from vsgdesign.simulation.loop import LOG_COLUMNS, SENSED_COLUMNS
+from vsgdesign.simulation.loop import LOG_COLUMNS, SENSED_COLUMNS, log_names
 from vsgdesign.simulation.outcome import good_rows
 from vsgdesign.study.parameters.study import Study
 
@@ -28,7 +28,8 @@ class RunLog:
         self._last = self._log.rows[group, :, :, lane]
         self._states = [log.rows[group, :, :, lane] for log in batch.logs[:-1]]
         self._sensed = len(SENSED_COLUMNS) if batch.kind.sensors else 0
-        self._end_of_more = None if batch.kind.dc is None else -len(batch.kind.dc.logged)
+        self._width = len(log_names(batch.kind))
+        self._end_of_more = self._width - (0 if batch.kind.dc is None else len(batch.kind.dc.logged))
         self._every, self.length = main.every, length
 
     @property
@@ -50,7 +51,7 @@ class RunLog:
     @property
     def dc(self) -> Array:
         """(n, k): the dc link; no columns where it is ideal."""
-        return self._whole[: self.length, self._whole.shape[1] if self._end_of_more is None else self._end_of_more :]
+        return self._whole[: self.length, self._end_of_more :]
 
     @property
     def states(self) -> Array:
@@ -65,8 +66,8 @@ class RunLog:
         first, last = (-(-sample // log.every) - log.begin // log.every for sample in (begin, end))
         rows = self._last[first:last]
         good = good_rows(study, rows[:, : len(LOG_COLUMNS)])
-        if self._end_of_more is not None:
-            good = min(good, rows_before_block(study, rows[:, self._end_of_more :]))
+        if study.dc is not None:
+            good = min(good, rows_before_block(study, rows[:, self._end_of_more : self._width]))
         return log.begin + (first + good) * log.every
 
     def make_room(self, begin: int, end: int) -> None:
@@ -87,4 +88,6 @@ class RunLog:
         if self._seen is not None:
             log, own = self._batch.logs[-1], len(LOG_COLUMNS)
             rows = self._last[: -(-(end - log.begin) // log.every)]
-            self._seen.take(log.begin, log.every, rows[:, :own], rows[:, own + self._sensed : self._end_of_more])
+            more = rows[:, own + self._sensed : self._end_of_more]
+            found = rows[:, self._width :] if self._batch.kind.taken else None
+            self._seen.take(log.begin, log.every, rows[:, :own], more, found)

@@ -20,6 +20,7 @@ from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.field_observer import PLACE_OF_CLOSED, PLACE_OF_MUTED
 from vsgdesign.simulation.gains import RunFeed
+from vsgdesign.simulation.loop import log_names
 from vsgdesign.simulation.run_asked import Twin
 from vsgdesign.simulation.run_log import RunLog
 from vsgdesign.simulation.run_state import RunState
@@ -73,6 +74,8 @@ class TwinRun(RunState):
         vars(self).update(vars(main))
         self.batch, self._main_batch, self._event_s, self.end = batch.apart(), batch, event_s, end
         self._batch = self.batch
+        if batch.rings is not None:
+            self.batch.rings = batch.rings.copy()
         held = tuple(one for one in main.timeline.references if one[0] < event_s)
         self.timeline = replace(main.timeline, references=held)
         self.feed = _AsMain(main, batch, self.batch)
@@ -82,11 +85,12 @@ class TwinRun(RunState):
             if name in self._now:
                 self._now[name][:] = 0.0
         own = batch.logs[-1]
+        names = log_names(batch.kind)
         if main.of.every_sample is not None:
             self.kept, self.log_every = main.of.every_sample.every, own.every
         self._first_row = -(-first // self.log_every)
-        rows = np.empty((1, -(-end // self.log_every) - self._first_row, len(own.names), 1))
-        self.batch.log(Log(rows, own.names, self.log_every, begin=self._first_row * self.log_every))
+        rows = np.empty((1, -(-end // self.log_every) - self._first_row, len(names), 1))
+        self.batch.log(Log(rows, names, self.log_every, begin=self._first_row * self.log_every))
         self.log = RunLog(self.batch, 0, rows.shape[1])
         self.lost = False
         """Whether it diverged: there is no twin then."""

@@ -223,3 +223,27 @@ def watched_disturbance(
         least=np.minimum(watch.least, watch.delta),
         most=np.maximum(watch.most, watch.delta),
     )
+
+
+class Sums(NamedTuple):
+    """What the means of the powers are made of: 1 once there is a sample, the powers of the first one (W, var), and the
+    sums of what all differ from them."""
+
+    begun: Any
+    P_0: Any
+    Q_0: Any
+    P: Any
+    Q: Any
+
+
+def taken(sums: Sums, P_ago: Any, Q_ago: Any, x: PlantState, v_g_alpha: Any, v_g_beta: Any, circuit: FilterGrid) -> Any:
+    """What is taken of a sample: the powers, the squared lengths of i_g and i_s (A² peak), and the sums of the powers
+    over the samples of a mean. P_ago and Q_ago are the sums of as many samples before.
+    Returns (sums_after, P_pcc, Q_pcc, i_sq, i_s_sq, sum_P, sum_Q)."""
+    P, Q = power_at_pcc(x, v_g_alpha, v_g_beta, circuit)
+    begins = sums.begun < 0.5
+    P_0, Q_0 = np.where(begins, P, sums.P_0), np.where(begins, Q, sums.Q_0)
+    after = Sums(1.0, P_0, Q_0, sums.P + (P - P_0), sums.Q + (Q - Q_0))
+    i_sq = x.i_g_alpha * x.i_g_alpha + x.i_g_beta * x.i_g_beta
+    i_s_sq = x.i_s_alpha * x.i_s_alpha + x.i_s_beta * x.i_s_beta
+    return after, P, Q, i_sq, i_s_sq, after.P - P_ago, after.Q - Q_ago

@@ -27,6 +27,7 @@ from vsgdesign.simulation.every_sample import (
     SignalsAtPcc,
     first_resting,
     in_pu,
+    memory_for,
     rows_apart,
     spacing_of_figures,
     without_steps,
@@ -215,13 +216,14 @@ def _run_controllers(
     if warn is not None and unstable:
         for text in (*(one.message for one in unstable), WHERE_TO_LOOK):
             warn(text)
-    results, unstable = {}, []
+    results, unstable, memory = {}, list[Instability](), memory_for(study)
     for asked, spec, feed, found in zip(own, specs, feeds, expected, strict=True):
         report = None if progress is None else _reporter(progress, spec.name)
         probes = isinstance(feed, EstimatedScheduler) and feed.probe_hold is not None
         twins = steps_with_twin(asked, spec, probes=probes)
         spacing = spacing_of_figures(asked) * study.converter.T_s
-        every_sample = EverySample(asked, timeline, samples_per_mean(study, np.array([0.0, spacing])))
+        per_mean = samples_per_mean(study, np.array([0.0, spacing]))
+        every_sample = EverySample(asked, timeline, per_mean, memory=memory)
         run = simulate(asked, feed, bridge=bridge, twins=twins, every_sample=every_sample, finds=spec, progress=report)
         own_study, ran = run.study, run.timeline
         if own_study.events != asked.events:
@@ -269,7 +271,6 @@ def _run_controllers(
             dc=None if run.dc_log is None else dc_figures(own_study, run.dc_log),
             late_peak_pu=_late_peak_pu(own_study, seen),
         )
-        del every_sample, seen  # the next controller takes the same memory
     return results, unstable
 
 
