@@ -33,7 +33,6 @@ from vsgdesign.simulation.lanes.beforehand import told_beforehand
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 from vsgdesign.study.parameters import Study
 from vsgdesign.verbs.pipeline.inner import assess_inner_loops, inner_document
-from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 from vsgdesign.verbs.pipeline.making import Made, made, nothing_to_make
 from vsgdesign.verbs.pipeline.opening import check_possible
 from vsgdesign.verbs.pipeline.results import results_document
@@ -235,6 +234,7 @@ def _write(
     exports = _exports(study, result.ready, folder, have.executor, warn)
     if drawn is not None:
         from vsgdesign.report import write_report
+        from vsgdesign.verbs.pipeline.live_part import waited_for
 
         begin = time.perf_counter()
         figures = drawn()
@@ -263,6 +263,8 @@ def _live(study: Study, ready: Ready, have: Made, shown: Shown) -> AbstractConte
     """Begins to make the live part of the report, where one is asked for."""
     if not (shown.report and shown.explorer):
         return nullcontext()
+    from vsgdesign.verbs.pipeline.live_part import live_begun
+
     return live_begun(study, ready, shown.workers, executor=have.executor)
 
 

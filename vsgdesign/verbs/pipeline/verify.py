@@ -18,7 +18,6 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.study.parameters.study import ControllerSpec, Study
-from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 
 if TYPE_CHECKING:  # the simulation is loaded by who verifies
     from concurrent.futures import Executor
@@ -424,6 +423,8 @@ def _concluded(
     }
     document = plain(document)
     own = replace(job.study, controllers=tuple(one for one in job.study.controllers if one.name == job.spec.name))
+    from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for  # here alone: simulate reads this module, too
+
     begun = nullcontext()
     if asked.explorer and job.study.plant is None:
         begun = live_begun(own, job.ready, 1, executor=executor, cases=_replayed(document, folder, job))
