@@ -242,9 +242,6 @@ def test_a_source_of_a_plant_may_be_dirty() -> None:
     found = build(study_document() | plant | events)
     assert found.background is not None
     assert found.events[0].components
-    pwm = study_document() | plant
-    pwm["simulation"] = study_document()["simulation"] | {"bridge": "pwm"}
-    assert 'simulation.bridge = "pwm": the bridges of a plant are averaged. Give bridge = "averaged"' in faults(pwm)
 
 
 def estimating(units: list[dict[str, Any]] | int, **sections: Any) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from vsgdesign.codegen.blocks import Part, Writer
@@ -90,6 +90,18 @@ def switched_legs(slope: str, applied: Mapping[str, str], *, zero_sequence: bool
     return parts, edges
 
 
+def sums_of_powers(line: Writer, edges: Sequence[str], degree: int) -> list[list[Expression]]:
+    """Σ of the steps of edges times their places to the power 0, 1, …, on both axes."""
+    powers = [[line.input(f"{edge}.{name}") for edge in edges] for name in ("alpha", "beta")]
+    found: list[list[Expression]] = []
+    for k in range(degree + 1):
+        found.append([line.sum_of(*steps) for steps in powers])
+        if k < degree:
+            places = [line.input(f"{edge}.place") for edge in edges]
+            powers = [[line.does("*", *pair) for pair in zip(steps, places, strict=True)] for steps in powers]
+    return found
+
+
 def _moved_by_both(axes: Axes, edges: tuple[str, ...], *, carried: bool = False) -> Block:
     """x ← Φ x + Γ v, the responses to edges, and what the source adds (:eq:`two-axes`), written out for every state.
 
@@ -110,14 +122,8 @@ def _moved_by_both(axes: Axes, edges: tuple[str, ...], *, carried: bool = False)
             total = line.does("+", line.does("*", total, place), line.input(f"edge.c{k}_{row}_{axis}"))
         return total
 
-    weights: list[list[Expression]] = []
-    if edges and axes.large:  # Σ over the edges first: the sums of their powers are the same for every state
-        powers = [[line.input(f"{edge}.{name}") for edge in edges] for name in ("alpha", "beta")]
-        for k in range(axes.degree + 1):
-            weights.append([line.sum_of(*steps) for steps in powers])
-            if k < axes.degree:
-                places = [line.input(f"{edge}.place") for edge in edges]
-                powers = [[line.does("*", *pair) for pair in zip(steps, places, strict=True)] for steps in powers]
+    # Σ over the edges first: the sums of their powers are the same for every state
+    weights = sums_of_powers(line, edges, axes.degree) if edges and axes.large else []
     for row, state in enumerate(states):
         acting = axes.on(row)
         terms = [product(f"row.b_{row}_{axis}", bridge[axis]) for axis in acting]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.network import Equations, UndeterminedError, reduced
-from vsgdesign.linear.operating_point.plants import less_one
+from vsgdesign.linear.operating_point.plants import edge_polynomials, less_one
 from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.network import Load
@@ -93,6 +93,12 @@ class UnitsCircuit:
         phi, gamma, rho = self.step(h, omega)
         at_end = self.X_g * np.exp(1j * omega * h)
         return self.X @ phi @ self.onto, self.X @ gamma, self.X @ rho + at_end
+
+    def edges(self, h: float, units: int) -> Array:
+        """What a unit step of the bridge voltage of each of the first ``units`` converters adds to y by the end of an
+        interval, (units, degree + 1, y): polynomials in x = 2τ/h − 1, where τ is the time that is left. NaN where the
+        circuit is too stiff for one (:eq:`edge-polynomial`)."""
+        return _edges(self, h, units)
 
     def charge(self, h: float, omega: float, converters: Sequence[int]) -> tuple[Array, Array, Complex]:
         """The integrals of i_s of some converters over an interval, per y, per held bridge and per source e^{jωs}."""
@@ -193,6 +199,15 @@ def _step(circuit: UnitsCircuit, h: float, omega: float) -> tuple[Array, Array, 
     found = np.eye(n) + grown[:, :n], grown[:, n : n + bridges], source[:, 0::2] - 1j * source[:, 1::2]
     for one in found:
         one.setflags(write=False)
+    return found
+
+
+@functools.lru_cache(maxsize=512)
+def _edges(circuit: UnitsCircuit, h: float, units: int) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = circuit.X @ edge_polynomials(circuit.A[None], circuit.B[None, :, :units], h)[0]
+    found = found.transpose(2, 0, 1)
+    found.setflags(write=False)
     return found
 
 

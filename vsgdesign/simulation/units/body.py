@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from vsgdesign.codegen.blocks import Part, Writer, abreast, joined, renamed, with_outputs
@@ -21,9 +21,12 @@ from vsgdesign.equations.field import LockIn
 from vsgdesign.simulation import circuit_sample, sample, watched_sample
 from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.bodies import applied_by, control, watch
+from vsgdesign.simulation.circuit_sample import CarrierPart
 from vsgdesign.simulation.loop import ALONE, Build, watched_names
 from vsgdesign.simulation.run_kind import STEP, Kind, names_of
 from vsgdesign.simulation.sample import Measurement, Noise
+from vsgdesign.simulation.units import carriers
+from vsgdesign.simulation.units.carriers import OnCarrier
 from vsgdesign.study.parameters.inverter_kinds import InverterKind
 
 AXES = ("alpha", "beta")
@@ -70,6 +73,11 @@ class PlantKind(NamedTuple):
     """Whether all units share the field estimator of the first one, which hears the mean of those on line."""
     switched: bool = False
     """Whether dc links need the integrals of the converters' currents, because the circuit is switched in the run."""
+    gaps: tuple[tuple[OnCarrier, ...], ...] = ()
+    """Of units with switched bridges: where the gap after each instant lies on the carrier of each. ``sampling`` is
+    then over the time after which the carriers repeat."""
+    degree: int = 0
+    """Of the responses to edges."""
 
     @property
     def converters(self) -> int:
@@ -102,7 +110,26 @@ class PlantKind(NamedTuple):
     def factors(self) -> tuple[str, ...]:
         """What it is made of."""
         held = (f"held.{k}" for k in range(self.converters))
-        return (*self.moved, *held)
+        powers = range(self.degree + 1) if self.gaps else ()
+        edges = (f"edges{k}.{power}" for k in range(len(self.units)) for power in powers)
+        return (*self.moved, *held, *edges)
+
+    def switches(self, k: int) -> bool:
+        """Whether a converter has a switched bridge."""
+        return bool(self.gaps) and k < len(self.units)
+
+    @property
+    def cyclic(self) -> tuple[str, ...]:
+        """Where a gap lies on the carriers."""
+        units = range(len(self.units)) if self.gaps else ()
+        return tuple(name for k in units for name in names_of(CarrierPart, f"u{k}.part"))
+
+    @property
+    def cycle(self) -> list[tuple[tuple[int, ...], tuple[str, ...]]]:
+        """What distinguishes the instants, over the time after which they repeat: who samples, and where the gap
+        behind it lies on the carriers."""
+        slopes = [tuple(one.slope for one in some) for some in self.gaps]
+        return list(zip(self.sampling, slopes or [()] * len(self.sampling), strict=True))
 
     @property
     def listens(self) -> bool:
@@ -171,14 +198,13 @@ def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
     outputs = (*(output for _, output in moved), *(name for name in logged if name not in dict(moved)))
     outputs += tuple(output for _, output in kind.rings)
     outputs += (stop,) if stop else ()
-    distinct = tuple(dict.fromkeys(kind.sampling))
     most = ABREAST if build.lanes * build.vectors == 1 else 1
-    bodies = tuple(with_outputs(_body(kind, sampling, moved, most), outputs) for sampling in distinct)
+    bodies = tuple(with_outputs(_body(kind, *one, moved, most), outputs) for one in dict.fromkeys(kind.cycle))
     placed = {name for name, _ in moved} | {name for axis in AXES for name in _results(kind, axis)} | set(kind.fed)
-    placed |= {"k", *(name for name, _ in kind.rings)}
+    placed |= {"k", *(name for name, _ in kind.rings), *kind.cyclic}
     inputs = dict.fromkeys(name for one in bodies for name in one.inputs)
     rest = [name for name in inputs if name not in placed and ".watch." not in name]  # what is not watched is not read
-    of_all = (".settings.", ".inner_gains.", ".R_c", ".field.", ".V_rated_rms", ".allowed")
+    of_all = (".settings.", ".inner_gains.", ".R_c", ".field.", ".V_rated_rms", ".V_dc", ".allowed")
     of_links = [f"u{k}.{name}" for k, one in enumerate(kind.units) if one.dc is not None for name in one.dc.settings]
     links = [name for name in of_links if name in inputs]  # in the order of their records
     rest = [name for name in rest if name not in links]
@@ -192,6 +218,7 @@ def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
             Product(_results(kind, axis), kind.matrix, tuple(f"{axis}.{name}" for name in kind.factors), kind.turns)
             for axis in AXES
         ),
+        cyclic=kind.cyclic,
         fed=kind.fed,
         rings=kind.rings,
         logged=logged,
@@ -205,8 +232,8 @@ def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
 
 def body_numbers(kind: PlantKind) -> list[int]:
     """The number of the body for each instant of the clock's period."""
-    distinct = list(dict.fromkeys(kind.sampling))
-    return [distinct.index(one) for one in kind.sampling]
+    distinct = list(dict.fromkeys(kind.cycle))
+    return [distinct.index(one) for one in kind.cycle]
 
 
 def _results(kind: PlantKind, axis: str) -> tuple[str, ...]:
@@ -224,6 +251,7 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
         own += watched_names(unit)
         own += [*unit.dc.logged, *unit.dc.kept] if unit.dc is not None else []
         own += [f"charge.{axis}" for axis in AXES] if k in kind.linked else []
+        own += [f"acts.{axis}" for axis in AXES] if kind.switches(k) else []
         found += [f"u{k}.{name}" for name in own]
     for k, other in enumerate(kind.others, len(kind.units)):
         own = [*names_of(other.kind.state, "state"), *(f"last.{name}" for name in SAID_BY_OTHERS)]
@@ -232,8 +260,14 @@ def _moved(kind: PlantKind) -> list[tuple[str, str]]:
     return [(name, f"next.{name}") for name in found]
 
 
-def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]], most: int) -> Block:
-    """One instant at which some converters sample, ``most`` of them at once."""
+def _body(
+    kind: PlantKind,
+    sampling: Sequence[int],
+    slopes: Sequence[str],
+    moved: list[tuple[str, str]],
+    most: int,
+) -> Block:
+    """One instant at which some converters sample, ``most`` of them at once, with what switched bridges do after it."""
     parts = [Part(_arrived(kind))] if kind.added else []
     parts += [Part(_charged(kind))] if kind.linked else []
     parts += _samples(kind, sampling, most)
@@ -245,6 +279,11 @@ def _body(kind: PlantKind, sampling: Sequence[int], moved: list[tuple[str, str]]
         after |= {f"u{k}.charge.{axis}": f"u{k}.charge_now.{axis}" for k in kind.linked}
     for k in sampling:
         after |= _following(kind, k)
+    if slopes:
+        parts += _switched(kind, slopes, after, most)
+        for k, axis in itertools.product(range(len(kind.units)), AXES):
+            after[f"{axis}.held.{k}"] = f"u{k}.first.{axis}"
+            after |= {f"{axis}.edges{k}.{j}": f"u{k}.power.{j}.{axis}" for j in range(kind.degree + 1)}
     line = Writer()
     for name, _ in moved:
         line.input(name)
@@ -285,18 +324,37 @@ def _charged(kind: PlantKind) -> Block:
 
 
 def _samples(kind: PlantKind, sampling: Sequence[int], most: int) -> list[Part]:
-    """The samples of converters: those that are alike at once, as many as ``most``."""
-    alike: dict[object, list[int]] = {}
+    """The samples of converters."""
+    alike: dict[Hashable, list[int]] = {}
     for k in sampling:
         count = len(kind.units)
         alike.setdefault(kind.units[k] if k < count else (kind.others[k - count],), []).append(k)
+    some = ((_sampled(kind, own[0]), [functools.partial(_called, kind, k) for k in own]) for own in alike.values())
+    return [part for block, names in some for part in _at_once(block, names, most)]
+
+
+def _switched(kind: PlantKind, slopes: Sequence[str], after: Mapping[str, str], most: int) -> list[Part]:
+    """The legs of the units over the gap after an instant. ``after``: where the voltages that act are."""
+    alike: dict[tuple[str, bool], list[int]] = {}
+    for k, slope in enumerate(slopes):
+        alike.setdefault((slope, kind.units[k].bridge.zero_sequence), []).append(k)
+
+    def called(k: int, name: str) -> str:
+        return after.get(f"u{k}.{name}", f"u{k}.{name}")
+
     parts = []
-    for some in alike.values():
-        for first in range(0, len(some), most):
-            names = [functools.partial(_called, kind, k) for k in some[first : first + most]]
-            one, width = _sampled(kind, some[first]), 1 << (len(names) - 1).bit_length()
-            parts.append(Part(abreast(one, names, width) if width > 1 else renamed(one, names[0])))
+    for (slope, zero_sequence), own in alike.items():
+        block = carriers.legs(slope, kind.degree, zero_sequence=zero_sequence)
+        parts += _at_once(block, [functools.partial(called, k) for k in own], most)
     return parts
+
+
+def _at_once(block: Block, names: Sequence[Callable[[str], str]], most: int) -> Iterator[Part]:
+    """The block for several converters, as many as ``most`` of them at once."""
+    for first in range(0, len(names), most):
+        some = names[first : first + most]
+        width = 1 << (len(some) - 1).bit_length()
+        yield Part(abreast(block, some, width) if width > 1 else renamed(block, some[0]))
 
 
 def _sampled(kind: PlantKind, k: int) -> Block:
@@ -370,11 +428,11 @@ def _following(kind: PlantKind, k: int) -> dict[str, str]:
         }
         found |= {f"u{k}.last.{name}": f"u{k}.said.{name}" for name in SAID_BY_OTHERS}
     for axis in AXES:
-        asked = f"u{k}.said.v_b_{axis}"
+        asked, acts = f"u{k}.said.v_b_{axis}", f"u{k}.acts.{axis}" if kind.switches(k) else f"{axis}.held.{k}"
         if kind.delayed(k):
-            found |= {f"{axis}.held.{k}": f"u{k}.pending.{axis}", f"u{k}.pending.{axis}": asked}
+            found |= {acts: f"u{k}.pending.{axis}", f"u{k}.pending.{axis}": asked}
         else:
-            found[f"{axis}.held.{k}"] = asked
+            found[acts] = asked
     if k < len(kind.units):
         found |= _following_of_link(kind, k)
     return found

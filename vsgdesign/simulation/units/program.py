@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.linear.operating_point.circuit_of_units import Wiring, circuit_of_units
+from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.linear.operating_point.circuit_of_units import UnitsCircuit, Wiring, circuit_of_units
 from vsgdesign.linear.operating_point.clock_of_units import Clock
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
 from vsgdesign.simulation.units.body import PlantKind
@@ -70,6 +71,17 @@ class Gap(NamedTuple):
         return np.vstack([rows, own[n:]]).T.ravel()
 
 
+def edge_responses(circuit: UnitsCircuit, h: float, units: int) -> Array:
+    """:meth:`UnitsCircuit.edges` of a circuit that can be switched. Raises InfeasibleStudyError for another one."""
+    found = circuit.edges(h, units)
+    if not np.isfinite(found).all():
+        raise InfeasibleStudyError(
+            "the network is too stiff to switch: its fastest mode (R/L, or R_c/L) dies out many times between two "
+            'samples. Give it less resistance or more inductance, or use bridge = "averaged".'
+        )
+    return found
+
+
 class PlantProgram:
     """Writes the records of a run."""
 
@@ -78,6 +90,9 @@ class PlantProgram:
         self._V = np.array([0.0, *(rms_to_peak(one.V_rms) for one in wiring.plant.sources)])
         self._T = min(one.gap for one in clock.instants)
         self._lane = 0
+        self.cut: dict[int, list[tuple[float, float, PlantSegment]]] = {}
+        """Of switched bridges: the pieces (begin and end, s, and the segment) of gaps in which events fall, by the
+        sample at their ends. There the loop finds the circuit moved."""
 
     def time(self, k: int) -> float:
         """The instant of a sample of the loop, s."""
@@ -109,16 +124,21 @@ class PlantProgram:
         before = first
         for k, some in sorted(due.items()):
             begin, end, present, gap = self.time(k - 1), self.time(k), before, None
+            pieces: list[tuple[float, float, PlantSegment]] = []
             for one in some:
                 at = min(one.t_s, end)
                 if end - at > SAME_INSTANT * self._T:
                     piece = self._gap(present, at - begin)
                     jump = one.source.phase - present.moved.at(one.t_s).phase
                     gap = (piece if gap is None else gap.then(piece)).turned(jump)
+                    pieces.append((begin, at, present))
                     begin, present = at, one
             last = self._gap(present, end - begin)
             gap = last if gap is None else gap.then(last)
             jump = some[-1].moved.at(end).phase - present.moved.at(end).phase
+            if pieces and self._kind.gaps:
+                self.cut[k] = [*pieces, (begin, end, present)]
+                gap = self._still(gap.turn)
             self._put(writer, k, row, k % slots, gap.turned(jump), some[-1])
             self._put_all(writer, k + 1, row, some[-1])
             writer.put([lane], [k], V_g, np.array([rms_to_peak(some[-1].moved.V_g_rms)]))
@@ -153,15 +173,34 @@ class PlantProgram:
         V[0] = rms_to_peak(segment.moved.V_g_rms)
         turn = np.full(len(V), np.exp(1j * omega * h))
         if h == 0.0:
-            n, m = len(self._kind.states), len(self._kind.states) + len(self._kind.linked)
-            still = np.zeros((m, self._kind.converters)), np.zeros((m, len(V)), dtype=complex)
-            return Gap(np.eye(m, n), *still, turn)
+            return self._still(turn)
         circuit = circuit_of_units(self._wiring, segment.topology, self._kind.states)
         phi, gamma, rho = circuit.moved(h, omega)
+        if self._kind.gaps:
+            edges = edge_responses(circuit, h, len(self._kind.units))
+            more = np.zeros((len(edges), self._kind.degree + 1, len(phi)))
+            more[:, : edges.shape[1]] = edges
+            gamma = np.hstack([gamma, more.reshape(-1, len(phi)).T])
         if self._kind.linked:
             more = circuit.charge(h, omega, self._kind.linked)
             phi, gamma, rho = np.vstack([phi, more[0]]), np.vstack([gamma, more[1]]), np.vstack([rho, more[2]])
         return Gap(phi, gamma, rho * V, turn)
+
+    def _still(self, turn: Complex) -> Gap:
+        """Nothing but the sources moves."""
+        kind = self._kind
+        n, m = len(kind.states), len(kind.states) + len(kind.linked)
+        bridges = len(kind.factors) - len(kind.moved)
+        return Gap(np.eye(m, n), np.zeros((m, bridges)), np.zeros((m, len(turn)), dtype=complex), turn)
+
+    def moved(self, y: Complex, v: Complex, segment: PlantSegment, begin: float, end: float) -> Complex:
+        """The circuit's states, α + jβ, over a piece of a gap with constant voltages of the bridges."""
+        circuit = circuit_of_units(self._wiring, segment.topology, self._kind.states)
+        phi, gamma, rho = circuit.moved(end - begin, segment.moved.omega)
+        source, others = segment.moved.at(begin), self._wiring.plant.sources
+        phases = source.phase + np.array([0.0, *(one.phase for one in others)])
+        V = np.array([rms_to_peak(segment.moved.V_g_rms), *self._V[1:]])
+        return phi @ y + gamma @ v + rho @ (V * np.exp(1j * phases))
 
     def switched(self, unit: int) -> Iterator[int]:
         """The samples of a unit at whose end of an interval the circuit has been switched in it."""

@@ -43,6 +43,8 @@ from vsgdesign.simulation.units.body import (
     log_names,
     spec_of_plant,
 )
+from vsgdesign.simulation.units.carriers import gaps_of_plant
+from vsgdesign.simulation.units.crossing import cross, degree_of_edges
 from vsgdesign.simulation.units.noise import put_sensors, with_noise
 from vsgdesign.simulation.units.program import PlantProgram
 from vsgdesign.simulation.units.start import StartOfPlant
@@ -150,7 +152,11 @@ class _Run:
         self.given = tuple(map(UnitGains, schedules))
         memories = [one.memory for one in self.given]
         kinds = tuple(_kind(one, memory is not None) for one, memory in zip(timeline.units, memories, strict=True))
-        sampling = tuple(one.units for one in self.clock.instants)
+        sampling, gaps, degree = tuple(one.units for one in self.clock.instants), (), 0
+        self.per_period = len(sampling)
+        if study.simulation.bridge == "pwm" and timeline.units:
+            gaps, degree = gaps_of_plant(timeline, self.clock), degree_of_edges(timeline, self.wiring, self.clock)
+            sampling *= len(gaps) // self.per_period
         turns = 1 if self.clock.equal_gaps else len(sampling)
         others = tuple(OtherKind(one.kind, one.delay_samples > 0) for one in timeline.plant.inverters)
         self.common = timeline.plant.common_estimate and all(memory is not None for memory in memories)
@@ -168,13 +174,14 @@ class _Run:
             added=added,
             common=self.common,
             switched=switched and not added,
+            gaps=gaps,
+            degree=degree,
         )
         spec = spec_of_plant(self.kind)
         self.loop, self.rows, self.spans = compiled_loop(spec), empty_rows(spec, 1), spans_of(spec.rows)
         self.uniform = uniform_of(timeline, kinds, memories, spec.uniform)
         self.program = PlantProgram(self.kind, self.wiring, timeline.segments, self.clock)
         self.added = AddedToPlant(study, timeline, self.wiring, self.clock) if self.kind.added else None
-        self.per_period = len(sampling)
         self.log_periods = max(round(study.simulation.log_interval / self.clock.period), 1)
         self.periods = int(np.floor(study.simulation.duration / self.clock.period + 1e-6))
         self._gains = [one.first for one in self.given]
@@ -257,20 +264,24 @@ class _Run:
         log = np.empty((1, -(-end // every), len(names), 1))
         changes, asked = self._changes(end), self._asked(end)
         cuts = {0, end, *changes, *asked, *range(0, end, _STRETCH * self.per_period)}
+        cuts |= {one for one in self.program.cut if one < end}
         marks, seconds, divergence = sorted(cuts), 0.0, None
         cycle = np.array(body_numbers(self.kind), dtype=np.int64) if len(self.loop.spec.bodies) > 1 else None
+        cyclic = np.array([[number for one in some for number in one.part] for some in self.kind.gaps])
         for begin, after in itertools.pairwise(marks):
             for unit, change in changes.get(begin, ()):
                 self._change(unit, change)
             for unit, t_s in asked.get(begin, ()):
                 self._ask(unit, t_s)
             self._phase(begin)
+            if begin in self.program.cut:
+                cross(self._at, self.kind, self.program, self.timeline.units, begin)
             clock, done, fed = time.perf_counter(), begin, self._fed(begin, after)
             while done < after:
                 rest = None if fed is None else fed[:, done - begin :]
                 done += self.loop(
                     done, after, self.rows, self.uniform,
-                    log=log, every=every, program=self.records, cycle=cycle, fed=rest,
+                    log=log, every=every, program=self.records, cycle=cycle, cyclic=cyclic, fed=rest,
                 )  # fmt: skip
                 self._conclude(done)
             seconds += time.perf_counter() - clock
@@ -466,6 +477,7 @@ def uniform_of(
         known |= dict(zip(names_of(one.kind.settings, f"u{k}.settings"), one.settings, strict=True))
     for k, (study, kind, memory) in enumerate(zip(timeline.units, kinds, memories, strict=True)):
         known |= {f"u{k}.R_c": study.filter.R_c, f"u{k}.V_rated_rms": study.converter.V_rated_rms}
+        known[f"u{k}.V_dc"] = study.converter.V_dc
         if memory is not None:
             settings = numbers_of(memory.settings)
             known |= dict(zip(names_of(FieldSettings, f"u{k}.field"), settings, strict=True))

@@ -37,7 +37,7 @@ from vsgdesign.simulation.scenario.controllers import (
     samples_per_mean,
 )
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
-from vsgdesign.simulation.survival.running import record_of, with_protection
+from vsgdesign.simulation.survival.running import own_rest_of, record_of, with_protection
 from vsgdesign.simulation.twin import never_rests
 from vsgdesign.simulation.units.inverters import (
     InverterRest,
@@ -416,7 +416,7 @@ def _unit_result(
         own,
         seen,
         found,
-        ripples=study.has_components,
+        ripples=study.simulation.bridge == "pwm" or study.has_components,
         divergence=run.divergence,
         restless=never_rests(study, own_spec),
     )
@@ -434,7 +434,7 @@ def _unit_result(
     at_pcc = unit.terminals[::every].copy(), i_g[::every].copy()  # series are derived later, and need no other row
     return ControllerResult(
         spec=own_spec,
-        bridge="averaged",
+        bridge=study.simulation.bridge,
         gain_changes=unit.gain_changes,
         simulation=logged,
         derives=partial(derive_series, own, logged, at_pcc, run.timeline.shared.source_phase(logged.t_s, 1e-9)),
@@ -473,7 +473,10 @@ def _survival(
             return Survival(status=refused[0], reason=f"{where}: {refused[1]}")
     instants = sorted({event.t_s for event in study.events if event.t_s > 0.0})
     cleared_s = max(event.t_s + event.over for event in study.events)
-    verdict = judge_survival(record_of(study, run), instants, cleared_s, rests[-1], demand)
+    record, rest = record_of(study, run), rests[-1]
+    if study.simulation.bridge == "pwm":
+        rest = own_rest_of(rest, record, demand)
+    verdict = judge_survival(record, instants, cleared_s, rest, demand)
     return with_protection(verdict, study, run, instants[0])
 
 

@@ -119,6 +119,8 @@ class StartOfPlant:
             self._at(f"{axis}.held.{k}")[:] = value
             if self.kind.delayed(k):
                 self._at(f"u{k}.pending.{axis}")[:] = waiting
+            if self.kind.switches(k):
+                self._at(f"u{k}.acts.{axis}")[:] = value
 
 
 def _waiting(one: Inverter, omega: float, phase: float) -> Any:

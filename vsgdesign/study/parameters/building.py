@@ -248,7 +248,7 @@ def build_study(
     verification = read_verification(root.child("verification"), scope, converter, source_, specification, maps, basis)
     background, sensors = read_background(root.child("background")), read_sensors(root.child("sensors"))
     if plant is not None:
-        check_plant(root, plant, network, simulation, events)
+        check_plant(root, plant, network, events)
         if by_sample:
             check_estimators(root, plant, None if estimator is None else estimator.probe)
     replay = read_replay(root.child("replay"), converter, simulation.duration)

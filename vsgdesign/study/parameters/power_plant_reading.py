@@ -71,7 +71,6 @@ from vsgdesign.study.parameters.reader import TableReader
 if TYPE_CHECKING:
     from vsgdesign.study.parameters.estimator import ProbeSpec
     from vsgdesign.study.parameters.event import Event
-    from vsgdesign.study.parameters.scenario import SimulationSpec
     from vsgdesign.study.parameters.study import Study
 
 CaseOfUnit = Callable[[Mapping[str, Any], TableReader], "Study | None"]
@@ -375,12 +374,9 @@ def check_plant(
     root: TableReader,
     plant: PowerPlant,
     network: Network,
-    simulation: SimulationSpec,
     events: Sequence[Event],
 ) -> None:
     """What a run of a plant does not have."""
-    if simulation.bridge == "pwm":
-        root.fault("simulation.bridge", "pwm", "the bridges of a plant are averaged", 'Give bridge = "averaged".')
     faults = [network.fault, *(event.network.fault for event in events if event.network is not None)]
     faults += [one.switched.fault for one in events if isinstance(one.switched.fault, Fault)]
     for fault in (one for one in faults if one is not None):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -211,8 +212,8 @@ def _run_plant(
     from vsgdesign.report.plant import plant_blocks
     from vsgdesign.verbs.pipeline.plant import run_plant_study
 
-    if bridge == "pwm":
-        raise click.UsageError("the bridges of a plant are averaged: leave --bridge pwm out")
+    if bridge is not None:
+        study = replace(study, simulation=replace(study.simulation, bridge=bridge))
     with keeping(folder):
         with progress(quiet=as_json) as tell:
             result, document = run_plant_study(

@@ -228,7 +228,7 @@ def _faults_of_plant(study: Study, specs: Sequence[ControllerSpec], bridge: str)
             problem = "units of a plant are told the grid in every disturbance, late and wrong"
             found.append(Fault(f"controllers.{spec.name}.estimate", spec.estimate, problem, 'Give estimate = "truth".'))
     if bridge != "averaged":
-        found.append(Fault("bridge", bridge, "the bridges of a plant are averaged", "Leave --bridge out."))
+        found.append(Fault("bridge", bridge, "disturbances of a plant have averaged bridges", "Leave --bridge out."))
     return found
 
 

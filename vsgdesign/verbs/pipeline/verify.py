@@ -205,7 +205,9 @@ def _faults_of_plant(study: Study, spec: ControllerSpec | None, asked: Asked) ->
         return faults
     as_unit(study, "vsgdesign verify")
     if asked.bridge == "pwm":
-        faults.append(Fault("bridge", "pwm", "the bridges of a plant are averaged", "Leave --bridge pwm out."))
+        faults.append(
+            Fault("bridge", "pwm", "random cases of a plant have averaged bridges", "Leave it out; simulate has them.")
+        )
     if spec is not None and spec.kind == "scheduled" and samples_itself(spec.estimate):
         advice = 'Give estimate = "truth" with [controllers.knowledge]; vsgdesign simulate runs it as it is.'
         problem = "random cases of a plant are told their grid, late and with errors"
