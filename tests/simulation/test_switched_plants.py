@@ -80,7 +80,7 @@ def solved(study: Study, jump: tuple[float, float]) -> np.ndarray:
     return np.array(found)
 
 
-@pytest.mark.parametrize(("sampling", "samples"), [("together", 2), ("spread", 2), ("spread", 1), ("together", 3)])
+@pytest.mark.parametrize(("sampling", "samples"), [("together", 2), ("spread", 1), ("spread", 2), ("together", 3)])
 def test_two_units(sampling: str, samples: int) -> None:
     """Two units whose carriers are those of their samples, over a jump of the source's phase between two samples."""
     event = '[[events]]\ntime = "2.013 ms"\nphase_jump = "20 deg"\n'

@@ -11,10 +11,12 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns.verification.draws import UNIFORMS, cases_of, families, uniforms_of
 from vsgdesign.campaigns.verification.plants import ALL, OF_PLANT, PLANTS, PlantCases, draw_plants, plants_of, run_drawn
 from vsgdesign.campaigns.verification.worst import what_of
+from vsgdesign.errors import StudyError
 from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.pipeline.verify import Asked, check_verifiable
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -95,18 +97,30 @@ def test_the_mean_of_the_units_is_the_case_of_one_converter(plant: Study) -> Non
     assert not one.P_apart.any()
 
 
-@pytest.mark.parametrize("name", ["loss", "step", "grid", "phase", "sag"])
-def test_a_case_as_a_study_has_the_figures_of_the_batch(plant: Study, tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "bridge"),
+    [
+        ("loss", "averaged"),
+        ("loss", "pwm"),
+        ("step", "averaged"),
+        ("grid", "averaged"),
+        ("phase", "averaged"),
+        ("sag", "averaged"),
+        ("step", "pwm"),
+        ("grid", "pwm"),
+    ],
+)
+def test_a_case_as_a_study_has_the_figures_of_the_batch(plant: Study, tmp_path: Path, name: str, bridge: str) -> None:
     """Of the worst unit, with transformers that differ."""
     spec = plant.controllers[0]
     cases, family = drawn(plant, 60)
     case = np.flatnonzero((family == families().index(name)) & (cases.units > 1))[:1]
     some = cases.take(case)
-    results = run_drawn(plant, spec, NOTHING, some)
+    results = run_drawn(plant, spec, NOTHING, some, bridge=bridge)
     assert results.status.tolist() == [JUDGED]
     (tmp_path / "worst").mkdir()
     file = tmp_path / "worst" / "case.toml"
-    file.write_text(PLANTS.written(plant, spec, NOTHING, some, 0, file, "averaged"), encoding="utf-8")
+    file.write_text(PLANTS.written(plant, spec, NOTHING, some, 0, file, bridge), encoding="utf-8")
     again = PLANTS.simulated(file, NOTHING)
     assert len(again.figures) >= 2
     for figure, value in again.figures.items():
@@ -142,7 +156,12 @@ def linked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return load_study(file)
 
 
+def test_links_that_move_have_averaged_bridges(linked: Study) -> None:
+    with pytest.raises(StudyError, match="a dc link that moves has an averaged bridge in a plant"):
+        check_verifiable(linked, Asked(bridge="pwm"))
+
+
 @pytest.mark.parametrize("name", ["dc_power", "phase", "step"])
 def test_a_case_with_dc_links_has_the_figures_of_the_batch(linked: Study, tmp_path: Path, name: str) -> None:
     """Of the worst unit, where all units lose a share of their source, where one does, and where it is not touched."""
-    test_a_case_as_a_study_has_the_figures_of_the_batch(linked, tmp_path, name)
+    test_a_case_as_a_study_has_the_figures_of_the_batch(linked, tmp_path, name, "averaged")

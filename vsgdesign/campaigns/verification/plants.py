@@ -22,6 +22,7 @@ from vsgdesign.codegen.machine_code import instruction_set
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.survival import REST_SHARE
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases, segments_of
+from vsgdesign.simulation.lanes.own_rest import pieces
 from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.lanes.results import (
     BLOCKED,
@@ -242,13 +243,26 @@ def run_drawn(
 ) -> LaneResults:
     """Runs every case, as :func:`vsgdesign.simulation.lanes.run.run_lanes`: a figure is that of the worst unit. Of a
     step it is that of the units that step, and what is lost is not judged. The loop is always strict."""
-    del bridge, strict
+    del strict
     results = LaneResults.of_none(len(cases))
-    if not len(cases):
+    ends = _ends(study, spec, ready, cases, bridge)
+    own_rest = bridge == "pwm"
+    units = len(plant_of(study).units)
+    some = pieces(ends, cases, study.converter.T_s, own_rest=own_rest, units=units) if own_rest else ()
+    for one in some:
+        results.fill(one, _run_together(study, spec, ready, cases.take(one), ends[one], bridge))
+    if own_rest or not len(cases):
         return results
-    ends = _ends(study, spec, ready, cases)
+    return _run_together(study, spec, ready, cases, ends, bridge)
+
+
+def _run_together(
+    study: Study, spec: ControllerSpec, ready: Ready, cases: PlantCases, ends: NDArray[np.int64], bridge: str
+) -> LaneResults:
+    """The cases whose logs have room together."""
+    results = LaneResults.of_none(len(cases))
     studies = tuple(study_of_plant(study, cases, k, int(end)) for k, end in enumerate(ends))
-    found = run_plants(spec, ready, Plants(studies=studies, cases=cases, ends=ends))
+    found = run_plants(spec, ready, Plants(studies=studies, cases=cases, ends=ends), bridge=bridge)
     own, order = found.results, np.array([_SEVERITY.index(status) for status in range(len(_SEVERITY))])
     who = cases.who[found.case]
     steps = (cases.kind[found.case] == STEP) & ~((who == ALL) | (who == found.unit))
@@ -270,19 +284,18 @@ _OF_STEP = ("overshoot", "settling_s", "noise")
 _FIGURES = tuple(f.name for f in fields(LaneResults) if f.name not in ("status", "fault"))
 
 
-def _ends(study: Study, spec: ControllerSpec, ready: Ready, cases: PlantCases) -> NDArray[np.int64]:
+def _ends(study: Study, spec: ControllerSpec, ready: Ready, cases: PlantCases, bridge: str) -> NDArray[np.int64]:
     demand = demand_of(study.with_limit_of(spec).converter, settling_time_of(spec, ready))
-    return ends_of(study, cases, segments_of(cases), demand, "averaged")[0]
+    return ends_of(study, cases, segments_of(cases), demand, bridge)[0]
 
 
 def written(
     study: Study, spec: ControllerSpec, ready: Ready, cases: PlantCases, index: int, place: Path, bridge: str
 ) -> str:
     """The text of a study that is one of the cases, for a file ``place``: its plant is written out unit by unit."""
-    del bridge
     name = f"{study.name}_{place.stem}".replace("-", "_")
     document, _ = base_document(study, spec, place.parent, name, f"{study.title}: {place.stem.replace('-', ' ')}")
-    own = study_of_plant(study, cases, index, int(_ends(study, spec, ready, cases.take(np.array([index])))[0]))
+    own = study_of_plant(study, cases, index, int(_ends(study, spec, ready, cases.take(np.array([index])), bridge)[0]))
     plant, c = plant_of(own), study.converter
     of_plant = document.pop("plant", {})
     document["grid"] = {
@@ -306,6 +319,7 @@ def written(
     simulation = own.simulation
     document["simulation"] = {
         "duration": simulation.duration,
+        "bridge": bridge,
         "log_interval": simulation.log_interval,
         "reference_limit_pu": 100.0,  # the droops take away what a reference is beyond the drawn power
         "P_ref": simulation.P_ref,

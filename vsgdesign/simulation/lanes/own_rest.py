@@ -43,11 +43,12 @@ def pieces(
     own_rest: bool = True,
     guarded: bool = False,
     beside: bool = False,
+    units: int = 1,
 ) -> Iterator[NDArray[np.intp]]:
     """The cases, which run for ``ends`` samples, in pieces whose logs have room in LOG_BYTES together, by index.
 
     ``own_rest``: whether the means of the powers are logged; ``guarded``: whether disturbances are judged by a
-    protection, too; ``beside``: whether steps have twins.
+    protection, too; ``beside``: whether steps have twins; ``units``: how many are judged in each case.
     """
     first = np.where(guarded & (cases.kind != STEP), 0, first_judged(cases, T_s))
     order = np.lexsort((first, cases.kind))
@@ -57,7 +58,7 @@ def pieces(
         left = left[cases.kind[left] == cases.kind[left[0]]]
         slots = np.maximum.accumulate(ends[left]) + 1 - first[left[0]]
         step = cases.kind[left[0]] == STEP
-        logged = max((1 + beside if step else 2) * own_rest + PROTECTION_COLUMNS * (guarded and not step), 1)
+        logged = max((1 + beside if step else 2) * own_rest + PROTECTION_COLUMNS * (guarded and not step), 1) * units
         room = int(np.searchsorted(8 * logged * slots * np.arange(1, len(left) + 1), LOG_BYTES, side="right"))
         count = min(max(room // _LANES, 1) * _LANES, len(left))
         yield left[:count]

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.codegen.llvm import StandingLoop, aligned_zeros, compiled_loop
 from vsgdesign.equations.dc_control import RestCurve
 from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
@@ -28,36 +27,35 @@ from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured
 from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import REST_SHARE, SurvivalDemand
-from vsgdesign.simulation.batch import Log
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
 from vsgdesign.simulation.feeds import Told
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases, LaneEvents, segments_of
 from vsgdesign.simulation.lanes.dc_energy import beyond_the_capacitor
 from vsgdesign.simulation.lanes.part import (
     Samples,
+    first_judged,
     keep_links,
     means_at_rest,
-    padded,
     put_links,
     put_references,
     watch_disturbance,
     watch_step,
 )
+from vsgdesign.simulation.lanes.plant_part import PlantPart, UnitOfPart
 from vsgdesign.simulation.lanes.rests import Rests, curve_of_rest
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.run import drive, judge_part
 from vsgdesign.simulation.lanes.telling import Telling, telling
 from vsgdesign.simulation.lanes.told import ToldGrids
-from vsgdesign.simulation.loop import kind_of, side_by_side, watched_names
-from vsgdesign.simulation.numbers_of_runs import Numbers
-from vsgdesign.simulation.run_kind import DISTURBANCE
+from vsgdesign.simulation.loop import kind_of
+from vsgdesign.simulation.run_kind import DISTURBANCE, LARGEST_DEGREE
 from vsgdesign.simulation.run_kind import STEP as STEP_WATCHED
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.timeline import Timeline
-from vsgdesign.simulation.units.body import PlantKind, spec_of_plant
+from vsgdesign.simulation.units.body import PlantKind
+from vsgdesign.simulation.units.crossing import switched
 from vsgdesign.simulation.units.inverters import terminals_at_rest
 from vsgdesign.simulation.units.program import PlantProgram
-from vsgdesign.simulation.units.run import uniform_of
 from vsgdesign.simulation.units.start import StartOfPlant, situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline
 from vsgdesign.study.parameters.event import Event
@@ -65,8 +63,6 @@ from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-
-_KEPT = {"limited": 1, "late": 1, "limited_at_end": 1}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,16 +105,22 @@ def run_plants(
     *,
     demand: SurvivalDemand | None = None,
     said: Callable[[int, Study, Timeline], Told] | None = None,
+    bridge: str = "averaged",
 ) -> Units:
     """Runs every plant with a controller in all of its units, and judges each unit. Events of a case are at least 5 ms
     apart. ``demand``: of a disturbance; None: that of the controller. ``said``: what is told to a unit of a case (its
-    number), which is a converter with a timeline; None: what the cases say. Raises InfeasibleStudyError where the
+    number), which is a converter with a timeline; None: what the cases say. ``bridge``: of all units; switched ones are
+    judged by the rests to which they come. Raises InfeasibleStudyError where the
     controller cannot be run in a batch."""
     timelines = [plant_timeline(study, spec) for study in plants.studies]
     units = [(c, k) for c, timeline in enumerate(timelines) for k in range(len(timeline.units))]
     case, unit = (np.array(one, dtype=np.intp) for one in zip(*units, strict=True))
     own = timelines[0].units[0]
     flat = _cases_of_units(plants, timelines, case, unit)
+    if bridge == "pwm":  # a unit that does not step is judged in the same time
+        t_s = flat.events.t_s.copy()
+        t_s[:, 0] = np.minimum(t_s[:, 0], plants.cases.events.t_s[case, 0])
+        flat = replace(flat, events=replace(flat.events, t_s=t_s))
     results = LaneResults.of_none(len(flat))
     on_line = np.ones(len(flat), dtype=bool)
     demand = demand or demand_of(own.converter, settling_time_of(spec, ready))
@@ -157,7 +159,11 @@ def run_plants(
     if own.dc is not None and own.dc.clamps:
         asked = power_of(*lanes_of(own, at_end, last_gains))
         rests = replace(rests, P_asked=asked, curve=curve_of_rest(own, at_end, last_gains, last, None))
-    parts = [one for some in _groups(plants, prepared) for one in _part(plants, some, begin, flat, rests, demand).units]
+    parts = [
+        one
+        for some in _groups(plants, prepared)
+        for one in _part(plants, some, begin, flat, rests, demand, bridge).units
+    ]
     if parts:
         drive(parts, told, gains)
     for one in parts:
@@ -302,108 +308,6 @@ def _groups(plants: Plants, prepared: Sequence[_Prepared]) -> Iterator[list[_Pre
     yield from of.values()
 
 
-class PlantPart(Numbers):
-    """Plants of one kind side by side, in descending order of their ends."""
-
-    def __init__(self, study: Study, kind: PlantKind, some: Sequence[_Prepared], ends: Samples, events: int) -> None:
-        kept = _KEPT | dict.fromkeys(("first", "least", "most"), events)
-        kept["watch"] = len(watched_names(kind.units[0]))
-        kept |= {} if kind.units[0].dc is None else {"dc_lowest": 1, "dc_highest": 1}
-        kept = {f"u{k}.{name}": count for k in range(len(kind.units)) for name, count in kept.items()}
-        spec = spec_of_plant(kind, side_by_side(strict=True))
-        super().__init__(spec, len(some), kept)
-        self.study, self.kind, self.ends = study, kind, ends
-        self.units: tuple[UnitOfPart, ...] = ()
-        self.rings: Array | None = None
-        self._loop = compiled_loop(spec)
-        timeline = some[0].timeline
-        self._uniform = uniform_of(timeline, kind.units, [None] * len(kind.units), spec.uniform)
-        self._writer = ProgramWriter()
-        self._standing: StandingLoop | None = None
-
-    @property
-    def end(self) -> int:
-        """The sample up to which it has to run: one beyond its last, so that what is kept at an end is kept."""
-        return int(self.ends[0]) + 1
-
-    def at(self, lane: int) -> Any:
-        """The numbers of one plant by their names."""
-        return lambda name: self.view(name, lane)
-
-    def run(self, begin: int, end: int) -> None:
-        """Runs the samples from ``begin`` up to before ``end`` of every group that is not over."""
-        if self._standing is None:
-            groups, width = len(self.rows), self.spec.width
-            given = {} if self.rings is None else {"rings": self.rings, "ring_length": self._ring_length}
-            program = self._writer.program(groups, width)
-            self._standing = self._loop.standing(self.rows, self._uniform, program=program, **given)
-        active, end = -(-int((self.ends + 1 > begin).sum()) // self.spec.width), min(end, self.end)
-        if active and end > begin:
-            self._standing(begin, end, None, active)
-
-    def ring(self, cycle: int, present: Sequence[dict[str, Array]]) -> None:
-        """What is read again a cycle later. ``present``: of each unit, by name."""
-        groups, _, width = self.rows.shape
-        names = [name for name, _ in self.spec.rings]
-        self.rings = aligned_zeros((groups, cycle, len(names), width))
-        self._ring_length = np.full(groups, cycle, dtype=np.int64)
-        for at, name in enumerate(names):
-            unit, _, short = name.partition(".")
-            self.rings[:, :, at] = padded(present[int(unit.removeprefix("u"))][short], groups, width)[:, None]
-
-
-class UnitOfPart:
-    """One unit of all plants of a part, as a part of converters that stand alone."""
-
-    beside, guarded, mains = False, False, slice(None)
-    means: Log | None = None
-
-    def __init__(self, part: PlantPart, k: int, cases: LaneCases, index: Index, cycle: int) -> None:
-        """``cases`` (n): this unit of each plant; ``index``: their places among all units of the batch."""
-        self._part, self._k, self._head = part, k, f"u{k}."
-        self.study, self.cases, self.index, self.ends, self.cycle = part.study, cases, index, part.ends, cycle
-        self.place = self._named(part.place)
-        self.kept = self._named(part.kept)
-        self.cycle_at_end = np.full(len(cases), cycle, dtype=np.int64)
-
-    def _named(self, rows: dict[str, int]) -> dict[str, int]:
-        return {name.removeprefix(self._head): row for name, row in rows.items() if name.startswith(self._head)}
-
-    def __len__(self) -> int:
-        return len(self.cases)
-
-    @property
-    def end(self) -> int:
-        """That of the part."""
-        return self._part.end
-
-    def span(self, name: str) -> slice:
-        """The rows of a record or of a number."""
-        return self._part.span(self._head + name)
-
-    def get(self, row: int | str) -> Array:
-        """A row of every plant, (n,)."""
-        return self._part.get(self.place[row] if isinstance(row, str) else row)
-
-    def put(self, row: int | str, values: Any) -> None:
-        """Sets a row of every plant, (n,), or m rows that are beside each other, (m, n)."""
-        self._part.put(self.span(row).start if isinstance(row, str) else row, values)
-
-    def watched(self, name: str) -> Array:
-        """What was watched up to the end of every run, (n,)."""
-        return self.get(self.kept["watch"] + self.place[f"watch.{name}"] - self.span("watch").start)
-
-    def logged(self, columns: slice) -> Iterator[tuple[slice, Array]]:
-        """Nothing is logged."""
-        del columns
-        yield from ()
-
-    def run(self, begin: int, end: int) -> None:
-        """Runs the whole part, once for all of its units."""
-        if self._k == 0:
-            self._part.run(begin, end)
-
-
 def _part(
     plants: Plants,
     some: Sequence[_Prepared],
@@ -411,27 +315,35 @@ def _part(
     flat: LaneCases,
     rests: Rests,
     demand: SurvivalDemand,
+    bridge: str,
 ) -> PlantPart:
     """The cases of a group, at rest and with everything that is known beforehand."""
     some = sorted(some, key=lambda one: -int(plants.ends[one.number]))
     numbers = np.array([one.number for one in some], dtype=np.intp)
     first, own = some[0], some[0].timeline.units[0]
     step = plants.cases.kind[first.number] == STEP
-    unit = kind_of(own, switched=False)._replace(watch=STEP_WATCHED if step else DISTURBANCE)
+    unit = kind_of(own, switched=False)._replace(watch=STEP_WATCHED if step else DISTURBANCE, own_rest=bridge == "pwm")
     count, clock = len(first.timeline.units), clock_of_study(first.study)
     sampling = tuple(one.units for one in clock.instants)
     kind = PlantKind((unit,) * count, first.timeline.names, 1, sampling, 1)
-    part = PlantPart(own, kind, some, plants.ends[numbers], flat.events.count)
+    if bridge == "pwm":
+        # Parts with circuits that are a little stiffer, or less so, share a loop.
+        kind = switched(kind, [(one.timeline, wiring_of(one.study)) for one in some], clock, LARGEST_DEGREE)
     omega = own.converter.omega_n if step else first.timeline.segments[-1].source.omega
     cycle = max(round(2.0 * math.pi / omega / own.converter.T_s), 1)
+    judged = [first_judged(flat.take(begin[numbers] + k), own.converter.T_s).min() for k in range(count)]
+    logged = max(int(min(judged)) - (cycle if step else 0), 0)  # before a step there is the mean with which it begins
+    part = PlantPart(own, kind, [one.timeline for one in some], plants.ends[numbers], flat.events.count, logged)
     part.units = tuple(
         UnitOfPart(part, k, flat.take(begin[numbers] + k), begin[numbers] + k, cycle) for k in range(count)
     )
-    writer, turn = part._writer, [one.place.get("of.turn") for one in part.units]
+    writer, turn = part.writer, [one.place.get("of.turn") for one in part.units]
     for lane, one in enumerate(some):
         StartOfPlant(part.at(lane), kind, one.study, one.timeline, [PowerLoopGains(*[0.0] * 8)] * count).put(one.start)
         program = PlantProgram(kind, wiring_of(one.study), one.timeline.segments, clock)
         program.write(writer, part.span(kind.matrix[0]).start, part.place["V_g"], lane)
+        for sample in program.cut:
+            part.cuts.setdefault(sample, []).append((lane, program, one.timeline.units))
         _phase(part, lane, one.timeline)
         for row in turn if not step else ():
             _turns(writer, lane, row, one.timeline, own.converter.T_s)
@@ -448,7 +360,8 @@ def _part(
                 one.put(name, np.full(len(one), value))
         for name, value in zip(nominal._fields, (one.cases.P_ref, one.cases.Q_ref, *nominal[2:]), strict=True):
             one.put(f"refs.{name}", np.broadcast_to(value, len(one)))
-        one.put("watch.entry.last_out", np.full(len(one), -1.0))
+        if "watch.entry.last_out" in one.place:
+            one.put("watch.entry.last_out", np.full(len(one), -1.0))
         put_references(one, writer, one.cases)
         put_links(one, writer, one.cases)
         (watch_step if step else watch_disturbance)(one, writer, one.cases, mine)

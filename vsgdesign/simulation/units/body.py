@@ -12,6 +12,9 @@ import itertools
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsgdesign.codegen.blocks import Part, Writer, abreast, joined, renamed, with_outputs
 from vsgdesign.codegen.expressions import Expression, Number
 from vsgdesign.codegen.flat import Block, flat_block
@@ -23,11 +26,13 @@ from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.bodies import applied_by, control, watch
 from vsgdesign.simulation.circuit_sample import CarrierPart
 from vsgdesign.simulation.loop import ALONE, Build, watched_names
-from vsgdesign.simulation.run_kind import STEP, Kind, names_of
+from vsgdesign.simulation.run_kind import DISTURBANCE, STEP, Kind, names_of
 from vsgdesign.simulation.sample import Measurement, Noise
 from vsgdesign.simulation.units import carriers
 from vsgdesign.simulation.units.carriers import OnCarrier
 from vsgdesign.study.parameters.inverter_kinds import InverterKind
+
+Array = NDArray[np.float64]
 
 AXES = ("alpha", "beta")
 SAID = ("P", "Q", "omega", "at_bridge")
@@ -181,6 +186,14 @@ def log_names(kind: PlantKind) -> tuple[str, ...]:
     return (*found, *(name for k in range(len(kind.units)) for name in link_names(kind, k)))
 
 
+def mean_names(kind: PlantKind) -> tuple[str, ...]:
+    """What is logged of units that are watched and judged by the rest to which they come: the power of a step, the sums
+    of both powers of anything else."""
+    own = {STEP: ("u{}.power",), DISTURBANCE: ("next.u{}.watch.sum_P", "next.u{}.watch.sum_Q")}
+    units = ((k, unit) for k, unit in enumerate(kind.units) if unit.own_rest)
+    return tuple(name.format(k) for k, unit in units for name in own[unit.watch])
+
+
 def link_names(kind: PlantKind, k: int) -> list[str]:
     """What is logged of the dc link of a unit: as it was at its last sample. None where it is ideal."""
     dc = kind.units[k].dc
@@ -191,9 +204,10 @@ def link_names(kind: PlantKind, k: int) -> list[str]:
 
 @functools.lru_cache(maxsize=64)
 def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
-    """The loop of a plant, strict: every operation rounds by itself. Of one that is watched nothing is logged."""
+    """The loop of a plant, strict: every operation rounds by itself. Of one that is watched nothing but means is
+    logged."""
     moved = _moved(kind)
-    logged = () if any(unit.watch for unit in kind.units) else log_names(kind)
+    logged = mean_names(kind) if any(unit.watch for unit in kind.units) else log_names(kind)
     stop = ENDS if kind.listens else ""
     outputs = (*(output for _, output in moved), *(name for name in logged if name not in dict(moved)))
     outputs += tuple(output for _, output in kind.rings)
@@ -228,6 +242,11 @@ def spec_of_plant(kind: PlantKind, build: Build = ALONE) -> LoopSpec:
         vectors=build.vectors,
         strict=True,
     )
+
+
+def cyclic_values(kind: PlantKind) -> Array:
+    """What depends on an instant's place in the time after which they repeat: ``kind.cyclic``, (instants, n)."""
+    return np.array([[number for one in some for number in one.part] for some in kind.gaps])
 
 
 def body_numbers(kind: PlantKind) -> list[int]:

@@ -1,4 +1,4 @@
-"""Gaps of a plant with switched bridges in which events fall: moved from edge to edge, in each circuit."""
+"""Runs of plants with switched bridges: their kind, and the gaps in which events fall, moved from edge to edge."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsgdesign.linear.operating_point.circuit_of_units import Wiring, circuit_of_units
 from vsgdesign.linear.operating_point.clock_of_units import Clock
 from vsgdesign.simulation.units.body import AXES, PlantKind
-from vsgdesign.simulation.units.carriers import edges_of
+from vsgdesign.simulation.units.carriers import edges_of, gaps_of_plant
 from vsgdesign.simulation.units.program import PlantProgram, edge_responses
 from vsgdesign.simulation.units.timeline import PlantTimeline
 from vsgdesign.study.parameters.study import Study
@@ -19,9 +19,20 @@ from vsgdesign.study.parameters.study import Study
 Array = NDArray[np.float64]
 
 
-def degree_of_edges(timeline: PlantTimeline, wiring: Wiring, clock: Clock) -> int:
-    """The largest degree of a response to an edge in the circuits of a run. Raises InfeasibleStudyError where one is
-    too stiff."""
+def switched(
+    kind: PlantKind, plants: Sequence[tuple[PlantTimeline, Wiring]], clock: Clock, degree: int = 0
+) -> PlantKind:
+    """The kind of runs with switched bridges of the units: plants of one clock, whose carriers are alike. ``degree``:
+    of the responses to edges, at least. Raises InfeasibleStudyError where a dc link moves, the carriers do not repeat,
+    or a circuit is too stiff."""
+    gaps = gaps_of_plant(plants[0][0], clock)
+    sampling = kind.sampling * (len(gaps) // len(kind.sampling))
+    most = max(degree, *(_degree(timeline, wiring, clock) for timeline, wiring in plants))
+    return kind._replace(sampling=sampling, turns=1 if kind.turns == 1 else len(sampling), gaps=gaps, degree=most)
+
+
+def _degree(timeline: PlantTimeline, wiring: Wiring, clock: Clock) -> int:
+    """The largest degree of a response to an edge in the circuits of a run."""
     units, lengths = len(timeline.units), {one.gap for one in clock.instants}
     topologies = {one.topology for one in timeline.segments}
     circuits = [circuit_of_units(wiring, one, timeline.names) for one in topologies]

@@ -39,12 +39,12 @@ from vsgdesign.simulation.units.body import (
     OtherKind,
     PlantKind,
     body_numbers,
+    cyclic_values,
     link_names,
     log_names,
     spec_of_plant,
 )
-from vsgdesign.simulation.units.carriers import gaps_of_plant
-from vsgdesign.simulation.units.crossing import cross, degree_of_edges
+from vsgdesign.simulation.units.crossing import cross, switched
 from vsgdesign.simulation.units.noise import put_sensors, with_noise
 from vsgdesign.simulation.units.program import PlantProgram
 from vsgdesign.simulation.units.start import StartOfPlant
@@ -152,16 +152,13 @@ class _Run:
         self.given = tuple(map(UnitGains, schedules))
         memories = [one.memory for one in self.given]
         kinds = tuple(_kind(one, memory is not None) for one, memory in zip(timeline.units, memories, strict=True))
-        sampling, gaps, degree = tuple(one.units for one in self.clock.instants), (), 0
+        sampling = tuple(one.units for one in self.clock.instants)
         self.per_period = len(sampling)
-        if study.simulation.bridge == "pwm" and timeline.units:
-            gaps, degree = gaps_of_plant(timeline, self.clock), degree_of_edges(timeline, self.wiring, self.clock)
-            sampling *= len(gaps) // self.per_period
         turns = 1 if self.clock.equal_gaps else len(sampling)
         others = tuple(OtherKind(one.kind, one.delay_samples > 0) for one in timeline.plant.inverters)
         self.common = timeline.plant.common_estimate and all(memory is not None for memory in memories)
         added = adds(timeline)
-        switched = (
+        moved = (
             any(one.dc is not None for one in kinds) and len({one.topology.connected for one in timeline.segments}) > 1
         )
         self.kind = PlantKind(
@@ -173,10 +170,10 @@ class _Run:
             others=others,
             added=added,
             common=self.common,
-            switched=switched and not added,
-            gaps=gaps,
-            degree=degree,
+            switched=moved and not added,
         )
+        if study.simulation.bridge == "pwm" and timeline.units:
+            self.kind = switched(self.kind, [(timeline, self.wiring)], self.clock)
         spec = spec_of_plant(self.kind)
         self.loop, self.rows, self.spans = compiled_loop(spec), empty_rows(spec, 1), spans_of(spec.rows)
         self.uniform = uniform_of(timeline, kinds, memories, spec.uniform)
@@ -267,7 +264,7 @@ class _Run:
         cuts |= {one for one in self.program.cut if one < end}
         marks, seconds, divergence = sorted(cuts), 0.0, None
         cycle = np.array(body_numbers(self.kind), dtype=np.int64) if len(self.loop.spec.bodies) > 1 else None
-        cyclic = np.array([[number for one in some for number in one.part] for some in self.kind.gaps])
+        cyclic = cyclic_values(self.kind) if self.kind.gaps else None
         for begin, after in itertools.pairwise(marks):
             for unit, change in changes.get(begin, ()):
                 self._change(unit, change)

@@ -204,10 +204,9 @@ def _faults_of_plant(study: Study, spec: ControllerSpec | None, asked: Asked) ->
                 faults.append(Fault(f"verification.{name}", "", "the study has no plant", "Leave it out."))
         return faults
     as_unit(study, "vsgdesign verify")
-    if asked.bridge == "pwm":
-        faults.append(
-            Fault("bridge", "pwm", "random cases of a plant have averaged bridges", "Leave it out; simulate has them.")
-        )
+    if asked.bridge == "pwm" and any(unit.dc is not None for unit in plant.units):
+        problem = "a dc link that moves has an averaged bridge in a plant"
+        faults.append(Fault("bridge", "pwm", problem, "Take [dc] out, or leave --bridge pwm out."))
     if spec is not None and spec.kind == "scheduled" and samples_itself(spec.estimate):
         advice = 'Give estimate = "truth" with [controllers.knowledge]; vsgdesign simulate runs it as it is.'
         problem = "random cases of a plant are told their grid, late and with errors"
