@@ -165,6 +165,7 @@ def plant_page(
         of_margins = [Heading("Margins over the grids"), *([] if apart is None else [apart]), *tables]
     blocks: list[Block] = [
         words(f"Parameters: {study.source}" if study.source else "", style=SOURCE),
+        words(_simulated(study), style=SOURCE),
         Box((words(headline(result), style=HEADLINE), words(*answers(result))), anchor="answer"),
         *([] if network is None else [network]),
         Heading("Powers and voltages"),
@@ -182,6 +183,14 @@ def plant_page(
 def units_of(study: Study) -> tuple[str, ...]:
     """Names of the units of a study's plant."""
     return () if study.plant is None else tuple(one.name for one in study.plant.units)
+
+
+def _simulated(study: Study) -> str:
+    """How long and with which bridges."""
+    bridges = "averaged bridges"
+    if study.simulation.bridge == "pwm":
+        bridges = "switched bridges (PWM) of the units, each with a carrier of its own"
+    return f"{plain(study.simulation.duration)} s of electromagnetic-transient simulation with {bridges}."
 
 
 def headline(result: PlantResult) -> str:
