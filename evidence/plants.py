@@ -10,7 +10,7 @@ from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.units import plant_timeline, simulate_plant
 from vsgdesign.study.parameters import study_from_text
 
-UNITS, REPEATS, DURATION_S = (1, 4, 9), 5, 20.0
+UNITS, REPEATS, DURATION_S = (1, 4, 9), 4, 20.0
 
 STUDY = """
 base = "case:lab_12kva_lcl"
@@ -19,6 +19,7 @@ scr = 6
 x_over_r = 4
 [simulation]
 duration = {duration}
+bridge = "{bridge}"
 P_ref = "6 kW"
 Q_ref = "0 var"
 [[controllers]]
@@ -32,9 +33,9 @@ sampling = "{sampling}"
 """
 
 
-def cost(units: int, sampling: str) -> float:
+def cost(units: int, sampling: str, bridge: str) -> float:
     """How many times faster than real time a run is: processor time, the best of several runs."""
-    study = study_from_text(STUDY.format(duration=DURATION_S, units=units, sampling=sampling))
+    study = study_from_text(STUDY.format(duration=DURATION_S, units=units, sampling=sampling, bridge=bridge))
     timeline = plant_timeline(study)
     spec = study.controllers[0]
     schedules = [gain_changes(own, spec, seen) for own, seen in zip(timeline.units, timeline.timelines, strict=True)]
@@ -51,8 +52,9 @@ def main(folder: Path) -> None:
     included."""
     rows, kept = [], []
     for units in UNITS:
-        times = [cost(units, sampling) for sampling in ("together", "spread")]
-        rows.append((str(units), *(f"{one:.0f} ×" for one in times)))
-        kept.append({"units": units, "together": times[0], "spread": times[1]})
-    head = ("units", "all sample together", "spread over the period")
+        ways = [(bridge, sampling) for bridge in ("averaged", "pwm") for sampling in ("together", "spread")]
+        times = {f"{bridge}, {sampling}": cost(units, sampling, bridge) for bridge, sampling in ways}
+        rows.append((str(units), *(f"{one:.0f} ×" for one in times.values())))
+        kept.append({"units": units} | times)
+    head = ("units", "all sample together", "spread over the period", "switched bridges, together", "switched, spread")
     leave(folder, "plants", kept, table(head, rows))
