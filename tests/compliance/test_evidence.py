@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vsgdesign.campaigns.compliance import evidence as module
 from vsgdesign.campaigns.compliance.evidence import (
     SIGNALS,
     Evidence,
@@ -49,6 +50,26 @@ def test_a_trace_comes_back_to_a_millionth(tmp_path: Path, name: str) -> None:
     # Outside of the time of an envelope there is none.
     assert np.isnan(found.limits[0].low[0])
     assert np.isnan(found.limits[0].low[-1])
+
+
+def test_numbers_are_read_as_python_reads_them() -> None:
+    rng = np.random.default_rng(8)
+    digits = rng.integers(0, 10**12, size=(400, 3)).tolist()
+    texts = [[f"{'-' * (k % 3 == 0)}{str(one)[: 1 + k % 5]}.{str(one)[3:][: 1 + k % 8] or 0}" for one in row]
+             for k, row in enumerate(digits)]  # fmt: skip
+    texts += [["nan", "-inf", "inf"], ["-0.0", "-nan", "0.5"]]
+    body = "".join(",".join(row) + "\n" for row in texts)
+    found = module._plain_numbers(body.encode(), 3)
+    assert found is not None
+    assert found.tobytes() == np.array([list(map(float, row)) for row in texts]).tobytes()
+
+
+@pytest.mark.parametrize(
+    "row", ["1.0,2", "1nan,2.0", "1.0,2e3", "1.0;2.0", "1.0,2.0,3.0", ".5,1.0", "--1.0,2.0", "1.,2.0"]
+)
+def test_another_text_is_left_to_the_usual_reader(row: str) -> None:
+    assert module._plain_numbers(f"1.0,2.0\n{row}\n".encode(), 2) is None
+    assert module._plain_numbers(b"1.0,2.0\n3.0,4.0", 2) is None
 
 
 def test_another_reader_reads_the_same_numbers(tmp_path: Path) -> None:
