@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import Program, StandingLoop, aligned_zeros
 from vsgdesign.codegen.records import numbers_of
+from vsgdesign.simulation.between_rows import BetweenRows
 from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.field_feed import probe_of, settings_of_study
 from vsgdesign.simulation.loop import ALONE, Build, carrier_values, fed_names, loop_of, spec_of
@@ -84,6 +85,8 @@ class Batch(Numbers):
         self.ring_length: Samples | None = None
         self.logs: tuple[Log, ...] = ()
         """In the order of time."""
+        self.between: BetweenRows | None = None
+        """Gets every sample that is logged."""
         self._cyclic, self._cycle = carrier_values(kind.bridge.slopes)
         self.others: dict[tuple[int, int], Array] = {}
         """What is added to the source over the later pieces of a cut interval, (pieces − 1, states), by run and sample.
@@ -187,7 +190,7 @@ class Batch(Numbers):
         other.rows = aligned_zeros(self.rows.shape)
         other.rows[:] = self.rows
         other.program = replace(self.program, done=self.program.done.copy())
-        other._standing = {}
+        other._standing, other.between = {}, None
         other.log()
         return other
 
@@ -278,6 +281,9 @@ class Batch(Numbers):
                 **given,
             )
         done = self._standing[key](begin, end, fed, groups)
+        if number >= 0 and self.between is not None:
+            log = self.logs[number]
+            self.between.take(begin, log.rows[:, begin - log.begin : begin + done - log.begin])
         if number >= 0 and (into := self.logs[number].into) is not None:
             first, last = -(-begin // into.every), -(-(begin + done) // into.every)
             log = self.logs[number]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.frames import SPACE_VECTOR_POWER
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.simulation.bridge_energy import EnergyOfAxis, averaged_energy, bridge_filter_of, energy_of, flux_of
+from vsgdesign.simulation.circuit_sample import PlantState
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.study.parameters.study import Study
 
@@ -34,37 +35,18 @@ def dc_energy_steps(log: Array, study: Study, *, bridge: str | None = None) -> A
             f"Use log_interval = {T_s:.9g}."
         )
     i_s, v_c, i_g = (np.ascontiguousarray(log[at : at + 2]) for at in (0, 2, 4))  # α and β
+    of = bridge_filter_of(study)
+    if (study.simulation.bridge if bridge is None else bridge) != "pwm":
+        before, after = (PlantState(*(one[part] for one in log[:6])) for part in (slice(-1), slice(1, None)))
+        energy: Array = averaged_energy(before, after, of)
+        return energy
+    # The current swings between its samples, and what the capacitor and the grid get of it does not.
     step_i, step_v = np.diff(i_s), np.diff(v_c)
-    # What flows into the capacitor says the slope of its voltage, and v_b − R_1 i_s − v that of the current, in whose
-    # difference between both ends v_b is not contained.
-    step_c = np.diff(i_s - i_g)
-    flux = _sums(v_c)
-    flux *= 0.5 * T_s
-    curved = T_s * T_s / 12.0 * step_c
-    curved *= 1.0 / f.C
-    flux -= curved
-    flux += f.R_c * f.C * step_v
-    if (study.simulation.bridge if bridge is None else bridge) == "pwm":
-        # The current swings between its samples, and what the capacitor and the grid get of it does not.
-        charge = f.C * step_v + T_s * _means(i_g)
-        middle = 0.5 * _sums(i_s)
-    else:
-        step_c *= f.R_c
-        step_c += step_v  # of the node's voltage
-        curved = f.R_1 * step_i
-        curved += step_c
-        curved *= T_s * T_s / 12.0
-        curved *= 1.0 / f.L_1
-        charge = _sums(i_s)
-        charge *= 0.5 * T_s
-        charge += curved
-        middle = charge * (1.0 / T_s)
-    flux += f.R_1 * charge
-    energy = _power(step_i, middle)
-    energy *= f.L_1
-    charge *= 1.0 / T_s
-    energy += _power(flux, charge)
-    return energy
+    charge = f.C * step_v + T_s * _means(i_g)
+    flux = flux_of(v_c[:, :-1], v_c[:, 1:], step_v, np.diff(i_s - i_g), of) + f.R_1 * charge
+    middle = 0.5 * (i_s[:, 1:] + i_s[:, :-1])
+    alpha, beta = (EnergyOfAxis(step_i[k], middle[k], flux[k], charge[k]) for k in (0, 1))
+    return energy_of(alpha, beta, of)
 
 
 def dc_power(simulation: Simulation, study: Study, *, bridge: str | None = None) -> Array:
@@ -76,23 +58,10 @@ def dc_power(simulation: Simulation, study: Study, *, bridge: str | None = None)
     return power
 
 
-def _sums(x: Array) -> Array:
-    """Of every two neighbouring samples."""
-    return x[:, 1:] + x[:, :-1]
-
-
 def _means(x: Array) -> Array:
     """Mean between every two samples, of the cubic through these and their neighbours."""
     if x.shape[1] < 4:
-        return 0.5 * _sums(x)
+        return 0.5 * (x[:, 1:] + x[:, :-1])
     before, after = 3.0 * (x[:, :1] - x[:, 1:2]) + x[:, 2:3], 3.0 * (x[:, -1:] - x[:, -2:-1]) + x[:, -3:-2]
     more = np.concatenate([before, x, after], axis=1)
     return (13.0 * (more[:, 1:-2] + more[:, 2:-1]) - more[:, :-3] - more[:, 3:]) * (1.0 / 24.0)
-
-
-def _power(v: Array, i: Array) -> Array:
-    """:func:`vsgdesign.equations.frames.instantaneous_power` without its second result, which takes as long."""
-    power = v[0] * i[0]
-    power += v[1] * i[1]
-    power *= SPACE_VECTOR_POWER
-    return power

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import sys
 import time
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from vsgdesign.execution.interrupts import interrupts_deferred
 from vsgdesign.identification import Probe
 from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch, Log
+from vsgdesign.simulation.between_rows import BetweenRows
 from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, start_of
 from vsgdesign.simulation.every_sample import BLOCK, EverySample, rings_of_taken
@@ -75,6 +77,9 @@ class Simulation:
     """The dc link in the rows of ``log``, with :func:`vsgdesign.simulation.dc_start.dc_columns`; None: it is ideal."""
     twins: tuple[Twin, ...] = ()
     """The run without a step beside it, for each step for which it was asked for."""
+    between: NDArray[np.float64] | None = None
+    """What rows say of the samples between them (:class:`vsgdesign.simulation.between_rows.Row`), where they were asked
+    for: those of samples 0, every, 2·every, …"""
 
     def to_its_end(self) -> Simulation:
         """The run itself. Raises SimulationDivergedError where it was broken off: for what cannot use a part of it."""
@@ -155,26 +160,39 @@ def simulated_together(asked: Sequence[RunOf]) -> Iterator[tuple[int, Simulation
             yield number, error
         else:
             groups.setdefault(number if run.goes_alone else run.like, []).append((number, run))
-    most = side_by_side(strict=True).lanes
+    most, rooms = side_by_side(strict=True).lanes, Rooms()
     for group in groups.values():
         group.sort(key=lambda one: one[1].samples)  # a run waits for the longest of its group
         while group:
             some, group[:] = group[:most], group[most:]
-            yield from _of_group(some)
+            yield from _of_group(some, rooms)
 
 
-def _of_group(group: list[tuple[int, RunState]]) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
+def _of_group(group: list[tuple[int, RunState]], rooms: Rooms) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
     try:
-        run_together([run for _, run in group], switched=False)
+        run_together([run for _, run in group], switched=False, rooms=rooms)
     except VsgDesignError as error:
         if len(group) == 1:
             yield group[0][0], error
             return
-        for number, run in group:  # one of them cannot begin
-            yield from _of_group([(number, RunState(run.of))])
+        lost = {number: fault for number, run in group if (fault := _fault_of_start(run)) is not None}
+        yield from lost.items()
+        rest = [(number, RunState(run.of)) for number, run in group if number not in lost]
+        for some in [rest] if lost else [[one] for one in rest]:  # where none is found, something else is in the way
+            if some:
+                yield from _of_group(some, rooms)
         return
     for number, run in group:
         yield number, _diverged(run) or simulation_of(run)
+
+
+def _fault_of_start(run: RunState) -> VsgDesignError | None:
+    """Why a run cannot begin; None: it can."""
+    try:
+        start_of(run.study, run.timeline, _circuits_of([run], switched=False), run.feed.first())
+    except VsgDesignError as error:
+        return error
+    return None
 
 
 def _diverged(run: RunState) -> SimulationDivergedError | None:
@@ -192,14 +210,16 @@ def check_run(
     program_of([run])
 
 
-def run_together(runs: Sequence[RunState], *, switched: bool, progress: Progress | None = None) -> None:
+def run_together(
+    runs: Sequence[RunState], *, switched: bool, progress: Progress | None = None, rooms: Rooms | None = None
+) -> None:
     """Takes runs of one kind to their ends, side by side: in groups of as many as a register holds, because the loop of
     a group ends where one of its runs has found an instant. More than one have no field estimators."""
     if len(runs) > (most := side_by_side(strict=True).lanes):
         for some in (runs[k : k + most] for k in range(0, len(runs), most)):
-            run_together(some, switched=switched, progress=progress)
+            run_together(some, switched=switched, progress=progress, rooms=rooms)
         return
-    batch = begin_together(runs, switched)
+    batch = begin_together(runs, switched, rooms)
     batch.follow(*program_of(runs))
     twins, begin = Twins(runs[0], batch), 0
     while begin >= 0:  # from the instants that are found on, the runs have other events
@@ -289,16 +309,43 @@ def simulation_of(run: RunState) -> Simulation:
         loop_seconds=run.loop_seconds,
         divergence=run.divergence,
         twins=run.twins,
+        between=run.between,
     )
 
 
-def begin_together(runs: Sequence[RunState], switched: bool) -> Batch:
+class Rooms:
+    """Memory for the logs of runs side by side, which those of later runs get where the former have been dropped: the
+    system fills new memory with zeros first, which takes longer than a run writes its log."""
+
+    def __init__(self) -> None:
+        self._rooms: list[Array] = []
+
+    def room(self, *shape: int) -> Array:
+        """An array of this shape with anything in it."""
+        size = math.prod(shape)
+        found = next((one for one in self._free() if one.size >= size), None)
+        if found is None:
+            self._rooms = [one for one in self._rooms if one.size >= size]
+            found = np.empty(size)
+            self._rooms.append(found)
+        return found[:size].reshape(shape)
+
+    def _free(self) -> Iterator[Array]:
+        """Those of which no array is a part that anything still has."""
+        for place in range(len(self._rooms)):
+            if sys.getrefcount(self._rooms[place]) == _OF_LIST:
+                yield self._rooms[place]
+
+
+_LISTED = [object()]
+_OF_LIST = sys.getrefcount(_LISTED[0])
+"""What the count is of an object that a list alone has."""
+
+
+def begin_together(runs: Sequence[RunState], switched: bool, rooms: Rooms | None = None) -> Batch:
     """The runs at their starts."""
     study, first = runs[0].study, runs[0]
-    timelines = [run.timeline for run in runs]
-    possible = [one for run in runs for one in run.search.possible(run.timeline)]
-    edged = kind_of(study, switched=switched).edged
-    circuits = Circuits(study, timelines, first.of.circuit, switched=edged, possible=possible)
+    circuits = _circuits_of(runs, switched=switched)
     memory = first.feed.memory
     sensors = study.sensors is not None and study.sensors.act
     seeks = tuple(dict.fromkeys(what for run in runs for what in run.search.seeks))
@@ -314,21 +361,31 @@ def begin_together(runs: Sequence[RunState], switched: bool) -> Batch:
     if seen is not None and taken:
         batch.rings, batch.ring_length = rings_of_taken(seen.per_mean)
     every = math.gcd(*(run.log_every for run in runs))
-    batch.log(*_logs(batch, samples, every, first.of))
+    batch.log(*_logs(batch, samples, every, first.of, rooms or Rooms()))
+    if first.of.rows is not None:
+        batch.between = BetweenRows(study, first.of.rows, samples, batch.build.lanes, batch.build.vectors)
     for number, run in enumerate(runs):
         gains = run.feed.first()
         run.begin(batch, number, start_of(run.study, run.timeline, circuits, gains), circuits)
     return batch
 
 
-def _logs(batch: Batch, samples: int, every: int, of: RunOf) -> list[Log]:
+def _circuits_of(runs: Sequence[RunState], *, switched: bool) -> Circuits:
+    """The circuits that runs meet, and may meet."""
+    study, timelines = runs[0].study, [run.timeline for run in runs]
+    possible = [one for run in runs for one in run.search.possible(run.timeline)]
+    edged = kind_of(study, switched=switched).edged
+    return Circuits(study, timelines, runs[0].of.circuit, switched=edged, possible=possible)
+
+
+def _logs(batch: Batch, samples: int, every: int, of: RunOf, rooms: Rooms) -> list[Log]:
     """The log of the runs, and before it that of their controllers' states at the first samples. Of a run of which
     every sample is given to something, it is filled from one that is written anew whenever it is full."""
     groups, _, width = batch.rows.shape
     names, states = log_names(batch.kind), min(of.log_states, samples)
     if len(batch) > 1:
         # Each column of each run in one piece: they are looked at one after the other.
-        columns = np.empty((groups, width, len(names), -(-samples // every)))
+        columns = rooms.room(groups, width, len(names), -(-samples // every))
         part = np.empty((groups, _PART, len(names), width))
         return [Log(part, names, every, into=Log(columns.transpose(0, 3, 2, 1), names, every), again=True)]
     main = Log(np.empty((groups, -(-samples // every), len(names), width)), names, every)

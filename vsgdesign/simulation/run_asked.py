@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
+from vsgdesign.simulation.between_rows import RowsAsked
 from vsgdesign.simulation.circuits import CircuitOfGrid
 from vsgdesign.simulation.every_sample import EverySample
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -43,6 +44,8 @@ class RunOf:
     finds none (:class:`vsgdesign.simulation.search.Search`)."""
     ends: Callable[[Study], float] | None = None
     """When the run may end, s, with the instants found so far; None: at the end of the study."""
+    rows: RowsAsked | None = None
+    """What rows of a log of every sample have to say of the samples between them; None: nothing."""
 
 
 @dataclass(frozen=True)

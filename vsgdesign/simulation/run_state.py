@@ -85,7 +85,8 @@ class RunState:
     def like(self) -> Hashable:
         """What runs of one converter and controller have in common that can go side by side."""
         adds = adds_to_source(self.timeline)
-        return self.search.seeks, states_of_timelines([self.timeline]), adds, self.kept, self.log_every
+        states = states_of_timelines([self.timeline])
+        return self.search.seeks, states, adds, self.kept, self.log_every, self.of.rows
 
     def begin(self, batch: Batch, number: int, start: SampledState, circuits: Circuits) -> None:
         """Puts the run, which is the ``number``-th of a batch, at its start."""
@@ -396,6 +397,12 @@ class RunState:
         self.search.give_up()
         self.study = self.search.study
         self.timeline = build_timeline(self.study)
+
+    @property
+    def between(self) -> Array | None:
+        """What the rows that were asked for say of the samples between them."""
+        taken = self._batch.between
+        return None if taken is None else taken.of(self._number)
 
     @property
     def final_state(self) -> ControllerState:

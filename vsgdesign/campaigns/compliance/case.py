@@ -20,6 +20,7 @@ from vsgdesign.simulation.lanes.telling import learns, told_controller
 from vsgdesign.simulation.reclosing import closings_of
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
+from vsgdesign.simulation.survival.scenario import KnownRests
 from vsgdesign.study.parameters.building import check_resonance
 from vsgdesign.study.parameters.converter import scope_of
 from vsgdesign.study.parameters.event import Event
@@ -66,6 +67,11 @@ class Subject:
         test = SuiteTest(id="", group="", title="", source=none, scr=10.0, x_over_r=10.0)
         document, origin = _document(self, test, f"{self.study.name}_case", ".", None)
         return study_from_document(document | {"events": [{"time": 0.01, "P_ref": 0.0}]}, origin)
+
+    @cached_property
+    def rests(self) -> KnownRests:
+        """Those to which its tests have led: many lead to the same one."""
+        return {}
 
     @property
     def limit_pu(self) -> float:

@@ -21,9 +21,10 @@ from vsgdesign.campaigns.compliance.matrix import Judged, judged_tests
 from vsgdesign.campaigns.compliance.suite import Suite, SuiteTest
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.jobs import Job
+from vsgdesign.execution.memory import keep_memory
 from vsgdesign.study.parameters.study import Study
 
-BLOCK = 48
+BLOCK = 144
 """Runs of a block where nothing is said: a second of work. Those of one controller go side by side."""
 
 RUNS = "tests"
@@ -133,6 +134,7 @@ def _rows(
     of_subject: dict[int, list[int]] = {}
     for place, (subject, _, _) in enumerate(asked):
         of_subject.setdefault(id(subject), []).append(place)
+    keep_memory()
     for places in of_subject.values():
         subject = asked[places[0]][0]
         for number, judged in judged_tests(subject, [asked[place][1:] for place in places]):

@@ -14,7 +14,7 @@ from vsgdesign.campaigns.compliance.case import Subject, test_as_run, test_close
 from vsgdesign.campaigns.compliance.measuring import Trace
 from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.equations.filters import capacitor_node_voltage
-from vsgdesign.equations.frames import clarke_inverse, rms_to_peak
+from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import CircuitError, InfeasibleStudyError, SimulationDivergedError, StudyError, VsgDesignError
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
@@ -22,8 +22,8 @@ from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loops import network_frequency_perturbation
 from vsgdesign.metrics.step_response import unwrapped
 from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
+from vsgdesign.simulation.between_rows import RowsAsked, between_rows, taken_of_log
 from vsgdesign.simulation.dc_start import dc_columns
-from vsgdesign.simulation.energy import dc_energy_steps
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulated, simulated_together
 from vsgdesign.simulation.run_asked import RunOf
@@ -118,7 +118,7 @@ def _test_run(
         spec=spec,
         simulation=simulation,
         trace=_trace(subject, study, simulation),
-        survival=judge_scenario(study, spec, subject.ready, simulation, own_rest=True),
+        survival=judge_scenario(study, spec, subject.ready, simulation, own_rest=True, rests=subject.rests),
         gains=before[-1],
     )
 
@@ -132,7 +132,8 @@ def run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | None
 def _run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | None) -> RunOf:
     spec = asked.controllers[0]
     feed = feed_of(asked, spec, build_timeline(asked), subject.ready)
-    return RunOf(asked, feed, finds=spec, ends=ends)
+    rows = rows_of_trace(asked, subject.row_samples, subject.lead_s)
+    return RunOf(asked, feed, finds=spec, ends=ends, rows=rows)
 
 
 def closed_test(subject: Subject, test: SuiteTest) -> SuiteTest:
@@ -156,14 +157,13 @@ def _without(study: Study, spec: ControllerSpec, test: SuiteTest, survival: Surv
 BEFORE_S = 0.1
 """A trace begins so long before its test, s; what an estimator learned earlier is left out."""
 
-_ROWS_COUNTED = 256
-"""After so many rows the energy of the dc link is counted from zero again: what a row has of it is not lost in a large
-sum."""
-
-_ROWS_AT_ONCE = 2 * _ROWS_COUNTED
-
 _SAME_INSTANT = 1e-6
 """Share of a sample by which a row may lie before an event and is still after it: times are rounded."""
+
+
+def rows_of_trace(study: Study, every: int, lead_s: float) -> RowsAsked:
+    """The rows of a trace, one for every ``every`` samples."""
+    return RowsAsked(max(round((lead_s - BEFORE_S) / study.converter.T_s) // every * every, 0), every)
 
 
 def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) -> Trace:
@@ -173,15 +173,16 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
     the share of limited samples are means over this time.
     """
     c, circuit = study.converter, study.circuit()
+    asked = rows_of_trace(study, every, lead_s)
     t = simulation.t_s - lead_s
-    first = max(round((lead_s - BEFORE_S) / c.T_s) // every * every, 0)
-    rows = np.arange(first, len(t), every)
+    rows = np.arange(asked.first, len(t), every)
     at = simulation.log[rows]
     node = [capacitor_node_voltage(at[:, k], at[:, 2 + k], at[:, 4 + k], circuit) for k in (0, 1)]
     V_pk = rms_to_peak(c.V_rated_rms)
     # One instant of rounding later: the row of an event belongs to the source after it.
     phase = simulation.timeline.source_phase(simulation.t_s[rows] + _SAME_INSTANT * c.T_s)
-    i_s, i_phase, P_dc = _between_rows(study, simulation, rows, every)
+    taken = taken_of_log(study, simulation.log, asked) if simulation.between is None else simulation.between
+    i_s, i_phase, P_dc = between_rows(study, simulation.log, taken, asked)
     counted = simulation.column("limited_samples")[rows]
     return Trace(
         t_s=np.round(t[rows], 9) + 0.0,
@@ -205,38 +206,6 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
 def _v_dc(study: Study, rows: Array) -> Array:
     """The voltage of the dc link in rows of its log, V."""
     return rows[:, dc_columns(study).index("v")]
-
-
-def _between_rows(
-    study: Study, simulation: Simulation, rows: NDArray[np.intp], every: int
-) -> tuple[Array, Array, Array]:
-    """Of the samples since the row before: the largest length of the converter current's vector and the largest phase
-    current (A peak), and the mean power of the dc link (W). The first row has its own sample, and the second one's
-    power. The samples are looked at part by part, as a part stays in the processor's memory.
-    """
-    length, phase, power = (np.empty(len(rows)) for _ in range(3))
-    for begin in range(0, max(len(rows) - 1, 1), _ROWS_AT_ONCE):
-        end = min(begin + _ROWS_AT_ONCE, len(rows) - 1)
-        columns = np.ascontiguousarray(simulation.log[rows[begin] : rows[end] + 1, :6].T)
-        alpha, beta = columns[:2]
-        squared = alpha * alpha + beta * beta
-        largest = functools.reduce(np.maximum, map(np.abs, clarke_inverse(alpha, beta)))
-        if begin == 0:
-            length[0], phase[0] = squared[0], largest[0]
-        length[begin + 1 : end + 1] = _largest(squared[1:], every)
-        phase[begin + 1 : end + 1] = _largest(largest[1:], every)
-        taken = dc_energy_steps(columns, study)
-        for first in range(begin, end, _ROWS_COUNTED):
-            last = min(first + _ROWS_COUNTED, end)
-            energy = np.cumsum(taken[(first - begin) * every : (last - begin) * every])[every - 1 :: every]
-            power[first + 1 : last + 1] = np.diff(energy, prepend=0.0) / (every * study.converter.T_s)
-    power[0] = power[1] if len(rows) > 1 else 0.0
-    return np.sqrt(length), phase, power
-
-
-def _largest(values: Array, every: int) -> Array:
-    """The largest of every so many values, in a third of the time of a reduction over a short axis."""
-    return functools.reduce(np.maximum, [values[k::every] for k in range(every)])
 
 
 def differential_rests(run: TestRun, lead_s: float) -> float | str:

@@ -10,6 +10,7 @@ import numpy as np
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.equations.power_loops import References
 from vsgdesign.metrics.survival import (
     LATCHED,
     NOT_AT_REST,
@@ -25,6 +26,7 @@ from vsgdesign.simulation.survival.demand import demand_of, held_fault, silent_s
 from vsgdesign.simulation.survival.running import Subject, own_rest_of, record_of, rest_on, with_protection
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.network import Load
 from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -44,9 +46,10 @@ def judge_scenario(
     bridge: str = "averaged",
     *,
     own_rest: bool = False,
+    rests: KnownRests | None = None,
 ) -> Survival:
     """:func:`judged_by_rest`, and whether the protection of the study trips (``[survival.protection]``)."""
-    verdict = judged_by_rest(study, spec, ready, simulation, bridge, own_rest=own_rest)
+    verdict = judged_by_rest(study, spec, ready, simulation, bridge, own_rest=own_rest, rests=rests)
     first_s = min(event.t_s for event in study.events if event.t_s > 0.0)
     return with_protection(verdict, study, simulation, first_s)
 
@@ -59,6 +62,7 @@ def judged_by_rest(
     bridge: str = "averaged",
     *,
     own_rest: bool = False,
+    rests: KnownRests | None = None,
 ) -> Survival:
     """The verdict on a run of a study whose events are one disturbance, as :func:`trace_case` gives it for a case.
 
@@ -67,7 +71,7 @@ def judged_by_rest(
     of its own, the means of its last cycles, and behind an open breaker within ISLAND_F and the voltage limits of the
     converter. ``own_rest`` asks the same of a run after whose events there is no rest within the current limit, and
     that it does there what its current allows (:func:`held_fault`). It judges a run that began with little room below
-    the limit, too.
+    the limit, too. ``rests``: those of this controller that are known, which gets the one of this run.
     """
     c, timeline = study.converter, simulation.timeline
     end_s, limit_pu = study.simulation.duration, c.current_limit_pu
@@ -82,7 +86,7 @@ def judged_by_rest(
         silent_s=silent_s_of(spec),
         cycle_s=None if alone else 2.0 * math.pi / timeline.source_at(end_s).omega,
     )
-    found = rests_of_scenario(subject, study, timeline, (end_s,) if own_rest else (0.0, end_s))
+    found = rests_of_scenario(subject, study, timeline, (end_s,) if own_rest else (0.0, end_s), rests)
     record = _while_connected(record_of(study, simulation), timeline)
     refused: list[tuple[str, str] | None] = [None if rest is None else subject.refused(rest) for rest in found]
     if refused[0] is not None and not own_rest:
@@ -109,15 +113,24 @@ def judged_by_rest(
     return judge_survival(record, instants, cleared_s, rest, demand)
 
 
+KnownRests = dict[tuple[Grid, Grid, GridSource, References, Load | None], ExpectedRest]
+"""Rests of one controller of one converter: by the grid that it is told, the true one, its source, the references and
+the load."""
+
+
 def rests_of_scenario(
-    subject: Subject, study: Study, timeline: Timeline, instants_s: tuple[float, ...]
+    subject: Subject,
+    study: Study,
+    timeline: Timeline,
+    instants_s: tuple[float, ...],
+    rests: KnownRests | None = None,
 ) -> tuple[ExpectedRest | None, ...]:
     """Where a converter rests at instants before and after the events of a study, with its current limit out of the
-    way; None where there is a fault or an open breaker."""
+    way; None where there is a fault or an open breaker. ``rests``: those that are known, which gets these."""
     knowledge = knowledge_of(subject.spec, timeline)
     told = None if knowledge is None else told_of(study, knowledge, timeline)
     found: list[ExpectedRest | None] = []
-    before = None
+    rests = {} if rests is None else rests
     for t_s in instants_s:
         source, grid, network = timeline.source_at(t_s), timeline.grid_at(t_s), timeline.network_at(t_s)
         if network.fault is not None or not network.connected:
@@ -126,8 +139,9 @@ def rests_of_scenario(
         known = grid if told is None else _known_at(told, t_s, subject.safe)
         at = GridSource(source.V_g_rms, source.omega)
         asked = known, grid, at, timeline.references_at(t_s), network.load
-        found.append(found[0] if asked == before else rest_on(subject, study, *asked))
-        before = asked
+        if asked not in rests:
+            rests[asked] = rest_on(subject, study, *asked)
+        found.append(rests[asked])
     return tuple(found)
 
 

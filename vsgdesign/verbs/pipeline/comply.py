@@ -87,6 +87,7 @@ def comply_study(
     from vsgdesign.execution.executors import executor_of
     from vsgdesign.execution.jobs import submitted, workers_needed
     from vsgdesign.execution.journal import journal_of, run_job
+    from vsgdesign.execution.memory import give_memory_back
 
     begin = time.perf_counter()
     suites = suites_of(asked.suites)
@@ -108,6 +109,7 @@ def comply_study(
         job = replace(job, folder=str(journal.files))
         ready_s = time.perf_counter() - begin
         with executor_of(workers if len(job.blocks) > 2 else 1, cluster) as executor:  # others take a second to begin
+            held.callback(give_memory_back)
             run_job(job, journal, executor=executor, progress=progress)
             run_s = time.perf_counter() - begin - ready_s
             document = _document(job, journal.whole, asked)
