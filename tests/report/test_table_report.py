@@ -24,8 +24,8 @@ from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.panels import surface_scale
 from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.maps import varies
+from vsgdesign.report.gain_table.overview import stiffness
 from vsgdesign.report.gain_table.page import margins_table, table_figures, table_page, verdict_of
-from vsgdesign.report.gain_table.stiffness import stiffness
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.verbs.pipeline.table import report_table
 

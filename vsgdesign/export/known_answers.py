@@ -16,7 +16,6 @@ import numpy as np
 from vsgdesign.equations.controller import (
     ControllerOutput,
     ControllerSettings,
-    ControllerState,
     Measurement,
     controller_step,
 )
@@ -39,7 +38,7 @@ from vsgdesign.identification.field_network import FieldNetwork
 from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup
-from vsgdesign.runtime.power_controller import PowerController
+from vsgdesign.runtime.power_controller import PowerController, state_at_set_points
 from vsgdesign.runtime.scheduler import SAID, Scheduler
 from vsgdesign.runtime.updating import advance, first_state, given_input, told_state
 
@@ -243,11 +242,8 @@ def known_steps(lookup: GainLookup, settings: SchedulerSettings, limiter: Limite
     gains = _single(K), _single(K._replace(K_ip=40.0 / S, k_P=5.0 / S, D_q=3.0 * S / lookup.V_n_rms))
     grid, omega_i = _single(GridEstimate(R_g, L_g)), frequency_at_rest(refs, gains[0])
     view = LimiterView(**dict.fromkeys(LimiterView._fields, 0.0) | {"V": refs.V_n, "omega_i": omega_i})
-    state = ControllerState(
-        theta=0.0, omega_i=omega_i, V=refs.V_n, P_f=refs.P_ref, Q_f=refs.Q_ref, xi_vd=0.0,
-        xi_vq=0.0, xi_id=0.0, xi_iq=0.0, mean_P=refs.P_ref, mean_Q=refs.Q_ref,
-        limiter=limiter.at_rest(view, refs.omega_0, constants),
-    )  # fmt: skip
+    memory = limiter.at_rest(view, refs.omega_0, constants)
+    state = state_at_set_points(refs, gains[0])._replace(limiter=memory)
     rng, measured, outputs = np.random.default_rng(20), [], []
     for k in range(_STEPS):
         if k == _STEPS // 2:

@@ -8,10 +8,11 @@ from vsgdesign.codegen.described import DescribedNumber, described_numbers
 from vsgdesign.equations.controller import ControllerOutput, ControllerSettings, ControllerState, Measurement
 from vsgdesign.equations.field import FieldAnswer, FieldSettings, FieldTrack, LockIn, first_lock_in, first_track
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.scheduler_data import SchedulerInput, SchedulerLimits, SchedulerState
 from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.export.field import ConverterConstants
+from vsgdesign.runtime.power_controller import state_at_set_points
 from vsgdesign.runtime.scheduler import Scheduler
 from vsgdesign.runtime.updating import first_state
 
@@ -24,26 +25,13 @@ def converter_numbers(scheduler: Scheduler, converter: ConverterConstants) -> di
     """
     refs, settings, field = converter.references, converter.controller_settings, converter.field_settings
     first = first_state(scheduler.lookup, scheduler.settings)
-    begins = ControllerState(
-        theta=0.0,
-        omega_i=frequency_at_rest(refs, first.gains),
-        V=refs.V_n,
-        P_f=refs.P_ref,
-        Q_f=refs.Q_ref,
-        xi_vd=0.0,
-        xi_vq=0.0,
-        xi_id=0.0,
-        xi_iq=0.0,
-        mean_P=refs.P_ref,
-        mean_Q=refs.Q_ref,
-    )
     records: tuple[tuple[Any, Any], ...] = (
         (Measurement, None),
         (References, refs),
         (PowerLoopGains, first.gains),
         (InnerLoopGains, converter.inner_gains),
         (ControllerSettings, settings),
-        (ControllerState, begins),
+        (ControllerState, state_at_set_points(refs, first.gains)),
         (ControllerOutput, None),
         (GridWatch, GridWatch(0.0, 0.0, refs.omega_0)),
         (SchedulerLimits, scheduler.settings.limits),

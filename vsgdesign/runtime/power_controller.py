@@ -39,6 +39,24 @@ from vsgdesign.equations.power_loops import (
 from vsgdesign.errors import ArtifactError
 
 
+def state_at_set_points(refs: References, gains: PowerLoopGains) -> ControllerState:
+    """The state with which a converter begins: at rest at its set points, with the integrators of its inner loops at
+    zero."""
+    return ControllerState(
+        theta=0.0,
+        omega_i=frequency_at_rest(refs, gains),
+        V=refs.V_n,
+        P_f=refs.P_ref,
+        Q_f=refs.Q_ref,
+        xi_vd=0.0,
+        xi_vq=0.0,
+        xi_id=0.0,
+        xi_iq=0.0,
+        mean_P=refs.P_ref,
+        mean_Q=refs.Q_ref,
+    )
+
+
 class PowerController:
     """Power filters and power loops of any structure (:eq:`controller-step`, :eq:`power-loop-law`).
 
@@ -73,19 +91,7 @@ class PowerController:
             notch_back=before.back,
             **unused,
         )
-        self._state = ControllerState(
-            theta=0.0,
-            omega_i=frequency_at_rest(refs, gains),
-            V=refs.V_n,
-            P_f=refs.P_ref,
-            Q_f=refs.Q_ref,
-            xi_vd=0.0,
-            xi_vq=0.0,
-            xi_id=0.0,
-            xi_iq=0.0,
-            mean_P=refs.P_ref,
-            mean_Q=refs.Q_ref,
-        )
+        self._state = state_at_set_points(refs, gains)
 
     def step(self, P: float, Q: float) -> tuple[float, float, float]:
         """Takes one sample of P (W) and Q (var) and returns ω (rad/s), V (V rms) and θ (rad) of this sample.

@@ -30,9 +30,18 @@ from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.guards import SchedulerSettings, searching_settings, settings_of, window_settings
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
-from vsgdesign.runtime.state import state_document, state_of
 from vsgdesign.runtime.table import table_schedule
-from vsgdesign.runtime.updating import Answer, Covariance, advance, first_state, given_input, start_state, told_state
+from vsgdesign.runtime.updating import (
+    Answer,
+    Covariance,
+    advance,
+    first_state,
+    given_input,
+    start_state,
+    state_document,
+    state_of,
+    told_state,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -283,6 +283,3 @@ def _powers(system: System, region: Region, low: Array, high: Array) -> tuple[li
         ]
         found.append([max(min(every) - 1e-9, -most), min(max(every) + 1e-9, most)])
     return found[0], found[1]
-
-
-__all__ = ["Part", "Pieces", "pieces_of", "whole"]

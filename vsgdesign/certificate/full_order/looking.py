@@ -229,6 +229,3 @@ def to_cut(part: Part, score: Array) -> NDArray[np.intp]:
     none = np.zeros((len(half), 1))
     chosen = np.where(finite, score, np.hstack([width, none])) * _WEIGHT
     return np.argmax(np.where(np.hstack([half, none + 1.0]) > 0.0, chosen, -1.0), axis=1)
-
-
-__all__ = ["ARC", "EMPTY", "PROVED", "UNDECIDED", "CellGroup", "HighSizes", "Looks", "high_sizes", "look_at", "to_cut"]

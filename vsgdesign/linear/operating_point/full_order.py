@@ -383,23 +383,3 @@ def parameter_sensitivities(model: FullOrderModel, cell: int, parameters: Sequen
     count, n = len(columns), len(z)
     every = _over(model.map.directional, count)(np.tile(z[:, None], count), np.tile(p[:, None], count), dz, dp)
     return every.full().reshape(n, count, n).transpose(1, 0, 2)
-
-
-__all__ = [
-    "Cell",
-    "FullOrderModel",
-    "SteadyCells",
-    "controller_of",
-    "linearise_full_order",
-    "link_at_rest",
-    "link_in_model",
-    "pack",
-    "parameter_sensitivities",
-    "parameter_sensitivity",
-    "parameter_values",
-    "parameters_of",
-    "sample_matrices",
-    "slowest_decay",
-    "steady_cells",
-    "watched_at",
-]

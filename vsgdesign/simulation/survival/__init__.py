@@ -6,11 +6,17 @@ from vsgdesign.simulation.survival.cases import (
     GridState,
     SurvivalCase,
 )
-from vsgdesign.simulation.survival.clearing import ClearingTimes, Verdicts, critical_clearing_times
 from vsgdesign.simulation.survival.demand import field_cases
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
 from vsgdesign.simulation.survival.sets import dc_set, fixed_set, plant_set, random_set
-from vsgdesign.simulation.survival.summary import SurvivalFigures, by_group, figures_of
+from vsgdesign.simulation.survival.summary import (
+    ClearingTimes,
+    SurvivalFigures,
+    Verdicts,
+    by_group,
+    critical_clearing_times,
+    figures_of,
+)
 
 __all__ = [
     "FOR_EVER",

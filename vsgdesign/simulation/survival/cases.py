@@ -187,13 +187,3 @@ def _faults(case: SurvivalCase) -> Any:
         yield f"silent_s = {case.knowledge.silent_s}: must not be negative."
     if not case.knowledge.magnitude > 0.0:
         yield f"magnitude = {case.knowledge.magnitude}: must be positive."
-
-
-__all__ = [
-    "FOR_EVER",
-    "LEAD_S",
-    "LEARNING_S",
-    "GridKnowledge",
-    "GridState",
-    "SurvivalCase",
-]

@@ -300,6 +300,3 @@ def _of(rows: Rows, name: str, bases: tuple[str, ...], scale: float) -> float:
         return math.nan
     value = amount.value * (_SECONDS_AN_HOUR if amount.base == "Wh" else 1.0)
     return rows.within(name, value, {"Wh": "J", "VA": "W"}.get(amount.base, amount.base), scale)
-
-
-__all__ = ["DcSheet", "read_dc_side"]
