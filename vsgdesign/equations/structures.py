@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from vsgdesign.equations.placing import OVERSHOOT_PCT, closed_form_poles
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.errors import UnknownNameError
+from vsgdesign.equations.registry import Registry
 
 
 class NormalisedGains(NamedTuple):
@@ -290,44 +290,10 @@ class Structure:
         return self.droops(D_p, D_q)
 
 
-class Structures(Mapping[str, Structure]):
-    """Structures by name. Reading an unknown name raises UnknownNameError. Only :meth:`register` adds a structure."""
+class Structures(Registry[Structure]):
+    """Structures by name, known to studies, tables, designs and exports."""
 
-    def __init__(self, structures: Iterable[Structure]) -> None:
-        self._by_name = {structure.name: structure for structure in structures}
-        self._first = tuple(self._by_name.values())
-
-    def __getitem__(self, name: str) -> Structure:
-        if name not in self._by_name:
-            raise UnknownNameError("structure", name, self._by_name)
-        return self._by_name[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._by_name)
-
-    def __len__(self) -> int:
-        return len(self._by_name)
-
-    @property
-    def added(self) -> tuple[Structure, ...]:
-        """The structures that were registered later. Another process has to be told of these."""
-        return tuple(structure for structure in self.values() if structure not in self._first)
-
-    def register(self, structure: Structure) -> Callable[[], None]:
-        """Makes a structure known to studies, tables, designs and exports. Returns a function that removes it again.
-
-        Raises ValueError if another structure has its name.
-        """
-        if self._by_name.get(structure.name, structure) != structure:
-            raise ValueError(
-                f"structure: {structure.name!r} is already the name of another structure. Choose another name."
-            )
-        self._by_name[structure.name] = structure
-
-        def forget() -> None:
-            self._by_name.pop(structure.name, None)
-
-        return forget
+    what = "structure"
 
 
 PUBLISHED = Structure(

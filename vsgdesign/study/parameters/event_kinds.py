@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.equations.power_loops import References
-from vsgdesign.errors import UnknownNameError
+from vsgdesign.equations.registry import Registry
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.fields import F_N, MOST_REFERENCE, V_MAX, V_MIN, Field, Limit
 
@@ -150,22 +150,11 @@ class EventKind:
         return self.of_suite.of_study(value, converter) if event.per_unit else value / self.one(converter)
 
 
-class EventKinds(Mapping[str, EventKind]):
-    """Kinds of events by the names of their fields in a study. Only :meth:`register` adds one."""
+class EventKinds(Registry[EventKind]):
+    """Kinds of events by the names of their fields in a study. Other processes do not know one that is registered: give
+    a verification of it one worker."""
 
-    def __init__(self, kinds: Iterable[EventKind]) -> None:
-        self._by_name = {kind.name: kind for kind in kinds}
-
-    def __getitem__(self, name: str) -> EventKind:
-        if name not in self._by_name:
-            raise UnknownNameError("kind of event", name, self._by_name)
-        return self._by_name[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._by_name)
-
-    def __len__(self) -> int:
-        return len(self._by_name)
+    what = "kind of event"
 
     @property
     def steps(self) -> dict[str, tuple[EventKind, StepOfKind]]:
@@ -176,21 +165,6 @@ class EventKinds(Mapping[str, EventKind]):
     def explored(self) -> dict[str, tuple[EventKind, StepOfKind]]:
         """Those among them that the explorer has, whose dc link is ideal."""
         return {name: pair for name, pair in self.steps.items() if not pair[0].of_dc}
-
-    def register(self, kind: EventKind) -> Callable[[], None]:
-        """Makes a kind known to everything that reads or runs events in this process.
-
-        Returns a function that removes it again. Other processes do not know it: give a verification of it one worker.
-        Raises ValueError if another kind has its name.
-        """
-        if self._by_name.get(kind.name, kind) != kind:
-            raise ValueError(f"kind of event: {kind.name!r} is already the name of another kind. Choose another name.")
-        self._by_name[kind.name] = kind
-
-        def forget() -> None:
-            self._by_name.pop(kind.name, None)
-
-        return forget
 
 
 def _f_n(converter: Converter) -> float:

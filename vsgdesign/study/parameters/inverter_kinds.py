@@ -7,14 +7,14 @@ The loop, the power flow and the full-order model of a plant read this object an
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vsgdesign.equations.grid_following import FollowingSettings, FollowingState, SetPoints, follow_sample
-from vsgdesign.errors import UnknownNameError
+from vsgdesign.equations.registry import Registry
 from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.fields import number, word
 
@@ -88,34 +88,10 @@ class InverterKind:
         return Droop(*asked) if self.flow is None else self.flow(asked, omega, settings)
 
 
-class InverterKinds(Mapping[str, InverterKind]):
-    """Kinds by their names. Only :meth:`register` adds one."""
+class InverterKinds(Registry[InverterKind]):
+    """Kinds of inverters by their names, known to everything that reads or runs plants."""
 
-    def __init__(self, kinds: Iterable[InverterKind]) -> None:
-        self._by_name = {kind.name: kind for kind in kinds}
-
-    def __getitem__(self, name: str) -> InverterKind:
-        if name not in self._by_name:
-            raise UnknownNameError("kind of inverter", name, self._by_name)
-        return self._by_name[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._by_name)
-
-    def __len__(self) -> int:
-        return len(self._by_name)
-
-    def register(self, kind: InverterKind) -> Callable[[], None]:
-        """Makes a kind known to everything that reads or runs plants in this process. Returns a function that removes
-        it again. Raises ValueError if another kind has its name."""
-        if self._by_name.get(kind.name, kind) != kind:
-            raise ValueError(f"kind of inverter: {kind.name!r} is already the name of another kind. Choose another.")
-        self._by_name[kind.name] = kind
-
-        def forget() -> None:
-            self._by_name.pop(kind.name, None)
-
-        return forget
+    what = "kind of inverter"
 
 
 POWER, CURRENT = "power", "current"
