@@ -4,7 +4,7 @@ keeps them: data read from its document."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -150,8 +150,8 @@ def certificate_record(document: Any) -> CertificateRecord:
         reason=reader.text("reason"),
         places=_count_of(reader, "places"),
         move=_move(reader),
-        differential=_differential(reader),
-        steps=_steps(reader),
+        differential=_part(reader, "differential", certificate_record),
+        steps=_part(reader, "steps", step_statement),
         document=reader.document,
     )
     if reader.faults:
@@ -182,22 +182,14 @@ def _move(reader: _Reader) -> tuple[float, float] | None:
     return factor, dwell_s
 
 
-def _differential(reader: _Reader) -> CertificateRecord | None:
-    if reader.document.get("differential") is None:
+def _part(reader: _Reader, name: str, read: Callable[[dict[str, Any]], Any]) -> Any:
+    """A part with a reader of its own; None where there is none."""
+    if reader.document.get(name) is None:
         return None
     try:
-        return certificate_record(reader.document["differential"])
+        return read(reader.document[name])
     except ValueError as error:
-        return reader.fault("differential", str(error))
-
-
-def _steps(reader: _Reader) -> StepStatement | None:
-    if reader.document.get("steps") is None:
-        return None
-    try:
-        return step_statement(reader.document["steps"])
-    except ValueError as error:
-        return reader.fault("steps", str(error))
+        return reader.fault(name, str(error))
 
 
 class _Reader:

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 EXIT_IMPOSSIBLE = 1
 EXIT_WRONG_INPUT = 2
 
+FILE = click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
+STUDY_OF_TABLE = click.option(
+    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
+)
 STUDY = click.argument("study_file", metavar="STUDY.toml", type=click.Path())
 
 

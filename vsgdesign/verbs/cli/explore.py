@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.verbs.cli.common import Interrupted, load, progress, results_at, verb
+from vsgdesign.verbs.cli.common import FILE, STUDY_OF_TABLE, Interrupted, load, progress, results_at, verb
 
 if TYPE_CHECKING:
     from vsgdesign.report.explore.server import ExplorerServer, Opening
@@ -26,10 +26,8 @@ _LAST_WORDS_S = 1.0
 
 
 @click.command()
-@click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
-@click.option(
-    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
-)
+@FILE
+@STUDY_OF_TABLE
 @click.option(
     "--controller", default=None, metavar="NAME", help="The controller that has TABLE.json.  [default: the last one]"
 )

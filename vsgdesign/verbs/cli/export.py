@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from vsgdesign.errors import counted
-from vsgdesign.verbs.cli.common import JSON, echo_aside, load, print_json, progress, results_at, verb
+from vsgdesign.verbs.cli.common import (
+    FILE,
+    JSON,
+    STUDY_OF_TABLE,
+    echo_aside,
+    load,
+    print_json,
+    progress,
+    results_at,
+    verb,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,10 +26,6 @@ if TYPE_CHECKING:
     from vsgdesign.export import Exported, Unit
     from vsgdesign.study.parameters.study import Study
 
-FILE = click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
-STUDY_OF_TABLE = click.option(
-    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
-)
 CONTROLLER = click.option(
     "--controller", default=None, metavar="NAME", help="The controller of the study.  [default: the last one]"
 )

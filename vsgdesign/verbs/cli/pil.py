@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
-from vsgdesign.verbs.cli.common import JSON, Real, print_json, progress, results_at, verb
-from vsgdesign.verbs.cli.export import CONTROLLER, FILE, STUDY_OF_TABLE, unit_asked
+from vsgdesign.verbs.cli.common import FILE, JSON, STUDY_OF_TABLE, Real, print_json, progress, results_at, verb
+from vsgdesign.verbs.cli.export import CONTROLLER, unit_asked
 
 
 @click.command()

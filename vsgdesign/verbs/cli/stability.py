@@ -13,8 +13,10 @@ import click
 from vsgdesign.verbs.cli.common import (
     EXIT_IMPOSSIBLE,
     EXPLORER,
+    FILE,
     JSON,
     STUDY,
+    STUDY_OF_TABLE,
     Real,
     echo_aside,
     in_blocks,
@@ -131,10 +133,8 @@ def report(study_file: str, out: str | None, pdf: bool, explorer: bool, as_json:
 
 
 @click.command()
-@click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
-@click.option(
-    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
-)
+@FILE
+@STUDY_OF_TABLE
 @click.option(
     "--model",
     type=click.Choice(["reduced", "full"]),

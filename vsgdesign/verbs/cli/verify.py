@@ -8,7 +8,9 @@ import click
 
 from vsgdesign.verbs.cli.common import (
     EXPLORER,
+    FILE,
     JSON,
+    STUDY_OF_TABLE,
     Real,
     in_blocks,
     kept_words,
@@ -36,10 +38,8 @@ def _shard(_context: click.Context, _parameter: click.Parameter, text: str | Non
 
 
 @click.command()
-@click.argument("file", metavar="STUDY.toml|TABLE.json", type=click.Path())
-@click.option(
-    "--study", "study_file", default=None, metavar="STUDY.toml", help="The study with the converter of TABLE.json."
-)
+@FILE
+@STUDY_OF_TABLE
 @click.option("--controller", default=None, metavar="NAME", help="The controller to verify.  [default: the last one]")
 @click.option(
     "--runs", type=click.IntRange(1), default=None, metavar="N", help="Number of random cases.  [default: the study's]"
