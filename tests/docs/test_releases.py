@@ -10,7 +10,7 @@ from vsgdesign.artifacts.gain_table_file import TABLE_FILE
 from vsgdesign.campaigns.verification import blocks
 from vsgdesign.estimator import data_set
 from vsgdesign.export import c_code
-from vsgdesign.runtime import state
+from vsgdesign.runtime import updating
 from vsgdesign.study.parameters import building
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "releases.md"
@@ -22,7 +22,7 @@ READERS = {
     "designed inner loops": inner_loops_file.SCHEMA,
     "windows of an estimator": data_set.SCHEMA,
     "counts of `verify`": blocks.SCHEMA,
-    "state of a scheduler": state.SCHEMA,
+    "state of a scheduler": updating.SCHEMA,
     "manifest of exported C": c_code.SCHEMA,
 }
 
