@@ -55,7 +55,8 @@ def cycle_mean(y: Array, samples_per_cycle: int) -> Array:
     if samples_per_cycle <= 1:
         return y.copy()
     n = min(samples_per_cycle, y.shape[-1])
-    mean = np.subtract(y, y[..., :1], dtype=float)
+    # In memory that runs along the samples, wherever those of y lie.
+    mean = np.subtract(y, y[..., :1], dtype=float, order="C")
     total = np.cumsum(mean, axis=-1)
     np.divide(total[..., :n], np.arange(1, n + 1), out=mean[..., :n])
     np.subtract(total[..., n:], total[..., :-n], out=mean[..., n:])
