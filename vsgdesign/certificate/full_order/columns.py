@@ -34,11 +34,12 @@ class Columns:
     """The columns of a table by its cells."""
 
     def __init__(self, schedule: TableSchedule) -> None:
-        self.axes: tuple[Array, Array] = (schedule.scr, schedule.r_over_x)
+        # Copies, which can be written to: for others, and for slices with gaps, Numba compiles the functions once more.
+        self.axes: tuple[Array, Array] = (np.array(schedule.scr), np.array(schedule.r_over_x))
         x, y = (np.array([0.5 * (a + b) for a, b in pairwise(axis)]) if len(axis) > 1 else axis for axis in self.axes)
         at = [one.ravel() for one in np.meshgrid(x, y, indexing="ij")]
         cells = [bilinear(schedule, values, *at).reshape(_COEFFICIENTS, len(x), len(y)) for values in schedule.columns]
-        self._cells = np.ascontiguousarray(np.stack(cells))
+        self._cells = np.ascontiguousarray(np.moveaxis(np.stack(cells), 1, -1))
 
     def over(self, x: Array, y: Array) -> tuple[Array, Array]:
         """c_0 … c_3 of c_0 + c_1 x + c_2 y + c_3 xy for each column, one after another, (4 columns, N), and by how much
@@ -80,7 +81,7 @@ def _value(c: Any, x: float, y: float) -> float:
 def _column(cells: Any, axes: Any, x: float, y: float) -> float:
     """A column at a place; beyond an axis the edge is held."""
     x, y = min(max(x, axes[0][0]), axes[0][-1]), min(max(y, axes[1][0]), axes[1][-1])
-    return _value(cells[:, _cell(axes[0], x), _cell(axes[1], y)], x, y)
+    return _value(cells[_cell(axes[0], x), _cell(axes[1], y)], x, y)
 
 
 @_compiled

@@ -141,7 +141,9 @@ def _combine(
         for lane in range(_WIDTH):
             more = source[last, lane] + _ROUNDING * _size(source, count, lane)
             target[last, lane] += abs(scale[lane]) * more
-    own[:] = now
+    # One by one, here and below: for a slice, Numba also compiles the words in which it refuses slices that do not fit.
+    for k in range(count):
+        own[k] = now[k]
     for lane in range(_WIDTH):
         target[last, lane] *= _UP
     _measure(target, degree)
@@ -215,9 +217,10 @@ def _apply(
     pairs, squares = lists
     own, of_source = has
     now = np.zeros((3, len(degree)), dtype=np.bool_)
-    now[2] = of_source
-    now[:, 0] = True  # the deviation has a constant where the centre is not the operand's own
     count = len(degree)
+    for k in range(count):
+        now[2, k] = of_source[k]
+    now[:, 0] = True  # the deviation has a constant where the centre is not the operand's own
     last = count + ORDER
     deviation, other = scratch[0], scratch[1]
     terms, left = np.empty((ORDER + 1, _WIDTH)), np.empty(_WIDTH)
@@ -229,8 +232,8 @@ def _apply(
         target[last, lane] = _ROUNDING * abs(terms[ORDER, lane])
     for turn in range(ORDER):
         _multiply(other, target, deviation, (now[1], now[0], now[2]), degree, pairs)
-        now[0] = now[1]
-        now[0, 0] = True
+        for k in range(count):
+            now[0, k] = now[1, k] or k == 0
         for k in range(last + 1):
             for lane in range(_WIDTH):
                 target[k, lane] = other[k, lane]
@@ -238,7 +241,8 @@ def _apply(
             term = terms[ORDER - 1 - turn, lane]
             target[0, lane] += term
             target[last, lane] += _ROUNDING * (abs(term) + abs(target[0, lane]))
-    own[:] = now[0]
+    for k in range(count):
+        own[k] = now[0, k]
     for lane in range(_WIDTH):
         target[last, lane] = (target[last, lane] + left[lane]) * _UP
 

@@ -39,16 +39,15 @@ def _load_small(target: Any, lane: int, small: Any, imaginary: bool, d: int) -> 
         target[k, lane] = 0.0
     last = 1 + d + d * (d + 1) // 2
     w = d - 1
-    target[0, lane] = small[0].imag if imaginary else small[0].real
-    target[1, lane] = small[1].imag if imaginary else small[1].real
-    target[2, lane] = small[2].imag if imaginary else small[2].real
+    for k in range(3):
+        target[k, lane] = small[k].imag if imaginary else small[k].real
     target[1 + w, lane] = small[3].imag if imaginary else small[3].real
-    target[_square(d, 0, 0), lane] = small[4].imag if imaginary else small[4].real
-    target[_square(d, 0, 1), lane] = small[5].imag if imaginary else small[5].real
-    target[_square(d, 0, w), lane] = small[6].imag if imaginary else small[6].real
-    target[_square(d, 1, 1), lane] = small[7].imag if imaginary else small[7].real
-    target[_square(d, 1, w), lane] = small[8].imag if imaginary else small[8].real
-    target[_square(d, w, w), lane] = small[9].imag if imaginary else small[9].real
+    m = 4
+    for i in (0, 1, w):
+        for j in (0, 1, w):
+            if i <= j:
+                target[_square(d, i, j), lane] = small[m].imag if imaginary else small[m].real
+                m += 1
     target[last, lane] = small[10].real
 
 
@@ -106,12 +105,10 @@ def _load(registers: Any, limits_: Any, gains: Any, functions: Any, box: Any, ar
             registers[m, 0, lane] = 0.5 * (least + most)
             registers[m, 1 + axis, lane] = 0.5 * (most - least) * (1.0 + 1e-15) + 1e-16 * abs(least + most)
         sum_up(registers[m], d)
-    for m in range(inputs):
-        for lane in range(LANES):
-            _load_small(registers[2 + 2 * m], lane, functions[arc[lane], m], False, d)
-            _load_small(registers[3 + 2 * m], lane, functions[arc[lane], m], True, d)
-        sum_up(registers[2 + 2 * m], d)
-        sum_up(registers[3 + 2 * m], d)
+    for m in range(2 * inputs):
+        for lane in range(LANES):  # m % 2 == 1 in place of True: Numba would compile the function for it once more
+            _load_small(registers[2 + m], lane, functions[arc[lane], m // 2], m % 2 == 1, d)
+        sum_up(registers[2 + m], d)
     for m in range(gains.shape[1]):
         for lane in range(LANES):
             for k in range(rows(d)):
