@@ -14,7 +14,7 @@ from functools import cache
 from itertools import product
 from math import prod
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from website.staging import ROOT
 
@@ -67,6 +67,8 @@ class Block(NamedTuple):
     last: int
 
 
+Node = TypeVar("Node", bound=ast.AST)
+Loop = ast.For | ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 WHOLE = Block(0, 0, sys.maxsize)
 """A function."""
 
@@ -106,12 +108,22 @@ def tree_of(path: Path) -> ast.Module:
 
 
 @cache
+def nodes_of(path: Path, kind: type[Node]) -> tuple[Node, ...]:
+    """All nodes of one kind in a module."""
+    return tuple(node for node in _walked(path) if isinstance(node, kind))
+
+
+@cache
+def _walked(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(tree_of(path)))
+
+
+@cache
 def calls_of(path: Path) -> dict[str, list[ast.Call]]:
     """Every call in a module, by the name of what is called."""
     found: dict[str, list[ast.Call]] = {}
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Call):
-            found.setdefault(_name(node), []).append(node)
+    for node in nodes_of(path, ast.Call):
+        found.setdefault(_name(node), []).append(node)
     return found
 
 
@@ -183,8 +195,10 @@ def refusals(path: Path) -> Iterator[tuple[str, ...]]:
     """Field, problem and advice of every refusal in a module, in the order of its code."""
     if not re.search(r"(Fault|fault|Error|Parameter)\(", text_of(path)):
         return
-    functions = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef)]
-    for function in sorted(functions, key=lambda node: node.lineno):
+    lines = [call.lineno for call in nodes_of(path, ast.Call) if _refuses(call, path)]
+    for function in sorted(nodes_of(path, ast.FunctionDef), key=lambda node: node.lineno):
+        if not any(function.lineno <= line <= (function.end_lineno or 0) for line in lines):
+            continue
         said = (node for child in ast.iter_child_nodes(function) for node in _below(child))
         calls = [call for call in said if isinstance(call, ast.Call) and _refuses(call, path)]
         local: Local = {}
@@ -197,12 +211,12 @@ def refusals(path: Path) -> Iterator[tuple[str, ...]]:
 
 
 def _refuses(call: ast.Call, path: Path) -> bool:
-    return _name(call) in errors() | {"Fault", "fault"} or bool(_of_record(call, path))
+    return (name := _name(call)) in errors() or name in ("Fault", "fault") or bool(_of_record(call, path))
 
 
 def _of_record(call: ast.Call, path: Path) -> list[ast.Tuple]:
     """The tuples of a field, a problem and an advice with which a reader of records refuses one."""
-    if "RecordError" not in text_of(path) or _name(call) not in ("RecordError", "append"):
+    if _name(call) not in ("RecordError", "append") or "RecordError" not in text_of(path):
         return []
     return [one for one in call.args if isinstance(one, ast.Tuple) and len(one.elts) == 3]
 
@@ -219,11 +233,24 @@ def rounds(function: ast.FunctionDef, call: ast.Call, path: Path) -> list[Local]
     """What the names of the loops around a call go through, and what its own module passes to its function, where
     the code says it: what the names are in each round."""
     found: list[Local] = [{}]
-    for node in ast.walk(function):
-        loops = [node] if isinstance(node, ast.For) else getattr(node, "generators", [])
-        if loops and any(one is call for one in ast.walk(node)):
+    for node in loops_of(path):
+        if _inside(node, function) and _inside(call, node):
+            loops = [node] if isinstance(node, ast.For) else node.generators
             found = [{**one, **row} for one in found for loop in loops for row in _rows(loop, path)] or found
     return [{**one, **row} for one in found for row in _passed(function, path) or [{}]]
+
+
+@cache
+def loops_of(path: Path) -> tuple[Loop, ...]:
+    """All loops in a module, those in brackets included."""
+    return tuple(node for node in _walked(path) if isinstance(node, Loop))
+
+
+def _inside(node: ast.expr | ast.stmt, other: ast.expr | ast.stmt) -> bool:
+    """Whether a node stands in the text of another, or is this other."""
+    first, last = ((one.lineno, one.col_offset) for one in (other, node))
+    ends = [(one.end_lineno or 0, one.end_col_offset or 0) for one in (node, other)]
+    return first <= last and ends[0] <= ends[1]
 
 
 def _rows(loop: ast.For | ast.comprehension, path: Path) -> list[Local]:
