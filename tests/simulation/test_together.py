@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from tests.simulation.studies import GAINS
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError, VsgDesignError
-from vsgdesign.simulation import GainChange, build_timeline
+from vsgdesign.simulation import GainChange, build_timeline, run
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulated, simulated_together
 from vsgdesign.simulation.run_asked import RunOf
@@ -98,3 +99,20 @@ def test_one_that_cannot_begin_says_so_and_the_others_run() -> None:
     for one in (first, third):
         assert isinstance(one, Simulation)
         np.testing.assert_array_equal(one.log, alone.log)
+
+
+def test_long_runs_go_in_smaller_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their logs take no more memory than those of eight short ones."""
+    sizes, together = [], run.run_together
+
+    def seen(runs: list[RunState], **others: Any) -> None:
+        sizes.append(len(runs))
+        together(runs, **others)
+
+    monkeypatch.setattr(run, "run_together", seen)
+    monkeypatch.setattr(run, "_LOGGED_TOGETHER", 6000)
+    asked = [of(study_of(EVENTS["step"], duration)) for duration in (0.1, 0.1, 0.11, 0.2, 0.4)]
+    for one, beside in zip(asked, outcomes(asked), strict=True):
+        assert isinstance(beside, Simulation)
+        assert len(beside.t_s) == RunState(one).samples
+    assert sizes == [2, 1, 1, 1]  # 2000, 2200, 4000 and 8000 samples, of which 6000 fit

@@ -7,23 +7,24 @@ import functools
 import gc
 import sys
 
-_TRIM_THRESHOLD, _MMAP_MAX = -1, -4
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 """Names of mallopt in malloc.h of the GNU C library."""
-_USUAL_TRIM, _USUAL_MMAP_MAX = 128 * 1024, 65_536
-"""What the library has without a word."""
-_MOST = 2**31 - 1
+_USUAL = 128 * 1024
+"""Bytes, of both, that the library has without a word."""
+_LARGE, _MOST = 32 * 2**20, 2**31 - 1
+"""Arrays of so many bytes still get memory of their own: between smaller ones they would leave holes."""
 
 
 def keep_memory() -> None:
     """From now on large arrays get the memory of those that have been dropped.
 
-    Without it, the C library gives this memory back, and the system fills it with zeros before the next array has it:
-    for runs whose logs take 0.1 GB that is an eighth of all time. Objects that are there already are not searched for
-    circles of references any more. Only the GNU C library is told; elsewhere the first part does nothing.
+    Without it, the C library gives the memory of arrays of 0.1 to 32 MB back, and the system fills it with zeros before
+    the next one has it. Objects that are there already are not searched for circles of references any more. Only the
+    GNU C library is told; elsewhere the first part does nothing.
     """
     gc.freeze()
     if (library := _gnu()) is not None:
-        library.mallopt(_MMAP_MAX, 0)
+        library.mallopt(_MMAP_THRESHOLD, _LARGE)
         library.mallopt(_TRIM_THRESHOLD, _MOST)
 
 
@@ -31,8 +32,8 @@ def give_memory_back() -> None:
     """What :func:`keep_memory` has kept goes back, and all is as before."""
     gc.unfreeze()
     if (library := _gnu()) is not None:
-        library.mallopt(_MMAP_MAX, _USUAL_MMAP_MAX)
-        library.mallopt(_TRIM_THRESHOLD, _USUAL_TRIM)
+        library.mallopt(_MMAP_THRESHOLD, _USUAL)
+        library.mallopt(_TRIM_THRESHOLD, _USUAL)
         library.malloc_trim(0)
 
 

@@ -44,6 +44,9 @@ microseconds a sample, or 0.2 with sensors. The bits are the same."""
 _PART = 1024
 """So many rows of several runs are logged before the log is written anew: a part stays in the processor's memory."""
 
+_LOGGED_TOGETHER = 800_000
+"""So many samples at most do runs side by side log together: they take 0.1 GB."""
+
 _SPELL_STRETCHES, _SPELL_SAMPLES = 32, 4096
 """Stretches and samples for which an interrupt may wait."""
 
@@ -164,8 +167,14 @@ def simulated_together(asked: Sequence[RunOf]) -> Iterator[tuple[int, Simulation
     for group in groups.values():
         group.sort(key=lambda one: one[1].samples)  # a run waits for the longest of its group
         while group:
-            some, group[:] = group[:most], group[most:]
+            count = next(n for n in range(min(most, len(group)), 0, -1) if _fits([run for _, run in group[:n]]))
+            some, group[:] = group[:count], group[count:]
             yield from _of_group(some, rooms)
+
+
+def _fits(runs: Sequence[RunState]) -> bool:
+    """Whether the logs of runs side by side do not take too much memory."""
+    return len(runs) == 1 or len(runs) * max(run.samples for run in runs) <= _LOGGED_TOGETHER
 
 
 def _of_group(group: list[tuple[int, RunState]], rooms: Rooms) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
@@ -184,6 +193,8 @@ def _of_group(group: list[tuple[int, RunState]], rooms: Rooms) -> Iterator[tuple
         return
     for number, run in group:
         yield number, _diverged(run) or simulation_of(run)
+    for _, run in group:
+        run.let_go()
 
 
 def _fault_of_start(run: RunState) -> VsgDesignError | None:

@@ -44,8 +44,8 @@ Array = NDArray[np.float64]
 _gain_transfer, _relay_sees = on_floats(gain_transfer), on_floats(relay_sees)
 
 
-_MOST_SAMPLES = 100_000
-"""So many samples at most do runs have that go side by side: the logs of eight then take 0.1 GB."""
+_MOST_SAMPLES = 400_000
+"""So many samples at most does a run have that goes side by side with another one: their logs then take 0.1 GB."""
 
 
 class RunState:
@@ -397,6 +397,12 @@ class RunState:
         self.search.give_up()
         self.study = self.search.study
         self.timeline = build_timeline(self.study)
+
+    def let_go(self) -> None:
+        """Nothing looks at the run any more: the memory of its log is for others, whatever still refers to the run."""
+        self.feed.sensed = self.feed.more = None
+        self._batch.log()
+        del self.log
 
     @property
     def between(self) -> Array | None:
