@@ -30,7 +30,7 @@ class RunLog:
         self._sensed = len(SENSED_COLUMNS) if batch.kind.sensors else 0
         self._width = len(log_names(batch.kind))
         self._end_of_more = self._width - (0 if batch.kind.dc is None else len(batch.kind.dc.logged))
-        self._every, self.length = main.every, length
+        self._every, self.length, self._over = main.every, length, False
 
     @property
     def rows(self) -> Array:
@@ -74,12 +74,13 @@ class RunLog:
         """Before samples ``begin`` to ``end`` − 1 are run: a log that is too full for them is written anew."""
         log = self._batch.logs[-1]
         if self._seen is not None and end - log.begin > len(self._last) * log.every:
-            self._hand_over(begin)
+            if not self._over:  # a run that has diverged may be in a stretch with others
+                self._hand_over(begin)
             self._batch.log_anew(begin // log.every * log.every)
 
     def end(self, sample: int) -> None:
         """The log ends before a sample."""
-        self.length = min(self.length, -(-sample // self._every))
+        self.length, self._over = min(self.length, -(-sample // self._every)), True
         if self._seen is not None:
             self._hand_over(sample)
 
