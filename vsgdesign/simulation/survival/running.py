@@ -288,7 +288,9 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
 def _moved(study: Study, simulation: Simulation) -> tuple[Array | float, Array | float]:
     """By how much P (W) and Q (var) of the rest have moved with the charge, in each row."""
     end_s, timeline = float(simulation.t_s[-1]), simulation.timeline
-    rows = simulation.dc_log
+    rows, count = simulation.dc_log, len(simulation.t_s)
+    if rows is not None and len(rows) < count:  # the charge moves slowly: each of them counts up to the next one
+        rows = rows[np.arange(count) // -(-count // len(rows))]
     moved = None if rows is None else moved_rest(study, timeline.link_at(end_s), rows)
     if moved is None:
         return 0.0, 0.0
