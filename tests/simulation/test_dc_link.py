@@ -21,6 +21,7 @@ from vsgdesign.equations.dc_source_interface import DcRatings
 from vsgdesign.equations.dc_sources import DC_SOURCES
 from vsgdesign.equations.dc_sources.photovoltaic import array_curve
 from vsgdesign.errors import InfeasibleStudyError, StudyError
+from vsgdesign.linear.operating_point.many import DC_ENERGY
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.dc_start import dc_columns, dc_figures
 from vsgdesign.simulation.energy import dc_energy
@@ -304,18 +305,17 @@ def test_a_batch_has_the_links_of_single_runs(control: str, bridge: str, compens
 
 @pytest.mark.parametrize("family", ["dc_power", "dc_charge"])
 def test_a_batch_has_the_lost_sources_of_single_runs(family: str) -> None:
-    """The same verdicts; what is told beforehand of lost power is lost in a run."""
+    """The same verdicts; what is told of lost power and of lost energy is lost in a run."""
     study, spec = study_named("survival", "decoupled")
     stage = {"p_max": "4.5 kW", "p_charge_max": "4.5 kW", "energy": 20000}
     study = study.with_changes(dc={"source": "converter", "C": "3 mF", "converter": stage})
     cases = drawn(study, spec, family, 12)
-    status = lanes_run.run_lanes(study, spec, NOTHING, cases).status
-    blocks = []
+    results, blocks = lanes_run.run_lanes(study, spec, NOTHING, cases), []
     for k in range(len(cases)):
         run = run_one(study, spec, NOTHING, cases, k, "averaged")
         blocks.append(run.divergence is not None and run.divergence.blocked)
-    expected = [one != JUDGED for one in status] if family == "dc_power" else [one == BLOCKED for one in status]
-    assert blocks == expected
+    lost = (results.status == BLOCKED) | (results.fault == DC_ENERGY)
+    assert blocks == (results.status != JUDGED if family == "dc_power" else lost).tolist()
     assert 2 <= sum(blocks) <= 10
 
 

@@ -18,6 +18,7 @@ from vsgdesign.equations.dc_link import DcSettings, DcState, link_step
 from vsgdesign.equations.dc_sources import BATTERY
 from vsgdesign.equations.dc_sources.converter import UNLIMITED_J
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.simulation.dc_beyond import STIFF_S
 from vsgdesign.simulation.dc_parts import DcKind, dc_kind
 from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.feeds import feed_of
@@ -36,9 +37,6 @@ ROUNDS = 4
 
 _BLOCK = 16_384
 """Samples that are given to the loop at a time."""
-
-_STIFF = 1e4
-"""Energy of the capacitor of the run from which the power is taken, over that of the rating in a second."""
 
 MOST_SAMPLES = 4_000_000
 """Of that run: its log has every one of them."""
@@ -120,8 +118,8 @@ def profile_of(study: Study, spec: ControllerSpec, ready: Ready, link: DcLink) -
         raise InfeasibleStudyError(
             f"the run has {samples} samples, and a dc side is sized for at most {MOST_SAMPLES}. Shorten duration."
         )
-    stiff = Size(p_max=1e3 * c.S_rated, p_charge_max=1e3 * c.S_rated, C=2.0 * _STIFF * c.S_rated / c.V_dc**2)
-    wide = replace(link_with(study, link, stiff), V_low=1e-3 * c.V_dc, V_high=1e3 * c.V_dc)
+    large = Size(p_max=1e3 * c.S_rated, p_charge_max=1e3 * c.S_rated, C=2.0 * STIFF_S * c.S_rated / c.V_dc**2)
+    wide = replace(link_with(study, link, large), V_low=1e-3 * c.V_dc, V_high=1e3 * c.V_dc)
     own = every_sample(study.with_limit_of(spec), wide)
     run = simulate(own, feed_of(own, spec, build_timeline(own), ready), finds=spec)
     if run.divergence is not None or run.dc_log is None:

@@ -88,6 +88,14 @@ class SourceLimits(NamedTuple):
     high: Any
 
 
+class SourceLeft(NamedTuple):
+    """What a source could still do at an instant, J: zero where a limit of its current or its power holds it back, and
+    infinite where nothing does."""
+
+    give: Any
+    take: Any
+
+
 class DcSourceLaw(NamedTuple):
     """The functions of a source.
 
@@ -147,8 +155,9 @@ class DcSource:
     recharged: Callable[[Any, Any], Mapping[str, Any]] | None = None
     """What the memory has at a state of charge, by its fields; the second argument are the constants. None: the source
     has no charge."""
-    stored: Callable[[Any], Any] | None = None
-    """The energy of a full charge from the constants, J. None: the source has no charge."""
+    left: Callable[..., Any] | None = None
+    """``left(memory, v, p, constants)`` gives the :class:`SourceLeft` at the link's voltage v, V, with the power p that
+    the bridge took in the interval before, W. None: it is not known, so that a blocked bridge is never excused."""
 
     @property
     def records(self) -> tuple[Any, Any]:
@@ -216,6 +225,7 @@ __all__ = [
     "DcSourceLaw",
     "Decay",
     "Nothing",
+    "SourceLeft",
     "SourceLimits",
     "chosen_decay",
     "decay_of",

@@ -74,6 +74,8 @@ BLOCKS_AT = "the bridge blocks at {:.4g} s"
 
 def blocked(link: DcLink, lowest: float, highest: float) -> str | None:
     """Why the bridge blocks whose link was so low and so high, V; None: it does not."""
+    if not link.blocks:
+        return None
     if lowest < link.V_low:
         return f"the dc link fell below V_low = {link.V_low:.5g} V"
     if highest > link.V_high:
@@ -83,7 +85,7 @@ def blocked(link: DcLink, lowest: float, highest: float) -> str | None:
 
 def rows_before_block(study: Study, rows: Array) -> int:
     """How many rows of ``dc_log`` come before the bridge blocks."""
-    if study.dc is None:
+    if study.dc is None or not study.dc.blocks:
         return len(rows)
     names = dc_columns(study)
     low, high = (rows[:, names.index(name)] for name in ("lowest", "highest"))

@@ -82,6 +82,24 @@ def test_dc_links_side_by_side_and_one_after_the_other() -> None:
         assert one.peak_pu == (alone.peak_pu if alone.peak_pu is None else pytest.approx(alone.peak_pu, rel=1e-6))
 
 
+def test_units_whose_full_batteries_are_pushed_are_told_so() -> None:
+    """Without power at the start, a jump of the phase pushes back what no unit can take."""
+    found = load_study("studies/plant/study.toml")
+    c = found.converter
+    V, S = c.V_dc, c.S_rated
+    battery = {"R_i": 0.05 * V * V / S, "i_max": 1.5 * S / V, "capacity_Ah": S / V, "charge": 1.0}
+    dc = {"source": "battery", "C": 0.04 * S / V**2, "control": "power_clamp", "battery": battery}
+    dc["battery"] |= {"open_circuit": [(1.03 + 0.02 * k) * V for k in range(6)]}
+    found = found.with_changes(plant={"units": 2}, events=[], dc=dc)
+    study = replace(found, controllers=(replace(found.controllers[0], schedule="closed_form"),))
+    subject = subjects_of(study, Ready(), limiters=None)["table"]
+    some = [one for one in survival_cases(study, random=False) if one.largest_phase_deg == 60.0]
+    cases = [replace(one, start=replace(one.start, P_pu=0.02)) for one in some if one.start.P_pu == 0.5][:2]
+    first, second = sorted(verdicts_of(subject, cases), key=lambda one: one.status)
+    assert (first.status, second.status) == (NO_REST, SURVIVED)
+    assert str(first.reason).startswith("unit1: not possible, because the events move ")
+
+
 def test_the_loss_of_a_unit(subject: Subject) -> None:
     """What is asked of those that are left is asked at the rest of one; a plant of one has none to lose."""
     cases = [one for one in plant_set(fixed_set(), 2) if one.group == "loss of a unit"]

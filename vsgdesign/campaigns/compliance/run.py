@@ -21,12 +21,13 @@ from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, li
 from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loops import network_frequency_perturbation
 from vsgdesign.metrics.step_response import unwrapped
-from vsgdesign.metrics.survival import DIVERGED, NO_REST, NOT_AT_REST, Survival
+from vsgdesign.metrics.survival import BLOCKED, DIVERGED, NO_REST, NOT_AT_REST, Survival
 from vsgdesign.simulation.between_rows import RowsAsked, between_rows, taken_of_log
 from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulated, simulated_together
 from vsgdesign.simulation.run_asked import RunOf
+from vsgdesign.simulation.scenario.controllers import told_if_blocked
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.source import GridSource
@@ -111,6 +112,9 @@ def _test_run(
     except InfeasibleStudyError as error:
         return _without(asked, spec, test, Survival(status=NO_REST, reason=f"before the test: {error}"))
     simulation = outcome
+    survival = judge_scenario(study, spec, subject.ready, simulation, own_rest=True, rests=subject.rests)
+    if survival.status == BLOCKED and (told := told_if_blocked(study, spec, subject.ready, "averaged")) is not None:
+        survival = replace(survival, status=NO_REST, reason=told)
     before = [change.gains for change in simulation.gain_changes if change.t_s < subject.lead_s or change.t_s == 0.0]
     return TestRun(
         test=test,
@@ -118,7 +122,7 @@ def _test_run(
         spec=spec,
         simulation=simulation,
         trace=_trace(subject, study, simulation),
-        survival=judge_scenario(study, spec, subject.ready, simulation, own_rest=True, rests=subject.rests),
+        survival=survival,
         gains=before[-1],
     )
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.campaigns.survival.plants import plant_verdict, study_of_plant_case, worst_of_units
-from vsgdesign.linear.operating_point.many import DC_ENERGY, DC_ENERGY_IN_DOUBT, said_of
+from vsgdesign.linear.operating_point.many import DC_ENERGY
 from vsgdesign.metrics.survival import (
     FIRST_S,
     LATCHED,
@@ -24,6 +24,7 @@ from vsgdesign.metrics.survival import (
     why_lost,
 )
 from vsgdesign.runtime.of_study import follows_measured
+from vsgdesign.simulation.dc_beyond import said_of_energy
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, LaneEvents
 from vsgdesign.simulation.lanes.results import JUDGED, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.run import run_told
@@ -141,8 +142,8 @@ def _together(subject: Subject, cases: Sequence[SurvivalCase]) -> list[Survival 
 
 
 def _verdict(results: LaneResults, k: int, watched_s: float, demand: SurvivalDemand) -> Survival | None:
-    if results.fault[k] in (DC_ENERGY, DC_ENERGY_IN_DOUBT):
-        return Survival(status=NO_REST, reason=said_of(int(results.fault[k])))
+    if results.fault[k] == DC_ENERGY:
+        return Survival(status=NO_REST, reason=said_of_energy(float(results.dc_beyond_j[k])))
     status = SURVIVED if results.status[k] == JUDGED else STATUSES[results.status[k]]
     if status not in FIGURES:
         return None

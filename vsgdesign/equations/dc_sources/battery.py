@@ -16,6 +16,7 @@ from vsgdesign.equations.dc_source_interface import (
     DcSource,
     DcSourceLaw,
     Decay,
+    SourceLeft,
     SourceLimits,
     chosen_decay,
 )
@@ -133,6 +134,17 @@ def battery_can_give(memory: BatteryMemory, hold: Any, c: BatteryConstants) -> S
     return SourceLimits(low=least * (v_open - least / c.over_R), high=most * (v_open - most / c.over_R))
 
 
+def battery_left(memory: BatteryMemory, v: Any, p: Any, c: BatteryConstants) -> SourceLeft:
+    """What a battery could still give and take: its charge and the room beside it, at the present open-circuit
+    voltage; nothing where a limit of its current holds it back."""
+    v_open = open_voltage(memory.charge, c.open)
+    wanted, whole = (v_open - v) * c.over_R, c.coulombs * v_open
+    return SourceLeft(
+        give=np.where(wanted >= c.i_max, 0.0, np.maximum(memory.charge, 0.0) * whole),
+        take=np.where(wanted <= c.i_min, 0.0, np.maximum(1.0 - memory.charge, 0.0) * whole),
+    )
+
+
 def battery_constants(ratings: DcRatings, values: Mapping[str, Any]) -> BatteryConstants:
     """From the parameters of a study."""
     points = values["open_circuit"]
@@ -235,6 +247,6 @@ BATTERY = DcSource(
     _check,
     lost=("i_max", "i_charge_max"),
     recharged=lambda charge, _: {"charge": charge},
-    stored=lambda c: c.coulombs * open_voltage(1.0, c.open),
+    left=battery_left,
 )
 """A battery without a dc–dc stage."""

@@ -16,6 +16,7 @@ from vsgdesign.equations.dc_source_interface import (
     DcSource,
     DcSourceLaw,
     Decay,
+    SourceLeft,
     SourceLimits,
 )
 
@@ -107,6 +108,18 @@ def stage_can_give(memory: StageMemory, hold: Any, c: StageConstants) -> SourceL
     )
 
 
+def stage_left(memory: StageMemory, v: Any, p: Any, c: StageConstants) -> SourceLeft:
+    """What a stage could still give and take: its energy and the room beside it; nothing where a limit of its power or
+    its ramp holds it back. That it follows its target with a lag is no limit."""
+    asked = c.k_p * (c.V - v) + c.forward * p
+    away = asked - memory.target
+    held = (asked >= c.p_max) | (away >= c.ramp), (asked <= c.p_min) | (away <= -c.ramp)
+    return SourceLeft(
+        give=np.where(held[0], 0.0, np.maximum(memory.stored, 0.0)),
+        take=np.where(held[1], 0.0, np.maximum(c.energy - memory.stored, 0.0)),
+    )
+
+
 def stage_constants(ratings: DcRatings, values: Mapping[str, Any]) -> StageConstants:
     """From the parameters of a study. The current limit at the low-voltage side is a limit of the power."""
     T, tau = ratings.T_s, values["tau"]
@@ -187,6 +200,6 @@ CONVERTER = DcSource(
     lost=("p_max", "p_charge_max"),
     moving=("p",),
     recharged=lambda charge, c: {"stored": charge * c.energy},
-    stored=lambda c: c.energy,
+    left=stage_left,
 )
 """A stage that holds the voltage of the link."""

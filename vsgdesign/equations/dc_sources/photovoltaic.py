@@ -16,6 +16,7 @@ from vsgdesign.equations.dc_source_interface import (
     DcSource,
     DcSourceLaw,
     Decay,
+    SourceLeft,
     SourceLimits,
 )
 
@@ -95,6 +96,13 @@ def array_remembers(
 def array_can_give(memory: ArrayMemory, hold: Any, c: ArrayConstants) -> SourceLimits:
     """What an array can give: most of its maximum, and it takes nothing."""
     return SourceLimits(low=0.0, high=c.p_most)
+
+
+def array_left(memory: ArrayMemory, v: Any, p: Any, c: ArrayConstants) -> SourceLeft:
+    """What an array could still give and take: it takes nothing, and left of its maximum it gives less the lower the
+    voltage is."""
+    flow = array_flow(memory, v, p, c)
+    return SourceLeft(give=np.where(flow.current + v * flow.slope > 0.0, 0.0, np.inf), take=0.0 * v)
 
 
 def array_constants(ratings: DcRatings, values: Mapping[str, Any]) -> ArrayConstants:
@@ -208,5 +216,6 @@ PHOTOVOLTAIC = DcSource(
     ),
     check=_check,
     lost=("strings",),
+    left=array_left,
 )
 """An array without a dc–dc stage. The default module is the CS5P-220M of the database of the CEC."""

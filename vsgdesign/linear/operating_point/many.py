@@ -34,8 +34,8 @@ from vsgdesign.study.parameters.study import Study
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 NO_POINT, BRIDGE_VOLTAGE, CURRENT, LIMITER_ACTS, NOT_CONVERGED, NO_GAINS, LIMITER_PULLS = range(1, 8)
-DC_SOURCE, DC_ENERGY, DC_ENERGY_IN_DOUBT = range(8, 11)
-DC_FAULTS = (DC_SOURCE, DC_ENERGY, DC_ENERGY_IN_DOUBT)
+DC_SOURCE, DC_ENERGY = range(8, 10)
+DC_FAULTS = (DC_SOURCE, DC_ENERGY)
 FAULTS = (
     "",
     "no operating point",
@@ -47,14 +47,13 @@ FAULTS = (
     "the current limiter pulls the power loops away from the steady state",
     "the source of the dc link does not give the power of the steady state",
     "the events move more energy than the source of the dc link and its capacitor can take or give",
-    "the events may move more energy than the source of the dc link and its capacitor can take or give",
 )
 """The meaning of the codes of :attr:`ManyStates.fault`. The code 0 means that there is a steady state."""
 
 
 def said_of(fault: int) -> str:
     """What is told beforehand of a fault of the dc side."""
-    return f"{'in doubt' if fault == DC_ENERGY_IN_DOUBT else 'not possible'}, because {FAULTS[fault]}"
+    return f"not possible, because {FAULTS[fault]}"
 
 
 @dataclass(frozen=True, eq=False)

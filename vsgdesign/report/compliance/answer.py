@@ -18,6 +18,7 @@ from vsgdesign.report.drawing.counts import counts_figure
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.sketch import Area, Sketch, svg
 from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row, Table
+from vsgdesign.simulation.dc_beyond import SURVIVED_OTHERWISE
 
 MOST_FAILING = 12
 """Failing tests that are named on top; the matrix has all of them."""
@@ -96,9 +97,9 @@ def dc_side_suffices(document: Mapping[str, Any]) -> list[str]:
     said = []
     for name in dict.fromkeys(row["controller"] for row in document["rows"]):
         own = [row for row in document["rows"] if row["controller"] == name]
-        short = [row["test"] for row in own if row["status"] == BLOCKED or DC_SHORT in row["why"]]
+        short = [row["test"] for row in own if row["status"] == BLOCKED or _of_dc_side(row)]
         count = sum(row["status"] in JUDGED for row in own) + sum(
-            row["status"] not in JUDGED and DC_SHORT in row["why"] for row in own
+            row["status"] not in JUDGED and _of_dc_side(row) for row in own
         )
         if not short:
             said.append(f"{name}: the energy and power of the dc side suffice in all {count} tests that were run.")
@@ -109,6 +110,11 @@ def dc_side_suffices(document: Mapping[str, Any]) -> list[str]:
             f"{'; '.join(short[:MOST_SHORT])}{more}."
         )
     return said
+
+
+def _of_dc_side(row: Mapping[str, Any]) -> bool:
+    """Whether a row says that the source of the dc link could not do what the test asks for."""
+    return DC_SHORT in row["why"] or SURVIVED_OTHERWISE in row["why"]
 
 
 def counts_answer(arranged: Arranged) -> Answer:

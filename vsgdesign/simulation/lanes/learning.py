@@ -228,6 +228,7 @@ class Listeners:
         longest = int((counts + late).max())
         with interrupts_deferred():
             self._move(groups, counts, late)
+        part.look()
         self._begun += longest
         self._samples[lanes] += counts
         self._follow_rings(longest - counts - late)

@@ -22,6 +22,7 @@ from vsgdesign.metrics.survival import END_S, FIRST_S, SAME_ROW, SurvivalDemand
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, ProgramWriter
 from vsgdesign.simulation.circuits import Circuits
+from vsgdesign.simulation.dc_beyond import Outside
 from vsgdesign.simulation.dc_start import clamp_at_rest, dc_changed
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of, study_of_case
 from vsgdesign.simulation.lanes.feed import FED_SAMPLES, LaneFeed
@@ -42,6 +43,9 @@ Samples = NDArray[np.int64]
 PROTECTION_COLUMNS = 3
 """Numbers of a sample that are logged where a protection is judged: frequency, and both components of the voltage."""
 
+LOOK_SAMPLES = 32
+"""After so many samples a part looks which dc links are outside of their limits."""
+
 
 class Watched(Protocol):
     """Lanes of one converter each that are watched: a part, or one unit of each plant of a part."""
@@ -57,6 +61,8 @@ class Watched(Protocol):
     mains: slice
     guarded: bool
     cycle_at_end: Samples
+    outside: Outside | None
+    """The dc links that have left their limits; None: they are ideal."""
 
     def __len__(self) -> int: ...
 
@@ -120,6 +126,7 @@ class Part(Batch):
         """Samples of a cycle of the grid at the end, (n,)."""
         self.slots: Array | None = None
         """Where lanes that wait log, each of them samples of its own, one after the other (G, L, slots, n)."""
+        self.outside = None if study.dc is None else Outside(study, self.place, len(cases))
         if logged:
             groups, _, width = self.rows.shape
             slots = self.end - begin
@@ -153,12 +160,24 @@ class Part(Batch):
         """Runs the samples from ``begin`` up to before ``end`` of every group that is not over."""
         active, end = -(-int((self.ends + 1 > begin).sum()) // self.spec.width), min(end, self.end)
         if active and self.feed is None:
-            self.advance(begin, end, groups=active)
+            self._advance(begin, end, None, active)
         elif active and self.feed is not None:
             for at in range(begin, end, FED_SAMPLES):
                 until = min(at + FED_SAMPLES, end)
                 whole = np.full(len(self), at), np.full(len(self), until - at)
-                self.advance(at, until, self.feed.given(*whole, 0, active), active)
+                self._advance(at, until, self.feed.given(*whole, 0, active), active)
+
+    def _advance(self, begin: int, end: int, fed: Array | None, active: int) -> None:
+        """:meth:`advance`, with a look at the dc links now and then."""
+        for at in range(begin, end, LOOK_SAMPLES if self.outside is not None else max(end - begin, 1)):
+            until = min(at + LOOK_SAMPLES, end) if self.outside is not None else end
+            self.advance(at, until, None if fed is None else fed[:, at - begin : until - begin], active)
+            self.look()
+
+    def look(self) -> None:
+        """Looks at the dc links."""
+        if self.outside is not None:
+            self.outside.look(self.get)
 
     def watched(self, name: str) -> Array:
         """What was watched up to the end of every run, (n,)."""

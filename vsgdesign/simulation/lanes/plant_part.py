@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.llvm import StandingLoop, aligned_zeros, compiled_loop
 from vsgdesign.simulation.batch import Log
 from vsgdesign.simulation.circuit_program import ProgramWriter
+from vsgdesign.simulation.dc_beyond import Outside
 from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.simulation.lanes.part import Samples, padded
+from vsgdesign.simulation.lanes.part import LOOK_SAMPLES, Samples, padded
 from vsgdesign.simulation.loop import side_by_side, watched_names
 from vsgdesign.simulation.numbers_of_runs import Numbers
 from vsgdesign.simulation.units.body import PlantKind, body_numbers, cyclic_values, spec_of_plant
@@ -72,11 +73,14 @@ class PlantPart(Numbers):
             self._prepare()
         active, end = -(-int((self.ends + 1 > begin).sum()) // self.spec.width), min(end, self.end)
         logs = [] if self.log is None else [self.log.begin]
-        marks = sorted({begin, end, *(one for one in (*self.cuts, *logs) if begin < one < end)})
+        looks = range(begin, end, LOOK_SAMPLES) if self.study.dc is not None else ()
+        marks = sorted({begin, end, *looks, *(one for one in (*self.cuts, *logs) if begin < one < end)})
         for first, after in itertools.pairwise(marks) if active and end > begin else ():
             for lane, program, units in self.cuts.get(first, ()):
                 cross(self.at(lane), self.kind, program, units, first)
             self._standing[bool(logs) and first >= logs[0]](first, after, None, active)
+            for unit in self.units:
+                unit.look()
 
     def _prepare(self) -> None:
         """The loops, without and with a log."""
@@ -115,6 +119,12 @@ class UnitOfPart:
         self.place = self._named(part.place)
         self.kept = self._named(part.kept)
         self.cycle_at_end = np.full(len(cases), cycle, dtype=np.int64)
+        self.outside = None if part.study.dc is None else Outside(part.study, self.place, len(cases))
+
+    def look(self) -> None:
+        """Looks at the dc links of this unit."""
+        if self.outside is not None:
+            self.outside.look(self.get)
 
     def _named(self, rows: dict[str, int]) -> dict[str, int]:
         return {name.removeprefix(self._head): row for name, row in rows.items() if name.startswith(self._head)}

@@ -29,7 +29,6 @@ from vsgdesign.linear.operating_point.network import NetworkCircuit, NetworkStat
 from vsgdesign.metrics.survival import REST_SHARE, WATCHED, SurvivalDemand
 from vsgdesign.simulation.circuits import Connection, no_rest_with
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
-from vsgdesign.simulation.lanes.dc_energy import beyond_the_capacitor
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling
 from vsgdesign.simulation.segments import Segments
@@ -134,10 +133,6 @@ def rests_of(
         states=linked.states,
     )
     fault = np.where(start.fault > 0, start.fault, end.fault)
-    beyond = beyond_the_capacitor(
-        study, cases, segments, start, rests.delta_start, told, (gains, at_last), demand.settling_time
-    )
-    fault = np.where(fault == 0, beyond, fault)
     results.fault[:] = fault
     results.status[fault == 0] = JUDGED
     if demand.i_max_pu is not None:

@@ -53,6 +53,9 @@ class LaneResults:
     """Of a disturbance: share of the last 0.3 s in which the limiter acted, 0 to 1."""
     swing_rad: Array
     """Of a disturbance: largest distance of the angle from the nearest rest that each event leaves it, rad."""
+    dc_beyond_j: Array
+    """The energy beyond the dc link, J (:func:`vsgdesign.simulation.dc_beyond.energy_beyond`), where this is why there
+    is no verdict; NaN elsewhere."""
 
     def __len__(self) -> int:
         return len(self.status)

@@ -7,7 +7,7 @@ by side.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +17,11 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.linear.operating_point.many import DC_ENERGY
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, LATCHED_SHARE, SurvivalDemand
 from vsgdesign.runtime.of_study import gain_law
+from vsgdesign.simulation.dc_beyond import energy_beyond, stiff
 from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.learning import Listeners, before_learning, samples_of_mean
@@ -32,6 +34,7 @@ from vsgdesign.simulation.lanes.results import (
     JUDGED,
     LATCHED,
     NOT_AT_REST,
+    OVER_LIMIT,
     SLIPPED,
     TRIPPED,
     LaneResults,
@@ -101,6 +104,9 @@ def _run_together(
     for part in parts_of(own, cases, segments, rests, demand, good, bridge, strict=True, listening=True):
         Listeners(own, spec, part, learning.take(part.index[part.mains])).run()
         judge_part(part, rests, demand, results)
+    _tell_of_source(
+        own, results, lambda study, some: _run_together(study, spec, ready, cases.take(some), bridge, strict)
+    )
     return results
 
 
@@ -113,6 +119,8 @@ def run_told(
     asked for. ``strict``: as in :func:`run_lanes`.
     """
     results, segments = LaneResults.of_none(len(cases)), segments_of(cases)
+    # What is told has a state, and serves one run: what blocks is run once more.
+    kept = told if study.dc is None else told.take(np.arange(len(cases)))
     rests, gains = rests_of(study, cases, segments, told, demand, results)
     good = np.flatnonzero(results.status == JUDGED)
     run = parts_of(study, cases, segments, rests, demand, good, bridge, strict)
@@ -120,7 +128,25 @@ def run_told(
         drive(run, told, gains)
     for part in run:
         judge_part(part, rests, demand, results)
+
+    def again(study: Study, some: NDArray[np.intp]) -> LaneResults:
+        return run_told(study, kept.take(some), cases.take(some), demand, bridge, strict=strict)
+
+    _tell_of_source(study, results, again)
     return results
+
+
+def _tell_of_source(
+    study: Study, results: LaneResults, again: Callable[[Study, NDArray[np.intp]], LaneResults]
+) -> None:
+    """A bridge that blocked is no verdict on the converter where its source could do no more, and where the same case
+    is survived on a stiff link. ``again``: runs some of the cases in another study."""
+    beyond = np.flatnonzero(np.isfinite(results.dc_beyond_j))
+    larger = stiff(study)
+    if beyond.size and larger is not study:
+        survived = again(larger, beyond).status == JUDGED
+        results.status[beyond[survived]], results.fault[beyond[survived]] = OVER_LIMIT, DC_ENERGY
+        results.dc_beyond_j[beyond[~survived]] = np.nan
 
 
 def _refuse(study: Study, cases: LaneCases, bridge: str) -> None:
@@ -310,6 +336,9 @@ def _block(part: Watched, link: DcLink, found: LaneResults) -> None:
     found.status[gone] = BLOCKED
     step = part.cases.kind[gone] == STEP
     found.settling_s[gone], found.recovery_s[gone] = np.where(step, np.inf, np.nan), np.where(step, np.nan, np.inf)
+    at = None if part.outside is None or not gone.any() else part.outside.at(gone)
+    if at is not None:
+        found.dc_beyond_j[gone] = energy_beyond(link, at, lowest[gone], highest[gone])
 
 
 def _trip(part: Watched, found: LaneResults) -> None:

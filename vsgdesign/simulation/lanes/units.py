@@ -22,15 +22,15 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
 from vsgdesign.linear.operating_point.circuit_of_units import wiring_of
 from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
-from vsgdesign.linear.operating_point.many import DC_FAULTS, Lanes, ManyStates, lanes_of, power_of
+from vsgdesign.linear.operating_point.many import DC_ENERGY, DC_FAULTS, Lanes, lanes_of, power_of
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import REST_SHARE, SurvivalDemand
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
+from vsgdesign.simulation.dc_beyond import stiff
 from vsgdesign.simulation.feeds import Told
-from vsgdesign.simulation.lanes.cases import STEP, LaneCases, LaneEvents, segments_of
-from vsgdesign.simulation.lanes.dc_energy import beyond_the_capacitor
+from vsgdesign.simulation.lanes.cases import STEP, LaneCases, LaneEvents
 from vsgdesign.simulation.lanes.part import (
     Samples,
     first_judged,
@@ -43,9 +43,9 @@ from vsgdesign.simulation.lanes.part import (
 )
 from vsgdesign.simulation.lanes.plant_part import PlantPart, UnitOfPart
 from vsgdesign.simulation.lanes.rests import Rests, curve_of_rest
-from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, LaneResults
+from vsgdesign.simulation.lanes.results import BLOCKED, JUDGED, NO_REST, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.run import drive, judge_part
-from vsgdesign.simulation.lanes.telling import Telling, telling
+from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.lanes.told import ToldGrids
 from vsgdesign.simulation.loop import kind_of
 from vsgdesign.simulation.run_kind import DISTURBANCE, LARGEST_DEGREE
@@ -136,7 +136,7 @@ def run_plants(
     last, last_gains = many_rests_with_measured_gains(own, at_end, told.known_at_end(), links=links)
     before, after = np.stack(np.broadcast_arrays(*gains)), np.stack(np.broadcast_arrays(*last_gains))
     begin = np.searchsorted(case, np.arange(len(timelines)))
-    dc_faults = _dc_faults(own, flat, told, (first, last), (gains, last_gains), demand, phase)
+    dc_faults = np.where(np.isin(last.fault, DC_FAULTS), last.fault, 0)
     prepared = []
     for c, (study, timeline) in enumerate(zip(plants.studies, timelines, strict=True)):
         mine = slice(begin[c], begin[c] + len(timeline.units))
@@ -168,31 +168,44 @@ def run_plants(
         drive(parts, told, gains)
     for one in parts:
         judge_part(one, rests, demand, results)
+
+    def again(some: Index) -> Units:
+        studies = tuple(stiff(plants.studies[c]) for c in some.tolist())
+        stiff_plants = Plants(studies=studies, cases=plants.cases.take(some), ends=plants.ends[some])
+        of = None if said is None else _of_some(said, some)
+        return run_plants(spec, ready, stiff_plants, demand=demand, said=of)
+
+    _tell_of_sources(case, results, [stiff(study) is not study for study in plants.studies], again)
     return Units(case, unit, on_line, results)
+
+
+def _of_some(said: Callable[[int, Study, Timeline], Told], some: Index) -> Callable[[int, Study, Timeline], Told]:
+    """What is told to a unit of some of the cases."""
+    return lambda c, unit, timeline: said(int(some[c]), unit, timeline)
+
+
+def _tell_of_sources(case: Index, results: LaneResults, moves: Sequence[bool], again: Callable[[Index], Units]) -> None:
+    """A plant whose units have blocked is no verdict where their sources could do no more, and where all units survive
+    on stiff links. ``moves``: whether the links of a plant are not stiff; ``again``: runs plants on stiff links."""
+    beyond = np.isfinite(results.dc_beyond_j)
+    lost = (results.status == BLOCKED) & ~beyond
+    some = np.array([c for c in np.unique(case[beyond]) if moves[c] and not lost[case == c].any()], dtype=np.intp)
+    found = again(some) if some.size else None
+    for k, c in enumerate(some.tolist()):
+        mine, other = case == c, found.case == k if found is not None else beyond
+        if found is not None and (found.results.status[other & found.on_line] == JUDGED).all():
+            energy = results.dc_beyond_j[mine & beyond]
+            results.status[mine], results.fault[mine] = OVER_LIMIT, DC_ENERGY
+            results.dc_beyond_j[mine] = energy[np.argmax(np.abs(energy))]
+            beyond[mine] = True
+        else:
+            beyond[mine] = False
+    results.dc_beyond_j[~np.isin(case, some) | ~beyond] = np.nan
 
 
 def _lost(timeline: PlantTimeline, k: int) -> bool:
     """Whether a unit is not on line at the end."""
     return timeline.plant.units[k].name in timeline.segments[-1].topology.opened
-
-
-def _dc_faults(
-    own: Study,
-    flat: LaneCases,
-    told: Telling,
-    rests: tuple[ManyStates, ManyStates],
-    gains: tuple[PowerLoopGains, PowerLoopGains],
-    demand: SurvivalDemand,
-    phase: float,
-) -> Index:
-    """What the dc side of each unit cannot do, as of converters that stand alone on the grid that a unit sees where all
-    of them move alike (:eq:`dc-told`); 0: nothing. ``phase``: of the source at the start, rad."""
-    if own.dc is None:
-        return np.zeros(len(flat), dtype=np.intp)
-    (first, last), segments = rests, segments_of(flat)
-    delta = first.controller.theta - phase
-    beyond = beyond_the_capacitor(own, flat, segments, first, delta, told, gains, demand.settling_time)
-    return np.where(np.isin(last.fault, DC_FAULTS), last.fault, beyond)
 
 
 def _cases_of_units(plants: Plants, timelines: Sequence[PlantTimeline], case: Index, unit: Index) -> LaneCases:

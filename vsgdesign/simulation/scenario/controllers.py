@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.frames import clarke_inverse, instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
+from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.step_response import cycle_mean
-from vsgdesign.metrics.survival import Survival, peaks_of
+from vsgdesign.metrics.survival import NO_REST, Survival, peaks_of
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.at_pcc import AtPcc, pcc_vectors
+from vsgdesign.simulation.dc_beyond import told_of_blocked
 from vsgdesign.simulation.dc_start import DcFigures, dc_figures, dc_series
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.every_sample import (
@@ -50,6 +52,7 @@ from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, instabil
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario.checking import deaf_in_words
 from vsgdesign.simulation.search import found_events
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.simulation.twin import never_rests, steps_with_twin
@@ -251,6 +254,15 @@ def _run_controllers(
         if warn is not None:
             for text in deaf_in_words(spec, deaf):
                 warn(text)
+        survival, outcome = None, outcome_of(run.divergence, found, events, at_limit, study.converter.S_rated)
+        if study.simulation.survival:
+            survival = judge_scenario(own_study, spec, ready, every_sample.end_of(run), used, own_rest=True)
+        told = None if outcome.status != "blocked" else told_if_blocked(own_study, spec, ready, used)
+        if told is not None:
+            outcome = replace(outcome, reason=f"{outcome.reason}; what is asked for is {told}")
+            survival = None if survival is None else replace(survival, status=NO_REST, reason=told)
+            if warn is not None:
+                warn(f"{spec.name}: {told}.")
         results[spec.name] = ControllerResult(
             spec=spec,
             bridge=used,
@@ -261,17 +273,38 @@ def _run_controllers(
             without={t_s: _means_of(own_study, twin) for t_s, twin in without.items()},
             events=events,
             rests=found,
-            outcome=outcome_of(run.divergence, found, events, at_limit, study.converter.S_rated),
+            outcome=outcome,
             estimates=estimates,
             distorted=study.has_components,
-            survival=judge_scenario(own_study, spec, ready, every_sample.end_of(run), used, own_rest=True)
-            if study.simulation.survival
-            else None,
+            survival=survival,
             found=found_events(study, own_study),
             dc=None if run.dc_log is None else dc_figures(own_study, run.dc_log),
             late_peak_pu=_late_peak_pu(own_study, seen),
         )
     return results, unstable
+
+
+def told_if_blocked(study: Study, spec: ControllerSpec, ready: Ready, bridge: str) -> str | None:
+    """:func:`vsgdesign.simulation.dc_beyond.told_of_blocked` of the events of a study, which has the current limit of
+    the controller. None without an event after the start. The runs go on for as long as a verdict takes."""
+    if not any(event.t_s > 0.0 for event in study.events):
+        return None
+    demand = demand_of(study.converter, settling_time_of(spec, ready), silent_s=silent_s_of(spec))
+    needed_s = max(event.t_s + event.over for event in study.events) + demand.needed_s + 2.0 * demand.cycle_s
+    longer = replace(study.simulation, survival=True, duration=max(study.simulation.duration, needed_s))
+    asked = replace(study, controllers=(spec,), simulation=longer)
+
+    def survives(one: Study) -> bool:
+        (alone,) = run_scenario(one, ready, bridge=bridge).controllers
+        return alone.survival is not None and alone.survival.survived
+
+    def run(one: Study) -> Simulation:
+        return simulate(one, feed_of(one, spec, build_timeline(one), ready), bridge=bridge, finds=spec)
+
+    try:
+        return told_of_blocked(asked, run, survives)
+    except (InfeasibleStudyError, SimulationDivergedError):
+        return None
 
 
 def _expected(study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready) -> tuple[Rest, ...]:

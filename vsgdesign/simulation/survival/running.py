@@ -35,6 +35,7 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.circuits import Connection, circuit_at_rest
+from vsgdesign.simulation.dc_beyond import told_of_blocked
 from vsgdesign.simulation.dc_start import moved_rest
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.feeds import LateSchedule, safe_grid
@@ -186,6 +187,8 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
     instants = case.instants_s
     verdict = judge_survival(record, instants, case.lead_s + case.cleared_s, rest, demand)
     verdict = with_protection(verdict, study, simulation, instants[0])
+    if verdict.status == BLOCKED and (told := _told_of_blocked(subject, case)) is not None:
+        verdict = replace(verdict, status=NO_REST, reason=told)
     return CaseRun(
         case=case,
         study=study,
@@ -195,6 +198,19 @@ def trace_case(subject: Subject, case: SurvivalCase) -> CaseRun | Survival:
         verdict=verdict,
         estimates=feed.log(timeline) if isinstance(feed, FieldScheduler) else None,
     )
+
+
+def _told_of_blocked(subject: Subject, case: SurvivalCase) -> str | None:
+    """:func:`vsgdesign.simulation.dc_beyond.told_of_blocked` of a case."""
+
+    def run(study: Study) -> Simulation | None:
+        found = trace_case(replace(subject, study=study), case)
+        return found.simulation if isinstance(found, CaseRun) else None
+
+    def survives(study: Study) -> bool:
+        return run_case(replace(subject, study=study), case).verdict.survived
+
+    return told_of_blocked(subject.study, run, survives)
 
 
 def study_of_case(subject: Subject, case: SurvivalCase) -> tuple[Study, tuple[tuple[float, Grid | None], ...]]:

@@ -156,6 +156,8 @@ class DcLink:
     """Of the clamp, s."""
     share: float = 0.0
     """Of the droop of the link's voltage."""
+    blocks: bool = True
+    """Whether a run ends beyond V_low … V_high. No study says so: one that goes on measures how much was beyond."""
 
     @property
     def droops(self) -> bool:

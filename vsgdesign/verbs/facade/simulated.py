@@ -118,7 +118,7 @@ def simulate(
     study = study.made_strict() if strict else study
     there = ready or make_ready(with_left_tables(study), bridge=bridge, workers=workers, progress=progress)
     if warn is not None:
-        for text in told_beforehand(study, there):
+        for text in told_beforehand(study, there, run=False):
             warn(text)
     return Run(
         run_scenario(

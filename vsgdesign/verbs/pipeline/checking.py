@@ -58,7 +58,7 @@ def check_deep(study_file: str | Path, out: str | Path | None = None) -> tuple[S
     )
     ready = Ready(tables=read_tables(study), network=network)
     designed = _without_designs(study, untrained)
-    said = [*told_beforehand(designed, ready), *check_scenario(designed, ready)]
+    said = [*told_beforehand(designed, ready, run=False), *check_scenario(designed, ready)]
     with TemporaryDirectory(prefix="vsgdesign-") as folder:
         export_tables(study, ready, Path(folder), warn=said.append)
     return study, said

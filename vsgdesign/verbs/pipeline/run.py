@@ -122,7 +122,7 @@ def run_study(
 
         begin, late = time.perf_counter(), have.late
         if warn is not None:
-            for text in told_beforehand(study, have.ready):
+            for text in told_beforehand(study, have.ready, run=False):
                 warn(text)
         result = run_scenario(
             study,

@@ -1,9 +1,21 @@
-"""What events push into a dc link whose source takes nothing, or draw from one that gives nothing, before a case runs.
+"""A sum by hand of what events push into a dc link whose source is full, or draw from one that is empty.
 
-A full battery takes nothing, an array takes nothing, and an empty source gives nothing. What an event then pushes into
-the link has to find room in the capacitor. The sum has the grid's current, and of the controller all but the current
-loop, in steps of 1 ms (:eq:`dc-told`, :eq:`dc-told-current`, :eq:`dc-jump-by-hand`). Its equations are those of the
-controller and of the link.
+It is a guard beside the simulation, which tells what was beyond a source: what is told there should be refused here as
+well. A full battery takes nothing, an array takes nothing, and an empty source gives nothing. What an event then pushes
+into the link has to find room in the capacitor. The sum has the grid's current, and of the controller all but the
+current loop, in steps h of 1 ms. With R and L from the capacitor of the filter to the source of the grid, whose voltage
+is v_0, and with voltages that are constant within a step,
+
+    i_g = E i_g⁻ + (1 − E) (v − v_0)/(R + jωL),  E = exp(−(R/L + jω) h),  so that v = v_g + Z i_g
+    with Z = (R + jωL)/(1 − E) and v_g = v_0 − Z E i_g⁻
+
+in the frame of the controller. Its current follows from what the voltage loop asks for,
+
+    w = K_pv (√2 V − v − Z_t (i_g − i_f)) + ξ_v + K_ff i_g + jω_0 C_f v = w_0 + A i_s,  i_s = μ w = μ w_0/(1 − μA)
+
+where μ is 1 within the limit of the current, and otherwise between 0 and 1 so that |i_s| = I_max. A case is refused
+where max v² > V_high² − 2 W_L/C, or where v leaves V_low in the same way. W_L = ¾ (L_1 + L_2 + L_g) I_max² is what the
+inductors store at the current limit: the sum has no oscillation of the filter.
 """
 
 from __future__ import annotations
@@ -15,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.codegen.records import numbers_of, record_like
 from vsgdesign.equations.controller import ControllerState, power_stage
 from vsgdesign.equations.dc_control import clamp_of_sample
@@ -25,13 +38,14 @@ from vsgdesign.equations.limiter_interface import GridEstimate, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.dc_rest import bridge_power, power_of_plant
-from vsgdesign.linear.operating_point.many import DC_ENERGY, DC_ENERGY_IN_DOUBT, ManyStates
-from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.simulation.lanes.telling import KnownChanges, OfTrueGrid, Telling
+from vsgdesign.linear.operating_point.many import ManyStates
+from vsgdesign.simulation.lanes.cases import LaneCases, segments_of
+from vsgdesign.simulation.lanes.rests import rests_of
+from vsgdesign.simulation.lanes.results import LaneResults
+from vsgdesign.simulation.lanes.telling import Telling, telling
 from vsgdesign.simulation.segments import Segments
-from vsgdesign.study.parameters.dc_link import DcLink
-from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
-from vsgdesign.study.parameters.study import Study
+from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -40,82 +54,48 @@ Mask = NDArray[np.bool_]
 STEP_S = 1e-3
 """Of the sum, s."""
 
-NEAR_S = 0.1
-"""A source is full or empty where its charge is so near to the end, as a time at the rated power, s."""
-
 AFTER = 1.0
 """Settling times after the last change for which the sum goes on."""
 
 
 class Swing(NamedTuple):
     """What moves, (N,): the controller, whose angle is that to the source, the frequency of the clamp, rad/s, by how
-    much it changes P_ref, W, the link, the current of the grid in the controller's frame, A peak, and whether the
-    limiter has held the power loops so far."""
+    much it changes P_ref, W, the link, and the current of the grid in the controller's frame, A peak."""
 
     state: ControllerState
     slow: Array
     cut: Any
     link: DcState
     i_g: Complex
-    held: Any = False
 
 
-def near_an_end(study: Study, link: DcLink) -> bool:
-    """Whether the source takes nothing or gives nothing, now or after NEAR_S at the rated power."""
-    if link.kind.stored is None:
-        return True
-    whole = float(link.kind.stored(link.settings(study.converter, study.filter).source))
-    charge = link.values["charge"]
-    return math.isfinite(whole) and min(charge, 1.0 - charge) * whole <= NEAR_S * study.converter.S_rated
-
-
-def beyond_the_capacitor(
-    study: Study,
-    cases: LaneCases,
-    segments: Segments,
-    start: ManyStates,
-    delta: Array,
-    told: Telling | OfTrueGrid,
-    gains: tuple[PowerLoopGains, PowerLoopGains],
-    settling_time: float,
-) -> NDArray[np.intp]:
-    """DC_ENERGY for cases, (N,), whose events push more energy into the link, or draw more from it, than the capacitor
-    can take or give while its source cannot (:eq:`dc-told`), and 0 for the others.
-
-    Whether the limiter holds the power loops in a sag hangs on a threshold that the sum knows less exactly than the
-    run. Where it holds them, and only the sum without this finds too much energy, the answer is DC_ENERGY_IN_DOUBT.
-
-    ``start``, ``delta``: the rest before, and its angle to the source (N,), rad. ``told``: what the controllers are
-    told, whose state stays; ``gains``: at the start and at the end. Where the source can both give and take, there are
-    none. Cases whose events change the source, and those with a network, are left out.
-    """
-    none = np.zeros(len(cases), dtype=np.intp)
-    if study.dc is None or cases.networks is not None or len(cases) == 0 or not near_an_end(study, study.dc):
+def refused(study: Study, spec: ControllerSpec, cases: LaneCases) -> Mask:
+    """The cases, (N,), whose events push more energy into the link, or draw more from it, than the capacitor can take
+    or give, by this sum. The source is full or empty. The controller is told its grid."""
+    own, cases = study.with_limit_of(spec), cases.in_study(study)
+    none = np.zeros(len(cases), dtype=bool)
+    if own.dc is None or len(cases) == 0:
         return none
-    changed = np.isfinite(np.stack([getattr(cases.events, name) for name in DC_QUANTITIES])).any(axis=(0, 2))
+    demand, segments = demand_of(own.converter, settling_time_of(spec, NOTHING)), segments_of(cases)
+    told = telling(own, spec, NOTHING, cases)
+    rests, first = rests_of(own, cases, segments, told, demand, LaneResults.of_none(len(cases)))
     with np.errstate(all="ignore"):
-        links = links_at_rest(study, start)
+        links = links_at_rest(own, rests.start)
         if links is None:
             return none
+        start = rests.start
         i_g = (start.plant[4] + 1j * start.plant[5]) * np.exp(-1j * start.controller.theta)
-        begin = Swing(start.controller._replace(theta=delta), np.array(cases.omega_g, dtype=float), 0.0, links, i_g)
-        apart = 2.0 * stored_in_coils(study, cases) / study.dc.C  # V²
-        down, up = links.v**2 - study.dc.V_low**2, study.dc.V_high**2 - links.v**2
-
-        def sum_of(holds: bool) -> tuple[Mask, Any]:
-            present, loops = _Present(study, cases, told, gains), PhasorLoops(study, holds=holds)
-            lowest, highest, held = _swung(study, cases, segments, begin, present, loops, settling_time)
-            fallen, risen = links.v**2 - lowest**2, highest**2 - links.v**2
-            # Where an event moves less than that, the link stays where it rests, however near to a limit that is.
-            low = fallen + np.where(fallen > apart, apart, 0.0) > down
-            high = risen + np.where(risen > apart, apart, 0.0) > up
-            return ~changed & (low | high), held
-
-        beyond, held = sum_of(holds=True)
-        doubtful = ~changed & ~beyond & held
-        if np.any(doubtful):
-            doubtful &= sum_of(holds=False)[0]
-    return np.where(beyond, DC_ENERGY, np.where(doubtful, DC_ENERGY_IN_DOUBT, 0))
+        omega = np.array(cases.omega_g, dtype=float)
+        begin = Swing(start.controller._replace(theta=rests.delta_start), omega, 0.0, links, i_g)
+        apart = 2.0 * stored_in_coils(own, cases) / own.dc.C  # V²
+        down, up = links.v**2 - own.dc.V_low**2, own.dc.V_high**2 - links.v**2
+        present, loops = _Present(own, cases, told, first), PhasorLoops(own)
+        lowest, highest = _swung(own, cases, segments, begin, present, loops, demand.settling_time)
+        fallen, risen = links.v**2 - lowest**2, highest**2 - links.v**2
+        # Where an event moves less than that, the link stays where it rests, however near to a limit that is.
+        low = fallen + np.where(fallen > apart, apart, 0.0) > down
+        high = risen + np.where(risen > apart, apart, 0.0) > up
+    return low | high
 
 
 def stored_in_coils(study: Study, cases: LaneCases) -> Array:
@@ -135,9 +115,9 @@ def _swung(
     present: _Present,
     loops: PhasorLoops,
     settling_time: float,
-) -> tuple[Array, Array, Any]:
-    """Least and largest voltage of the links up to the end of the last case, V, and where the limiter has held the
-    power loops. The clock of each case is such that its first event falls on a step; others act at the nearest one."""
+) -> tuple[Array, Array]:
+    """Least and largest voltage of the links up to the end of the last case, V. The clock of each case is such that its
+    first event falls on a step; others act at the nearest one."""
     rows, nominal = np.arange(len(cases)), study.converter.references()
     at, first_s = np.zeros(len(cases), dtype=np.intp), _first_event_s(cases)
     late_s = np.where(np.isfinite(first_s), np.ceil(first_s / STEP_S) * STEP_S - first_s, 0.0)
@@ -155,7 +135,7 @@ def _swung(
         x = loops.step(x, grid, refs, present.gains, present.estimate)
         # A link that has collapsed has no numbers any more, and those of before count.
         lowest, highest = np.fmin(lowest, x.link.v), np.fmax(highest, x.link.v)
-    return lowest, highest, x.held
+    return lowest, highest
 
 
 def _first_event_s(cases: LaneCases) -> Array:
@@ -167,21 +147,14 @@ def _first_event_s(cases: LaneCases) -> Array:
 class _Present:
     """The gains of the cases over time, and the grids that they are for."""
 
-    def __init__(
-        self, study: Study, cases: LaneCases, told: Telling | OfTrueGrid, gains: tuple[PowerLoopGains, PowerLoopGains]
-    ) -> None:
-        count, self._T_s = len(cases), study.converter.T_s
-        width = len(PowerLoopGains._fields)
-        first, last = (PowerLoopGains(*np.broadcast_to(np.stack(one), (width, count))) for one in gains)
-        self.gains, self._at = first, 0
-        self._told: Telling | None = None
-        if isinstance(told, OfTrueGrid):
-            at = np.ceil((_first_event_s(cases) + cases.silent_s) / self._T_s).astype(np.int64)
-            self._changes = KnownChanges(np.arange(count), at, last, *told.grid_at_end)
-            self.estimate = GridEstimate(cases.R_g, cases.L_g)
-        else:
-            own = self._told = told.take(np.arange(count))
-            self._changes, self.estimate = own.changes, GridEstimate(*own.estimate())
+    def __init__(self, study: Study, cases: LaneCases, told: Telling, first: PowerLoopGains) -> None:
+        shape = len(PowerLoopGains._fields), len(cases)
+        self.gains, self._at, self._T_s = (
+            PowerLoopGains(*np.broadcast_to(np.stack(first), shape)),
+            0,
+            study.converter.T_s,
+        )
+        self._told, self._changes, self.estimate = told, told.changes, GridEstimate(*told.estimate())
 
     def move_to(self, t_s: float, state: ControllerState, refs: References) -> ControllerState:
         """Gains and grids of this instant; the state with the transfer to them (:eq:`gain-transfer`)."""
@@ -195,8 +168,8 @@ class _Present:
             for column, values in zip(columns, changes.gains, strict=True):
                 column[lane] = values[now]
             self.gains, self.estimate = PowerLoopGains(*columns), GridEstimate(R_g, L_g)
-        every = 0 if self._told is None else self._told.update_samples
-        if self._told is not None and every and sample // every > before // every:
+        every = self._told.update_samples
+        if every and sample // every > before // every:
             answer = self._told.update(sample // every * every, state.P_f, state.Q_f, state.V)
             if answer is not None:
                 self.gains, self.estimate = answer, GridEstimate(*self._told.estimate())
@@ -238,11 +211,9 @@ def _references(cases: LaneCases, nominal: References, t_s: Array) -> References
 
 
 class PhasorLoops:
-    """The controller without its current loop, the grid's current, and the link, in steps of STEP_S. Without ``holds``
-    the limiter does not hold the power loops: it takes the power for what it is."""
+    """The controller without its current loop, the grid's current, and the link, in steps of STEP_S."""
 
-    def __init__(self, study: Study, holds: bool = True) -> None:
-        self._holds = holds
+    def __init__(self, study: Study) -> None:
         c = study.converter
         c = replace(c, f_sw=1.0 / (STEP_S * c.samples_per_carrier))
         study = replace(study, converter=c)
@@ -281,9 +252,6 @@ class PhasorLoops:
             state.V, state.omega_i, P, Q, inner.K_pv, 0.0,
         )  # fmt: skip
         sample = self._law.limit(state.limiter, view, estimate, refs, gains, s)
-        held = x.held | (sample.P != P)
-        if not self._holds:
-            sample = sample._replace(P=P, Q=Q)
         xi_vd, xi_vq = voltage_integrators(
             sample.e_d,
             sample.e_q,
@@ -312,10 +280,10 @@ class PhasorLoops:
         v, i_g = circuit.at(i_s)
         p = bridge_power(self._study, v, i_s)
         link = link_step(x.link, BridgePower(p, p, p, p), x.link.needs, self._link, self._source)
-        return Swing(after, slow, cut, link, i_g, held)
+        return Swing(after, slow, cut, link, i_g)
 
     def _circuit(self, grid: Segments, v_g: Complex, i_g: Complex) -> _Circuit:
-        """What the current has at the end of a step whose voltages are constant (:eq:`dc-told-current`)."""
+        """What the current has at the end of a step whose voltages are constant."""
         f = self._study.filter
         R, L = grid.R_g + f.R_2, grid.L_g + f.L_2
         left = np.exp(-(R / L + 1j * grid.omega) * self._settings.T_s)
