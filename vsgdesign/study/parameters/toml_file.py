@@ -64,7 +64,8 @@ def _is_stream(path: Path) -> bool:
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The content of a text. Raises StudyError."""
     deep = [Fault("TOML", "", f"tables are nested more than {MOST_LEVELS} levels deep", _SHALLOW)]
-    if any(len(re.findall(_KEY, keys.group())) > MOST_LEVELS for keys in _KEYS.finditer(text)):
+    dotted = (keys for keys in _KEYS.findall(text) if keys.count(".") >= MOST_LEVELS)
+    if any(len(re.findall(_KEY, keys)) > MOST_LEVELS for keys in dotted):
         raise StudyError(source, deep)  # before it is read: that takes the square of the length of such a key
     try:
         document = tomllib.loads(text)
