@@ -316,7 +316,6 @@ def powers_at_pcc(
     return instantaneous_power(alpha, beta, x[4], x[5])
 
 
-@np.errstate(invalid="ignore")
 def states_at(
     study: Study,
     paths: Paths,
@@ -330,6 +329,22 @@ def states_at(
     links: Sequence[DcLink] | None = None,
 ) -> ManyStates:
     """The steady states with the given V and δ. V is NaN in lanes without a steady state."""
+    with np.errstate(invalid="ignore"):
+        return _states_of(study, paths, lanes, gains, V, delta, phase, free_of_limits, fault, links)
+
+
+def _states_of(
+    study: Study,
+    paths: Paths,
+    lanes: Lanes,
+    gains: PowerLoopGains,
+    V: Array,
+    delta: Array,
+    phase: Array | float,
+    free_of_limits: bool,
+    fault: NDArray[np.int64] | None,
+    links: Sequence[DcLink] | None,
+) -> ManyStates:
     settings, inner, c = study.controller_settings(), study.inner_gains, study.converter
     theta = delta + phase
     turn = np.exp(-1j * theta)
