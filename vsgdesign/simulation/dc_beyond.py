@@ -27,6 +27,9 @@ the charge is another one: at most by that of LARGEST_PU."""
 LARGEST_PU = 5.0
 """Power of a source that no study has, pu."""
 
+CLAMP_LOOKS = 4
+"""In every so-many-th look at the links of a batch its clamps are looked at, and where a link leaves its limits."""
+
 LOOKED_AT = 100
 """Rows of a run in which its clamp is looked at, up to the one in which its bridge would have blocked."""
 
@@ -111,6 +114,7 @@ class Outside:
         self._study = study
         self._rows = {name: np.full(count, np.nan) for name in names if name.startswith(asked)}
         self._inside, self._too_much = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+        self._looks = 0
 
     def look(self, get: Callable[[str], Array]) -> None:
         """Keeps the numbers of the lanes whose links have just been found outside. ``get`` gives a number of every
@@ -118,10 +122,11 @@ class Outside:
         link = self._study.dc
         if link is None:
             return
-        if link.clamps:
-            self._too_much |= self._inside & asks_too_much(self._study, link, at_source(link, get))
         gone = (get("dc.lowest") < link.V_low) | (get("dc.highest") > link.V_high)
-        new = gone & self._inside & ~self._too_much
+        new, self._looks = gone & self._inside, self._looks + 1
+        if link.clamps and (new.any() or self._looks % CLAMP_LOOKS == 0):  # it takes longer than the rest of a look
+            self._too_much |= self._inside & asks_too_much(self._study, link, at_source(link, get))
+        new &= ~self._too_much
         self._inside &= ~gone
         for name, values in self._rows.items() if new.any() else ():
             values[new] = get(name)[new]

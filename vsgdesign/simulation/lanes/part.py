@@ -43,7 +43,7 @@ Samples = NDArray[np.int64]
 PROTECTION_COLUMNS = 3
 """Numbers of a sample that are logged where a protection is judged: frequency, and both components of the voltage."""
 
-LOOK_SAMPLES = 32
+LOOK_SAMPLES = 128
 """After so many samples a part looks which dc links are outside of their limits."""
 
 
