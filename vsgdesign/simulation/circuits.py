@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -276,18 +276,27 @@ def _equal(one: TwoAxisCircuit, other: TwoAxisCircuit) -> bool:
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("A", "B", "E"))
 
 
-def start_of(study: Study, timeline: Timeline, circuits: Circuits, gains: PowerLoopGains) -> SampledState:
-    """The state at t = 0, with all the states of the circuit.
+KnownStarts = dict[Hashable, SampledState]
+"""States in which runs of one controller of one converter have begun, by all that these depend on besides."""
+
+
+def start_of(
+    study: Study, timeline: Timeline, circuits: Circuits, gains: PowerLoopGains, known: KnownStarts | None = None
+) -> SampledState:
+    """The state at t = 0, with all the states of the circuit. Nobody may write to it. ``known``: those that are known
+    of this controller, which get this one.
 
     Raises InfeasibleStudyError where a steady start is asked for and there is no steady state.
     """
-    if study.simulation.start == "cold":
-        state = cold_start(study, timeline.source_at(0.0).phase)
-    else:
-        state = rest_at_start(study, timeline, gains, circuits.more)
-    plant = np.zeros(circuits.states)
-    plant[: len(state.plant)] = state.plant
-    return replace(state, plant=plant)
+    known = {} if known is None else known
+    source, refs, cold = timeline.source_at(0.0), timeline.references_at(0.0), study.simulation.start == "cold"
+    asked = cold, connection_at(timeline, 0.0), source, refs, gains, circuits.more, circuits.states
+    if asked not in known:
+        state = cold_start(study, source.phase) if cold else rest_at_start(study, timeline, gains, circuits.more)
+        plant = np.zeros(circuits.states)
+        plant[: len(state.plant)] = state.plant
+        known[asked] = replace(state, plant=plant)
+    return known[asked]
 
 
 def rest_at_start(

@@ -21,7 +21,7 @@ from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.between_rows import BetweenRows
 from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
-from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, start_of
+from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, KnownStarts, start_of
 from vsgdesign.simulation.every_sample import BLOCK, EverySample, rings_of_taken
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
@@ -325,11 +325,13 @@ def simulation_of(run: RunState) -> Simulation:
 
 
 class Rooms:
-    """Memory for the logs of runs side by side, which those of later runs get where the former have been dropped: the
-    system fills new memory with zeros first, which takes longer than a run writes its log."""
+    """What runs side by side leave to later ones of the same controller. Memory for their logs, where these have been
+    dropped: the system fills new memory with zeros first, which takes longer than a run writes its log. And the states
+    in which they began: many tests begin on the same grid at the same powers."""
 
     def __init__(self) -> None:
         self._rooms: list[Array] = []
+        self.starts: KnownStarts = {}
 
     def room(self, *shape: int) -> Array:
         """An array of this shape with anything in it."""
@@ -375,9 +377,10 @@ def begin_together(runs: Sequence[RunState], switched: bool, rooms: Rooms | None
     batch.log(*_logs(batch, samples, every, first.of, rooms or Rooms()))
     if first.of.rows is not None:
         batch.between = BetweenRows(study, first.of.rows, samples, batch.build.lanes, batch.build.vectors)
+    known = rooms.starts if rooms is not None and len(runs) > 1 else {}
     for number, run in enumerate(runs):
-        gains = run.feed.first()
-        run.begin(batch, number, start_of(run.study, run.timeline, circuits, gains), circuits)
+        start = start_of(run.study, run.timeline, circuits, run.feed.first(), known)
+        run.begin(batch, number, start, circuits)
     return batch
 
 
