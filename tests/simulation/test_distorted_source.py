@@ -63,3 +63,20 @@ def test_a_resting_phasor_stays_one(order: float) -> None:
     for row, turn in zip(rows, turns[1:], strict=True):
         now = transition @ (x * turn * np.exp(-1j * order * omega * T_s)) + row[0:6:2] + 1j * row[1:6:2]
         np.testing.assert_allclose(now, x * turn, rtol=1e-10)
+
+
+def test_stretches_of_a_ramp_have_the_bits_of_one_after_the_other() -> None:
+    study = lc_study("1 s")
+    circuit, T_s = study.circuit(), study.converter.T_s
+    ramp = SourceSegment(0.7, 110.0, -40.0, study.converter.omega_n, 9.0, 0.3)
+    counts = [1, 200, 173, 1500, 200]
+    begins = (7001 + np.cumsum([0, *counts[:-1]])).tolist()
+    intervals = [Interval(T_s, Connection(study.grid), ramp.at(begin * T_s), ()) for begin in begins]
+    apart = [
+        Background(lambda _: circuit, 100.0).rows([one], 0, count, T_s)
+        for one, count in zip(intervals, counts, strict=True)
+    ]
+    together = Background(lambda _: circuit, 100.0).of_ramp(intervals, counts, T_s)
+    for one, other in zip(apart, together, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert np.ptp(together[3], axis=0).min() > 0.0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +73,8 @@ class AddedSource:
         self._background = Background(circuits.of, rms_to_peak(study.converter.V_rated_rms), timeline)
         self._distorted = distorted(timeline)
         self._always = adds_to_source(timeline)
+        self._ahead: dict[tuple[int, int], Array] = {}
+        """What a ramp adds over stretches that are still to come, by first sample and length."""
 
     def marks(self, samples: int) -> set[int]:
         """The samples at which a stretch begins because of the circuit or its source, in a run of so many."""
@@ -115,10 +118,13 @@ class AddedSource:
             return self._distorted
         return not self._timeline.source_at((sample + 1e-6) * self._T_s).steady
 
-    def over(self, first: int, count: int) -> Added | None:
-        """What is added over a stretch; None: nothing."""
+    def over(self, first: int, count: int, later: Sequence[int] = ()) -> Added | None:
+        """What is added over a stretch; None: nothing. ``later``: where stretches of the run end after it. Those of the
+        same ramp are computed with it, which takes a fraction of one after the other."""
         if not self._always:
             return None
+        if (known := self._ahead.pop((first, count), None)) is not None:
+            return Added(known)
         T_s, inside = self._T_s, self._inside(first)
         if not inside and not self.adds(first):
             return None
@@ -133,6 +139,8 @@ class AddedSource:
             found.append(Interval(float(h), connection_at(self._timeline, t_s), source, components))
         if not self._background.acts(found):
             return None
+        if not inside and not self._distorted:
+            return Added(self._of_ramp(found[0], first, count, later))
         rows = self._background.rows(found, first, count, T_s)
         if len(found) == 1:
             return Added(rows)
@@ -143,6 +151,24 @@ class AddedSource:
         for piece, row in zip(found[1:], rows[1:], strict=True):
             joint[:states] = self._circuits.moved(piece.connection, piece.h, joint[:states]) + row[:states]
         return Added(joint[None])
+
+    def _of_ramp(self, interval: Interval, first: int, count: int, later: Sequence[int]) -> Array:
+        """What a ramp alone adds over a stretch, and over the next ones that it has as a whole."""
+        T_s = self._T_s
+        ends_s = next((t_s for t_s in self._changes if t_s > first * T_s + 1e-6 * T_s), math.inf)
+        stretches, begin = [(first, count)], first + count
+        for end in later:
+            if (end + 1) * T_s >= ends_s:
+                break
+            stretches.append((begin, end - begin))
+            begin = end
+        intervals = [interval]
+        for begin, _ in stretches[1:]:
+            source = self._timeline.source_at(begin * T_s + 1e-6 * T_s).at(begin * T_s)
+            intervals.append(interval._replace(source=source))
+        rows = self._background.of_ramp(intervals, [length for _, length in stretches], T_s)
+        self._ahead = dict(zip(stretches[1:], rows[1:], strict=True))
+        return rows[0]
 
 
 def on_sample(t_s: float, T_s: float) -> int | None:

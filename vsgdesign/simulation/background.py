@@ -11,6 +11,7 @@ import cmath
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.linear.operating_point.plant import plant_step, straight_line_responses
+from vsgdesign.linear.operating_point.plant import plant_step, sources_of_grid, straight_line_responses
 from vsgdesign.simulation.circuits import CircuitOfConnection, Connection, states_of
 from vsgdesign.simulation.moved_waves import MovedWaves
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
@@ -68,9 +69,7 @@ class Background:
         """Rows m = 0, 1, 2: what s^m e^{jωs} adds, complex (3, 2n): the part of Re c and, as −j times it, of Im c."""
         circuit = self._circuit(connection)
         source = plant_step(circuit, h, omega, edges=False).source
-        if isinstance(circuit, FilterGrid):  # c·ρ: real part on α, imaginary part on β
-            return np.stack([source, -1j * source], axis=-1).reshape(3, -1)
-        return source[:, :, 0] - 1j * source[:, :, 1]
+        return _on_both_axes(source) if isinstance(circuit, FilterGrid) else source[:, :, 0] - 1j * source[:, :, 1]
 
     def rows(self, intervals: Sequence[Interval], first: int, count: int, T_s: float) -> Array:
         """What the components add over ``count`` whole samples (one interval), or over each of several intervals
@@ -85,6 +84,18 @@ class Background:
         return np.concatenate(
             [self.over(one, first, np.zeros(1), at) for one, at in zip(intervals, begins, strict=True)]
         )
+
+    def of_ramp(self, intervals: Sequence[Interval], counts: Sequence[int], T_s: float) -> list[Array]:
+        """What a ramped fundamental alone adds over stretches of one ramp, which begin with these intervals and have
+        ``counts`` whole samples: :meth:`rows` of each of them, to the bit."""
+        first = intervals[0]
+        since = np.concatenate([np.arange(count, dtype=np.float64) * T_s for count in counts])
+        begins = np.array([(one.source.V_g_rms, one.source.omega, one.source.phase) for one in intervals])
+        V, omega, phase = np.repeat(begins, counts, axis=0).T.copy()
+        source: Any = replace(first.source, V_g_rms=V, omega=omega, phase=phase)
+        total = _Total(np.zeros((len(since), self._states(first.connection) + 2)), counts)
+        self._add_any(total, first._replace(source=source), (), 0, since, 0.0)
+        return np.split(total.rows, np.cumsum(counts[:-1]))
 
     def _states(self, connection: Connection) -> int:
         """How many states the circuit has on both axes."""
@@ -160,8 +171,19 @@ class Background:
         # As for the fundamental (:eq:`source-ramp`): what the ramp of the frequency turns within the interval.
         one, two = 1j * n * drift, 0.5j * n * source.omega_slope - 0.5 * (n * drift) ** 2
         weights = c, c * one + slope, c * two + slope * one
-        rho = self._responses(interval.connection, interval.h, n * source.omega)
-        total.add(weights, _real_product(rho, (1.0, 0.0, 0.0)))
+        begins = total.begins
+        omegas = np.atleast_1d(source.omega)[begins].tolist()
+        responses = self._all_responses(interval.connection, interval.h, [n * omega for omega in omegas])
+        for begin, end, rho in zip(begins, [*begins[1:], len(total.rows)], responses, strict=True):
+            some = [wave[begin:end] for wave in weights]
+            total.add(some, _real_product(rho, (1.0, 0.0, 0.0)), begin)
+
+    def _all_responses(self, connection: Connection, h: float, omegas: Sequence[float]) -> Sequence[NDArray[Any]]:
+        """:meth:`_response` at several frequencies."""
+        circuit = self._circuit(connection)
+        if len(omegas) == 1 or not isinstance(circuit, FilterGrid):
+            return [self._responses(connection, h, omega) for omega in omegas]
+        return [_on_both_axes(one) for one in sources_of_grid(circuit, h, omegas)]
 
     def _add_line(self, total: _Total, interval: Interval, t_s: Array, spec: BackgroundSpec) -> None:
         """A line at a frequency of its own."""
@@ -193,17 +215,26 @@ def _real_product(rho: NDArray[Any], voltage: Sequence[complex]) -> Array:
     return np.stack([np.real(full), -np.imag(full)], axis=1).reshape(2 * len(full), -1)
 
 
+def _on_both_axes(source: NDArray[Any]) -> NDArray[Any]:
+    """What equal axes do (3, n), as complex (3, 2n): c·ρ has its real part on α and its imaginary part on β."""
+    return np.stack([source, -1j * source], axis=-1).reshape(3, -1)
+
+
 class _Total:
-    """The sum of what parts of a source add: to the states, and to its voltage, ``rows`` (count, states + 2)."""
+    """The sum of what parts of a source add: to the states, and to its voltage, ``rows`` (count, states + 2). They are
+    those of one stretch, or of several of ``counts`` rows each."""
 
-    def __init__(self, rows: Array) -> None:
+    def __init__(self, rows: Array, counts: Sequence[int] = ()) -> None:
         self.rows = rows
+        self.begins = [0, *np.cumsum(counts[:-1]).tolist()]
+        """The first row of each stretch."""
 
-    def add(self, waves: Sequence[NDArray[Any]], parts: Array) -> None:
-        """Waves (count,) with what their parts add (:func:`_real_product`)."""
-        weights = np.empty((len(self.rows), len(waves)), dtype=complex)
+    def add(self, waves: Sequence[NDArray[Any]], parts: Array, first: int = 0) -> None:
+        """Waves (count,) with what their parts add (:func:`_real_product`), from row ``first`` on."""
+        weights = np.empty((len(waves[0]), len(waves)), dtype=complex)
         for k, wave in enumerate(waves):
             weights[:, k] = wave
         of_rows = weights.view(np.float64)
         for k in range(0, len(weights), _ROWS):
-            self.rows[k : k + _ROWS] += of_rows[k : k + _ROWS] @ parts
+            some = of_rows[k : k + _ROWS] @ parts
+            self.rows[first + k : first + k + len(some)] += some

@@ -44,6 +44,9 @@ Array = NDArray[np.float64]
 _gain_transfer, _relay_sees = on_floats(gain_transfer), on_floats(relay_sees)
 
 
+_AHEAD = 31
+"""So many stretches may be computed together with the one before them."""
+
 _MOST_SAMPLES = 400_000
 """So many samples at most does a run have that goes side by side with another one: their logs then take 0.1 GB."""
 
@@ -196,7 +199,8 @@ class RunState:
             return None, None, None
         begin, length = (first, count) if anew else self._own_stretch(first, count)
         if anew or self._fed[:2] != (begin, length):
-            added = self._added.over(begin, length)
+            later = [] if anew else self._stops_after(begin + length)
+            added = self._added.over(begin, length, later)
             if not anew:
                 self._fed = begin, length, added
         else:
@@ -213,6 +217,12 @@ class RunState:
         at = bisect_right(stops, first)
         begin = max(stops[at - 1], self._since) if at else self._since
         return begin, max(stops[at] - begin if at < len(stops) else 0, first + count - begin)
+
+    def _stops_after(self, sample: int) -> list[int]:
+        """Some of those that follow a stop; none where it is not one."""
+        stops = self.own_stops
+        at = bisect_right(stops, sample)
+        return stops[at : at + _AHEAD] if at and stops[at - 1] == sample else []
 
     def conclude(self, done: int) -> bool:
         """Ends the cycle of a field estimator, if one ends before sample ``done``. Returns whether the run goes on: it

@@ -102,6 +102,12 @@ def plant_step(circuit: FilterGrid | TwoAxisCircuit, h: float, omega: float, *, 
     return PlantStep(h, transition[0], bridge[0].reshape(b.shape), edge.reshape(len(edge), *b.shape), source)
 
 
+def sources_of_grid(circuit: FilterGrid, h: float, omega: Sequence[float]) -> NDArray[Any]:
+    """``source`` of :class:`PlantStep` at several frequencies (rad/s), complex (N, 3, n)."""
+    A, _, e, transition, _ = _moved_by(circuit, h)
+    return source_responses(A[None], e[None], transition, h, np.array(omega))
+
+
 @functools.lru_cache(maxsize=64)
 def _moved_by(circuit: FilterGrid, h: float) -> tuple[Array, Array, Array, Array, Array]:
     """A, b and e of a circuit, and both of :func:`transitions`: they are the same for every frequency of a ramp, and
