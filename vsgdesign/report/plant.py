@@ -116,12 +116,18 @@ def _modes(one: PlantController) -> Table:
     )
 
 
+def _hertz(s: complex) -> float:
+    """With what a mode oscillates; 0 below 0.05 Hz, which is seldom more than rounding."""
+    hertz = abs(s.imag) / (2.0 * math.pi)
+    return hertz if hertz > 0.05 else 0.0
+
+
 def _row(rest: PlantRest) -> tuple[str, ...]:
     start = (plain(rest.t_s, 4), rest.name, str(len(rest.on_line)))
     if not rest.modes:
         return (*start, *(DASH,) * 6)
     slowest = rest.modes[0]
-    own = plain(slowest.s.real, 3), plain(abs(slowest.s.imag) / (2.0 * math.pi), 3), plain(slowest.damping, 2)
+    own = plain(slowest.s.real, 3), plain(_hertz(slowest.s), 3), plain(slowest.damping, 2)
     who, share = slowest.units[0]
     most = f"{who} {100.0 * share:.0f} %"
     if rest.split is None:
@@ -218,8 +224,8 @@ def advice(one: PlantController) -> str:
     if not known:
         return "no rest of this run is known, so there are no modes."
     worst = max(known, key=lambda rest: rest.modes[0].s.real)
-    mode, hertz = worst.modes[0], abs(worst.modes[0].s.imag) / (2.0 * math.pi)
-    at = f"{hertz:.3g} Hz" if hertz > 0.05 else "no oscillation"
+    mode, hertz = worst.modes[0], _hertz(worst.modes[0].s)
+    at = f"{hertz:.3g} Hz" if hertz > 0.0 else "no oscillation"
     who = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in mode.units[:4])
     said = f"in the slowest mode ({number(mode.s.real)} 1/s, {at}, after {worst.name}) take part: {who}. "
     if worst.split is not None:
