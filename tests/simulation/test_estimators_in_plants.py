@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.field import FieldAnswer
@@ -13,7 +14,12 @@ from vsgdesign.metrics import answers as metrics
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.simulation.units import plant_timeline, simulate_plant
 from vsgdesign.simulation.units.scenario import PlantResult, run_plant
+from vsgdesign.simulation.units.twins import twins_of
+from vsgdesign.simulation.units.unit_result import signals_of
+from vsgdesign.simulation.units.windows import Tape
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.grid import Grid
 
@@ -140,3 +146,46 @@ def test_beside_a_large_inverter_the_estimator_says_that_the_grid_is_not_passive
     assert not found.passive[late].any()
     assert not found.valid[late].any()
     assert found.event[late].sum() < 5
+
+
+STEP = 'events = [{ time = "0.6 s", P_ref = "9 kW" }]'
+
+
+def test_the_steps_of_one_unit_are_judged_as_those_of_one_converter() -> None:
+    """Beside its twin, with the same figures."""
+    (alone,) = run_scenario(study_with(STEP, "3.2 s")).controllers
+    (unit,) = run_plant(study_with(f"plant = {{ units = 1 }}\n{STEP}", "3.2 s"), NOTHING).controllers[0].units
+    assert len(alone.events) == len(unit.events) == 2
+    for expected, found in zip(alone.events, unit.events, strict=True):
+        assert (found.noise is None) == (expected.noise is None)
+        for name in ("settling_time_s", "overshoot_pct", "final", "initial"):
+            value = getattr(expected.cycle_mean, name)
+            assert getattr(found.cycle_mean, name) == (None if value is None else pytest.approx(value, rel=1e-6)), name
+    step = unit.events[0]
+    assert step.noise is not None
+    assert step.noise.twin
+    assert step.cycle_mean.settling_time_s is not None
+    for name in ("P_pcc", "Q_pcc"):
+        np.testing.assert_allclose(unit.without[0.6][name], alone.without[0.6][name], rtol=1e-7, atol=1e-5)
+
+
+def test_the_twin_of_a_plant_has_the_estimators_of_its_run() -> None:
+    """Two units, one of which is asked for more: up to the step the twin is the run to the bit, then it has the gains
+    of the run. Estimators of its own would give others."""
+    event = 'events = [{ time = "0.6 s", element = "unit1", P_ref = "7 kW" }]'
+    study = study_with(f"plant = {{ units = 2, reactance = 0.06, resistance = 0.01 }}\n{event}", "1.2 s")
+    spec, timeline = study.controllers[0], plant_timeline(study)
+    schedules = [FieldScheduler(one, one.controllers[0]) for one in timeline.units]
+    tape, interval = Tape(), study.converter.T_s
+    run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, tape=tape)
+    twin = twins_of(study, spec, run, schedules, tape, interval)[0.6]
+    before = twin.t_s < 0.6
+    for own, other in zip(run.units, twin.units, strict=True):
+        assert np.array_equal(own.log[: before.sum()], other.log[before])
+        assert own.gain_changes == other.gain_changes
+    after = twin.t_s > 1.1
+    P = signals_of(twin, 0).P_pcc[after].mean(), signals_of(run, 0).P_pcc[: len(after)][after].mean()
+    assert P[1] - P[0] > 1e3
+    held = replace(study, events=())
+    others = simulate_plant(held, schedules, timeline=plant_timeline(held), log_interval=interval)
+    assert others.units[0].gain_changes != run.units[0].gain_changes

@@ -36,6 +36,14 @@ PLACE_OF_CLOSED, PLACE_OF_MUTED = int(_PLACES.closed), int(_PLACES.muted)
 """Where a lock-in's array says that a cycle has ended, and that the next sample sends nothing."""
 
 
+def goes_on(lock: Array, as_in: Array) -> None:
+    """A lock-in goes on with the numbers of another one. Whether nothing is sent after a limited sample stays its
+    own."""
+    muted = lock[PLACE_OF_MUTED]
+    lock[:] = as_in
+    lock[PLACE_OF_MUTED] = muted
+
+
 def concluded(lock: LockIn, track: FieldTrack, settings: FieldSettings) -> Any:
     """A cycle ends and the next one begins. Returns (next_lock, next_track, answer, seen): the last are the features
     that a network behind the estimator is given."""

@@ -18,7 +18,7 @@ from vsgdesign.identification import Probe
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.field_feed import probe_of
-from vsgdesign.simulation.field_observer import PLACE_OF_CLOSED, PLACE_OF_MUTED
+from vsgdesign.simulation.field_observer import PLACE_OF_CLOSED, goes_on
 from vsgdesign.simulation.gains import RunFeed
 from vsgdesign.simulation.loop import log_names
 from vsgdesign.simulation.run_asked import Twin
@@ -156,9 +156,7 @@ class _AsMain(RunFeed):
         """The cycle ends as that of the main run did, with what is sent in the next one. Whether nothing is sent after
         a limited sample stays the twin's own."""
         del sample, present, state
-        muted = self._lock[PLACE_OF_MUTED]
-        self._lock[:] = self._of_main
-        self._lock[PLACE_OF_MUTED] = muted
+        goes_on(self._lock, self._of_main)
         return self._main.gains
 
 

@@ -12,8 +12,8 @@ from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.survival.cases import SurvivalCase
 from vsgdesign.simulation.survival.running import Subject, record_of, rest_of, with_protection
 from vsgdesign.simulation.units.run import simulate_plant
-from vsgdesign.simulation.units.scenario import as_simulation
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline
+from vsgdesign.simulation.units.unit_result import as_simulation
 from vsgdesign.simulation.units.windows import Schedule
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import Study

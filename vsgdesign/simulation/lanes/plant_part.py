@@ -20,7 +20,7 @@ from vsgdesign.simulation.numbers_of_runs import Numbers
 from vsgdesign.simulation.units.body import PlantKind, body_numbers, cyclic_values, spec_of_plant
 from vsgdesign.simulation.units.crossing import cross
 from vsgdesign.simulation.units.program import PlantProgram
-from vsgdesign.simulation.units.run import uniform_of
+from vsgdesign.simulation.units.start import uniform_of
 from vsgdesign.simulation.units.timeline import PlantTimeline
 from vsgdesign.study.parameters.study import Study
 

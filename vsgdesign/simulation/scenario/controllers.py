@@ -270,7 +270,7 @@ def _run_controllers(
             simulation=logged,
             derives=partial(derive_series, study, logged),
             means=dict(zip(POWERS, every_sample.means, strict=True)),
-            without={t_s: _means_of(own_study, twin) for t_s, twin in without.items()},
+            without={t_s: means_of(own_study, twin) for t_s, twin in without.items()},
             events=events,
             rests=found,
             outcome=outcome,
@@ -332,7 +332,7 @@ def rest_at_limit(study: Study, run: Simulation, seen: SignalsAtPcc) -> LimitedE
     return limited_end(study, run.t_s[end], seen.P_pcc[whole], seen.Q_pcc[whole], acting, last_s)
 
 
-def _means_of(study: Study, seen: SignalsAtPcc) -> dict[str, Array]:
+def means_of(study: Study, seen: SignalsAtPcc) -> dict[str, Array]:
     """The means of the powers in the rows that a study logs."""
     every, samples = rows_apart(study), samples_per_mean(study, seen.t_s)
     return {name: cycle_mean(getattr(seen, name), samples)[::every] for name in POWERS}

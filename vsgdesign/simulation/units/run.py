@@ -11,13 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import compiled_loop, empty_rows
-from vsgdesign.codegen.records import numbers_of
-from vsgdesign.equations.controller import ControllerSettings, ControllerState
+from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
-from vsgdesign.equations.field import FieldSettings
 from vsgdesign.equations.frames import peak_to_rms, rated_current_rms, rms_to_peak
 from vsgdesign.equations.grid_following import SetPoints
-from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import SimulationDivergedError
@@ -27,11 +24,11 @@ from vsgdesign.linear.operating_point.sampled import cold_start
 from vsgdesign.simulation.added_source import SensorsOfRun, sensors_of
 from vsgdesign.simulation.circuit_program import ProgramWriter
 from vsgdesign.simulation.dc_start import blocked, dc_changed, rows_before_block
-from vsgdesign.simulation.field_observer import FieldMemory
+from vsgdesign.simulation.field_observer import goes_on
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.loop import LOG_COLUMNS, kind_of, spans_of
 from vsgdesign.simulation.outcome import BOUND_PU, Divergence, outside
-from vsgdesign.simulation.run_kind import Kind, names_of
+from vsgdesign.simulation.run_kind import Kind
 from vsgdesign.simulation.run_state import with_gains
 from vsgdesign.simulation.units.added import AddedToPlant, adds
 from vsgdesign.simulation.units.body import (
@@ -47,9 +44,9 @@ from vsgdesign.simulation.units.body import (
 from vsgdesign.simulation.units.crossing import cross, switched
 from vsgdesign.simulation.units.noise import put_sensors, with_noise
 from vsgdesign.simulation.units.program import PlantProgram
-from vsgdesign.simulation.units.start import StartOfPlant
+from vsgdesign.simulation.units.start import StartOfPlant, uniform_of
 from vsgdesign.simulation.units.timeline import PlantTimeline, blocks, plant_timeline
-from vsgdesign.simulation.units.windows import Schedule, UnitGains
+from vsgdesign.simulation.units.windows import Schedule, Tape, UnitGains
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]
@@ -121,10 +118,12 @@ def simulate_plant(
     timeline: PlantTimeline | None = None,
     log_interval: float | None = None,
     progress: Callable[[float], None] | None = None,
+    tape: Tape | None = None,
 ) -> PlantRun:
     """Simulates the plant of a study; each unit has its gains over time, or a field estimator that drives them.
     ``timeline``: that of the study, with the current limits of the controllers; None: without limits of their own.
-    ``log_interval``: in place of the study's, s.
+    ``log_interval``: in place of the study's, s. ``tape``: where it is written down what the estimators do, or of
+    which it is played.
 
     Raises InfeasibleStudyError where the start has no steady state, and SimulationDivergedError where the run leaves
     every sensible bound before two rows are logged.
@@ -134,7 +133,7 @@ def simulate_plant(
         if log_interval is None
         else replace(study, simulation=replace(study.simulation, log_interval=log_interval))
     )
-    return _Run(logged, timeline or plant_timeline(study), schedules).run(progress)
+    return _Run(logged, timeline or plant_timeline(study), schedules, tape).run(progress)
 
 
 def check_start(study: Study, schedules: Sequence[Schedule], timeline: PlantTimeline) -> None:
@@ -145,8 +144,10 @@ def check_start(study: Study, schedules: Sequence[Schedule], timeline: PlantTime
 class _Run:
     """A run that is under way."""
 
-    def __init__(self, study: Study, timeline: PlantTimeline, schedules: Sequence[Schedule]) -> None:
-        self.study, self.timeline, self.schedules = study, timeline, schedules
+    def __init__(
+        self, study: Study, timeline: PlantTimeline, schedules: Sequence[Schedule], tape: Tape | None = None
+    ) -> None:
+        self.study, self.timeline, self.schedules, self.tape = study, timeline, schedules, tape
         self.clock = clock_of_study(study)
         self.wiring = wiring_of(study)
         self.given = tuple(map(UnitGains, schedules))
@@ -332,6 +333,9 @@ class _Run:
 
     def _conclude(self, done: int) -> None:
         """Ends the cycles of field estimators that end before a sample of the loop."""
+        if self.tape is not None and self.tape.plays:
+            self._play(self.tape, done)
+            return
         t_s, first = self.program.time(done), self.given[0].field if self.given else None
         shared = first.concluded() if self.common and first is not None and first.closed else None
         for k, given in enumerate(self.given):
@@ -340,6 +344,20 @@ class _Run:
                 change = given.concluded(t_s, sample, self._gains[k], self._state(k), shared)
                 if change is not None:
                     self._change(k, change)
+                if self.tape is not None:
+                    self.tape.add(done, k, self._at(lock) if (lock := f"u{k}.lock") in self.spans else None, change)
+
+    def _play(self, tape: Tape, done: int) -> None:
+        """The cycles end as those of the run did of which the tape is, with the same gains."""
+        for k, lock, change in tape.at(done):
+            if lock is not None:
+                goes_on(self._at(f"u{k}.lock"), lock)
+            if change is not None:
+                if change.gains != self._gains[k]:
+                    self.given[k].changes.append(change)
+                self._change(k, change)
+        if any(given.field is not None and given.field.closed for given in self.given):
+            raise RuntimeError("a cycle of a field estimator has ended that did not end in the run of the tape.")
 
     def _fed(self, begin: int, end: int) -> Array | None:
         """What is fed over a stretch, (1, samples of the loop, n, 1); None: nothing."""
@@ -462,29 +480,6 @@ def _in_rms(log: Array) -> Array:
 def _kind(study: Study, listens: bool) -> Kind:
     sensors = study.sensors is not None and study.sensors.act
     return kind_of(study, switched=False)._replace(sensors=sensors, field=listens)
-
-
-def uniform_of(
-    timeline: PlantTimeline, kinds: Sequence[Kind], memories: Sequence[FieldMemory | None], names: Sequence[str]
-) -> Array:
-    """What never changes: gains of the inner loops and constants of the controllers and estimators."""
-    known: dict[str, float] = {}
-    for k, one in enumerate(timeline.plant.inverters, len(kinds)):
-        known[f"u{k}.R_c"] = one.filter.R_c
-        known |= dict(zip(names_of(one.kind.settings, f"u{k}.settings"), one.settings, strict=True))
-    for k, (study, kind, memory) in enumerate(zip(timeline.units, kinds, memories, strict=True)):
-        known |= {f"u{k}.R_c": study.filter.R_c, f"u{k}.V_rated_rms": study.converter.V_rated_rms}
-        known[f"u{k}.V_dc"] = study.converter.V_dc
-        if memory is not None:
-            settings = numbers_of(memory.settings)
-            known |= dict(zip(names_of(FieldSettings, f"u{k}.field"), settings, strict=True))
-            known[f"u{k}.allowed"] = memory.allowed
-        for head, record, value in (
-            ("inner_gains", InnerLoopGains, study.inner_gains),
-            ("settings", ControllerSettings, study.controller_settings()),
-        ):
-            known |= dict(zip(kind.names(record, f"u{k}.{head}"), numbers_of(value), strict=True))
-    return np.array([float(known[name]) for name in names])
 
 
 __all__ = ["InverterRun", "PlantRun", "UnitRun", "simulate_plant"]

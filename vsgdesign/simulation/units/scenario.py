@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,26 +18,16 @@ from vsgdesign.linear.operating_point.equilibrium import point_at
 from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
 from vsgdesign.linear.stability.loci import Mode
 from vsgdesign.linear.stability.modes_of_units import PlantMode, SplitModes, modes_of_units, split_modes
-from vsgdesign.metrics.step_response import cycle_mean
-from vsgdesign.metrics.survival import BLOCKED, ExpectedRest, Survival, judge_survival
-from vsgdesign.simulation.dc_start import dc_figures
-from vsgdesign.simulation.every_sample import SignalsAtPcc
+from vsgdesign.metrics.survival import ExpectedRest
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, settled_changes
-from vsgdesign.simulation.outcome import Divergence, Outcome, outcome_of
+from vsgdesign.simulation.outcome import Divergence, Outcome
 from vsgdesign.simulation.rest import Rest
-from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario.controllers import (
     ControllerResult,
-    derive_series,
-    measure_events,
-    rest_at_limit,
-    samples_per_mean,
 )
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
-from vsgdesign.simulation.survival.running import own_rest_of, record_of, with_protection
-from vsgdesign.simulation.twin import never_rests
+from vsgdesign.simulation.survival.demand import settling_time_of
 from vsgdesign.simulation.units.inverters import (
     InverterRest,
     inverter_series,
@@ -46,10 +35,12 @@ from vsgdesign.simulation.units.inverters import (
     terminals_at_rest,
 )
 from vsgdesign.simulation.units.joining import NEVER, joined, waiting
-from vsgdesign.simulation.units.run import PlantRun, UnitRun, check_start, simulate_plant
+from vsgdesign.simulation.units.run import PlantRun, check_start, simulate_plant
 from vsgdesign.simulation.units.sharing import Sharing, sharing_of
 from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of, without_blocked
+from vsgdesign.simulation.units.twins import Tape, twins_of
+from vsgdesign.simulation.units.unit_result import unit_result
 from vsgdesign.simulation.units.windows import Follows, Schedule
 from vsgdesign.study.parameters.power_plant import GRID
 from vsgdesign.study.parameters.source import GridSource
@@ -161,18 +152,30 @@ def run_plant(
         blocked: dict[str, Divergence] = {}
         while True:
             timeline, schedules, rests = _prepared(study, spec, ready, warn)
-            interval = _interval(study, timeline)
-            run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report)
+            interval, tape = _interval(study, timeline), Tape()
+            run = simulate_plant(study, schedules, timeline=timeline, log_interval=interval, progress=report, tape=tape)
             lost = run.divergence
             if lost is None or not lost.blocked:
                 break
             blocked[lost.unit] = lost  # the others go on
             study = without_blocked(study, lost.unit, lost.t_s)
         feeds = [one if isinstance(one, FieldScheduler) else None for one in schedules]
+        twins = twins_of(study, spec, run, schedules, tape, interval)
         if any(not isinstance(one, Sequence) for one in schedules):  # with the gains that it really had
             rests = _told_rests(study, spec, timeline, _settled(study, run), warn)
         units = tuple(
-            _unit_result(study, spec, ready, run, k, rests, feed, blocked.get(run.units[k].name))
+            unit_result(
+                study,
+                spec,
+                ready,
+                run,
+                k,
+                tuple(one.units[k] for one in rests),
+                [one.expected[k] for one in rests],
+                feed,
+                twins,
+                blocked.get(run.units[k].name),
+            )
             for k, feed in enumerate(feeds)
         )
         every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
@@ -392,108 +395,3 @@ def expected_rest(rest: UnitsAtRest, unit: int) -> ExpectedRest:
     i_s = float(np.hypot(*rest.model.measured(rest.z, unit)[:2]))
     rated = rest.model.situation.units[unit].study.converter.I_rated_pk
     return ExpectedRest(P=P, Q=Q, delta=rest.controller(unit, 0.0)[0].theta, i_s_pu=i_s / rated)
-
-
-def _unit_result(
-    study: Study,
-    spec: ControllerSpec,
-    ready: Ready,
-    run: PlantRun,
-    k: int,
-    rests: Sequence[PlantRest],
-    feed: FieldScheduler | None,
-    blocked: Divergence | None = None,
-) -> ControllerResult:
-    """Figures and series of a unit, as of one converter. ``blocked``: when and why its bridge has blocked."""
-    unit, own_spec = run.units[k], spec_of(run.units[k].study, spec)
-    own, found = unit.study, tuple(one.units[k] for one in rests)
-    i_g, i_s = unit.log[:, 4:6], unit.log[:, 0:2]
-    P, Q = instantaneous_power(*unit.terminals.T, *i_g.T)
-    seen = SignalsAtPcc(run.t_s, P, Q, *(np.square(np.hypot(*one.T)) for one in (i_g, i_s)))
-    simulation = as_simulation(run, unit, k)
-    at_limit = None if run.divergence else rest_at_limit(own, simulation, seen)
-    events = measure_events(
-        own,
-        seen,
-        found,
-        ripples=study.simulation.bridge == "pwm" or study.has_components,
-        divergence=run.divergence,
-        restless=never_rests(study, own_spec),
-    )
-    every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
-    logged, figures = simulation, None
-    if simulation.dc_log is not None:
-        whole = len(run.t_s) if blocked is None else max(int(np.searchsorted(run.t_s, blocked.t_s)), 1)
-        figures = dc_figures(own, simulation.dc_log[:whole])
-        gone = np.arange(len(run.t_s))[:, None] >= whole  # nothing is known of a link behind a blocked bridge
-        logged = replace(simulation, dc_log=np.where(gone, np.nan, simulation.dc_log))
-    logged = logged.every(every)
-    per_mean = samples_per_mean(own, run.t_s)
-    expected = [one.expected[k] for one in rests]
-    means = {name: cycle_mean(power, per_mean)[::every] for name, power in (("P_pcc", P), ("Q_pcc", Q))}
-    at_pcc = unit.terminals[::every].copy(), i_g[::every].copy()  # series are derived later, and need no other row
-    return ControllerResult(
-        spec=own_spec,
-        bridge=study.simulation.bridge,
-        gain_changes=unit.gain_changes,
-        simulation=logged,
-        derives=partial(derive_series, own, logged, at_pcc, run.timeline.shared.source_phase(logged.t_s, 1e-9)),
-        means=means,
-        without={},
-        events=events,
-        outcome=outcome_of(blocked or run.divergence, found, events, at_limit, own.converter.S_rated),
-        rests=found,
-        estimates=None if feed is None else feed.log(run.timeline.timelines[k]),
-        distorted=study.has_components,
-        survival=_survival(own, own_spec, ready, replace(simulation, divergence=blocked or run.divergence), expected)
-        if study.simulation.survival
-        else None,
-        dc=figures,
-    )
-
-
-def _survival(
-    study: Study, spec: ControllerSpec, ready: Ready, run: Simulation, rests: Sequence[ExpectedRest]
-) -> Survival:
-    """The verdict on a unit where the events of a study are one disturbance. It is judged as a converter that stands
-    alone (:func:`vsgdesign.simulation.survival.scenario.judged_by_rest`), by its rests in the plant."""
-    if run.divergence is not None and run.divergence.blocked:  # its breaker has opened, so that it has no rest
-        return Survival(status=BLOCKED, reason=run.divergence.reason)
-    c, end_s = study.converter, study.simulation.duration
-    longest, own_s = study.simulation.survival_settling_time, settling_time_of(spec, ready)
-    demand = demand_of(
-        c,
-        own_s if longest is None else min(own_s, longest),
-        silent_s=silent_s_of(spec),
-        cycle_s=2.0 * math.pi / run.timeline.source_at(end_s).omega,
-    )
-    for rest, where in ((rests[0], "before the events"), (rests[-1], "after the events")):
-        refused = rest.refused(c.current_limit_pu)
-        if refused is not None:
-            return Survival(status=refused[0], reason=f"{where}: {refused[1]}")
-    instants = sorted({event.t_s for event in study.events if event.t_s > 0.0})
-    cleared_s = max(event.t_s + event.over for event in study.events)
-    record, rest = record_of(study, run), rests[-1]
-    if study.simulation.bridge == "pwm":
-        rest = own_rest_of(rest, record, demand)
-    verdict = judge_survival(record, instants, cleared_s, rest, demand)
-    return with_protection(verdict, study, run, instants[0])
-
-
-def as_simulation(run: PlantRun, unit: UnitRun, k: int) -> Simulation:
-    """The part of a unit in a run, as the run of one converter."""
-    rows = len(run.t_s)
-    return Simulation(
-        t_s=run.t_s,
-        log=unit.log,
-        circuit_log=np.empty((rows, 0)),
-        controller_log=np.empty((0, 0)),
-        study=unit.study,
-        timeline=run.timeline.timelines[k],
-        gain_changes=unit.gain_changes,
-        final_state=unit.final_state,
-        final_plant=unit.log[-1, :6].copy(),
-        dc_log=unit.dc_log,
-        loop_seconds=run.loop_seconds,
-        divergence=run.divergence,
-    )

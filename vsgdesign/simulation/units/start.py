@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.records import numbers_of
-from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.controller import ControllerSettings, ControllerState
 from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.equations.dc_control import clamp_cut
+from vsgdesign.equations.field import FieldSettings
 from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.circuit_of_units import Topology
@@ -21,6 +23,8 @@ from vsgdesign.linear.operating_point.flow_of_units import InverterAsked, Situat
 from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
 from vsgdesign.linear.operating_point.sampled import cold_start
 from vsgdesign.simulation.dc_start import dc_at_start
+from vsgdesign.simulation.field_observer import FieldMemory
+from vsgdesign.simulation.run_kind import Kind, names_of
 from vsgdesign.simulation.units.body import AXES, PlantKind
 from vsgdesign.simulation.units.timeline import PlantSegment, PlantTimeline
 from vsgdesign.study.parameters.inverter_kinds import Phasors
@@ -163,3 +167,26 @@ def _unit_asked(timeline: PlantTimeline, k: int, gains: PowerLoopGains, omega: f
             own = link.clamp(study.converter, study.filter).own
             refs = refs._replace(P_ref=refs.P_ref + float(clamp_cut(omega, refs, gains, limits, own)))
     return UnitAsked(study, gains, refs, of.grid_at(t_s))
+
+
+def uniform_of(
+    timeline: PlantTimeline, kinds: Sequence[Kind], memories: Sequence[FieldMemory | None], names: Sequence[str]
+) -> Array:
+    """What never changes: gains of the inner loops and constants of the controllers and estimators."""
+    known: dict[str, float] = {}
+    for k, one in enumerate(timeline.plant.inverters, len(kinds)):
+        known[f"u{k}.R_c"] = one.filter.R_c
+        known |= dict(zip(names_of(one.kind.settings, f"u{k}.settings"), one.settings, strict=True))
+    for k, (study, kind, memory) in enumerate(zip(timeline.units, kinds, memories, strict=True)):
+        known |= {f"u{k}.R_c": study.filter.R_c, f"u{k}.V_rated_rms": study.converter.V_rated_rms}
+        known[f"u{k}.V_dc"] = study.converter.V_dc
+        if memory is not None:
+            settings = numbers_of(memory.settings)
+            known |= dict(zip(names_of(FieldSettings, f"u{k}.field"), settings, strict=True))
+            known[f"u{k}.allowed"] = memory.allowed
+        for head, record, value in (
+            ("inner_gains", InnerLoopGains, study.inner_gains),
+            ("settings", ControllerSettings, study.controller_settings()),
+        ):
+            known |= dict(zip(kind.names(record, f"u{k}.{head}"), numbers_of(value), strict=True))
+    return np.array([float(known[name]) for name in names])

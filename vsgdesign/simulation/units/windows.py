@@ -4,6 +4,10 @@ cycle of its field estimator."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import FieldAnswer
@@ -20,6 +24,36 @@ Follows = KnownGridScheduler | LateSchedule
 
 Schedule = Sequence[GainChange] | Follows | FieldScheduler
 """What a unit's gains are: changes over time, or a schedule that follows what it measures."""
+
+
+class Ended(NamedTuple):
+    """A cycle of a unit's field estimator that has ended, with what followed from it."""
+
+    unit: int
+    lock: NDArray[np.float64] | None
+    """The numbers of its lock-in in the next cycle; None where another unit has the estimator."""
+    change: GainChange | None
+
+
+class Tape:
+    """What the field estimators of a plant's units do in a run, for the run to be made again without a step."""
+
+    def __init__(self, ended: dict[int, list[Ended]] | None = None) -> None:
+        """``ended``: by the sample of the loop before which they end; None: they are written down."""
+        self.plays = ended is not None
+        self._ended: dict[int, list[Ended]] = {} if ended is None else ended
+
+    def played(self) -> Tape:
+        """The tape for a run that does the same."""
+        return Tape(self._ended)
+
+    def add(self, sample: int, unit: int, lock: NDArray[np.float64] | None, change: GainChange | None) -> None:
+        """Writes down a cycle that has ended before a sample of the loop."""
+        self._ended.setdefault(sample, []).append(Ended(unit, None if lock is None else lock.copy(), change))
+
+    def at(self, sample: int) -> Sequence[Ended]:
+        """The cycles that end before a sample of the loop."""
+        return self._ended.get(sample, ())
 
 
 class UnitGains:
@@ -90,4 +124,4 @@ class UnitGains:
         return self.changes[-1]
 
 
-__all__ = ["Follows", "Schedule", "UnitGains"]
+__all__ = ["Ended", "Follows", "Schedule", "Tape", "UnitGains"]
