@@ -179,7 +179,7 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
     c, circuit = study.converter, study.circuit()
     asked = rows_of_trace(study, every, lead_s)
     t = simulation.t_s - lead_s
-    rows = np.arange(asked.first, len(t), every)
+    rows = slice(asked.first, None, every)
     at = simulation.log[rows]
     node = [capacitor_node_voltage(at[:, k], at[:, 2 + k], at[:, 4 + k], circuit) for k in (0, 1)]
     V_pk = rms_to_peak(c.V_rated_rms)
@@ -202,7 +202,7 @@ def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) ->
         i_g_alpha_pu=at[:, 4] / c.I_rated_pk,
         i_g_beta_pu=at[:, 5] / c.I_rated_pk,
         P_dc_pu=P_dc / c.S_rated,
-        v_dc_pu=np.ones(len(rows)) if simulation.dc_log is None else _v_dc(study, simulation.dc_log[rows]) / c.V_dc,
+        v_dc_pu=np.ones(len(at)) if simulation.dc_log is None else _v_dc(study, simulation.dc_log[rows]) / c.V_dc,
         limited=np.diff(counted, prepend=counted[:1]) / every,
     )
 
