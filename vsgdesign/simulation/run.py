@@ -339,7 +339,8 @@ class Rooms:
         found = next((one for one in self._free() if one.size >= size), None)
         if found is None:
             self._rooms = [one for one in self._rooms if one.size >= size]
-            found = np.empty(size)
+            # With room for later ones, which may be larger: what nothing is written to takes no memory.
+            found = np.empty(max(size, _LOGGED_TOGETHER * len(LOG_COLUMNS)))
             self._rooms.append(found)
         return found[:size].reshape(shape)
 
