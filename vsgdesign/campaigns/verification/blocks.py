@@ -28,8 +28,9 @@ from vsgdesign.simulation.survival.demand import settling_time_of
 from vsgdesign.study.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
-BLOCK = 2048
-"""Runs of a block: some tenths of a second of work, and a whole number of lanes on any machine."""
+BLOCK = 1024
+"""Runs of a block: some tenths of a second of work, with a field estimator 15 seconds, and a whole number of lanes on
+any machine. The workers end within one block of each other."""
 
 RUNS = "EMT runs"
 """What progress calls the runs."""
