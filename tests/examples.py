@@ -6,8 +6,6 @@ import os
 from typing import Any
 
 from hypothesis import settings
-from hypothesis.internal.conjecture import providers
-from hypothesis.internal.constants_ast import Constants
 
 TIMES = int(os.environ.get("VSGDESIGN_EXAMPLES", "1"))
 """``python -m evidence properties`` sets it: so many times the examples, and other ones in every run."""
@@ -22,12 +20,6 @@ def examples(count: int, **more: Any) -> settings:
 
 
 def load_profile() -> None:
-    """No deadline: a machine that is busy is no fault of the code.
-
-    Hypothesis also tries the numbers that stand in the modules of the project that happen to be loaded, so that a test
-    alone tries other examples than in the suite, and each worker first reads all these files. In the suite it does not.
-    """
-    if TIMES == 1:
-        providers._get_local_constants = Constants
+    """No deadline: a machine that is busy is no fault of the code."""
     settings.register_profile("suite", derandomize=TIMES == 1, deadline=None, max_examples=TIMES * USUAL)
     settings.load_profile("suite")
