@@ -14,10 +14,8 @@ from vsgdesign.equations.limiter_interface import (
     LimiterView,
 )
 from vsgdesign.equations.limiters.balanced_power import BALANCED_POWER
-from vsgdesign.equations.limiters.circular import CIRCULAR
-from vsgdesign.equations.limiters.hybrid import HYBRID
+from vsgdesign.equations.limiters.circular import CIRCULAR, HYBRID, SATURATION
 from vsgdesign.equations.limiters.projection import PROJECTION
-from vsgdesign.equations.limiters.saturation import SATURATION
 from vsgdesign.equations.limiters.threshold_impedance import THRESHOLD_IMPEDANCE
 
 LIMITERS: dict[str, Limiter] = {
