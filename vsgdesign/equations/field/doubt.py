@@ -8,7 +8,7 @@ import numpy as np
 
 from vsgdesign.equations.field.data import FieldSettings
 from vsgdesign.equations.field.grid_phasor import GridPhasor
-from vsgdesign.equations.field.residuals import Squares, left_over, no_squares
+from vsgdesign.equations.field.noise import Squares, left_over, no_squares
 from vsgdesign.equations.field.tracks import Fit, distance
 from vsgdesign.equations.field.windows import Window
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from vsgdesign.equations.field.data import DOUBT, LEARN, FieldAnswer, FieldSettings, LockIn
 from vsgdesign.equations.field.doubt import NEVER, impedance_of_step, step_of_grid
-from vsgdesign.equations.field.residuals import left_over
+from vsgdesign.equations.field.noise import left_over
 from vsgdesign.equations.field.state import FieldTrack, grid_sigma
 from vsgdesign.equations.field.tracks import Fit
 from vsgdesign.equations.integration import TURN

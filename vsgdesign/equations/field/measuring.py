@@ -10,8 +10,7 @@ from vsgdesign.equations.field.beside import own_lines
 from vsgdesign.equations.field.data import DOUBT, TRACK, FieldSettings
 from vsgdesign.equations.field.doubt import NEAR, distance_of
 from vsgdesign.equations.field.happening import Happening
-from vsgdesign.equations.field.noise import Noise, noise_with
-from vsgdesign.equations.field.residuals import residuals_with
+from vsgdesign.equations.field.noise import Noise, noise_with, residuals_with
 from vsgdesign.equations.field.state import FastTrack, FieldTrack, grid_sigma
 from vsgdesign.equations.field.tracks import Fit, Track, fit_of, taken, with_gain
 from vsgdesign.equations.field.windows import Window, residual

@@ -11,8 +11,7 @@ from vsgdesign.equations.field.data import LEARN, FieldSettings
 from vsgdesign.equations.field.doubt import Doubt, no_doubt
 from vsgdesign.equations.field.foreign import Foreign, no_foreign
 from vsgdesign.equations.field.grid_phasor import GridPhasor, first_grid_phasor
-from vsgdesign.equations.field.noise import Noise, first_noise
-from vsgdesign.equations.field.residuals import Residuals, no_residuals
+from vsgdesign.equations.field.noise import Noise, Residuals, first_noise, no_residuals
 from vsgdesign.equations.field.sign_code import Response, SignCode, first_code, no_response
 from vsgdesign.equations.field.tracks import Fit, Track, no_fit, no_track
 from vsgdesign.equations.field.windows import History, no_history
