@@ -18,8 +18,7 @@ from vsgdesign.equations.field.doubt import (
     verdict_of,
 )
 from vsgdesign.equations.field.grid_phasor import GridPhasor, settled
-from vsgdesign.equations.field.happening import Happening
-from vsgdesign.equations.field.measuring import FAST_MEMORY, Measured
+from vsgdesign.equations.field.measuring import FAST_MEMORY, Happening, Measured
 from vsgdesign.equations.field.noise import misfit
 from vsgdesign.equations.field.state import FastTrack, FieldTrack, grid_sigma, no_fast
 from vsgdesign.equations.field.tracks import Fit, Track, fit_of, forgotten, merged, no_fit, wider_by, with_gain
