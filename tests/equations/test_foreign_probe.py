@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from vsgdesign.equations.field import TRACK
-from vsgdesign.equations.field.foreign import foreign_with, no_foreign
-from vsgdesign.equations.field.sign_code import SignCode, code_moved, towards
+from vsgdesign.equations.field.sign_code import SignCode, code_moved, foreign_with, no_foreign, towards
 from vsgdesign.equations.field.tracks import Lines
 from vsgdesign.equations.field.windows import no_window
 

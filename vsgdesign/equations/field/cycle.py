@@ -9,11 +9,10 @@ import numpy as np
 from vsgdesign.equations.field.beside import beside_with, own_lines, with_again, with_beside
 from vsgdesign.equations.field.data import DOUBT, TRACK, FieldAnswer, FieldSettings, LineSums, LockIn
 from vsgdesign.equations.field.deciding import Decision, decided
-from vsgdesign.equations.field.foreign import foreign_with
 from vsgdesign.equations.field.lock_in import turn_less_one
 from vsgdesign.equations.field.measuring import AGAIN, happening_of, measured
 from vsgdesign.equations.field.noise import Noise, noise_of_probe
-from vsgdesign.equations.field.sign_code import Response, code_moved, line_amplitude, response_of, towards
+from vsgdesign.equations.field.sign_code import Response, code_moved, foreign_with, line_amplitude, response_of, towards
 from vsgdesign.equations.field.state import FieldTrack, first_track, grid_sigma
 from vsgdesign.equations.field.tracks import CALIBRATION, Fit, LineTrack, fit_of, wider_by
 from vsgdesign.equations.field.windows import (

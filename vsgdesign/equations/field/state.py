@@ -9,10 +9,9 @@ import numpy as np
 from vsgdesign.equations.field.beside import Beside, nothing_beside
 from vsgdesign.equations.field.data import LEARN, FieldSettings
 from vsgdesign.equations.field.doubt import Doubt, no_doubt
-from vsgdesign.equations.field.foreign import Foreign, no_foreign
 from vsgdesign.equations.field.grid_phasor import GridPhasor, first_grid_phasor
 from vsgdesign.equations.field.noise import Noise, Residuals, first_noise, no_residuals
-from vsgdesign.equations.field.sign_code import Response, SignCode, first_code, no_response
+from vsgdesign.equations.field.sign_code import Foreign, Response, SignCode, first_code, no_foreign, no_response
 from vsgdesign.equations.field.tracks import Fit, Track, no_fit, no_track
 from vsgdesign.equations.field.windows import History, no_history
 
