@@ -8,7 +8,7 @@ docs/theory/field-estimator.md derives them.
 
 from vsgdesign.equations.field.cycle import conclude
 from vsgdesign.equations.field.data import DOUBT, LEARN, TRACK, FieldAnswer, FieldSettings, LineSums, LockIn
-from vsgdesign.equations.field.features import FieldFeatures, features
+from vsgdesign.equations.field.fusion import FieldFeatures, features
 from vsgdesign.equations.field.lock_in import first_lock_in, listen, probe_value
 from vsgdesign.equations.field.state import FieldTrack, first_track
 
