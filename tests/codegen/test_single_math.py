@@ -11,7 +11,7 @@ import pytest
 
 from tests.compilers import GCC_AND_CLANG, require_compiler
 from vsgdesign.codegen.c99 import TYPES
-from vsgdesign.codegen.single_math import SINGLE
+from vsgdesign.codegen.vector_math import SINGLE
 from vsgdesign.export.c_code import filled
 from vsgdesign.export.compiled import run_compiler
 from vsgdesign.export.laws import printed_math

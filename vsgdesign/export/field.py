@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.codegen import CText, c_functions
-from vsgdesign.codegen.single_math import SINGLE
+from vsgdesign.codegen.vector_math import SINGLE
 from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.field import (
     FieldAnswer,

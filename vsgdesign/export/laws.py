@@ -9,8 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from vsgdesign.codegen import CText, c_functions
-from vsgdesign.codegen.single_math import SINGLE
-from vsgdesign.codegen.vector_math import PLAIN
+from vsgdesign.codegen.vector_math import PLAIN, SINGLE
 from vsgdesign.equations.controller import (
     LARGEST_STATE,
     TIMES_NOMINAL,
