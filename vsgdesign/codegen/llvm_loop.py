@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from vsgdesign.codegen.llvm_body import Body, Kept, Surroundings
-from vsgdesign.codegen.llvm_product import product_lines
+from vsgdesign.codegen.llvm_body import Body, Kept, Surroundings, product_lines
 from vsgdesign.codegen.llvm_values import Printer, Scope
 from vsgdesign.codegen.loop_spec import LoopSpec
 
