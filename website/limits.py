@@ -316,9 +316,31 @@ def _said(call: ast.Call, path: Path, local: Local) -> Iterator[tuple[str, ...]]
         for (_, field), *others in together(parts) if "problem" in given else ():
             yield field or UNKNOWN, *(text for _, text in others)  # no field: the table itself
     elif _name(call) == "UnknownNameError" and call.args:
-        yield from ((text, f"must be one of {UNKNOWN}", "") for _, text in texts(call.args[0], path, local))
+        named = _of_subclasses(call.args[0], path) or [text for _, text in texts(call.args[0], path, local)]
+        yield from ((text, f"must be one of {UNKNOWN}", "") for text in named)
     elif call.args and _name(call) != "StudyError":  # that one carries faults
         yield from (_parted(text) for _, text in texts(call.args[0], path, local))
+
+
+def _of_subclasses(node: ast.expr, path: Path) -> list[str]:
+    """The texts that classes give to an attribute of theirs which a method of their base in a module says."""
+    if not (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "self"):
+        return []
+    bases = {one.name for one in nodes_of(path, ast.ClassDef) if _inside(node, one)}
+    pattern = re.compile(rf"^class \w+\((?:{'|'.join(sorted(bases))})\b", re.M)
+    classes = (one for file in sources() if pattern.search(text_of(file)) for one in nodes_of(file, ast.ClassDef))
+    derived = [one for one in classes if bases & {part.id for base in one.bases for part in _names_in(base)}]
+    return [text for one in derived for text in _attribute(one, node.attr)]
+
+
+def _names_in(node: ast.expr) -> list[ast.Name]:
+    return [part for part in ast.walk(node) if isinstance(part, ast.Name)]
+
+
+def _attribute(of: ast.ClassDef, name: str) -> list[str]:
+    """The text that a class gives to one of its attributes."""
+    said = (one.value for one in of.body if isinstance(one, ast.Assign) and ast.unparse(one.targets[0]) == name)
+    return [str(value.value) for value in said if isinstance(value, ast.Constant)]
 
 
 @cache

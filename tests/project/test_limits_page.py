@@ -68,6 +68,12 @@ def test_a_field_that_the_code_goes_through_is_named() -> None:
         assert [row[0] for row in ROWS if re.sub(r"\\(.)", r"\1", row[1]) == wanders] == [f"{name}\\_deviation"]
 
 
+def test_a_word_that_classes_give_is_named() -> None:
+    """Kinds are looked up by one method, whose class says of each registry what is in it."""
+    rows = [row[0].split(", ") for row in ROWS if row[1] == "must be one of …"]
+    assert any({"structure", "kind of event", "kind of inverter"} <= set(fields) for fields in rows)
+
+
 def test_only_what_may_still_be_meant_is_combined() -> None:
     early, late = (ast.parse(f"{chr(10) * line}x = 1").body[0].value for line in (1, 5))  # type: ignore[attr-defined]
     whole, branch = Block(0, 0, 99), Block(5, 5, 7)
