@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.simulation.test_plants import STUDY
+from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.drawing.sketch import Stroke, Words
 from vsgdesign.report.page.network import network_sketch
 from vsgdesign.study.parameters import load_study
@@ -151,6 +152,10 @@ def test_a_run_of_a_plant_has_a_page(tmp_path: Path) -> None:
     found = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     (apart,) = found["margins"]["differential"]
     assert apart["real"] < 0.0
+    slowest = -max(rest["modes"][0]["real"] for rest in found["controllers"]["fixed"]["rests"])
+    assert slowest > 0.0, "this plant is stable, and a decay is then positive on the page"
+    assert f"the slowest decay of all rests is {number(slowest)} 1/s" in page
+    assert f"the slowest mode decays with {number(slowest)} 1/s" in page
     report = ["report", str(file), "--out", str(tmp_path / "margins")]
     done = CliRunner().invoke(main, report)
     assert done.exit_code == 0, done.output

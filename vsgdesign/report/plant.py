@@ -104,7 +104,7 @@ def _modes(one: PlantController) -> Table:
         "from [s]",
         "after",
         "on line",
-        "slowest mode [1/s]",
+        "slowest mode, Re s [1/s]",
         "[Hz]",
         "damping",
         "together",
@@ -207,8 +207,9 @@ def headline(result: PlantResult) -> str:
         text = f"{one.spec.name}: {one.outcome.status} at the end"
         if known:
             worst = max(known, key=lambda rest: rest.modes[0].s.real)
-            grows = "the fastest growth" if worst.modes[0].s.real >= 0.0 else "the slowest decay"
-            text += f"; {grows} of all rests is {number(worst.modes[0].s.real)} 1/s, after {worst.name}"
+            rate = worst.modes[0].s.real
+            grows = "the fastest growth" if rate >= 0.0 else "the slowest decay"
+            text += f"; {grows} of all rests is {number(abs(rate))} 1/s, after {worst.name}"
         said.append(text + ".")
     return " ".join(said)
 
@@ -227,7 +228,11 @@ def advice(one: PlantController) -> str:
     mode, hertz = worst.modes[0], _hertz(worst.modes[0].s)
     at = f"{hertz:.3g} Hz" if hertz > 0.0 else "no oscillation"
     who = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in mode.units[:4])
-    said = f"in the slowest mode ({number(mode.s.real)} 1/s, {at}, after {worst.name}) take part: {who}. "
+    moves = "grows" if mode.s.real >= 0.0 else "decays"
+    said = (
+        f"the slowest mode {moves} with {number(abs(mode.s.real))} 1/s ({at}, after {worst.name}). "
+        f"In it take part: {who}. "
+    )
     if worst.split is not None:
         common, apart = worst.split.common[0].s.real, worst.split.differential[0].s.real
         if apart >= common:

@@ -259,7 +259,7 @@ def headline(document: dict[str, Any]) -> str:
     grids = document["grids"]
     if document["kept"]:
         score = plain(document["score"], 3)
-        return f"All requirements are kept on all {grids['of']} grids: the score is {score} of 1 asked."
+        return f"The inner loops keep all requirements on all {grids['of']} grids: the score is {score} of 1 asked."
     if grids["stable"] < grids["of"]:
         lost = grids["of"] - grids["stable"]
         return f"The inner loops are unstable on {lost} of {grids['of']} grids."
