@@ -44,7 +44,9 @@ def design(monkeypatch: pytest.MonkeyPatch, made: GainTable) -> list[str]:
     return asked
 
 
-@pytest.mark.parametrize("place", ["table/table.table.json", "table-table.json", "table-explore/table.table.json"])
+@pytest.mark.parametrize(
+    "place", ["table.table.json", "table/table.table.json", "table-table.json", "table-explore/table.table.json"]
+)
 def test_a_table_of_the_same_design_is_taken(
     study: Study, made: GainTable, design: list[str], tmp_path: Path, place: str
 ) -> None:
@@ -59,7 +61,9 @@ def test_a_table_of_the_same_design_is_taken(
     assert found.words == said == [f"The gain table of table is that of {path}."]
 
 
-@pytest.mark.parametrize("place", ["table.table.json", "out/table/table.table.json", "out/table-table.json"])
+@pytest.mark.parametrize(
+    "place", ["table.table.json", "out/table.table.json", "out/table/table.table.json", "out/table-table.json"]
+)
 def test_a_table_beside_the_file_of_the_study_is_taken(
     study: Study, made: GainTable, design: list[str], tmp_path: Path, place: str
 ) -> None:

@@ -172,20 +172,22 @@ def _left(left: LeftTables, study: Study, spec: ControllerSpec) -> tuple[GainTab
 
 
 def left_below(out: str | Path = "out") -> LeftTables:
-    """What ``vsgdesign run``, ``vsgdesign table build`` or an earlier call has left of the same design below ``out``,
-    beside the study's file, or below ``out`` beside it. A table that is designed is kept in ``out/STUDY-explore``."""
+    """What ``vsgdesign run``, ``vsgdesign table build`` or an earlier call has left of the same design in or below
+    ``out``, beside the study's file, or in or below ``out`` beside it. A table that is designed is kept in
+    ``out/STUDY-explore``."""
     out = Path(out)
 
     def places(study: Study, spec: ControllerSpec) -> tuple[Path, ...]:
         name = f"{spec.name}.table.json"
-        left = Path(study.name) / name, Path(f"{study.name}-{spec.name}.json"), Path(f"{study.name}-explore") / name
-        below = [out / one for one in left[:2]]
+        made = Path(study.name) / name, Path(f"{study.name}-{spec.name}.json"), Path(f"{study.name}-explore") / name
+        left = Path(name), *made  # the first one is that of --out out
+        below = [out / one for one in left[:-1]]
         if study.origin is not None:
             folder = Path(study.origin.folder)
             below += [folder / name, *(folder / "out" / one for one in left)]
         return *below, out / left[-1]
 
-    where = f"below {out} or beside the study's file"
+    where = f"in {out}, below it or beside the study's file"
     missing = f"the study names no file, and no earlier command has left one of the same design {where}"
     return LeftTables(places, _another_design, missing=missing, keeps=True)
 
