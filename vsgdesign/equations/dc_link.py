@@ -3,7 +3,7 @@
 An averaged bridge that compensates the link's voltage makes the commanded voltage as long as the link allows it. The
 power that it takes in an interval follows from the circuit's states at both ends, whatever is connected to it. Where
 the voltage of the link moves that of the bridge, both are moved together
-(:mod:`vsgdesign.linear.model.link_interval`), between :func:`held_law` and :func:`link_ends`.
+(:mod:`vsgdesign.linear.model.dc_link`), between :func:`held_law` and :func:`link_ends`.
 """
 
 from __future__ import annotations

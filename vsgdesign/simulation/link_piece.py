@@ -16,7 +16,7 @@ from vsgdesign.codegen.blocks import Writer
 from vsgdesign.codegen.flat import Block
 from vsgdesign.codegen.traced import Traced, chosen, expression
 from vsgdesign.equations.dc_link import DcSettings
-from vsgdesign.linear.model.link_interval import Edge, Interval, SourceLaw, link_over
+from vsgdesign.linear.model.dc_link import Edge, Interval, SourceLaw, link_over
 from vsgdesign.simulation.axes import Axes
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE, Kind
 
