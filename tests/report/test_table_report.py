@@ -18,7 +18,7 @@ from tests.gain_tables import table
 from tests.report.layout import assert_apart, write_svg
 from vsgdesign.artifacts import GainTable, read_table_file
 from vsgdesign.linear.stability.gain_table import check_table, nominal_margins
-from vsgdesign.linear.stability.table_figures import limit_of
+from vsgdesign.linear.stability.table_claims import limit_of
 from vsgdesign.report import write_table_figures, write_table_report
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.panels import surface_scale

@@ -18,8 +18,15 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.linear.model.coupled import coupled_model
 from vsgdesign.linear.stability.margins import reduced_margins
 from vsgdesign.linear.stability.step_responses import reduced_step_metrics
-from vsgdesign.linear.stability.table_claims import claim_faults, shown, where
-from vsgdesign.linear.stability.table_figures import FIGURES, OF_BEFORE, figure_of, is_carried
+from vsgdesign.linear.stability.table_claims import (
+    FIGURES,
+    OF_BEFORE,
+    claim_faults,
+    figure_of,
+    is_carried,
+    shown,
+    where,
+)
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.runtime.table import node_gains, table_grids, table_schedule
 from vsgdesign.study.parameters.study import Study

@@ -8,7 +8,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_text import certificate_failed
 from vsgdesign.errors import counted
 from vsgdesign.linear.stability.gain_table import TableCheck
-from vsgdesign.linear.stability.table_figures import CARRIED, figure_of, limit_of
+from vsgdesign.linear.stability.table_claims import CARRIED, figure_of, limit_of
 from vsgdesign.report.drawing.quantities import number, plain
 from vsgdesign.report.gain_table.maps import in_order, margin_keys
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.linear.stability.table_figures import CARRIED, FIGURES, WORST, Figure, figure_of, is_carried, limit_of
+from vsgdesign.linear.stability.table_claims import CARRIED, FIGURES, WORST, Figure, figure_of, is_carried, limit_of
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import MOST, Frame, Panel, Surface, map_figure, surface_figure, surface_scale

@@ -16,7 +16,7 @@ from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import POWER_MARGIN, jacobian_from_powers, operating_point
 from vsgdesign.linear.stability.gain_table import Compared, largest_difference
-from vsgdesign.linear.stability.table_figures import CARRIED, FIGURES, figure_of, is_carried
+from vsgdesign.linear.stability.table_claims import CARRIED, FIGURES, figure_of, is_carried
 from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.gain_table.words import heading
 from vsgdesign.report.page.blocks import Block, Table, Where, words

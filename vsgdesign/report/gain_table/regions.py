@@ -11,7 +11,7 @@ from vsgdesign.artifacts.certificate_record import CertificateRecord
 from vsgdesign.artifacts.definitions import in_words
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.linear.stability.gain_table import stale_margins
-from vsgdesign.linear.stability.table_figures import CARRIED
+from vsgdesign.linear.stability.table_claims import CARRIED
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.look import CROSS, Cells, Scale, draw_cells, edges, node_axes, shade
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure, surface_scale

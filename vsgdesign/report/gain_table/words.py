@@ -29,7 +29,7 @@ from vsgdesign.certificate.swing.statement import EMPTY, RETURNS
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import counted
 from vsgdesign.linear.stability.gain_table import TableCheck
-from vsgdesign.linear.stability.table_figures import CARRIED
+from vsgdesign.linear.stability.table_claims import CARRIED
 from vsgdesign.report.gain_table.inside import inside_sentence
 from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text

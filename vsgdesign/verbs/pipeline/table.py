@@ -209,7 +209,7 @@ def check_document(outcome: TableCheck) -> dict[str, Any]:
 
 def table_header(table: GainTable) -> list[str]:
     """Column names of :func:`table_rows`, with units where they are known."""
-    from vsgdesign.linear.stability.table_figures import FIGURES, OF_BEFORE
+    from vsgdesign.linear.stability.table_claims import FIGURES, OF_BEFORE
 
     known = FIGURES | OF_BEFORE
     figures = [f"{name} [{known[name].unit}]" if name in known else name for name in table.figures]
