@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from tests.export.unit_loop import unit_with
-from vsgdesign.export.sunspec import export_sunspec, sunspec_map
-from vsgdesign.export.sunspec_points import MODELS, PROPOSED, WITHOUT
+from vsgdesign.export.sunspec import MODELS, PROPOSED, WITHOUT, export_sunspec, sunspec_map
 from vsgdesign.export.unit import unit_of
 from vsgdesign.study.parameters import study_from_text
 
