@@ -15,10 +15,10 @@ from tests.compilers import require_compiler
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.controller import Measurement
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.export import in_the_loop
+from vsgdesign.export import processor
 from vsgdesign.export.compiled import CompiledControl, run_compiler
-from vsgdesign.export.in_the_loop import LoopRun, Step, phases, vector
 from vsgdesign.export.port_records import PortList
+from vsgdesign.export.processor import LoopRun, Step, phases, vector
 from vsgdesign.export.unit import Unit, unit_of
 from vsgdesign.export.unit_content import lists_of
 from vsgdesign.simulation import GainChange, simulate
@@ -106,7 +106,7 @@ def run_loop(
         study = replace(study, simulation=replace(study.simulation, start="cold"))
     plant, c = PlantAlone(study, unit.gains), study.converter
     samples = samples or round(study.simulation.duration / c.T_s)
-    return in_the_loop.run_loop(unit, plant, step, samples, late=late, acts_now=acts_now)
+    return processor.run_loop(unit, plant, step, samples, late=late, acts_now=acts_now)
 
 
 def simulated(study: Study, unit: Unit, feed: FieldScheduler | None = None) -> np.ndarray:
