@@ -27,7 +27,7 @@ from vsgdesign.equations.frames import rotate
 from vsgdesign.export.c_code import export_c
 from vsgdesign.export.c_content import Origin
 from vsgdesign.export.field import converter_constants
-from vsgdesign.identification.field_network import field_network
+from vsgdesign.identification.field import field_network
 from vsgdesign.runtime import load_scheduler
 from vsgdesign.study.parameters import study_from_text
 

@@ -17,7 +17,7 @@ from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.artifacts.network_weights import read_network_weights, write_network_weights
 from vsgdesign.equations.field import FieldFeatures
 from vsgdesign.errors import ArtifactError
-from vsgdesign.identification.field_network import field_network
+from vsgdesign.identification.field import field_network
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.equations.field import FieldFeatures
 from vsgdesign.estimator import specification
 from vsgdesign.estimator.data_set import read_cycles
-from vsgdesign.identification.field_network import field_network
+from vsgdesign.identification.field import field_network
 from vsgdesign.study.parameters import load_study
 
 STUDY = """

@@ -36,7 +36,7 @@ from vsgdesign.export.c_content import Origin
 from vsgdesign.export.compiled import STRICT, run_compiler
 from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED
 from vsgdesign.export.field import converter_constants
-from vsgdesign.identification.field_network import FieldNetwork, field_network
+from vsgdesign.identification.field import FieldNetwork, field_network
 from vsgdesign.runtime import load_scheduler
 from vsgdesign.study.parameters import Study, study_from_text
 

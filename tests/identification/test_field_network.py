@@ -19,7 +19,7 @@ from vsgdesign.equations.field.fusion import (
     posterior_distance,
 )
 from vsgdesign.errors import ArtifactError
-from vsgdesign.identification.field_network import field_network
+from vsgdesign.identification.field import field_network
 
 LIMITS = GateLimits(first=4.0, first_refuted=2.0, last=6.0, confident=0.15)
 

@@ -14,7 +14,7 @@ from vsgdesign.artifacts.field_weights import FieldWeights, write_field_weights
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures
 from vsgdesign.equations.field.fusion import FIRST_GATE, LONG_AGO
 from vsgdesign.errors import ArtifactError, StudyError
-from vsgdesign.identification.field_network import field_network
+from vsgdesign.identification.field import field_network
 from vsgdesign.identification.interface import Installation
 from vsgdesign.identification.registry import build_estimator
 from vsgdesign.simulation import simulate

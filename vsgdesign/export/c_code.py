@@ -25,8 +25,7 @@ from vsgdesign.export.c_content import Origin, content_of, field_parts, network_
 from vsgdesign.export.field import ConverterConstants, converter_constants
 from vsgdesign.export.laws import printed_math
 from vsgdesign.export.unit_content import unit_content, unit_document
-from vsgdesign.identification.field import FINDS_WITHIN
-from vsgdesign.identification.field_network import field_network
+from vsgdesign.identification.field import FINDS_WITHIN, field_network
 from vsgdesign.identification.neural import neural_estimator
 from vsgdesign.runtime.guards import searching_settings, window_settings
 from vsgdesign.runtime.scheduler import Scheduler, read_table_of, scheduler_of

@@ -25,7 +25,7 @@ from vsgdesign.export.known_answers import (
     known_windows,
 )
 from vsgdesign.export.laws import REASON_NAMES, laws_content
-from vsgdesign.identification.field_network import FieldNetwork
+from vsgdesign.identification.field import FieldNetwork
 from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.runtime.guards import REASONS
 from vsgdesign.runtime.needed_sigma import needed_sigma

@@ -28,7 +28,7 @@ from vsgdesign.equations.field.tracks import Track
 from vsgdesign.equations.frames import rotate
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import References
-from vsgdesign.identification.field_network import FieldNetwork
+from vsgdesign.identification.field import FieldNetwork
 
 if TYPE_CHECKING:
     from vsgdesign.study.parameters.study import Study

@@ -34,7 +34,7 @@ from vsgdesign.equations.power_loops import (
     notch_constants,
 )
 from vsgdesign.equations.scheduler_data import NO_ESTIMATE, NO_REASON, TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED
-from vsgdesign.identification.field_network import FieldNetwork
+from vsgdesign.identification.field import FieldNetwork
 from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup

@@ -343,7 +343,7 @@ def _constants(study: Study, spec: ControllerSpec) -> ConverterConstants:
     """The constants of the converter, with the network of the field estimator where the controller has one."""
     from vsgdesign.artifacts.field_weights import read_field_weights
     from vsgdesign.equations.field import FieldFeatures
-    from vsgdesign.identification.field_network import field_network
+    from vsgdesign.identification.field import field_network
 
     if spec.estimate != "field_network":
         return converter_constants(study)

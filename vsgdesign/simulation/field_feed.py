@@ -22,8 +22,14 @@ from vsgdesign.equations.field.fusion import FIRST_GATE
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.identification.field import PAIRS, FieldEstimator, estimate_of, field_settings
-from vsgdesign.identification.field_network import FieldNetwork, field_network
+from vsgdesign.identification.field import (
+    PAIRS,
+    FieldEstimator,
+    FieldNetwork,
+    estimate_of,
+    field_network,
+    field_settings,
+)
 from vsgdesign.identification.registry import estimator_kind
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog

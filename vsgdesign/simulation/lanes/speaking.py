@@ -22,7 +22,7 @@ from vsgdesign.equations.field.fusion import (
     next_gate,
     step_refuted,
 )
-from vsgdesign.identification.field_network import FieldNetwork
+from vsgdesign.identification.field import FieldNetwork
 from vsgdesign.simulation.lanes.before_steps import in_groups
 from vsgdesign.simulation.run_kind import names_of
 
@@ -41,7 +41,7 @@ def spoken(
     settings: FieldSettings,
 ) -> tuple[NetworkGate, FieldAnswer]:
     """The answer of a cycle with the network behind the recursions, as
-    :meth:`vsgdesign.identification.field_network.FieldNetwork.behind`. Returns (gate, answer).
+    :meth:`vsgdesign.identification.field.FieldNetwork.behind`. Returns (gate, answer).
 
     ``learning``, ``tracking`` and ``doubting`` are the network's squared radii in the three modes.
     """
