@@ -11,7 +11,7 @@ import pytest
 from tests.simulation.test_replay import V, phases, said, study_with, write_wav
 from vsgdesign.study.parameters.record import read_record
 from vsgdesign.study.parameters.record_columns import RecordError
-from vsgdesign.study.parameters.replay_checks import PER_CYCLE, look_at
+from vsgdesign.study.parameters.replay import PER_CYCLE, look_at
 
 RATE = 12800.0
 
