@@ -31,9 +31,8 @@ from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.study.parameters.background import BackgroundSpec, draw_background
 from vsgdesign.study.parameters.event import BASIS
-from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.grid import GridSource, Place
 from vsgdesign.study.parameters.sensors import SensorSpec, draw_sensors
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
 
 REST_FROM_S = 2.0

@@ -30,9 +30,9 @@ from vsgdesign.equations.frames import SPACE_VECTOR_POWER
 from vsgdesign.report.explore.session import start_of
 from vsgdesign.report.explore.state import state_of
 from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.grid import Sag
 from vsgdesign.study.parameters.loading import study_from_text
 from vsgdesign.study.parameters.network import Fault, Load, SynchroCheck
-from vsgdesign.study.parameters.source import Sag
 from vsgdesign.study.parameters.toml_file import parse_toml
 from vsgdesign.verbs.pipeline.explorer_links import explorer_link
 

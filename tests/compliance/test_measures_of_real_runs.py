@@ -20,9 +20,8 @@ from vsgdesign.metrics.modes import damping_ratio, to_continuous
 from vsgdesign.metrics.sequences import frame_angle, last_sequences
 from vsgdesign.simulation.steps import references_at
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.grid import Place, Sag
 from vsgdesign.study.parameters.loading import load_study
-from vsgdesign.study.parameters.source import Sag
 
 LABORATORY = Path(__file__).resolve().parents[2] / "studies" / "survival" / "laboratory.toml"
 SMALL_JUMP = Event.of_pu(0.1, phase_deg=-1.0)

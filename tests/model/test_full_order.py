@@ -30,8 +30,7 @@ from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS, PARAMETERS, full_
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order, parameter_values
 from vsgdesign.simulation import GainChange, Simulation, simulate
 from vsgdesign.study.parameters import Study
-from vsgdesign.study.parameters.grid import Place
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import GridSource, Place
 
 Array = NDArray[np.float64]
 

@@ -23,8 +23,7 @@ from vsgdesign.linear.model.full_order import PARAMETERS
 from vsgdesign.linear.operating_point.full_order import Cell, parameter_sensitivity
 from vsgdesign.linear.stability.loci import RANKED, mode_sensitivities
 from vsgdesign.metrics.modes import eigenvalue_sensitivity
-from vsgdesign.study.parameters.grid import Place
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import GridSource, Place
 
 Array = NDArray[np.float64]
 

@@ -38,8 +38,7 @@ from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.of_study import ControllerGains
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.study.parameters import Study
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 
 Array = NDArray[np.float64]
 STUDIES = {"LC": lc_study("1 s"), "LCL with delay": lcl_study("1 s")}

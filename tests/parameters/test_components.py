@@ -9,7 +9,7 @@ import pytest
 
 from tests.parameters.documents import build, case_document, changed, faults_of, the_fault
 from vsgdesign.artifacts.design_inputs import design_inputs
-from vsgdesign.study.parameters.source import SourceComponent
+from vsgdesign.study.parameters.grid import SourceComponent
 
 V2: dict[str, Any] = {"order": -1, "amplitude_pu": 0.02, "phase": "90 deg"}
 

@@ -15,7 +15,7 @@ from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import Connection
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.timeline import SourceSegment
-from vsgdesign.study.parameters.source import SourceComponent
+from vsgdesign.study.parameters.grid import SourceComponent
 
 STEP = """
 [[events]]

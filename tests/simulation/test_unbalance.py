@@ -11,8 +11,7 @@ import pytest
 from vsgdesign.simulation import Simulation, gain_changes, simulate
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, load_study, study_from_text
-from vsgdesign.study.parameters.grid import Place
-from vsgdesign.study.parameters.source import GridSource, SourceComponent
+from vsgdesign.study.parameters.grid import GridSource, Place, SourceComponent
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies" / "survival"
 

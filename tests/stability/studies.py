@@ -12,8 +12,7 @@ from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.study.parameters import Grid, Study, study_from_text
-from vsgdesign.study.parameters.grid import Place
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import GridSource, Place
 from vsgdesign.study.parameters.study import ClosedFormTarget
 
 Array = NDArray[np.float64]

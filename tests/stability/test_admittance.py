@@ -31,8 +31,7 @@ from vsgdesign.linear.stability.loops import (
     passivity_index,
 )
 from vsgdesign.study.parameters import Grid
-from vsgdesign.study.parameters.grid import Place
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import GridSource, Place
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -23,7 +23,7 @@ from vsgdesign.errors import counted
 from vsgdesign.linear.operating_point.equilibrium import limits_of_converter
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import GridSource
 
 Array = NDArray[np.float64]
 

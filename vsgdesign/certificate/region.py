@@ -19,7 +19,7 @@ from vsgdesign.errors import Fault, InfeasibleStudyError
 from vsgdesign.linear.operating_point.equilibrium import HasFilter, converter_side_of, static_limits, uses_of
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.runtime.table import TableSchedule
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import GridSource
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

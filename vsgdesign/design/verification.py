@@ -24,8 +24,7 @@ from vsgdesign.metrics.margins import disk_margin_per_frequency
 from vsgdesign.metrics.modes import least_damping, to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.study.parameters.dc_link import DcLink
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

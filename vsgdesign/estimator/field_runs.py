@@ -31,9 +31,8 @@ from vsgdesign.simulation import simulate
 from vsgdesign.simulation.field_feed import FieldScheduler, settings_of_study
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.background import draw_background
-from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.grid import Grid, GridSource, Place
 from vsgdesign.study.parameters.sensors import draw_sensors
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ClosedFormTarget, ControllerSpec, Event, Study
 
 DRIVING = "angle_damped"

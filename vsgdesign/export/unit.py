@@ -211,7 +211,7 @@ def unit_of(study: Study, controller: str | None = None, ready: Ready = NOTHING,
     from vsgdesign.linear.operating_point.sampled import steady_state
     from vsgdesign.simulation.field_feed import probe_of, settings_of_pairs
     from vsgdesign.simulation.timeline import build_timeline
-    from vsgdesign.study.parameters.source import GridSource
+    from vsgdesign.study.parameters.grid import GridSource
 
     spec = controller_named(study, controller)
     own, notes = study.with_limit_of(spec), []

@@ -24,7 +24,7 @@ from vsgdesign.simulation.circuits import CircuitOfConnection, Connection, state
 from vsgdesign.simulation.moved_waves import MovedWaves
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
 from vsgdesign.study.parameters.background import BackgroundSpec
-from vsgdesign.study.parameters.source import SourceComponent
+from vsgdesign.study.parameters.grid import SourceComponent
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

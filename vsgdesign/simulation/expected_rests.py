@@ -25,9 +25,8 @@ from vsgdesign.simulation.feeds import knowledge_of, told_at, told_of
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.rest import Rest, RestsAsked, alike, parts_of, rests_of
 from vsgdesign.simulation.timeline import Timeline
-from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.network_fields import beyond_models
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]

@@ -17,8 +17,7 @@ from vsgdesign.runtime.updating import Covariance
 from vsgdesign.simulation.circuits import circuit_at_rest, connection_at
 from vsgdesign.simulation.strictly import strict_scheduler_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 

@@ -21,9 +21,8 @@ from vsgdesign.metrics import EndState
 from vsgdesign.metrics.modes import taken
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.timeline import SourceSegment, Timeline
-from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.network_fields import beyond_models
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]

@@ -17,9 +17,8 @@ from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.study.parameters.controllers import mean_time, poles_to_write
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.grid import GridEstimate
+from vsgdesign.study.parameters.grid import GridEstimate, GridSource
 from vsgdesign.study.parameters.loading import FILES, study_from_document
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study, StudyOrigin
 from vsgdesign.study.parameters.toml_file import toml_text
 

@@ -19,9 +19,8 @@ from vsgdesign.linear.operating_point.full_order import Cell
 from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
-from vsgdesign.study.parameters.grid import Place
+from vsgdesign.study.parameters.grid import GridSource, Place
 from vsgdesign.study.parameters.inner_loops import Reading, request_of
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.stability import Gates, StabilitySpec
 from vsgdesign.study.parameters.study import (
     ClosedFormTarget,

@@ -31,8 +31,7 @@ from vsgdesign.linear.operating_point.plants import state_matrices
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, fault_of_rest
 from vsgdesign.metrics.modes import Eigen, eigen
 from vsgdesign.study.parameters.dc_link import DcLink
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

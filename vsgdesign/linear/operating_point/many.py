@@ -27,8 +27,7 @@ from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit, plant_step
 from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
 from vsgdesign.study.parameters.dc_link import DcLink
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

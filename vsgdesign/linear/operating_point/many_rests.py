@@ -28,8 +28,7 @@ from vsgdesign.linear.operating_point.many import (
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit
 from vsgdesign.linear.operating_point.sampled import SampledState, fault_of_rest, state_of_lane
 from vsgdesign.study.parameters.dc_link import DcLink
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

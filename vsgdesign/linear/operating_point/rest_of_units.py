@@ -37,8 +37,7 @@ from vsgdesign.linear.operating_point.full_order import (
 from vsgdesign.linear.operating_point.many import Lanes, lanes_of, many_steady_states
 from vsgdesign.linear.operating_point.sampled import cold_start, fault_of_rest
 from vsgdesign.study.parameters import inverter_kinds
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

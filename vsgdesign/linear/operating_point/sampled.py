@@ -28,8 +28,7 @@ from vsgdesign.linear.operating_point.many import (
     many_steady_states,
 )
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import Study
 
 

@@ -14,8 +14,7 @@ from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_ord
 from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.linear.stability.verdict import describe_cell
 from vsgdesign.metrics.modes import to_continuous
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

@@ -10,9 +10,8 @@ from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.event import BASIS, Event
-from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.grid import Grid, GridSource, Place
 from vsgdesign.study.parameters.sensors import SensorSpec
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import Study
 
 LEAD_S = 0.1

@@ -17,8 +17,7 @@ from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.survival.cases import LEARNING_S, SurvivalCase
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.study.parameters.converter import Converter
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.source import GridSource
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 SETTLING_TIMES_FOR_EVER = 3.0

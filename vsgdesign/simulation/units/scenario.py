@@ -42,8 +42,8 @@ from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, s
 from vsgdesign.simulation.units.twins import Tape, twins_of
 from vsgdesign.simulation.units.unit_result import unit_result
 from vsgdesign.simulation.units.windows import Follows, Schedule
+from vsgdesign.study.parameters.grid import GridSource
 from vsgdesign.study.parameters.power_plant import GRID
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]

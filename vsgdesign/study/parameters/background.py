@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsgdesign.study.parameters.fields import SEEDS, drawn, fields_of, inserted, picked, values, whole, word
+from vsgdesign.study.parameters.grid import SourceComponent
 from vsgdesign.study.parameters.ranges import Range, drawn_values, stream
 from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.source import SourceComponent
 
 HARMONICS = (5, 7, 11, 13)
 """The harmonics of a three-phase grid that have names here."""

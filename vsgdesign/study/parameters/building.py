@@ -49,7 +49,7 @@ from vsgdesign.study.parameters.fields import (
     values,
     whole,
 )
-from vsgdesign.study.parameters.grid import Grid, Impedance, basis_field, read_grid
+from vsgdesign.study.parameters.grid import Grid, GridSource, Impedance, basis_field, read_grid
 from vsgdesign.study.parameters.inner_loops import INNER_LOOPS, InnerLoopSource, read_inner_loops, request_of
 from vsgdesign.study.parameters.power_plant import with_path
 from vsgdesign.study.parameters.power_plant_fields import NETWORK, PlantFields
@@ -71,7 +71,6 @@ from vsgdesign.study.parameters.scenario import (
     read_simulation,
 )
 from vsgdesign.study.parameters.sensors import SENSORS, SensorSpec, read_sensors
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.specification import SPECIFICATION, of_a_unit, read_specification
 from vsgdesign.study.parameters.stability import (
     StabilitySpec,

@@ -13,7 +13,7 @@ from typing import Any
 from vsgdesign.equations.power_loops import References
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES, EVENT_KINDS, EventKind
-from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.grid import Grid, Place, Sag, SourceComponent
 from vsgdesign.study.parameters.network import Network, SynchroCheck
 from vsgdesign.study.parameters.network_fields import (
     NOTHING_SAID,
@@ -25,7 +25,6 @@ from vsgdesign.study.parameters.network_fields import (
     sag_document,
     synchro_check_document,
 )
-from vsgdesign.study.parameters.source import Sag, SourceComponent
 
 BASIS = "impedance"
 """Basis of every short-circuit ratio of an event per unit: then |Z| does not depend on X/R, and X/R may go down to

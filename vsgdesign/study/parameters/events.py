@@ -26,7 +26,7 @@ from vsgdesign.study.parameters.fields import (
     values,
     word,
 )
-from vsgdesign.study.parameters.grid import Grid, Impedance, read_grid
+from vsgdesign.study.parameters.grid import Grid, GridSource, Impedance, Sag, SourceComponent, read_grid, sagged
 from vsgdesign.study.parameters.network import PLAIN, Network, SynchroCheck
 from vsgdesign.study.parameters.network_fields import (
     CLEARED,
@@ -48,7 +48,6 @@ from vsgdesign.study.parameters.network_fields import (
 )
 from vsgdesign.study.parameters.reader import TableReader
 from vsgdesign.study.parameters.scenario import Component, read_components
-from vsgdesign.study.parameters.source import GridSource, Sag, SourceComponent, sagged
 from vsgdesign.study.parameters.units import UnitError, parse_quantity
 
 SAME_INSTANT = 1e-9

@@ -23,9 +23,9 @@ from vsgdesign.study.parameters.fields import (
     values,
     word,
 )
+from vsgdesign.study.parameters.grid import Sag
 from vsgdesign.study.parameters.network import FAULT_KINDS, PHASE_PAIRS, THREE_PHASE, Fault, Load, Network, SynchroCheck
 from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.source import Sag
 from vsgdesign.study.parameters.units import format_quantity
 
 NONE, CLEARED, OPEN, CLOSED = "none", "cleared", "open", "closed"

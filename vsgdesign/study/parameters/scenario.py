@@ -15,10 +15,10 @@ from vsgdesign.study.parameters.fields import (
     values,
     word,
 )
+from vsgdesign.study.parameters.grid import SourceComponent
 from vsgdesign.study.parameters.network import PLAIN, Network
 from vsgdesign.study.parameters.network_fields import CLEARED, NONE, Base, read_said
 from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.source import SourceComponent
 
 _HIGHEST_ORDER = 100.0
 _MOST_REFERENCE = 2.0

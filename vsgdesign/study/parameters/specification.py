@@ -22,10 +22,9 @@ from vsgdesign.study.parameters.fields import (
     values,
     word,
 )
-from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, basis_field
+from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, GridSource, basis_field
 from vsgdesign.study.parameters.power_plant import PowerPlant
 from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.targets import ClosedFormTarget
 
 AIMS = ("settling", "inertia")

@@ -19,10 +19,9 @@ from vsgdesign.study.parameters.controllers import NO_LIMITER, ControllerSpec
 from vsgdesign.study.parameters.controllers import UPDATE_PERIOD as UPDATE_PERIOD
 from vsgdesign.study.parameters.converter import Converter, Filter, limiter_ratings
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.network import PLAIN, Network
 from vsgdesign.study.parameters.scenario import SimulationSpec
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.stability import ProtectionLimits, SurvivalSpec
 from vsgdesign.study.parameters.targets import NOTCH_DAMPING, ClosedFormTarget
 

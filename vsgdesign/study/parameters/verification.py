@@ -24,10 +24,9 @@ from vsgdesign.study.parameters.fields import (
     values,
     whole,
 )
-from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, basis_field
+from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, GridSource, basis_field
 from vsgdesign.study.parameters.ranges import Range
 from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.source import GridSource
 from vsgdesign.study.parameters.specification import Specification
 
 DEFAULT_SCR, DEFAULT_X_OVER_R = (1.2, 20.0), (0.3, 20.0)

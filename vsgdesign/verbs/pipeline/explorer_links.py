@@ -13,8 +13,8 @@ from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.report.explore.state import StateError, state_of
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
+from vsgdesign.study.parameters.grid import Sag
 from vsgdesign.study.parameters.network_fields import NOTHING_SAID
-from vsgdesign.study.parameters.source import Sag
 from vsgdesign.study.parameters.study import Study
 
 
