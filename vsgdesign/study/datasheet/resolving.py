@@ -9,30 +9,28 @@ from dataclasses import dataclass
 from vsgdesign.equations.filters import largest_current_after_jump
 from vsgdesign.equations.frames import base_impedance, linear_modulation_limit, ll_to_phase, rms_to_peak
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.study.datasheet.circuit import (
-    DEFAULT_X_OVER_R,
-    check_resonance,
-    read_capacitor,
-    read_inductor,
-    read_outer,
-    read_range,
-    read_resistance,
-    read_scr,
-    strongest_inductance,
-)
 from vsgdesign.study.datasheet.fields import BY_NAME, FILTERS, Field
 from vsgdesign.study.datasheet.measured_impedance import SeriesFit
 from vsgdesign.study.datasheet.quantities import RATIO, AmountError, read_amount
 from vsgdesign.study.datasheet.ratings import (
+    DEFAULT_X_OVER_R,
+    check_resonance,
     check_voltages,
+    read_capacitor,
     read_current_limit,
     read_dc_link,
     read_delay_samples,
     read_frequency,
+    read_inductor,
     read_modulation,
+    read_outer,
+    read_range,
     read_rating,
+    read_resistance,
     read_samples,
+    read_scr,
     read_voltage,
+    strongest_inductance,
 )
 from vsgdesign.study.datasheet.reading import Entry, Sheet
 from vsgdesign.study.datasheet.rows import Assumption, Rows
