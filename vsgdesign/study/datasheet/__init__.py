@@ -2,9 +2,8 @@
 
 from vsgdesign.study.datasheet.fields import FIELDS, Field
 from vsgdesign.study.datasheet.measured_impedance import SeriesFit, fit_series, read_impedance, with_impedance
-from vsgdesign.study.datasheet.reading import Entry, Sheet, read_sheet
+from vsgdesign.study.datasheet.reading import Assumption, Entry, Sheet, read_sheet
 from vsgdesign.study.datasheet.resolving import Datasheet, faults_of, resolve
-from vsgdesign.study.datasheet.rows import Assumption
 from vsgdesign.study.datasheet.study_text import study_text
 
 __all__ = [

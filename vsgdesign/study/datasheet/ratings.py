@@ -22,8 +22,7 @@ from vsgdesign.equations.frames import (
 from vsgdesign.equations.grid import grid_from_scr_impedance
 from vsgdesign.study.datasheet.fields import CONNECTIONS, MODULATIONS, read_delay, read_sampling
 from vsgdesign.study.datasheet.quantities import RATIO, Amount, AmountError, read_amount
-from vsgdesign.study.datasheet.reading import Entry
-from vsgdesign.study.datasheet.rows import LIMITS, Rows
+from vsgdesign.study.datasheet.reading import LIMITS, Entry, Rows
 from vsgdesign.study.parameters.converter import angular_advice, frequency_of_angular
 from vsgdesign.study.parameters.units import format_quantity
 

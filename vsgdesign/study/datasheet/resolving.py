@@ -32,8 +32,7 @@ from vsgdesign.study.datasheet.ratings import (
     read_voltage,
     strongest_inductance,
 )
-from vsgdesign.study.datasheet.reading import Entry, Sheet
-from vsgdesign.study.datasheet.rows import Assumption, Rows
+from vsgdesign.study.datasheet.reading import Assumption, Entry, Rows, Sheet
 from vsgdesign.study.parameters.inner_loops import ENOUGH_SAMPLING
 from vsgdesign.study.parameters.units import format_quantity
 
