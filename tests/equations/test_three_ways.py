@@ -21,12 +21,12 @@ from tests.codegen.machine import Machine
 from vsgdesign import equations
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.controller_data import Nothing, flat_settings, flat_state
+from vsgdesign.equations.grid import sag_sequences
 from vsgdesign.equations.integration import advanced
 from vsgdesign.equations.limiter_interface import always, no_memory
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, LimiterLaw, limiter_named
 from vsgdesign.equations.limiters.balanced_power import negative_sequence_of_loop
 from vsgdesign.equations.power_flow import converter_side
-from vsgdesign.equations.source import sag_sequences
 
 RANGES: dict[str, tuple[float, float]] = {
     "response_time": (1e-3, 1e-2), "settling_time": (0.1, 3.0), "damping_ratio": (0.3, 2.0), "droop_ratio": (0.0, 0.1),

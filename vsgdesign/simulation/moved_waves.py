@@ -15,7 +15,7 @@ from vsgdesign.codegen.blocks import Part, Writer, joined
 from vsgdesign.codegen.expressions import Expression, Number, Variable
 from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.llvm import LoopSpec, aligned_zeros, compiled_loop, empty_rows
-from vsgdesign.equations.source import moved_phasor
+from vsgdesign.equations.grid import moved_phasor
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.flat import flat_block
 from vsgdesign.codegen.llvm import LoopSpec, compiled_loop
 from vsgdesign.codegen.normals import NormalStream
-from vsgdesign.equations.source import WanderDrive, WanderPace, WanderPath, wandered
+from vsgdesign.equations.grid import WanderDrive, WanderPace, WanderPath, wandered
 from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.ranges import stream
 from vsgdesign.study.parameters.replay import ReplaySpec

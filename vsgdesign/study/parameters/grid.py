@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.equations.grid import SCR_BASES
-from vsgdesign.equations.source import SAG_TYPES, sag_sequences
+from vsgdesign.equations.grid import SAG_TYPES, SCR_BASES, sag_sequences
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.fields import L_BASE, Z_BASE, Scope, number, picked, section, values, word
 from vsgdesign.study.parameters.reader import TableReader
