@@ -54,22 +54,48 @@ def test_a_trace_comes_back_to_a_millionth(tmp_path: Path, name: str) -> None:
 
 def test_numbers_are_read_as_python_reads_them() -> None:
     rng = np.random.default_rng(8)
-    digits = rng.integers(0, 10**12, size=(400, 3)).tolist()
-    texts = [[f"{'-' * (k % 3 == 0)}{str(one)[: 1 + k % 5]}.{str(one)[3:][: 1 + k % 8] or 0}" for one in row]
-             for k, row in enumerate(digits)]  # fmt: skip
-    texts += [["nan", "-inf", "inf"], ["-0.0", "-nan", "0.5"]]
-    body = "".join(",".join(row) + "\n" for row in texts)
-    found = module._plain_numbers(body.encode(), 3)
-    assert found is not None
-    assert found.tobytes() == np.array([list(map(float, row)) for row in texts]).tobytes()
+    digits = rng.integers(0, 10**12, size=(400, 9)).tolist()
+    texts = [[f"{'-' * (k % 3 == 0)}{str(one)[: 1 + k % 5]}.{str(one)[3:].ljust(8, '0')[: 1 + n % 8]}"
+              for n, one in enumerate(row)] for k, row in enumerate(digits)]  # fmt: skip
+    texts[0][7] = texts[5][2] = "nan"
+    texts += [["nan", "-inf", "inf"] * 3, [f"-0.{'0' * (1 + n % 8)}" for n in range(8)] + ["-nan"]]
+    body = "".join(",".join(row) + "\n" for row in texts).encode()
+    numbers = np.array([list(map(float, row)) for row in texts])
+    for chosen in (range(9), [0, 3, 8], [7]):
+        found = module._plain_numbers(body, 9, chosen)
+        assert found is not None
+        assert found.tobytes() == numbers.T[list(chosen)].tobytes()
 
 
 @pytest.mark.parametrize(
-    "row", ["1.0,2", "1nan,2.0", "1.0,2e3", "1.0;2.0", "1.0,2.0,3.0", ".5,1.0", "--1.0,2.0", "1.,2.0"]
+    "row",
+    [
+        "1.0,2",
+        "1nan,2.0",
+        "nano,2.0",
+        "1.0,ina",
+        "1.0,n",
+        "1.0,2e3",
+        "1.0;2.0",
+        "1.0,2.0,3.0",
+        ".5,1.0",
+        "--1.0,2.0",
+        "1.,2.0",
+    ],
 )
 def test_another_text_is_left_to_the_usual_reader(row: str) -> None:
-    assert module._plain_numbers(f"1.0,2.0\n{row}\n".encode(), 2) is None
-    assert module._plain_numbers(b"1.0,2.0\n3.0,4.0", 2) is None
+    assert module._plain_numbers(f"1.0,2.0\n{row}\n".encode(), 2, [0, 1]) is None
+    assert module._plain_numbers(b"1.0,2.0\n3.0,4.0", 2, [0, 1]) is None
+
+
+def test_columns_that_are_not_asked_for_are_not_read(tmp_path: Path) -> None:
+    given = evidence(made(40))
+    write_evidence(tmp_path / "t.csv", given)
+    whole, some = read_evidence(tmp_path / "t.csv"), read_evidence(tmp_path / "t.csv", ["f_hz"])
+    for name in SIGNALS:  # P has limits
+        same = getattr(whole.trace, name) if name in ("t_s", "f_hz", "P_pu") else np.full(40, np.nan)
+        np.testing.assert_array_equal(getattr(some.trace, name), same)
+    np.testing.assert_array_equal(some.limits[0].low, whole.limits[0].low)
 
 
 def test_another_reader_reads_the_same_numbers(tmp_path: Path) -> None:

@@ -141,27 +141,36 @@ def write_evidence_comtrade(path: str | Path, trace: Trace, form: str, converter
     write_comtrade(path, series, form, f_n=f_n, station="vsgdesign", trigger_s=trigger_s, units=RECORDED)
 
 
-def read_evidence(path: str | Path) -> Evidence:
-    """What :func:`write_evidence` wrote, rounded as in the file. Raises ArtifactError for any other file."""
+def read_evidence(path: str | Path, signals: Sequence[str] = SIGNALS) -> Evidence:
+    """What :func:`write_evidence` wrote, rounded as in the file. Raises ArtifactError for any other file.
+
+    ``signals``: columns of the trace that are asked for. Besides these are read the time and whatever has limits; the
+    others are NaN.
+    """
     try:
         content = read_given(path, RESULT_BYTES)
-        text = (gzip.decompress(content) if str(path).endswith(".gz") else content).decode()
-        header, _, body = text.partition("\n")
-        names = [name.partition(" [")[0] for name in header.split(",")]
+        content = gzip.decompress(content) if str(path).endswith(".gz") else content
+        header, _, body = content.partition(b"\n")
+        names = [name.partition(" [")[0] for name in header.decode().split(",")]
         missing = [name for name in SIGNALS if name not in names]
         if missing:
             raise ValueError(f"there is no column {', '.join(missing)}")
-        rows = _plain_numbers(body.encode(), len(names))
-        if rows is None:
-            rows = np.loadtxt(body.splitlines(), delimiter=",", ndmin=2) if body.strip() else np.empty((0, len(names)))
-        if rows.shape[1] != len(names):
-            raise ValueError(f"the header has {len(names)} columns and the rows have {rows.shape[1]}")
-        found = dict(zip(names, rows.T, strict=True))
+        judged = [name[:-4] for name in names if name.endswith(" low") and name[:-4] + " high" in names]
+        asked = {"t_s", *signals, *judged, *(f"{name} {end}" for name in judged for end in ("low", "high"))}
+        chosen = [k for k, name in enumerate(names) if name in asked]
+        columns = _plain_numbers(body, len(names), chosen)
+        if columns is None:
+            lines = body.decode().splitlines()
+            rows = np.loadtxt(lines, delimiter=",", ndmin=2) if body.strip() else np.empty((0, len(names)))
+            if rows.shape[1] != len(names):
+                raise ValueError(f"the header has {len(names)} columns and the rows have {rows.shape[1]}")
+            columns = rows.T[chosen]
+        found = dict(zip([names[k] for k in chosen], columns, strict=True))
     except (OSError, ValueError, EOFError, zlib.error) as error:
         raise ArtifactError(f'"{path}" is not a readable trace: {error}') from error
-    judged = [name.removesuffix(" low") for name in names if name.endswith(" low") and name[:-4] + " high" in found]
+    unread = np.full(columns.shape[1], np.nan)
     return Evidence(
-        trace=Trace(**{name: found[name] for name in SIGNALS}),
+        trace=Trace(**{name: found.get(name, unread) for name in SIGNALS}),
         limits=tuple(Limits(signal=s, low=found[f"{s} low"], high=found[f"{s} high"]) for s in judged),
     )
 
@@ -170,55 +179,83 @@ _MOST_DIGITS = 15
 """So many digits of a number are a whole number that is exact."""
 
 
-def _plain_numbers(body: bytes, columns: int) -> Array | None:
-    """The numbers of rows, (n, columns), where all are written as :func:`write_evidence` mostly does, with a point and
-    without an exponent, or as nan or inf; else None. They are those of :func:`float`: a whole number over a power of
-    ten rounds once."""
-    written = np.frombuffer(body, dtype=np.uint8)
-    chars = np.frombuffer(body.replace(b"nan", b"0.0").replace(b"inf", b"0.0"), dtype=np.uint8)
-    digit = chars - np.uint8(ord("0"))
-    ends, points = np.flatnonzero((chars == ord(",")) | (chars == ord("\n"))), np.flatnonzero(chars == ord("."))
-    if len(ends) == 0 or len(ends) != len(points) or len(ends) % columns or ends[-1] != len(chars) - 1:
+def _plain_numbers(body: bytes, count: int, chosen: Sequence[int]) -> Array | None:
+    """Some of the ``count`` columns of a text, (len(chosen), n), where they are written as :func:`write_evidence`
+    mostly does: with as many decimals in every row of a column and without an exponent, or as nan or inf; else None.
+    They are those of :func:`float`: a whole number over a power of ten rounds once."""
+    chars = np.frombuffer(body, dtype=np.uint8)
+    ends = np.flatnonzero((chars == ord(",")) | (chars == ord("\n")))
+    if len(ends) == 0 or len(ends) % count or ends[-1] != len(chars) - 1:
         return None
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    lines = chars[ends].reshape(-1, columns) == ord("\n")
+    if ((chars[ends] == ord("\n")) != (np.arange(1, len(ends) + 1) % count == 0)).any():
+        return None
+    starts = np.append(0, ends[:-1] + 1).reshape(-1, count).T[chosen]
+    stops = ends.reshape(-1, count).T[chosen]
     below = chars[starts] == ord("-")
-    digits = int(np.count_nonzero(digit < 10)) + 2 * len(ends) + int(below.sum()) == len(chars)
-    if not digits or not lines[:, -1].all() or lines[:, :-1].any():
+    starts += below
+    values = np.empty(stops.shape)
+    named = np.zeros(stops.shape, dtype=bool)
+    for name, value in ((b"nan", np.nan), (b"inf", np.inf)):
+        found = chars[starts] == name[0]
+        if found.any():
+            ends = stops[found]
+            if (ends - starts[found] != len(name)).any():
+                return None
+            if any((chars[ends - len(name) + k] != letter).any() for k, letter in enumerate(name)):
+                return None
+            values[found], named[found] = value, True
+    lengths = np.where(named, 0, stops - starts)
+    decimals = [_decimals(body, *ends_of) for ends_of in zip(starts, stops, named, strict=True)]
+    for one in set(decimals):
+        these = [k for k, other in enumerate(decimals) if other == one]
+        read = _read_digits(chars, stops[these], lengths[these], one)
+        if read is None:
+            return None
+        values[these] = np.where(named[these], values[these], read)
+    return np.where(below, -values, values)
+
+
+def _decimals(body: bytes, starts: NDArray[np.intp], stops: NDArray[np.intp], named: NDArray[np.bool_]) -> int:
+    """How many decimals the first number of a column has; 0 where it has no point, or there is none."""
+    first = int(np.argmin(named))
+    return 0 if named[first] else int(stops[first]) - 1 - body.find(b".", starts[first], stops[first])
+
+
+def _read_digits(
+    chars: NDArray[np.uint8], stops: NDArray[np.intp], lengths: NDArray[np.intp], decimals: int
+) -> Array | None:
+    """The numbers before some ``stops`` in so many characters, without their signs; None where one has other decimals
+    or another character. A length of 0 is not read."""
+    read, widest = lengths > 0, int(lengths.max(initial=0))
+    if widest == 0:
+        return np.zeros(stops.shape)
+    if decimals < 1 or lengths[read].min() < decimals + 2 or widest > _MOST_DIGITS + 1:
         return None
-    first, decimals = starts + below, ends - points - 1
-    before, named = points - first, np.isin(written[first], (ord("n"), ord("i")))
-    if (
-        body.count(b"nan") + body.count(b"inf") != np.count_nonzero(named)
-        or before.min() < 1
-        or decimals.min() < 1
-        or (before + decimals).max() > _MOST_DIGITS
-    ):
+    places = np.arange(widest)
+    found = chars[stops[..., None] - 1 - places]  # the last character first
+    found -= np.uint8(ord("0"))
+    if (found[..., decimals][read] != (ord(".") - ord("0")) % 256).any():
         return None
-    whole = np.zeros(len(ends), dtype=np.int64)
-    for end, counts, later in ((points, before, decimals), (ends, decimals, None)):
-        part = np.zeros(len(ends), dtype=np.int64)
-        for place in range(int(counts.max())):
-            found = digit[end - 1 - place].astype(np.int64)
-            part += np.where(counts > place, found, 0) * 10**place
-        whole += part if later is None else part * 10**later
-    values = whole / 10.0**decimals
-    for letter, value in (("n", np.nan), ("i", np.inf)):
-        values[written[first] == ord(letter)] = value
-    return np.where(below, -values, values).reshape(-1, columns)
+    found[..., decimals] = 0
+    found[places >= lengths[..., None]] = 0
+    if found.max() > 9:
+        return None
+    powers = 10.0 ** np.where(places > decimals, places - 1, places)
+    return found @ powers / 10.0**decimals
 
 
 class EvidenceFiles(Mapping[str, Evidence]):
-    """The evidence of rows (as in results.json) by the name of its file, read from the folder when asked for."""
+    """The evidence of rows (as in results.json) by the name of its file, read from the folder when asked for, with the
+    ``signals`` of :func:`read_evidence`."""
 
-    def __init__(self, folder: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
-        self._folder = Path(folder)
+    def __init__(self, folder: str | Path, rows: Sequence[Mapping[str, Any]], signals: Sequence[str] = SIGNALS) -> None:
+        self._folder, self._signals = Path(folder), signals
         self._names = dict.fromkeys(str(row["csv"]) for row in rows if row.get("csv"))
 
     def __getitem__(self, name: str) -> Evidence:
         if name not in self._names:
             raise KeyError(name)
-        return read_evidence(self._folder / name)
+        return read_evidence(self._folder / name, self._signals)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)

@@ -30,7 +30,9 @@ MOST_CURVES = 9
 _MOST_NAMES = 4
 """Tests of an overlay that its caption names."""
 
-_ALWAYS = ("P_pu", "i_phase_pu", "f_hz")
+DRAWN_ALWAYS = ("P_pu", "i_phase_pu", "f_hz")
+"""Signals of every figure; those with limits come on top."""
+
 _LABELS = {
     "P_pu": ("Active power", "P [pu]", 3.0),
     "Q_pu": ("Reactive power", "Q [pu]", 3.0),
@@ -119,7 +121,7 @@ class Drawer:
 
     def _plots(self, curves: Sequence[_Curve], bands: Sequence[tuple[str, Band]]) -> tuple[Sketch, ...]:
         judged = [signal for signal, _ in bands]
-        signals = [*_ALWAYS, *dict.fromkeys(name for name in judged if name not in _ALWAYS)]
+        signals = [*DRAWN_ALWAYS, *dict.fromkeys(name for name in judged if name not in DRAWN_ALWAYS)]
         return tuple(self._plot(signal, curves, [band for of, band in bands if of == signal]) for signal in signals)
 
     def _plot(self, signal: str, curves: Sequence[_Curve], bands: Sequence[Band]) -> Sketch:

@@ -364,6 +364,7 @@ def _study_name(name: str) -> str:
 def _write_report(folder: Path, document: dict[str, Any]) -> None:
     """The page, the PDF and the figures."""
     from vsgdesign.campaigns.compliance.evidence import EvidenceFiles
+    from vsgdesign.report.compliance.figures import DRAWN_ALWAYS
     from vsgdesign.report.compliance.page import write_page
 
-    write_page(folder, document, EvidenceFiles(folder, document["rows"]))
+    write_page(folder, document, EvidenceFiles(folder, document["rows"], DRAWN_ALWAYS))
