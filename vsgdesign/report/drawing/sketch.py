@@ -156,16 +156,22 @@ def _words(part: Words) -> str:
 
 def _path(points: Array) -> str:
     """A path through the points on the grid of tenths, without points on the straight line between their neighbours."""
+    if len(points) == 2:  # ticks and rules, most lines of a figure: arrays take ten times as long for them
+        (x, y), (to_x, to_y) = ((round(_TENTHS * x), round(_TENTHS * y)) for x, y in points.tolist())
+        return f"M{x} {y}l{to_x - x}{' ' if to_y >= y else ''}{to_y - y}"
     whole = np.rint(_TENTHS * points).astype(np.int64)
-    steps = np.diff(whole, axis=0)
-    moved = np.any(steps != 0, axis=1)
+    steps = whole[1:] - whole[:-1]
+    moved = (steps[:, 0] != 0) | (steps[:, 1] != 0)
     moved[:1] = True  # a line of one point is a dot
     steps = steps[moved]
-    turns = steps[:-1, 0] * steps[1:, 1] != steps[:-1, 1] * steps[1:, 0]
-    back = (steps[:-1] * steps[1:]).sum(axis=1) < 0
-    kept = np.concatenate([turns | back, [True]]) if len(steps) else np.zeros(0, dtype=bool)
+    if not len(steps):
+        return ""
+    before, after = steps[:-1], steps[1:]
+    turns = before[:, 0] * after[:, 1] != before[:, 1] * after[:, 0]
+    back = before[:, 0] * after[:, 0] + before[:, 1] * after[:, 1] < 0
     # Steps in one direction become one.
-    corners = np.cumsum(steps, axis=0)[kept]
-    found = np.diff(np.concatenate([[[0, 0]], corners]), axis=0)
-    rest = "".join(f"{dx}{dy:+d} " if dy < 0 else f"{dx} {dy} " for dx, dy in found.tolist())
-    return f"M{whole[0, 0]} {whole[0, 1]}l{rest.rstrip()}" if len(found) else ""
+    corners = np.cumsum(steps, axis=0)[np.append(np.flatnonzero(turns | back), len(steps) - 1)]
+    corners[1:] -= corners[:-1].copy()
+    # All numbers are written at once: one at a time they take longer than everything before.
+    form = " ".join(["%d%d" if up else "%d %d" for up in (corners[:, 1] < 0).tolist()])
+    return f"M{whole[0, 0]} {whole[0, 1]}l{form % tuple(corners.ravel().tolist())}"
