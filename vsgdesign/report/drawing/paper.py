@@ -9,6 +9,7 @@ import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,8 +124,12 @@ def png_size(file: Path) -> tuple[float, float]:
 @functools.lru_cache(maxsize=20_000)
 def text_width(text: str, size: float, bold: bool = False) -> float:
     """Width of a text in pt."""
-    widths = _widths(bold)
-    return size * sum(widths[letter] for letter in _drawable(text, bold))
+    return size * _added(0.0, _drawable(text, bold), bold)
+
+
+def _added(width: float, text: str, bold: bool) -> float:
+    """A width with the widths of more characters, of size 1."""
+    return sum(map(_widths(bold).__getitem__, text), width)
 
 
 _EMPTY = "□"
@@ -133,6 +138,8 @@ _EMPTY = "□"
 def _drawable(text: str, bold: bool) -> str:
     """The text with an empty box in place of each letter that the font does not have."""
     widths = _widths(bold)
+    if widths.keys() >= set(text):
+        return text
     return "".join(letter if letter in widths else _EMPTY for letter in text)
 
 
@@ -142,11 +149,12 @@ def wrapped(text: str, size: float, width: float, bold: bool = False, most: int 
     if text_width(text, size, bold) <= width:
         return [text]
     lines: list[str] = []
-    line = ""
+    line, taken = "", 0.0
     for word in text.split():
-        longer = f"{line} {word}" if line else word
-        if text_width(longer, size, bold) <= width:
-            line = longer
+        more = f" {word}" if line else word
+        longer = _added(taken, _drawable(more, bold), bold)
+        if size * longer <= width:
+            line, taken = line + more, longer
             continue
         if line:
             lines.append(line)
@@ -155,6 +163,7 @@ def wrapped(text: str, size: float, width: float, bold: bool = False, most: int 
             fits = next(n for n in range(len(line) - 1, 0, -1) if n == 1 or text_width(line[:n], size, bold) <= width)
             lines.append(line[:fits])
             line = line[fits:]
+        taken = text_width(line, 1.0, bold)
     lines.append(line)
     if len(lines) > most:
         last = lines[most - 1]
@@ -167,9 +176,11 @@ def wrapped(text: str, size: float, width: float, bold: bool = False, most: int 
 @functools.cache
 def _font_file(bold: bool) -> Path:
     """A font that comes with matplotlib: it has the signs of this field, and every machine has the same."""
-    import matplotlib
-
-    return Path(matplotlib.get_data_path()) / "fonts" / "ttf" / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")
+    found = find_spec("matplotlib")  # which takes long to import, and says the same place
+    if found is None or found.origin is None:
+        raise ModuleNotFoundError("matplotlib, whose fonts are on the pages of a PDF, is not installed")
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / name
 
 
 @functools.cache
@@ -182,20 +193,28 @@ def _widths(bold: bool) -> Mapping[str, float]:
         return {chr(code): scale * metrics[glyph][0] for code, glyph in (font.getBestCmap() or {}).items()}
 
 
+@functools.cache
+def _colour(text: str) -> Any:
+    """A colour such as #1A1A1A as the library has it, which else reads its digits again for each part."""
+    from fpdf.drawing_primitives import color_from_hex_string
+
+    return color_from_hex_string(text)
+
+
 def _draw(pdf: FPDF, part: Part | Picture) -> None:
     if isinstance(part, Words):
         _words(pdf, part)
     elif isinstance(part, Picture):
         pdf.image(part.file, part.x, part.y, part.width, part.height)
     elif isinstance(part, Area):
-        pdf.set_fill_color(part.colour)
+        pdf.set_fill_color(_colour(part.colour))
         if part.edge:
-            pdf.set_draw_color(part.edge)
+            pdf.set_draw_color(_colour(part.edge))
             pdf.set_line_width(0.4)
         _path(pdf, part.points, "h B" if part.edge else "h f")
     else:
         pdf.set_line_width(part.width)
-        pdf.set_draw_color(part.colour)
+        pdf.set_draw_color(_colour(part.colour))
         # The library's own pattern has one dash and one gap; lines of this field have up to three of each.
         pdf._out(f"[{' '.join(f'{part.width * length:.2f}' for length in part.dashes)}] 0 d")
         for run in part.runs():
@@ -204,14 +223,15 @@ def _draw(pdf: FPDF, part: Part | Picture) -> None:
 
 def _path(pdf: FPDF, points: Array, end: str) -> None:
     # Its own polyline writes point by point, which takes longer than everything else of a page of curves.
-    first, *others = (f"{x:.2f} {pdf.h - y:.2f}" for x, y in points.tolist())
-    pdf._out(" ".join([first, "m", *(f"{place} l" for place in others), end]))
+    upwards = points * (1.0, -1.0) + (0.0, pdf.h)
+    form = f"%.2f %.2f m{' %.2f %.2f l' * (len(points) - 1)} {end}"
+    pdf._out(form % tuple(upwards.ravel().tolist()))
 
 
 def _words(pdf: FPDF, part: Words) -> None:
     x, y, text = part.x, part.y, _drawable(part.text, part.bold)
     pdf.set_font(_FAMILY, "B" if part.bold else "", part.size)
-    pdf.set_text_color(part.colour)
+    pdf.set_text_color(_colour(part.colour))
     back = {START: 0.0, MIDDLE: 0.5, END: 1.0}[part.anchor]
     if back:
         back *= text_width(text, part.size, part.bold)
