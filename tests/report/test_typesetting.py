@@ -7,7 +7,10 @@ import math
 import pytest
 
 from vsgdesign.linear.stability.verdict import _margin
+from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.quantities import merged, typeset
+from vsgdesign.report.drawing.sketch import svg
+from vsgdesign.report.drawing.spark import key
 from vsgdesign.report.page.html import environment, with_subscripts
 
 
@@ -47,3 +50,19 @@ def test_texts_that_differ_in_numbers_are_one() -> None:
     assert merged(reasons) == {said.format("462 to 492.6"): 3, "no gains": 1, "P = -3 to 2 kW": 2}
     assert merged([said.format(483)] * 2) == {said.format(483): 2}
     assert merged([]) == {}
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [("<b> & \"'", "&lt;b&gt; &amp; &#34;&#39;"), (filled("<b>"), "<b>"), (3, "3"), (key(0), svg(key(0), sized=True))],
+)
+def test_a_filled_form_escapes_what_is_no_html(value: object, shown: str) -> None:
+    found = filled('<p class="{}">{}</p>\n', value, "a<b")
+    assert found == f'<p class="{shown}">a&lt;b</p>\n'
+    assert filled("{}", found) == found
+
+
+@pytest.mark.parametrize("values", [(), (1,), (1, 2, 3)])
+def test_a_form_has_a_value_for_each_place(values: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"shorter|longer"):
+        filled("{} {}", *values)

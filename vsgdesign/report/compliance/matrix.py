@@ -23,6 +23,7 @@ from vsgdesign.campaigns.compliance.rows import (
 from vsgdesign.report.compliance.answer import ABOUT_STRIPS, counts_bar, strip
 from vsgdesign.report.compliance.arranged import LOOKS, WHOSE, Arranged, Group, Line, Reason, SuiteRows, Tested
 from vsgdesign.report.compliance.figures import Drawn, TestFigure, dashes_of
+from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.flow import DIM, Cells, Flow, Said
 from vsgdesign.report.drawing.paper import MARGIN, text_width
 from vsgdesign.report.drawing.quantities import typeset
@@ -50,9 +51,9 @@ class Matrix:
 
 def matrix_html(matrix: Matrix) -> Markup:
     """The lines' keys, the filter, and the tests of every suite."""
-    keys = _joined(Markup("<span>{} {}</span>").format(*one) for one in _keys(matrix.arranged))
+    keys = _joined(filled("<span>{} {}</span>", *one) for one in _keys(matrix.arranged))
     suites = [_suite(matrix, k, suite) for k, suite in enumerate(matrix.arranged.suites, start=1)]
-    return Markup('<p class="key">{}</p>\n{}\n{}').format(keys, _filter(), Markup("\n").join(suites))
+    return filled('<p class="key">{}</p>\n{}\n{}', keys, _filter(), Markup("\n").join(suites))
 
 
 def explore_command(document: Mapping[str, Any], row: Mapping[str, Any]) -> str:
@@ -78,31 +79,32 @@ def _keys(arranged: Arranged) -> Iterator[tuple[Sketch, str]]:
 def _verdict(name: str, style: str = "v") -> Markup:
     look = LOOKS[name]
     sign = '<span class="{} {}"><span aria-hidden="true">{}</span> {}</span>'
-    return Markup(sign).format(style, look.style, look.sign, name)
+    return filled(sign, style, look.style, look.sign, name)
 
 
 def _filter() -> Markup:
-    choice = Markup('<label><input type="radio" name="show" value="{}"> {}</label>\n')
-    choices = _joined([choice.format(LOOKS[name].style, _verdict(name)) for name in VERDICTS])
-    return Markup(
+    choice = '<label><input type="radio" name="show" value="{}"> {}</label>\n'
+    choices = _joined([filled(choice, LOOKS[name].style, _verdict(name)) for name in VERDICTS])
+    return filled(
         '<form id="filter" hidden>\n<span>Show</span>\n'
         '<label><input type="radio" name="show" value="" checked> all tests</label>\n{}'
         '<label class="words">with the words <input type="search" name="words" placeholder="SCR 2, +60 deg"></label>\n'
-        "<output></output>\n</form>"
-    ).format(choices)
+        "<output></output>\n</form>",
+        choices,
+    )
 
 
 def _suite(matrix: Matrix, number: int, suite: SuiteRows) -> Markup:
-    source, about = suite.source, Markup("<p>{}</p>\n").format(typeset(suite.about)) if suite.about else _NOTHING
+    source, about = suite.source, filled("<p>{}</p>\n", typeset(suite.about)) if suite.about else _NOTHING
     said = _NOTHING
     if source:
         named = ", ".join(part for part in (source["document"], source["edition"]) if part)
         text = f"{named}; confidence: {source['confidence']}. {source.get('note') or ''}".strip()
-        said = Markup('<p class="source">{}</p>\n').format(typeset(text))
+        said = filled('<p class="source">{}</p>\n', typeset(text))
     passing = _passing(matrix.arranged, suite)
-    about += Markup('<p class="source">{}</p>\n').format(passing) if passing else _NOTHING
+    about += filled('<p class="source">{}</p>\n', passing) if passing else _NOTHING
     groups = Markup("\n").join(_group(matrix, group) for group in suite.groups)
-    head = Markup('<section class="suite">\n<h3 id="suite-{}">{}</h3>\n').format(number, suite.title)
+    head = filled('<section class="suite">\n<h3 id="suite-{}">{}</h3>\n', number, suite.title)
     return head + said + about + groups + Markup("\n</section>")
 
 
@@ -115,65 +117,75 @@ def _passing(arranged: Arranged, suite: SuiteRows) -> str:
 def _group(matrix: Matrix, group: Group) -> Markup:
     names = matrix.arranged.controllers
     counts = _joined(
-        Markup('<span class="of">{}{}</span>').format(name, _counts(of))
-        for name, of in zip(names, group.counts, strict=True)
+        filled('<span class="of">{}{}</span>', name, _counts(of)) for name, of in zip(names, group.counts, strict=True)
     )
     opened = " open" if group.fails and len(group.tests) <= MOST_OPEN else ""
     figure = matrix.drawn.groups.get((group.suite, group.name))
     overlay = _NOTHING
     if figure is not None:
         plots = Markup("\n").join(svg(one, "plot") for one in figure.plots)
-        overlay = Markup(
-            '<figure class="plots"><div class="row">{}</div><figcaption>{}</figcaption></figure>\n'
-        ).format(plots, typeset(figure.caption))
+        overlay = filled(
+            '<figure class="plots"><div class="row">{}</div><figcaption>{}</figcaption></figure>\n',
+            plots,
+            typeset(figure.caption),
+        )
     head = _joined(
-        Markup('<th class="text">{}</th>').format(cell)
-        for cell in ("Test, and what is measured", "Asked", *names, "Source")
+        filled('<th class="text">{}</th>', cell) for cell in ("Test, and what is measured", "Asked", *names, "Source")
     )
     tests = Markup("\n").join(_test(matrix, test) for test in group.tests)
-    return Markup(
+    return filled(
         '<details class="group"{}>\n<summary><b>{}</b> <span class="counts">{}</span></summary>\n{}'
         '<div class="scroll">\n<table class="matrix" style="min-width:{}rem">\n'
         '<colgroup><col class="c-test"><col class="c-asked">{}<col class="c-source"></colgroup>\n'
-        "<thead><tr>{}</tr></thead>\n{}\n</table>\n</div>\n</details>"
-    ).format(opened, group.name, counts, overlay, 26 + 7 * len(names), Markup("<col>") * len(names), head, tests)
+        "<thead><tr>{}</tr></thead>\n{}\n</table>\n</div>\n</details>",
+        opened,
+        group.name,
+        counts,
+        overlay,
+        26 + 7 * len(names),
+        Markup("<col>") * len(names),
+        head,
+        tests,
+    )
 
 
 def _counts(counts: Any) -> Markup:
-    one = Markup(' <span class="v {}">{} {} {}</span>')
+    one = ' <span class="v {}">{} {} {}</span>'
     found = [(LOOKS[name], counts.of[name], name) for name in VERDICTS if counts.of[name]]
-    return _joined([one.format(look.style, look.sign, count, name) for look, count, name in found])
+    return _joined([filled(one, look.style, look.sign, count, name) for look, count, name in found])
 
 
 def _test(matrix: Matrix, test: Tested) -> Markup:
     source = matrix.arranged.sources[test.reference - 1]
     known = ", ".join(part for part in (source["edition"], source["confidence"]) if part)
-    head = Markup('<tr class="head"><th class="text" scope="rowgroup" colspan="2">{} <small>{}</small></th>\n').format(
-        typeset(test.test), typeset(test.network)
+    head = filled(
+        '<tr class="head"><th class="text" scope="rowgroup" colspan="2">{} <small>{}</small></th>\n',
+        typeset(test.test),
+        typeset(test.network),
     )
-    head += _joined(Markup('<td class="text">{}</td>').format(_ran(row)) for row in test.rows)
-    head += Markup('\n<td class="text src"><a href="#source-{}">[{}]</a> {}</td></tr>\n').format(
-        test.reference, test.reference, known
+    head += _joined(filled('<td class="text">{}</td>', _ran(row)) for row in test.rows)
+    head += filled(
+        '\n<td class="text src"><a href="#source-{}">[{}]</a> {}</td></tr>\n', test.reference, test.reference, known
     )
     lines = Markup("\n").join(_line(line) for line in test.lines)
     why = [
-        Markup("{} ({}): {}").format(_verdict(one.verdict), ", ".join(one.controllers), typeset(one.text))
+        filled("{} ({}): {}", _verdict(one.verdict), ", ".join(one.controllers), typeset(one.text))
         for one in test.reasons
     ]
     if test.fails:
         why.append(_evidence(matrix, test))
-    row = Markup('\n<tr class="why"><td class="text" colspan="{}">{}</td></tr>')
-    below = _joined([row.format(matrix.columns, one) for one in why])
+    row = '\n<tr class="why"><td class="text" colspan="{}">{}</td></tr>'
+    below = _joined([filled(row, matrix.columns, one) for one in why])
     kinds = "".join(f"has-{LOOKS[name].style} " for name in test.verdicts)
-    return Markup('<tbody id="{}" class="{}">\n{}{}{}\n</tbody>').format(test.anchor, kinds, head, lines, below)
+    return filled('<tbody id="{}" class="{}">\n{}{}{}\n</tbody>', test.anchor, kinds, head, lines, below)
 
 
 def _ran(row: Mapping[str, Any] | None) -> Markup | str:
     """The verdict of a controller, with the link to its curves."""
     if row is None:
         return "not run"
-    link = Markup(' <a href="{}">CSV</a>').format(row["csv"]) if row["csv"] else _NOTHING
-    return _verdict(row["verdict"]) + Markup("<small>{}</small>").format(besides(row)) + link
+    link = filled(' <a href="{}">CSV</a>', row["csv"]) if row["csv"] else _NOTHING
+    return _verdict(row["verdict"]) + filled("<small>{}</small>", besides(row)) + link
 
 
 def besides(row: Mapping[str, Any]) -> str:
@@ -190,10 +202,10 @@ def _line(line: Line) -> Markup:
             continue
         look, long = LOOKS[value.verdict], " long" if value.long else ""
         shown = '<span class="v {}{}" title="{}">{} {}</span>'
-        values.append(Markup(shown).format(look.style, long, value.verdict, look.sign, typeset(value.words)))
-    cells = _joined([Markup('<td class="text">{}</td>').format(value) for value in values])
-    head = Markup('<tr><td class="text m">{}</td><td class="text">{}</td>')
-    return head.format(typeset(line.label), typeset(line.asked)) + cells + Markup("<td></td></tr>")
+        values.append(filled(shown, look.style, long, value.verdict, look.sign, typeset(value.words)))
+    cells = _joined([filled('<td class="text">{}</td>', value) for value in values])
+    head = '<tr><td class="text m">{}</td><td class="text">{}</td>'
+    return filled(head, typeset(line.label), typeset(line.asked)) + cells + Markup("<td></td></tr>")
 
 
 def _evidence(matrix: Matrix, test: Tested) -> Markup:
@@ -203,10 +215,10 @@ def _evidence(matrix: Matrix, test: Tested) -> Markup:
         shown = (
             '<details class="trace"><summary>Trace</summary><figure class="plots"><div class="row">{}</div></figure>'
         )
-        figure = Markup(shown).format(trace) + Markup("</details>\n")
+        figure = filled(shown, trace) + Markup("</details>\n")
     if test.anchor in matrix.drawn.tests:
         file = figure_path(test.suite, test.test)
-        figure += Markup('<a href="{}">Figure of this test as a file</a>\n').format(file)
+        figure += filled('<a href="{}">Figure of this test as a file</a>\n', file)
     else:
         figure += Markup("This test has no figure; its CSV files have the curves.\n")
     return figure + _joined([_repeat(matrix, row) for row in test.known if row["verdict"] == FAIL])
@@ -219,10 +231,10 @@ def _repeat(matrix: Matrix, row: Mapping[str, Any]) -> Markup:
         ("In the folder of this page:", repeat),
         ("Where the study is:", explore_command(matrix.document, row)),
     )
-    one = Markup('<p class="note">{}</p><div><code>{}</code></div>')
-    shown = _joined([one.format(where, command) for where, command in commands if command])
+    one = '<p class="note">{}</p><div><code>{}</code></div>'
+    shown = _joined([filled(one, where, command) for where, command in commands if command])
     summary = '<details class="command"><summary>Repeat {}, or open it in the explorer</summary>{}</details>\n'
-    return Markup(summary).format(row["controller"], shown) if shown else _NOTHING
+    return filled(summary, row["controller"], shown) if shown else _NOTHING
 
 
 MOST_FIGURES = 24

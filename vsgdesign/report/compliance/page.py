@@ -28,6 +28,7 @@ from vsgdesign.report.compliance.figures import Drawn, Traces, draw
 from vsgdesign.report.compliance.heat import LEGEND, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
 from vsgdesign.report.compliance.matrix import Matrix, draw_matrix, draw_strips, matrix_html
+from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.sketch import svg_file
 from vsgdesign.report.page.blocks import (
@@ -145,10 +146,9 @@ _ABOUT_LIMITS = (
 
 def _strips(arranged: Arranged) -> Markup:
     """The strip of each controller, with its name."""
-    one = Markup("<div><span>{}</span>{}</div>")
-    rows = [one.format(name, picture) for name, picture in strips(arranged)]
-    return Markup('<figure class="strips">\n{}\n<figcaption>{}</figcaption>\n</figure>').format(
-        Markup("\n").join(rows), ABOUT_STRIPS
+    rows = [filled("<div><span>{}</span>{}</div>", name, picture) for name, picture in strips(arranged)]
+    return filled(
+        '<figure class="strips">\n{}\n<figcaption>{}</figcaption>\n</figure>', Markup("\n").join(rows), ABOUT_STRIPS
     )
 
 

@@ -14,6 +14,8 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from vsgdesign.report.drawing.filled import filled
+
 Array = NDArray[np.float64]
 
 START, MIDDLE, END = "start", "middle", "end"
@@ -104,13 +106,13 @@ def svg(sketch: Sketch, kind: str = "", stretched: bool = False, sized: bool = F
     ``stretched``: it keeps its height where the page is narrow. ``sized``: it has its own size wherever it stands.
     """
     body = "".join(_part(part) for part in sketch.parts)
-    shape = Markup('preserveAspectRatio="none" height="{:.0f}" ').format(sketch.height) if stretched else Markup("")
+    shape = f'preserveAspectRatio="none" height="{sketch.height:.0f}" ' if stretched else ""
     if sized:
-        shape = Markup('width="{:g}" height="{:g}" ').format(sketch.width, sketch.height)
+        shape = f'width="{sketch.width:g}" height="{sketch.height:g}" '
     box = f"{sketch.width * _TENTHS:.0f} {sketch.height * _TENTHS:.0f}"
-    label = Markup('role="img" aria-label="{}"').format(sketch.label) if sketch.label else Markup('aria-hidden="true"')
-    head = Markup('<svg class="{}" {} viewBox="0 0 {}" {}style="max-width:{:g}px">')
-    return head.format(kind or sketch.kind, label, box, shape, sketch.width) + Markup(f"{body}</svg>")
+    label = filled('role="img" aria-label="{}"', sketch.label) if sketch.label else Markup('aria-hidden="true"')
+    form = '<svg class="{}" {} viewBox="0 0 {}" {}style="max-width:{}px">{}</svg>'
+    return filled(form, kind or sketch.kind, label, box, Markup(shape), f"{sketch.width:g}", Markup(body))
 
 
 def svg_file(sketches: Sequence[Sketch], title: str, lines: Iterable[str] = ()) -> str:

@@ -12,6 +12,7 @@ from markupsafe import Markup, escape
 
 from vsgdesign import __version__
 from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.drawing.sketch import svg
 from vsgdesign.report.page.blocks import (
@@ -91,40 +92,40 @@ def _set(blocks: Sequence[Block], of_page: Sequence[Block]) -> Markup:
 
 def _block(block: Block, of_page: Sequence[Block]) -> Markup:
     if isinstance(block, Box):
-        anchor = Markup(' id="{}"').format(block.anchor) if block.anchor else ""
-        head = Markup('<section class="verdict{}"{}>\n').format(" warning" if block.warning else "", anchor)
+        anchor = filled(' id="{}"', block.anchor) if block.anchor else ""
+        head = filled('<section class="verdict{}"{}>\n', " warning" if block.warning else "", anchor)
         return head + _set(block.blocks, of_page) + Markup("\n</section>")
     if isinstance(block, Side):
-        return Markup('<div class="side">\n{}\n</div>').format(_set(block.blocks, of_page))
+        return filled('<div class="side">\n{}\n</div>', _set(block.blocks, of_page))
     if isinstance(block, Contents):
         return _contents(of_page)
     return _PRINTERS[type(block)](block)
 
 
 def _heading(block: Heading) -> Markup:
-    anchor = Markup(' id="{}"').format(block.anchor) if block.anchor else ""
-    return Markup("<h{}{}>{}</h{}>").format(block.level, anchor, with_subscripts(block.text), block.level)
+    anchor = filled(' id="{}"', block.anchor) if block.anchor else ""
+    return filled("<h{}{}>{}</h{}>", block.level, anchor, with_subscripts(block.text), block.level)
 
 
 def _contents(of_page: Sequence[Block]) -> Markup:
     parts = [block for block in of_page if isinstance(block, Heading) and block.numbered]
-    entry = Markup('<li><a href="#{}">{}</a></li>')
-    items = Markup("\n").join(entry.format(part.anchor, part.text.partition(". ")[2]) for part in parts)
-    return Markup('<nav aria-label="Parts">\n<ol>\n{}\n</ol>\n</nav>').format(items)
+    entry = '<li><a href="#{}">{}</a></li>'
+    items = Markup("\n").join(filled(entry, part.anchor, part.text.partition(". ")[2]) for part in parts)
+    return filled('<nav aria-label="Parts">\n<ol>\n{}\n</ol>\n</nav>', items)
 
 
 def _words(block: Words) -> Markup:
     lines = [_line(line) for line in block.lines]
     if block.style in (BULLETS, NUMBERS):
         tag = "ul" if block.style == BULLETS else "ol"
-        items = Markup("\n").join(Markup("<li>{}</li>").format(line) for line in lines)
-        return Markup("<{}>\n{}\n</{}>").format(tag, items, tag) if lines else Markup("")
-    kind = Markup(' class="{}"').format(block.style) if block.style in (HEADLINE, SOURCE) else ""
-    return Markup("\n").join(Markup("<p{}>{}</p>").format(kind, line) for line in lines)
+        items = Markup("\n").join(filled("<li>{}</li>", line) for line in lines)
+        return filled("<{}>\n{}\n</{}>", tag, items, tag) if lines else Markup("")
+    kind = filled(' class="{}"', block.style) if block.style in (HEADLINE, SOURCE) else ""
+    return Markup("\n").join(filled("<p{}>{}</p>", kind, line) for line in lines)
 
 
 def _note(block: Note) -> Markup:
-    return Markup('<p class="note">{}</p>').format(_line(block.line))
+    return filled('<p class="note">{}</p>', _line(block.line))
 
 
 def _notes(notes: Iterable[str]) -> Markup:
@@ -138,30 +139,37 @@ def _line(line: Line) -> Markup:
 
 
 def _span(span: Span) -> Markup:
-    found = Markup("<code>{}</code>").format(str(span)) if span.code else with_subscripts(span)
+    found = filled("<code>{}</code>", str(span)) if span.code else with_subscripts(span)
     for tag, on in (("b", span.bold), ("i", span.italic)):
-        found = Markup("<{}>{}</{}>").format(tag, found, tag) if on else found
-    return Markup('<a href="{}">{}</a>').format(span.link, found) if span.link else found
+        found = filled("<{}>{}</{}>", tag, found, tag) if on else found
+    return filled('<a href="{}">{}</a>', span.link, found) if span.link else found
 
 
 def _table(table: Table) -> Markup:
     kinds = "table" + (" small" if table.small else "") + (" short" if len(table.rows) <= _FEW_ROWS else "")
-    anchor = Markup(' id="{}"').format(table.anchor) if table.anchor else ""
+    anchor = filled(' id="{}"', table.anchor) if table.anchor else ""
     head = Markup("").join(
-        Markup("<th{}>{}</th>").format(Markup(' class="text"') if k < table.texts else "", with_subscripts(cell))
+        filled("<th{}>{}</th>", Markup(' class="text"') if k < table.texts else "", with_subscripts(cell))
         for k, cell in enumerate(table.head)
     )
     groups = Markup("").join(
-        Markup('<th colspan="{}"{}>{}</th>').format(span, Markup(' class="named"') if label else "", label)
+        filled('<th colspan="{}"{}>{}</th>', span, Markup(' class="named"') if label else "", label)
         for label, span in table.groups
     )
-    groups = Markup('<tr class="groups">{}</tr>\n').format(groups) if table.groups else ""
+    groups = filled('<tr class="groups">{}</tr>\n', groups) if table.groups else ""
     rows = Markup("\n").join(_row(table, k) for k in range(len(table.rows)))
-    caption = Markup("<caption>{}</caption>\n").format(typeset(table.title)) if table.title else ""
-    return Markup(
+    caption = filled("<caption>{}</caption>\n", typeset(table.title)) if table.title else ""
+    return filled(
         '<figure class="{}">\n<table{}>\n{}<thead>\n{}<tr>{}</tr>\n</thead>\n<tbody>\n{}\n</tbody>\n</table>\n'
-        "{}</figure>"
-    ).format(kinds, anchor, caption, groups, head, rows, _notes(table.notes))
+        "{}</figure>",
+        kinds,
+        anchor,
+        caption,
+        groups,
+        head,
+        rows,
+        _notes(table.notes),
+    )
 
 
 def _row(table: Table, k: int) -> Markup:
@@ -169,32 +177,32 @@ def _row(table: Table, k: int) -> Markup:
     cells = []
     for n, cell in enumerate(table.rows[k]):
         brief = " brief" if len(cell) <= _FEW_LETTERS and table.texts <= _FEW_TEXTS else ""
-        look = Markup(' class="text{}"').format(brief) if n < table.texts else ""
+        look = filled(' class="text{}"', brief) if n < table.texts else ""
         link = table.links[k] if table.links and n == 0 else ""
-        shown = Markup('<a href="{}">{}</a>').format(link, _line(cell)) if link else _line(cell)
-        cells.append(Markup("<td{}>{}</td>").format(look, shown))
-    look = Markup(' class="{}"').format(kinds) if kinds else Markup("")
+        shown = filled('<a href="{}">{}</a>', link, _line(cell)) if link else _line(cell)
+        cells.append(filled("<td{}>{}</td>", look, shown))
+    look = filled(' class="{}"', kinds) if kinds else Markup("")
     if table.row_anchor:
-        look += Markup(' id="{}-{}"').format(table.row_anchor, k + 1)
-    return Markup("<tr{}>{}</tr>").format(look, Markup("").join(cells))
+        look += filled(' id="{}-{}"', table.row_anchor, k + 1)
+    return filled("<tr{}>{}</tr>", look, Markup("").join(cells))
 
 
 def _answer(answer: Answer) -> Markup:
     head = Markup("").join(
-        Markup('<th class="text">{}</th>').format(with_subscripts(cell)) for cell in (answer.subject, *answer.head)
+        filled('<th class="text">{}</th>', with_subscripts(cell)) for cell in (answer.subject, *answer.head)
     )
     rows = [
-        Markup('<tr><th class="text" scope="row">{}{}</th>\n{}\n</tr>').format(
-            Markup("{} ").format(row.key) if row.key is not None else "",
+        filled(
+            '<tr><th class="text" scope="row">{}{}</th>\n{}\n</tr>',
+            filled("{} ", row.key) if row.key is not None else "",
             typeset(row.name),
             Markup("\n").join(map(_cell, row.cells)),
         )
         for row in answer.rows
     ]
-    return Markup(
+    return filled(
         '<figure class="table answer{}">\n<table>\n<caption>{}</caption>\n<thead>\n<tr>{}</tr>\n</thead>\n<tbody>\n{}\n'
-        "</tbody>\n</table>\n{}</figure>"
-    ).format(
+        "</tbody>\n</table>\n{}</figure>",
         " pictures" if answer.pictures else " many" if len(answer.head) > MANY else "",
         typeset(answer.title),
         head,
@@ -204,20 +212,24 @@ def _answer(answer: Answer) -> Markup:
 
 
 def _cell(cell: Cell) -> Markup:
-    sign = Markup('<span aria-hidden="true">{}</span>&nbsp;').format(cell.sign) if cell.sign else ""
-    detail = Markup(" <small>{}</small>").format(with_subscripts(tight(cell.detail))) if cell.detail else ""
-    return Markup('<td class="text">{}<span class="{}">{}{}</span>{}</td>').format(
-        "" if cell.picture is None else cell.picture, cell.mark, sign, with_subscripts(cell.words), detail
+    sign = filled('<span aria-hidden="true">{}</span>&nbsp;', cell.sign) if cell.sign else ""
+    detail = filled(" <small>{}</small>", with_subscripts(tight(cell.detail))) if cell.detail else ""
+    return filled(
+        '<td class="text">{}<span class="{}">{}{}</span>{}</td>',
+        "" if cell.picture is None else cell.picture,
+        cell.mark,
+        sign,
+        with_subscripts(cell.words),
+        detail,
     )
 
 
 def _figure(block: Figure) -> Markup:
     drawn = block.drawn
     number = f"Figure {block.number}. " if block.number else ""
-    return Markup(
+    return filled(
         '<figure class="drawing" id="figure-{}">\n<div class="canvas">\n{}\n</div>\n'
-        "<figcaption><b>{}{}.</b> {}</figcaption>\n</figure>"
-    ).format(
+        "<figcaption><b>{}{}.</b> {}</figcaption>\n</figure>",
         drawn.name,
         inline_svg(_svg_of(block), drawn.name, drawn.title, alone=not block.number),
         number,
@@ -237,15 +249,16 @@ def _svg_of(block: Figure) -> str:
 def _sketches(block: Sketches) -> Markup:
     drawn = [svg(one, block.kind) for one in block.sketches]
     if block.least:
-        scrolled = Markup('<div class="scroll" style="flex-basis:{:.0f}px">{}</div>')
+        scrolled = '<div class="scroll" style="flex-basis:{}px">{}</div>'
         drawn = [
-            scrolled.format(block.least * one.width, made) for one, made in zip(block.sketches, drawn, strict=True)
+            filled(scrolled, f"{block.least * one.width:.0f}", made)
+            for one, made in zip(block.sketches, drawn, strict=True)
         ]
-    title = Markup("<b>{}.</b> ").format(block.title) if block.title else ""
-    caption = Markup("<figcaption>{}{}</figcaption>").format(title, with_subscripts(tight(block.caption)))
-    row = Markup('<div class="row">{}</div>').format(Markup("\n").join(drawn))
+    title = filled("<b>{}.</b> ", block.title) if block.title else ""
+    caption = filled("<figcaption>{}{}</figcaption>", title, with_subscripts(tight(block.caption)))
+    row = filled('<div class="row">{}</div>', Markup("\n").join(drawn))
     parts = (caption, row) if block.least else (row, caption)
-    return Markup('<figure class="{}">{}{}</figure>').format("maps" if block.least else "plots", *parts)
+    return filled('<figure class="{}">{}{}</figure>', "maps" if block.least else "plots", *parts)
 
 
 _PRINTERS: dict[type[Block], Callable[[Any], Markup]] = {
@@ -320,9 +333,9 @@ def inline_svg(svg: str, name: str, title: str, alone: bool = False) -> Markup:
     if box is None:
         raise ValueError(f"the SVG of figure {name} has no viewBox")
     width, height = (float(size) for size in box.groups())
-    tag = Markup('<svg role="img" aria-label="{}" viewBox="0 0 {:g} {:g}" style="{}: {:.0f}pt">').format(
-        title, width, height, "max-width: 100%; width" if alone else "--width", width
-    )
+    form = '<svg role="img" aria-label="{}" viewBox="0 0 {} {}" style="{}: {}pt">'
+    sized = "max-width: 100%; width" if alone else "--width"
+    tag = filled(form, title, f"{width:g}", f"{height:g}", sized, f"{width:.0f}")
     svg = _SVG_TAG.sub(lambda _: str(tag), svg, count=1)
     # Ids repeat from figure to figure; within one page each figure gets its own.
     prefix = str(escape(name))

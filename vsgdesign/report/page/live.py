@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
+from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.page.blocks import Block, Heading, Live, Span, words
 from vsgdesign.report.page.html import text_file
 
@@ -79,12 +80,12 @@ def _packed(text: str, title: str, how: str, limits: str, cases: int) -> Live:
     anchor, ``try-it-1`` and so on.
     """
     packed = base64.b64encode(zlib.compress(text.encode("utf-8"), 9)).decode("ascii")
-    html = Markup(
+    html = (
         '<div class="live" data-title="{}" data-without="{}" data-opening="{}">\n{}<p>{}</p>\n'
         '<noscript><p class="note">{}</p></noscript>\n'
         '<p class="note" role="status" hidden></p>\n<div></div>\n<p class="note">{}</p>\n<template>{}</template>\n'
         "<script>{}</script>\n</div>"
     )
     script = Markup(text_file("live.js"))
-    anchors = Markup("").join(Markup('<span id="{}-{}"></span>').format(ANCHOR, k + 1) for k in range(cases))
-    return Live(html.format(title, WITHOUT, OPENING, anchors, how, NO_SCRIPTS, limits, packed, script))
+    anchors = Markup("").join(filled('<span id="{}-{}"></span>', ANCHOR, k + 1) for k in range(cases))
+    return Live(filled(html, title, WITHOUT, OPENING, anchors, how, NO_SCRIPTS, limits, packed, script))

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from vsgdesign.linear.stability.verdict import FAIL
 from vsgdesign.report.drawing.figure_types import ExplorerFile, NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.quantities import DASH, plain_quantity
 from vsgdesign.report.page.blocks import (
     BULLETS,
@@ -140,10 +141,12 @@ def stability_page(
         [block for block in blocks if block is not None],
         (*origin, "."),
         style=text_file("stability.css"),
-        script=Markup(
+        script=filled(
             '<div id="readout" hidden></div>\n<script type="application/json" id="hover-data">{}</script>\n'
-            "<script>\n{}</script>"
-        ).format(Markup(hover_json(result)), Markup(text_file("readout.js"))),
+            "<script>\n{}</script>",
+            Markup(hover_json(result)),
+            Markup(text_file("readout.js")),
+        ),
     )
 
 
@@ -276,7 +279,7 @@ def _explorer(result: StabilityResult, explorer: ExplorerFile | None) -> list[Bl
                 f" ({explorer.megabytes}) beside this page: if you send this page, send the file, too.",
             )
         ),
-        Live(Markup(frame).format(link, result.study.title)),
+        Live(filled(frame, link, result.study.title)),
     ]
 
 
