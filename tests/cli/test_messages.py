@@ -44,6 +44,20 @@ def test_standard_input_pipes_and_devices_are_no_study_files(verb: str, tmp_path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["pipe", "small.toml"]
 
 
+def test_a_datasheet_and_a_converter_of_the_package_are_no_studies(tmp_path: Path) -> None:
+    """And a study is no datasheet: each says what to type."""
+    sheet = tmp_path / "sheet.toml"
+    sheet.write_text('schema = 1\nrating = "20 kVA"\nscr = [2, 10]\n', encoding="utf-8")
+    said = failure(2, "validate", sheet)
+    assert said.count("\n") == 2, "one fault, and not one for every row"
+    assert f"write its study with vsgdesign new --from {sheet}." in said
+    assert "Write its study with vsgdesign new --from case:lab_12kva_lcl." in failure(2, "run", "case:lab_12kva_lcl")
+    study = study_file(tmp_path)
+    said = failure(2, "new", "--from", study, "--out", tmp_path / "new.toml")
+    assert said.count("\n") == 2
+    assert f"is a study, not a datasheet. Run it: vsgdesign run {study}." in said
+
+
 def test_every_missing_section_at_once(tmp_path: Path) -> None:
     """And other faults beside them: none hides another."""
     message = failure(2, "validate", study_file(tmp_path, 'colour = "red"\n[power_loops]\ntau_P = "1 m"\n'))

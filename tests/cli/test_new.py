@@ -15,13 +15,19 @@ import termios
 import time
 import tomllib
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from tests.datasheet.sheets import write_all
+from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.study.parameters import case_names, load_study, study_from_text
+from vsgdesign.study.parameters.inner_loops import InnerLoopSource
 from vsgdesign.verbs.cli.program import main
+
+NO_GAINS: InnerLoopSource = lambda _: (InnerLoopGains(*[math.nan] * 4), math.nan)  # noqa: E731
 
 
 def run(*arguments: str) -> tuple[int, str]:
@@ -131,10 +137,37 @@ def test_what_the_study_reader_finds_is_told_before_anything_is_written(tmp_path
     assert os.listdir(tmp_path) == ["sheet.toml"]
 
 
-def test_without_a_terminal_and_without_a_file(tmp_path: Path) -> None:
-    code, output = run("--out", str(tmp_path / "study.toml"))
+@pytest.mark.parametrize("given", [(), ("mine.csv",)])
+def test_what_to_type_where_no_file_is_given(given: tuple[str, ...], tmp_path: Path) -> None:
+    """Without a terminal, and with a file that belongs to no option: every way to a study, and every converter."""
+    code, output = run(*given, "--out", str(tmp_path / "study.toml"))
     assert code == 2
-    assert output == "error: there is no terminal to ask on. Give a datasheet: vsgdesign new --from FILE.csv\n"
+    assert f"  vsgdesign new --from {given[0] if given else 'FILE.csv'}\n" in output
+    assert "  vsgdesign new --from case:NAME\n" in output
+    assert all(name in output for name in case_names())
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", case_names())
+def test_a_converter_of_the_package_becomes_a_study(name: str, tmp_path: Path) -> None:
+    """It is that of the case, whose file the study's reader takes by itself."""
+    out = tmp_path / "study.toml"
+    code, output = run("--from", f"case:{name}", "--out", str(out))
+    assert code == 0, output
+    controllers = "[[controllers]]\nname = 'a'\nkind = 'fixed'\n[simulation]\nduration = 1\nP_ref = 0\nQ_ref = 0\n"
+    case = study_from_text(f'base = "case:{name}"\n{controllers}', inner_loops=NO_GAINS)
+    found = load_study(out, inner_loops=NO_GAINS)
+    for part in ("converter", "filter"):
+        ours, theirs = (asdict(getattr(one, part)) for one in (found, case))
+        for field in ours.keys() - {"current_limiter", "V_max_pu"}:  # no datasheet says these
+            # One case has no current limit; a datasheet without one gets the limit that is assumed.
+            wanted = 1.2 if theirs[field] is None else theirs[field]
+            assert ours[field] == pytest.approx(wanted, rel=1e-3), field
+
+
+def test_a_case_that_is_not_there(tmp_path: Path) -> None:
+    code, output = run("--from", "case:lab_12kva", "--out", str(tmp_path / "study.toml"))
+    assert (code, "Did you mean case:lab_12kva_lcl?" in output) == (2, True)
     assert not list(tmp_path.iterdir())
 
 

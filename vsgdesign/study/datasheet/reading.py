@@ -1,5 +1,6 @@
 """Read the file of a datasheet into rows by field: CSV with any separator, decimal sign and encoding of a spreadsheet,
-or TOML. A fault in one row does not hide the faults of the others.
+or TOML. A converter of the package is read as a datasheet, too. A fault in one row does not hide the faults of the
+others.
 """
 
 from __future__ import annotations
@@ -8,16 +9,18 @@ import csv
 import io
 import math
 import re
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vsgdesign.errors import Fault, StudyError
+from vsgdesign.errors import Fault, StudyError, did_you_mean
 from vsgdesign.study.datasheet.fields import BY_NAME, advice_for, chosen, find_field, is_unused, squeezed
 from vsgdesign.study.datasheet.quantities import RATIO, Amount, AmountError, is_unit, other_prefix, read_amount
 from vsgdesign.study.given_files import TOML_BYTES, read_given
-from vsgdesign.study.parameters.toml_file import parse_toml
+from vsgdesign.study.parameters.loading import case_names, merged_document
+from vsgdesign.study.parameters.toml_file import CASE_PREFIX, parse_toml
 from vsgdesign.study.parameters.units import format_quantity
 
 _HEADINGS = {
@@ -67,8 +70,17 @@ class Sheet:
     """How the file was read, if that was not obvious."""
 
 
+_OF_A_STUDY = {"base", "controllers", "simulation", "power_loops", "inner_loops"}
+"""Sections of a study, of which no datasheet has one."""
+_OF_A_CASE = ("converter", "filter")
+"""Sections of a case that a datasheet would have."""
+
+
 def read_sheet(path: str | Path) -> Sheet:
-    """Read the rows of a .csv or .toml file. Raises StudyError if it is neither."""
+    """Read the rows of a .csv or .toml file, or those of ``"case:NAME"``, a converter that comes with the package.
+    Raises StudyError if it is none of them."""
+    if str(path).startswith(CASE_PREFIX):
+        return _sheet_of_case(str(path))
     path = Path(path)
 
     def fault(problem: str, advice: str) -> StudyError:
@@ -91,8 +103,24 @@ def read_sheet(path: str | Path) -> Sheet:
     if not text.strip():
         raise fault("is empty", advice)
     if path.suffix.casefold() == ".toml":
-        return Sheet(str(path), tuple(_rows_of_table(parse_toml(text, str(path)), "")), remarks=remark)
+        table = parse_toml(text, str(path))
+        if _OF_A_STUDY & table.keys():
+            raise fault("is a study, not a datasheet", f"Run it: vsgdesign run {shlex.quote(str(path))}.")
+        return Sheet(str(path), tuple(_rows_of_table(table, "")), remarks=remark)
     return _read_csv(text, str(path), remark)
+
+
+def _sheet_of_case(name: str) -> Sheet:
+    """The converter and the filter of a case as far as a datasheet has rows for them, and where they are from. Its
+    loops are left to be designed."""
+    known = [CASE_PREFIX + one for one in case_names()]
+    if name not in known:
+        advice = did_you_mean(name, known, f"Known are {', '.join(known)}.")
+        raise StudyError(name, [Fault("datasheet", f'"{name}"', "no such converter comes with the package", advice)])
+    case = merged_document({"base": name}, source=name)
+    rows = {section: case[section] for section in _OF_A_CASE}
+    rows |= {"capacitor_connection": "star", "source": case["study"]["source"]}
+    return Sheet(name, tuple(entry for entry in _rows_of_table(rows, "") if find_field(entry.key)))
 
 
 def _decoded(raw: bytes) -> tuple[str | None, tuple[str, ...]]:

@@ -18,10 +18,9 @@ from vsgdesign.study.parameters.building import build_study
 from vsgdesign.study.parameters.inner_loops import GIVEN, InnerLoopSource
 from vsgdesign.study.parameters.reader import Asked
 from vsgdesign.study.parameters.study import InnerLoopRequest, Study, StudyOrigin
-from vsgdesign.study.parameters.toml_file import parse_toml, read_toml
+from vsgdesign.study.parameters.toml_file import CASE_PREFIX, parse_toml, read_toml
 from vsgdesign.study.parameters.units import UnitError, parse_quantity
 
-_CASE_PREFIX = "case:"
 _MAX_BASES = 8
 
 
@@ -66,7 +65,7 @@ def base_files(path: str | Path) -> list[Path]:
             break
         if not isinstance(base, str):
             break
-        path = _case_file(base[len(_CASE_PREFIX) :]) if base.startswith(_CASE_PREFIX) else path.parent / base
+        path = _case_file(base[len(CASE_PREFIX) :]) if base.startswith(CASE_PREFIX) else path.parent / base
         found.append(path)
     return found
 
@@ -143,10 +142,10 @@ def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int
     if not isinstance(base, str) or depth == 0:
         problem = "must be a text" if depth else f"more than {_MAX_BASES} bases, each based on the next (a circle?)"
         raise StudyError(source, [Fault("base", str(base), problem, 'Give "case:NAME" or a path.')])
-    if base.startswith(_CASE_PREFIX):
-        name = base[len(_CASE_PREFIX) :]
+    if base.startswith(CASE_PREFIX):
+        name = base[len(CASE_PREFIX) :]
         if name not in case_names():
-            known = ", ".join(f'"{_CASE_PREFIX}{case}"' for case in case_names())
+            known = ", ".join(f'"{CASE_PREFIX}{case}"' for case in case_names())
             raise StudyError(source, [Fault("base", f'"{base}"', "no such case", f"Known: {known}.")])
         text = _case_file(name).read_text(encoding="utf-8")
         below = _merge_bases(parse_toml(text, base), folder, base, depth - 1)

@@ -14,6 +14,8 @@ from typing import Any
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.given_files import TOML_BYTES, read_given
 
+CASE_PREFIX = "case:"
+"""Begins the name of a converter that comes with the package."""
 MOST_LEVELS = 50
 """Levels of tables within tables that are read."""
 _SHALLOW = "No field lies deeper than four; look for dots in keys."
@@ -34,6 +36,11 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
                 f"is a pipe or a device, not a {noun}",
                 "Save it as a file: bases, tables and designed inner loops are looked up beside it.",
             )
+        if str(path).startswith(CASE_PREFIX) and not path.exists():
+            raise fault(
+                f"is a converter that comes with the package, not a {noun}",
+                f"Write its study with vsgdesign new --from {shlex.quote(str(path))}.",
+            )
         if not path.is_file():
             raise fault(f"is a folder, not a {noun}" if path.is_dir() else "there is no such file", advice)
         text = read_given(path, TOML_BYTES).decode("utf-8-sig")  # as spreadsheets and some editors write it
@@ -43,13 +50,22 @@ def read_toml(path: Path, noun: str) -> dict[str, Any]:
         raise fault(f"is not UTF-8 text (byte {error.start})", "Give a TOML text file.") from None
     except OSError as error:
         raise fault(f"cannot be read: {error.strerror}", advice) from None
+    of_sheet = f"If it is a datasheet, write its study with vsgdesign new --from {shlex.quote(str(path))}."
     try:
-        return parse_toml(text, str(path))
+        document = parse_toml(text, str(path))
     except StudyError:
         if noun == "study file" and path.suffix.casefold() in (".csv", ".tsv"):
-            advice = f"If it is a datasheet, write its study with vsgdesign new --from {shlex.quote(str(path))}."
-            raise fault("cannot be read as TOML: it is a table of values", advice) from None
+            raise fault("cannot be read as TOML: it is a table of values", of_sheet) from None
         raise
+    if noun == "study file" and _says_no_section(document):
+        raise fault("has no section such as [converter]", of_sheet)
+    return document
+
+
+def _says_no_section(document: Mapping[str, Any]) -> bool:
+    """Whether a document has fields that belong into sections, and neither a section nor a base that may have them."""
+    fields = document.keys() - {"schema"}
+    return bool(fields) and "base" not in fields and not any(map(_is_section, document.values()))
 
 
 def _is_stream(path: Path) -> bool:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.verbs.cli.common import EXIT_WRONG_INPUT, JSON, Interrupted, print_json, results_at, verb
+from vsgdesign.verbs.cli.common import JSON, Interrupted, print_json, results_at, verb
 
 if TYPE_CHECKING:
     from vsgdesign.study.datasheet import Sheet
@@ -16,14 +17,14 @@ if TYPE_CHECKING:
 _BACK = ("back", "<")
 
 
-@click.command()
+@click.command(context_settings={"allow_extra_args": True})  # new says itself to which option one belongs
 @click.option(
     "--from",
     "sheet_file",
     default=None,
-    metavar="FILE",
+    metavar="FILE|case:NAME",
     type=click.Path(),
-    help="A datasheet in .csv or .toml format.  [default: ask on the terminal]",
+    help="A datasheet in .csv or .toml format, or a converter of the package.  [default: ask on the terminal]",
 )
 @click.option(
     "--out",
@@ -54,12 +55,13 @@ def new(sheet_file: str | None, out: str, impedance_file: str | None, as_json: b
     from vsgdesign.study.datasheet import read_sheet
     from vsgdesign.verbs.pipeline.new import checked_text, new_document, new_lines
 
+    if loose := click.get_current_context().args:
+        raise click.UsageError(f"{shlex.join(loose)} belongs to an option. {_what_to_type(loose[0])}")
     path = check_new(out)
     if sheet_file is not None:
         sheet, origin = read_sheet(sheet_file), Path(sheet_file).name
     elif not sys.stdin.isatty():
-        click.echo("error: there is no terminal to ask on. Give a datasheet: vsgdesign new --from FILE.csv", err=True)
-        sys.exit(EXIT_WRONG_INPUT)
+        raise click.UsageError(f"There is no terminal to ask on. {_what_to_type('FILE.csv')}")
     else:
         try:
             sheet, origin = _asked(), "answers on the terminal"
@@ -74,6 +76,19 @@ def new(sheet_file: str | None, out: str, impedance_file: str | None, as_json: b
         else:
             for line in new_lines(converter, path):
                 click.echo(line)
+
+
+def _what_to_type(file: str) -> str:
+    """How a study is begun: with a datasheet, with a converter of the package, or by answers."""
+    from vsgdesign.study.parameters import case_names
+
+    ways = (
+        (f"vsgdesign new --from {shlex.quote(file)}", 'a datasheet: a row "rating, 250, kVA" for each field, or TOML'),
+        ("vsgdesign new --from case:NAME", "a converter of the package"),
+        (f"vsgdesign new --out {shlex.quote(str(Path(file).with_suffix('.toml')))}", "answers on the terminal"),
+    )
+    said = "\n".join(f"  {command}\n      {what}" for command, what in ways)
+    return f"Type one of\n{said}\nNAME is one of {', '.join(case_names())}."
 
 
 def _asked() -> Sheet:
