@@ -5,17 +5,25 @@ from __future__ import annotations
 import csv
 import html
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.cli.small_studies import call, failure
+from tests.gain_tables import table
+from vsgdesign.artifacts.gain_table import base_of
+from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.survival import many
-from vsgdesign.report.survival import survival_blocks
+from vsgdesign.metrics.survival import Survival
+from vsgdesign.report.drawing.quantities import plain
+from vsgdesign.report.survival import survival_blocks, survival_sentences
 from vsgdesign.simulation import survival
-from vsgdesign.simulation.survival import GridState, SurvivalCase
+from vsgdesign.simulation.survival import CaseResult, GridState, Subject, SurvivalCase
+from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.event import Event
+from vsgdesign.verbs.pipeline.survival import survival_document
 
 TEXT = """
 base = "case:hoang2025_5kva"
@@ -135,6 +143,25 @@ def test_limiters_stand_beside_each_other(study: Path, tmp_path: Path, few: tupl
     worst = f"{len(free)} cases, up to {free[0]['peak_pu']:.3g} pu"
     assert f"but above 2 pu, more than hardware carries: {worst}" in said[0]
     assert len(few) == 4
+
+
+@pytest.mark.parametrize(("scr", "said"), [(3.0, "All of these"), (0.5, "1 of these"), (0.1, "")])
+def test_losses_on_grids_without_a_table_are_counted(scr: float, said: str) -> None:
+    """Two cases are lost: on SCR 2 alone, and after a jump to SCR 0.2. Of a table from ``scr`` on both, one or none of
+    them lie outside; its X/R hold for both."""
+    made = load_study("studies/table/study.toml")
+    spec, here = made.controllers[-1], GridState(scr=2.0, x_over_r=3.0, P_pu=0.4, Q_pu=0.0)
+    changes = (Event.of_pu(0.0, phase_deg=170.0), Event.of_pu(0.0, scr=0.2, x_over_r=3.0))
+    cases = [SurvivalCase(group="jump", start=here, changes=(one,), cleared_s=0.0) for one in changes]
+    box = replace(table(name=spec.name).validity, scr=(scr, 9.0), x_over_r=(1.0, 9.0))
+    ready = Ready(tables={spec.name: replace(table(name=spec.name, base=base_of(made, "impedance")), validity=box)})
+    lost = [CaseResult(case=one, verdict=Survival(status="slipped", reason="a turn"), seconds=0.0) for one in cases]
+    subject = Subject(study=made, spec=spec, ready=ready, limit_pu=1.2)
+    document = survival_document(made, {"t": subject}, {"t": lost})
+    text = f"{said} begin or end on a grid outside of its table (SCR {plain(scr)} to 9, X/R 1 to 9)." if said else ""
+    assert survival_sentences(document)[0] == " ".join(
+        filter(None, ("t survives 0 of 2 disturbances and loses 2.", text))
+    )
 
 
 def test_every_fault_at_once(study: Path, tmp_path: Path) -> None:

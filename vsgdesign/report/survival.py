@@ -116,7 +116,18 @@ def _headline(name: str, one: Mapping[str, Any]) -> str:
         return f"{name}: no disturbance was judged."
     if survived == judged:
         return f"{name} survives all of {counted(judged, 'disturbance')}."
-    return f"{name} survives {survived} of {counted(judged, 'disturbance')} and loses {judged - survived}."
+    said = f"{name} survives {survived} of {counted(judged, 'disturbance')} and loses {judged - survived}."
+    return " ".join((said, *_outside(one)))
+
+
+def _outside(one: Mapping[str, Any]) -> list[str]:
+    """How many of the lost cases have a grid for which the gain table is not made."""
+    outside = sum(case.get("outside_table", False) for case in one["lost"])
+    if not outside:
+        return []
+    scr, x_over_r = (f"{plain(low)} to {plain(high)}" for low, high in (one["table"]["scr"], one["table"]["x_over_r"]))
+    count = "All" if outside == len(one["lost"]) else f"{outside}"
+    return [f"{count} of these begin or end on a grid outside of its table (SCR {scr}, X/R {x_over_r})."]
 
 
 def _overview(document: Mapping[str, Any]) -> Table:
@@ -188,7 +199,7 @@ def _lost(name: str, one: Mapping[str, Any]) -> list[str]:
         for group, figures in one["groups"].items()
         if figures["survived"] < figures["judged"]
     ]
-    lines = [f"{name} loses: {', '.join(lost)}"] if lost else []
+    lines = [". ".join((f"{name} loses: {', '.join(lost)}", *_outside(one)))] if lost else []
     lines += [f"  {case['case']}: {case['status']}: {case['reason']}" for case in one["lost"][:_SHOWN]]
     more = len(one["lost"]) - _SHOWN
     return [*lines, f"  … and {more} more in cases.csv"] if more > 0 else lines

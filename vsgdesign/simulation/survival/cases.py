@@ -112,6 +112,13 @@ class SurvivalCase:
         """Times of a run at which something changes suddenly, s; the end of a ramp does not."""
         return tuple(self.lead_s + change.t_s for change in self.changes)
 
+    def within(self, scr: tuple[float, float], x_over_r: tuple[float, float]) -> bool:
+        """Whether every grid of the case lies within these limits; SCR on the basis of the cases."""
+        places = [change.place for change in self.changes if change.place is not None]
+        return all(
+            scr[0] <= one.scr <= scr[1] and x_over_r[0] <= one.x_over_r <= x_over_r[1] for one in (self.start, *places)
+        )
+
     @property
     def scr_at_the_end(self) -> float:
         """Short-circuit ratio after the last change."""

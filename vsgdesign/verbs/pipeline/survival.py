@@ -16,6 +16,7 @@ from vsgdesign.equations.limiters import LIMITERS as KNOWN
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification import estimator_kind
+from vsgdesign.study.parameters.event import BASIS
 from vsgdesign.study.parameters.study import NO_LIMITER, ControllerSpec, Study
 from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 from vsgdesign.verbs.pipeline.one_unit import as_unit
@@ -271,6 +272,7 @@ def _variant(subject: Subject, results: Sequence[CaseResult]) -> dict[str, Any]:
         return asdict(found) | {"share": found.share}
 
     T = subject.settling_time
+    made_for = _made_for(subject)
     plain = [result for result in results if result.case.largest_phase_deg <= PLAIN_PHASE_DEG]
     return {
         "settling_time": T,
@@ -284,16 +286,27 @@ def _variant(subject: Subject, results: Sequence[CaseResult]) -> dict[str, Any]:
                 "case": result.case.name,
                 "status": result.verdict.status,
                 "reason": result.verdict.reason,
+                **({} if made_for is None else {"outside_table": not result.case.within(**made_for)}),
             }
             for result in results
             if result.verdict.judged and not result.verdict.survived
         ],
+        **({} if made_for is None else {"table": made_for}),
         "beyond_hardware": [
             {"group": result.case.group, "case": result.case.name, "peak_pu": result.verdict.peak_pu}
             for result in sorted(results, key=lambda result: -(result.verdict.peak_pu or 0.0))
             if result.verdict.survived and result.verdict.beyond_hardware
         ],
     }
+
+
+def _made_for(subject: Subject) -> dict[str, tuple[float, float]] | None:
+    """SCR and X/R for which the gain table of a controller is valid; None where it has none, where the table counts SCR
+    on another basis than the cases, and of a plant, whose cases count it on the rating of all units."""
+    table = subject.ready.tables.get(subject.spec.name)
+    if table is None or subject.study.plant is not None or table.base.scr_basis != BASIS:
+        return None
+    return {"scr": table.validity.scr, "x_over_r": table.validity.x_over_r}
 
 
 CSV_HEADER = (
