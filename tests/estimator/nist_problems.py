@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, cos, exp, sin
 
-from vsgdesign.estimator.levenberg_marquardt import Residuals
+from vsgdesign.estimator.levenberg_marquardt import Linearised
 
 MODELS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
     "Bennett5": lambda b, x: b[0] * (b[1] + x) ** (-1 / b[2]),
@@ -47,6 +47,51 @@ MODELS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
 }
 MODELS["Thurber"] = MODELS["Hahn1"]
 """By problem, or by family: Gauss for Gauss1 to Gauss3."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """A small dense problem: residuals r(x) with their Jacobian. The cost is the sum of squares ‖r‖².
+
+    ``residual`` returns (N,) and ``jacobian`` (N, n) for x (n,). The damping uses the norms of the Jacobian's columns
+    as units, so that the parameters may have any size. The step is solved by QR as an augmented least-squares problem,
+    which does not square the condition number (docs/theory/levenberg-marquardt.md).
+    """
+
+    residual: Callable[[Tensor], Tensor]
+    jacobian: Callable[[Tensor], Tensor]
+
+    def cost(self, x: Tensor) -> float:
+        """Sum of squares."""
+        r = self.residual(x)
+        return float(r @ r)
+
+    def linearise(self, x: Tensor) -> Linearised:
+        """The problem at x, with one QR factorisation of the scaled Jacobian for all dampings."""
+        r, J = self.residual(x), self.jacobian(x)
+        scale = torch.linalg.vector_norm(J, dim=0)
+        scale = torch.where(scale > 0.0, scale, torch.ones_like(scale))
+        Q, R = torch.linalg.qr(J / scale)
+        gradient = float(torch.linalg.vector_norm(2.0 * (J.T @ r)))
+        return _Triangular(float(r @ r), gradient, R, Q.T @ r, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class _Triangular:
+    cost: float
+    gradient_norm: float
+    R: Tensor
+    Q_r: Tensor
+    scale: Tensor
+
+    def step(self, mu: float) -> Tensor | None:
+        n = len(self.scale)
+        rows = torch.cat([self.R, math.sqrt(mu) * torch.eye(n, dtype=self.R.dtype)])
+        right = torch.cat([-self.Q_r, torch.zeros(n, dtype=self.R.dtype)])
+        Q, R = torch.linalg.qr(rows)
+        if bool((R.diagonal() == 0.0).any()):
+            return None
+        return torch.linalg.solve_triangular(R, (Q.T @ right)[:, None], upper=True)[:, 0] / self.scale
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,19 +1,16 @@
-"""Training: the goal, metrics, seeds, interruption and resumption through a file, refusals."""
+"""Training: the goal, metrics, seeds, an interruption, refusals."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.estimator.phasor_data import phasor_data
-from tests.estimator.test_levenberg_marquardt import StopAt
-from vsgdesign.errors import ArtifactError, StudyError
+from vsgdesign.errors import StudyError
 from vsgdesign.estimator.levenberg_marquardt import Damping
-from vsgdesign.estimator.training import Training, TrainingSettings, read_checkpoint, train_network, write_checkpoint
+from vsgdesign.estimator.training import Training, TrainingSettings, train_network
 
 INPUTS, TARGETS, SPLIT = phasor_data(600, 0, samples=20, noise=1e-4)
 SHORT = TrainingSettings(hidden=4, starts=2, damping=Damping(goal=1e-9, epochs=12))
@@ -67,19 +64,6 @@ def test_nothing_is_learned_from_what_is_not_for_training() -> None:
     assert one.metrics["test"] != other.metrics["test"]
 
 
-@pytest.mark.parametrize("at", [1, 5, 12, 16])
-def test_interrupted_saved_and_resumed_is_undisturbed(tmp_path: Path, at: int) -> None:
-    """In the first start and in the second, which must remember the first."""
-    whole = train_network(INPUTS, TARGETS, SPLIT, SHORT)
-    part = train_network(INPUTS, TARGETS, SPLIT, SHORT, progress=StopAt([], at))
-    assert part.stop == "interrupted"
-    assert np.isfinite(part.network.evaluate(INPUTS)).all()
-    write_checkpoint(tmp_path / "training.json", part.checkpoint)
-    rest = train_network(INPUTS, TARGETS, SPLIT, SHORT, resume=read_checkpoint(tmp_path / "training.json"))
-    assert same(rest, whole)
-    assert rest.stop == whole.stop
-
-
 def test_a_second_start_is_only_taken_where_it_is_better() -> None:
     one = train_network(INPUTS, TARGETS, SPLIT, replace(SHORT, starts=1), seed=2)
     three = train_network(INPUTS, TARGETS, SPLIT, replace(SHORT, starts=3), seed=2)
@@ -101,19 +85,12 @@ def test_regularisation_keeps_the_weights_small() -> None:
     assert held.metrics["training"].mse > free.metrics["training"].mse
 
 
-def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
-    checkpoint = train_network(INPUTS, TARGETS, SPLIT, SHORT).checkpoint
-    with pytest.raises(ArtifactError, match="other data, settings or another seed"):
-        train_network(INPUTS, TARGETS, SPLIT, SHORT, seed=1, resume=checkpoint)
-    path = tmp_path / "training.json"
-    write_checkpoint(path, checkpoint)
-    text = path.read_text()
-    for broken in (text[:100], "[]", json.dumps(json.loads(text) | {"schema": 2}), json.dumps({"kind": "other"})):
-        path.write_text(broken)
-        with pytest.raises(ArtifactError, match="no checkpoint"):
-            read_checkpoint(path)
-    with pytest.raises(ArtifactError, match="no checkpoint"):
-        read_checkpoint(tmp_path / "missing.json")
+def test_an_interruption_ends_it() -> None:
+    def stopped(_what: str, _share: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_network(INPUTS, TARGETS, SPLIT, SHORT, progress=stopped)
 
 
 def test_all_faults_at_once() -> None:

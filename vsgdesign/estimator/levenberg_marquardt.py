@@ -1,9 +1,7 @@
-"""Levenberg–Marquardt: one core for training a network and for any small least-squares problem.
+"""Levenberg–Marquardt: a search for the least sum of squares, with which networks are trained.
 
 A problem defines its cost and the solution of its damped step. This module chooses the damping, accepts or refuses the
-steps, watches the validation set and ends the search. Each epoch leads from one frozen state to the next. An
-interruption therefore leaves the state of the last complete epoch, and a search that continues from it gives the same
-bits.
+steps, watches the validation set and ends the search.
 """
 
 from __future__ import annotations
@@ -86,7 +84,7 @@ class Epoch:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class _State:
     """All that the next epoch depends on. Before the first epoch, only x and μ are set."""
 
     x: Tensor
@@ -104,8 +102,8 @@ class Fit:
     """The result of a search.
 
     ``x`` (n,) is the best point: that of the least validation error or, without a validation set, of the least cost.
-    ``score`` is this error or cost, and ``epoch`` the epoch in which it was found. ``stop`` is one of ``STOPS``. The
-    search can continue from ``state``.
+    ``score`` is this error or cost, and ``epoch`` the epoch in which it was found. ``stop`` says why the search ended:
+    ``goal``, ``gradient``, ``validation``, ``damping`` (none up to mu_max improves the cost) or ``epochs``.
     """
 
     x: Tensor
@@ -113,52 +111,35 @@ class Fit:
     epoch: int
     score: float
     history: tuple[Epoch, ...]
-    state: State
-
-
-STOPS = {
-    "goal": "the cost reached its goal",
-    "gradient": "the gradient is below its limit: a stationary point",
-    "validation": "the validation error rose too often in a row",
-    "damping": "no damping up to mu_max improves the cost: the training has converged to rounding or cannot go on",
-    "epochs": "all epochs are used: continue from the state, or allow more",
-    "interrupted": "the training was interrupted: continue from the state",
-}
-"""Why a search ended, and what that means."""
 
 
 def minimise(
     problem: Problem,
-    start: Tensor | State,
+    start: Tensor,
     damping: Damping | None = None,
     scores: Scores | None = None,
     progress: Progress = silent,
 ) -> Fit:
-    """Searches from a point x (n,), or continues from a state, until one of ``STOPS``.
+    """Searches from a point x (n,) until one of the ends that :class:`Damping` describes.
 
     ``scores`` is called once an epoch. Its first value, if it is not NaN, decides which point is the best and may end
-    the search. ``progress`` is called once an epoch. A KeyboardInterrupt, from ``progress`` or from outside, ends the
-    search with the stop ``interrupted``. Other errors are not caught.
+    the search. ``progress`` is called once an epoch. What it raises is not caught.
     """
     damping = Damping() if damping is None else damping
-    state = start if isinstance(start, State) else State(start.clone(), damping.mu)
-    reached = state
-    try:
-        while True:
-            here = problem.linearise(state.x)
-            scored = _record(state, here, scores)
-            stop = _reason(scored, damping)
-            following = None if stop else _advance(problem, scored, here, damping)
-            if following is None:
-                # Not recorded yet in the state: whoever goes on records this epoch again, and only once.
-                return _fit(scored, stop or "damping", state)
-            progress(f"epoch {state.epoch}, error {here.cost:.3g}", _share(scored, damping))
-            reached, state = scored, following
-    except KeyboardInterrupt:
-        return _fit(reached, "interrupted", state)
+    state = _State(start.clone(), damping.mu)
+    while True:
+        here = problem.linearise(state.x)
+        state = _record(state, here, scores)
+        stop = _reason(state, damping)
+        following = None if stop else _advance(problem, state, here, damping)
+        if following is None:
+            best = state.x if state.best_x is None else state.best_x
+            return Fit(best, stop or "damping", state.best_epoch, state.best_score, state.history)
+        progress(f"epoch {state.epoch}, error {here.cost:.3g}", _share(state, damping))
+        state = following
 
 
-def _record(state: State, here: Linearised, scores: Scores | None) -> State:
+def _record(state: _State, here: Linearised, scores: Scores | None) -> _State:
     """The state with the line of history of its epoch and with the best point so far."""
     validation, test = (math.nan, math.nan) if scores is None else scores(state.x)
     score = here.cost if math.isnan(validation) else validation
@@ -179,7 +160,7 @@ def _record(state: State, here: Linearised, scores: Scores | None) -> State:
     return state
 
 
-def _reason(state: State, damping: Damping) -> str:
+def _reason(state: _State, damping: Damping) -> str:
     line = state.history[-1]
     if line.cost <= damping.goal:
         return "goal"
@@ -190,7 +171,7 @@ def _reason(state: State, damping: Damping) -> str:
     return "epochs" if line.epoch >= damping.epochs else ""
 
 
-def _advance(problem: Problem, state: State, here: Linearised, damping: Damping) -> State | None:
+def _advance(problem: Problem, state: _State, here: Linearised, damping: Damping) -> _State | None:
     """One epoch: the least damping from the present one up whose step improves the cost; None beyond mu_max."""
     mu = state.mu
     while mu <= damping.mu_max:
@@ -204,12 +185,7 @@ def _advance(problem: Problem, state: State, here: Linearised, damping: Damping)
     return None
 
 
-def _fit(reached: State, stop: str, state: State) -> Fit:
-    best = state.x if reached.best_x is None else reached.best_x
-    return Fit(best, stop, reached.best_epoch, reached.best_score, reached.history, state)
-
-
-def _share(state: State, damping: Damping) -> float:
+def _share(state: _State, damping: Damping) -> float:
     """The share that is done: of the epochs, or of the decades of the cost down to the goal if that is more."""
     first, now = state.history[0].cost, state.history[-1].cost
     by_epochs = state.epoch / max(damping.epochs, 1)
@@ -226,48 +202,3 @@ def damped_cholesky(hessian: Tensor, gradient: Tensor, mu: float) -> Tensor | No
     if int(info) != 0:
         return None
     return -torch.cholesky_solve(gradient[:, None], factor)[:, 0]
-
-
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """A small dense problem: residuals r(x) with their Jacobian. The cost is the sum of squares ‖r‖².
-
-    ``residual`` returns (N,) and ``jacobian`` (N, n) for x (n,). The damping uses the norms of the Jacobian's columns
-    as units, so that the parameters may have any size. The step is solved by QR as an augmented least-squares problem
-    (:eq:`augmented-step`), which does not square the condition number.
-    """
-
-    residual: Callable[[Tensor], Tensor]
-    jacobian: Callable[[Tensor], Tensor]
-
-    def cost(self, x: Tensor) -> float:
-        """Sum of squares."""
-        r = self.residual(x)
-        return float(r @ r)
-
-    def linearise(self, x: Tensor) -> Linearised:
-        """The problem at x, with one QR factorisation of the scaled Jacobian for all dampings."""
-        r, J = self.residual(x), self.jacobian(x)
-        scale = torch.linalg.vector_norm(J, dim=0)
-        scale = torch.where(scale > 0.0, scale, torch.ones_like(scale))
-        Q, R = torch.linalg.qr(J / scale)
-        gradient = float(torch.linalg.vector_norm(2.0 * (J.T @ r)))
-        return _Triangular(float(r @ r), gradient, R, Q.T @ r, scale)
-
-
-@dataclass(frozen=True, eq=False)
-class _Triangular:
-    cost: float
-    gradient_norm: float
-    R: Tensor
-    Q_r: Tensor
-    scale: Tensor
-
-    def step(self, mu: float) -> Tensor | None:
-        n = len(self.scale)
-        rows = torch.cat([self.R, math.sqrt(mu) * torch.eye(n, dtype=self.R.dtype)])
-        right = torch.cat([-self.Q_r, torch.zeros(n, dtype=self.R.dtype)])
-        Q, R = torch.linalg.qr(rows)
-        if bool((R.diagonal() == 0.0).any()):
-            return None
-        return torch.linalg.solve_triangular(R, (Q.T @ right)[:, None], upper=True)[:, 0] / self.scale

@@ -107,8 +107,6 @@ def train_on_windows(
     settings = TrainingSettings(hidden=size["hidden"], components=size["components"], starts=size["starts"])
     targets, split = np.column_stack([data.R_g, data.L_g]), data.split(seed=seed)
     training = train_network(data.windows, targets, split, settings, seed=seed, progress=progress)
-    if training.stop == "interrupted":
-        raise KeyboardInterrupt
     omega_n = data.header["omega_n"]
     parts = {}
     for name, rows in vars(split).items():

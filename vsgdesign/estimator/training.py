@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.files import write_json
 from vsgdesign.artifacts.network_weights import Network, fit_scaling
-from vsgdesign.errors import ArtifactError, Fault, StudyError, counted
+from vsgdesign.errors import Fault, StudyError, counted
 from vsgdesign.estimator.data_set import Split
-from vsgdesign.estimator.levenberg_marquardt import Damping, Epoch, Fit, State, minimise
+from vsgdesign.estimator.levenberg_marquardt import Damping, Epoch, Fit, minimise
 from vsgdesign.estimator.tanh_network import (
     NetworkProblem,
     Projection,
@@ -30,7 +25,6 @@ from vsgdesign.estimator.tanh_network import (
     with_ones,
 )
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.study.given_files import WEIGHTS_BYTES, read_given
 
 Array = NDArray[np.float64]
 
@@ -66,25 +60,12 @@ class SplitMetrics:
     rms_error: tuple[float, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Checkpoint:
-    """The present point of a training: number and state of the start, the best of the starts before it, and their
-    epochs."""
-
-    fingerprint: str
-    start: int
-    state: State
-    best: Fit | None
-    epochs_before: int = 0
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Training:
     """A trained network with the history of its training and its metrics.
 
     ``history`` and ``stop`` are those of the start that was taken, and ``epochs`` counts those of all starts.
-    ``components`` is the number of inputs of the training, and ``metrics`` has one entry for each part of the split. An
-    interrupted training continues from ``checkpoint``.
+    ``components`` is the number of inputs of the training, and ``metrics`` has one entry for each part of the split.
     """
 
     network: Network
@@ -94,7 +75,6 @@ class Training:
     epochs: int
     components: int
     metrics: dict[str, SplitMetrics]
-    checkpoint: Checkpoint
 
 
 def train_network(
@@ -104,21 +84,17 @@ def train_network(
     settings: TrainingSettings | None = None,
     seed: int = 0,
     progress: Progress = silent,
-    resume: Checkpoint | None = None,
 ) -> Training:
     """Trains a network on windows (N, n) and their targets (N, 2); ``split`` assigns the rows to the three parts.
 
-    The same seed gives the same network. A KeyboardInterrupt, from outside or from ``progress``, gives the best network
-    so far with the stop ``interrupted``. With its checkpoint as ``resume``, the training continues as if it had not
-    been interrupted. Raises StudyError with every fault of data and settings, and ArtifactError if the checkpoint
-    belongs to other data or settings.
+    The same seed gives the same network. Raises StudyError with every fault of data and settings.
     """
     settings = TrainingSettings() if settings is None else settings
     _check(inputs, targets, split, settings, seed)
     # Components are few: on a busy machine, threads that wait for each other cost a hundredfold of what they
     # save. And on one thread the same seed gives the same bits on any number of cores.
     with torch_threads(1 if settings.form == "components" else torch.get_num_threads()):
-        return _train(inputs, targets, split, settings, seed, progress, resume)
+        return _train(inputs, targets, split, settings, seed, progress)
 
 
 @contextmanager
@@ -133,17 +109,8 @@ def torch_threads(count: int) -> Iterator[None]:
 
 
 def _train(
-    inputs: Array,
-    targets: Array,
-    split: Split,
-    settings: TrainingSettings,
-    seed: int,
-    progress: Progress,
-    resume: Checkpoint | None,
+    inputs: Array, targets: Array, split: Split, settings: TrainingSettings, seed: int, progress: Progress
 ) -> Training:
-    fingerprint = _fingerprint(inputs, targets, split, settings, seed)
-    if resume is not None and resume.fingerprint != fingerprint:
-        raise ArtifactError("the checkpoint is of other data, settings or another seed: start anew.")
     scaling_in, scaling_out = fit_scaling(inputs[split.training]), fit_scaling(targets[split.training])
     scaled, wanted = scaling_in.apply(inputs), scaling_out.apply(targets)
     projection = _projection(scaled[split.training], settings)
@@ -157,48 +124,23 @@ def _train(
         validation, test = (mean_squared_error(shape, parameters, *part) for part in kept)
         return validation, test
 
-    fit, checkpoint = _search(problem, settings, seed, fingerprint, resume, scores, progress)
-    first, second = (layer.numpy() for layer in shape.layers(fit.x))
-    W_1, b_1 = projection.fold(first[:, :-1], first[:, -1])
-    network = Network(W_1, b_1, second[:, :-1], second[:, -1], scaling_in, scaling_out)
-    metrics = {part: split_metrics(network, inputs[rows], targets[rows]) for part, rows in vars(split).items()}
+    fits: list[Fit] = []
+    while not fits or (fits[-1].stop != "goal" and len(fits) < settings.starts):
+        first = initial_parameters(shape, seed, len(fits))
+        fits.append(minimise(problem, first, settings.damping, scores, progress))
+    best = min(fits, key=lambda fit: fit.score)
+    hidden, output = (layer.numpy() for layer in shape.layers(best.x))
+    W_1, b_1 = projection.fold(hidden[:, :-1], hidden[:, -1])
+    network = Network(W_1, b_1, output[:, :-1], output[:, -1], scaling_in, scaling_out)
     return Training(
         network=network,
-        stop=fit.stop,
-        best_epoch=fit.epoch,
-        history=fit.history,
-        epochs=checkpoint.epochs_before + checkpoint.state.epoch,
+        stop=best.stop,
+        best_epoch=best.epoch,
+        history=best.history,
+        epochs=sum(fit.history[-1].epoch for fit in fits),
         components=shape.inputs,
-        metrics=metrics,
-        checkpoint=checkpoint,
+        metrics={part: split_metrics(network, inputs[rows], targets[rows]) for part, rows in vars(split).items()},
     )
-
-
-def _search(
-    problem: NetworkProblem,
-    settings: TrainingSettings,
-    seed: int,
-    fingerprint: str,
-    resume: Checkpoint | None,
-    scores: Any,
-    progress: Progress,
-) -> tuple[Fit, Checkpoint]:
-    """The best fit of the starts, and the checkpoint from which a training continues."""
-    at, state, best, before = 0, None, None, 0
-    if resume is not None:
-        at, state, best, before = resume.start, resume.state, resume.best, resume.epochs_before
-    while True:
-        if state is None:
-            state = State(initial_parameters(problem.shape, seed, at), settings.damping.mu)
-        fit = minimise(problem, state, settings.damping, scores, progress)
-        checkpoint = Checkpoint(fingerprint, at, fit.state, best, before)
-        if best is None or fit.score < best.score:
-            best = replace(fit, state=checkpoint.state)
-        if fit.stop == "interrupted":
-            return replace(best, stop=fit.stop), checkpoint
-        if fit.stop == "goal" or at + 1 >= settings.starts:
-            return best, checkpoint
-        at, state, before = at + 1, None, before + fit.state.epoch
 
 
 def _projection(scaled: Array, settings: TrainingSettings) -> Projection:
@@ -276,63 +218,3 @@ def _settings_faults(settings: TrainingSettings) -> Iterator[Fault]:
         yield Fault("damping", str(damping), needs)
     if damping.epochs < 0 or damping.checks < 1:
         yield Fault("damping", str(damping), "needs epochs of at least 0 and checks of at least 1")
-
-
-def _fingerprint(inputs: Array, targets: Array, split: Split, settings: TrainingSettings, seed: int) -> str:
-    digest = hashlib.sha256(json.dumps([asdict(settings), seed, inputs.shape], sort_keys=True).encode())
-    for values in (inputs, targets, split.training, split.validation, split.test):
-        digest.update(np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()
-
-
-def write_checkpoint(path: str | Path, checkpoint: Checkpoint) -> None:
-    """Writes the checkpoint as JSON, completely or not at all. Every number keeps all its bits."""
-    write_json(path, {"kind": "vsgdesign training", "schema": 1} | _document(checkpoint))
-
-
-def read_checkpoint(path: str | Path) -> Checkpoint:
-    """Reads a checkpoint. Raises ArtifactError if the file is not one."""
-    try:
-        document = json.loads(read_given(path, WEIGHTS_BYTES))
-        if document["kind"] != "vsgdesign training" or document["schema"] != 1:
-            raise ValueError("another kind of file or a newer schema")
-        best = document["best"]
-        if best is not None:
-            state, history = _state(best["state"]), _history(best["history"])
-            best = Fit(_tensor(best["x"]), best["stop"], best["epoch"], _number(best["score"]), history, state)
-        state, before = _state(document["state"]), document.get("epochs_before", 0)
-        return Checkpoint(document["fingerprint"], document["start"], state, best, before)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ArtifactError(f'"{path}" is no checkpoint of a training ({error}): start anew.') from error
-
-
-def _document(value: Any) -> Any:
-    if isinstance(value, torch.Tensor):
-        return value.tolist()
-    if isinstance(value, Checkpoint | State | Fit | Epoch):
-        return {name: _document(item) for name, item in vars(value).items()}
-    return [_document(item) for item in value] if isinstance(value, tuple) else value
-
-
-def _tensor(values: Sequence[float]) -> torch.Tensor:
-    return torch.tensor(values, dtype=torch.float64)
-
-
-def _number(value: float | None, missing: float = math.inf) -> float:
-    return missing if value is None else float(value)
-
-
-def _history(lines: Sequence[dict[str, Any]]) -> tuple[Epoch, ...]:
-    read: list[dict[str, Any]] = [{k: math.nan if v is None else v for k, v in line.items()} for line in lines]
-    return tuple(Epoch(**line) for line in read)
-
-
-def _state(document: dict[str, Any]) -> State:
-    best_x = document["best_x"]
-    known: dict[str, Any] = {
-        "x": _tensor(document["x"]),
-        "best_x": None if best_x is None else _tensor(best_x),
-        "best_score": _number(document["best_score"]),
-        "history": _history(document["history"]),
-    }
-    return State(**(document | known))

@@ -22,7 +22,7 @@ TABLE_BYTES = 20 * MB
 """Of a gain table and of designed inner loops."""
 
 WEIGHTS_BYTES = 100 * MB
-"""Of weights, measured errors and the checkpoint of a training."""
+"""Of weights and measured errors."""
 
 RESULT_BYTES = 500 * MB
 """Of a results.json, of counts and of a trace."""
