@@ -9,6 +9,7 @@ import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -270,46 +271,55 @@ def _unit(name: str) -> str:
 
 def _text(columns: Mapping[str, Array]) -> bytes:
     """The rows. Digits are made for all columns of one precision at once: one number at a time takes far longer."""
-    names, rows = list(columns), len(next(iter(columns.values())))
-    precisions = [_DECIMALS.get(name, _USUAL_DECIMALS) for name in names]
-    parts: dict[int, NDArray[np.uint8]] = {}
-    for decimals in dict.fromkeys(precisions):
-        which = [k for k, one in enumerate(precisions) if one == decimals]
-        digits = _digits(np.array([columns[names[k]] for k in which], dtype=float), decimals)
-        parts |= dict(zip(which, digits, strict=True))
-    ends = [np.full((rows, 1), ord(end), dtype=np.uint8) for end in (",", "\n")]
-    last = len(names) - 1
-    joined = np.concatenate([part for k in range(len(names)) for part in (parts[k], ends[k == last])], axis=1).ravel()
-    return joined[joined != ord(" ")].tobytes()
+    rows = len(next(iter(columns.values())))
+    precisions = groupby(columns, key=lambda name: _DECIMALS.get(name, _USUAL_DECIMALS))
+    parts = [_digits(np.stack([columns[name] for name in names], axis=1), one) for one, names in precisions]
+    parts[-1][:, -1, -1] = ord("\n")
+    joined = np.concatenate([part.reshape(rows, -1) for part in parts], axis=1) if rows else np.empty(0, np.uint8)
+    return joined.tobytes().translate(None, b" ")
+
+
+_PAIRS = np.frombuffer("".join(f"{k:02d}" for k in range(100)).encode(), dtype=np.uint16)
+"""The two digits of each number below a hundred."""
 
 
 def _digits(values: Array, decimals: int) -> NDArray[np.uint8]:
-    """Texts of columns (m, n): (m, n, width) bytes, filled up with blanks."""
+    """Texts of columns (n, m), each with a comma behind it: (n, m, width) bytes, filled up with blanks."""
     known = np.isfinite(values)
-    largest = np.abs(np.where(known, values, 0.0)).max(axis=1, initial=0.0)
-    usual = np.where(known & (largest < _MOST)[:, None], values, 0.0)
+    usual = values if known.all() else np.where(known, values, 0.0)
+    beyond = np.abs(usual).max(axis=0, initial=0.0) >= _MOST
+    if beyond.any():
+        usual = np.where(beyond, 0.0, usual)
     scaled = np.rint(usual * 10.0**decimals)
     most = float(np.abs(scaled).max(initial=0.0))
     whole = scaled.astype(np.int32 if most < 2.0**31 else np.int64)  # half the width in a third of the time
     rest, width = np.abs(whole), decimals + len(str(int(np.abs(usual).max(initial=0.0)) + 1))
-    wide = max(width + 2, 24 * bool((largest >= _MOST).any()))
-    found = np.full((*values.shape, wide), ord(" "), dtype=np.uint8)
+    found = np.full((*values.shape, 1 + max(width + 2, 24 * bool(beyond.any()))), ord(" "), dtype=np.uint8)
+    found[..., -1] = ord(",")
+    text = found[..., :-1]
     zero = ord("0")
-    for place in range(decimals):
+    for place in range(0, decimals - 1, 2):
+        hundreds = rest // 100
+        pair = text[..., text.shape[-1] - place - 2 : text.shape[-1] - place].view(np.uint16)
+        pair[..., 0] = _PAIRS.take(rest - 100 * hundreds)
+        rest = hundreds
+    if decimals % 2:
         tens = rest // 10
-        found[..., -1 - place] = rest - 10 * tens + zero
+        text[..., -decimals] = rest - 10 * tens + zero
         rest = tens
-    found[..., -1 - decimals] = ord(".")
+    text[..., -1 - decimals] = ord(".")
     tens = rest // 10
-    found[..., -2 - decimals] = rest - 10 * tens + zero
+    text[..., -2 - decimals] = rest - 10 * tens + zero
     for place in range(decimals + 2, width + 1):
         rest = tens
         tens = rest // 10
-        np.copyto(found[..., -1 - place], rest - 10 * tens + zero, where=rest > 0, casting="unsafe")
-    found[whole < 0, 0] = ord("-")
-    for m, k in np.argwhere(~known | (largest >= _MOST)[:, None]).tolist():
-        text = f"{values[m, k]:{'.9g' if largest[m] >= _MOST else 'g'}}".rjust(wide).encode()
-        found[m, k] = np.frombuffer(text, dtype=np.uint8)
+        np.copyto(text[..., -1 - place], rest - 10 * tens + zero, where=rest > 0, casting="unsafe")
+    text[whole < 0, 0] = ord("-")
+    for n, m in np.argwhere(beyond & known).tolist():
+        text[n, m] = np.frombuffer(f"{values[n, m]:.9g}".rjust(text.shape[-1]).encode(), dtype=np.uint8)
+    if usual is not values:
+        for value, where in (("nan", np.isnan(values)), ("inf", values == np.inf), ("-inf", values == -np.inf)):
+            text[where] = np.frombuffer(value.rjust(text.shape[-1]).encode(), dtype=np.uint8)
     return found
 
 
