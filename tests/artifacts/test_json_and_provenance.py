@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import platform
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
@@ -50,6 +51,25 @@ def test_types_survive(tmp_path: Path) -> None:
     assert back == {"i": 3, "f": 0.1, "t": True, "n": None, "s": "Ω · °", "5": "key", "np": 0.5, "i64": 7}
     assert isinstance(back, dict)
     assert back["t"] is True
+
+
+@dataclass(frozen=True)
+class Inner:
+    y: float
+    x: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outer:
+    one: Inner
+    many: dict[str, Inner]
+
+
+def test_a_dataclass_is_a_table_of_its_fields(tmp_path: Path) -> None:
+    outer = Outer(Inner(math.nan), {"b": Inner(1.0, (2.0, math.inf))})
+    assert round_trip(tmp_path / "x.json", [outer]) == [
+        {"one": {"y": None, "x": []}, "many": {"b": {"y": 1.0, "x": [2.0, None]}}}
+    ]
 
 
 def test_floats_come_back_to_the_last_bit(tmp_path: Path) -> None:

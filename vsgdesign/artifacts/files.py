@@ -9,6 +9,7 @@ import stat
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +127,8 @@ def _neighbour(path: Path, data: bytes) -> Iterator[str]:
 
 
 def plain(value: Any) -> Any:
-    """The value in JSON's types: tuples and arrays to lists, NumPy scalars to numbers, what is not finite to null."""
+    """The value in JSON's types: tuples and arrays to lists, dataclasses to tables of their fields, NumPy scalars to
+    numbers, what is not finite to null."""
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     if isinstance(value, Mapping):
@@ -135,6 +137,8 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if value is None or isinstance(value, bool | str | int):
         return value
+    if is_dataclass(value):
+        return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
     number = float(value)
     return number if math.isfinite(number) else None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ class InnerLoopsRecord:
 
 def request_document(request: InnerLoopRequest) -> dict[str, Any]:
     """A request in JSON's types. Equal documents are designed alike; those of one converter are as they always were."""
-    document = plain(asdict(request))
+    document = plain(request)
     if request.decay_apart == 0.0:
         del document["decay_apart"]
     return document
@@ -97,7 +97,7 @@ def _document(record: InnerLoopsRecord) -> dict[str, Any]:
         "gains": plain(record.gains._asdict()) | {"omega_t": float(record.omega_t)},
         "score": float(record.score),
         "limiting": record.limiting,
-        "promises": [plain(asdict(promise)) for promise in record.promises],
+        "promises": [plain(promise) for promise in record.promises],
         "request": record.request,
     }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -100,7 +100,7 @@ class PhaseJumps:
 
     def document(self) -> dict[str, Any]:
         """In JSON's types; a peak that diverges is None beside a count of runs."""
-        return plain(asdict(self))
+        return plain(self)
 
 
 class Hardware(NamedTuple):

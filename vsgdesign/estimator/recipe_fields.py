@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Generic, TypeVar, get_type_hints
@@ -93,7 +93,7 @@ class Recipe:
 
     def document(self) -> dict[str, Any]:
         """The recipe in JSON's types, as it comes back from a file."""
-        return plain(asdict(self))
+        return plain(self)
 
     def faults(self) -> list[Fault]:
         """A fault for every field that is not finite, reversed or outside its limits, and for fields that do not fit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -157,7 +157,7 @@ def _written(
             first = min((event.t_s for event in test.events), default=0.0)
             trace, converter = judged.evidence.trace, subject.study.converter
             write_evidence_comtrade(path.with_suffix(""), trace, comtrade, converter, first)
-    found: dict[str, Any] = plain(asdict(row))
+    found: dict[str, Any] = plain(row)
     return found
 
 

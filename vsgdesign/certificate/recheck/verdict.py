@@ -208,7 +208,7 @@ def _differences(loops: Loops, system: System, statement: dict[str, Any]) -> Ite
     for what, said, own in (
         ("inner_gains", statement["inner_gains"], plain(study.inner_gains._asdict())),
         ("delay_samples", statement["delay_samples"], study.converter.delay_samples),
-        ("static_limits", statement["static_limits"], plain(asdict(system.static))),
+        ("static_limits", statement["static_limits"], plain(system.static)),
     ):
         if said != own:
             yield f"{what}: is {said}, and the study has {own}"
