@@ -199,9 +199,9 @@ def test_the_hash_of_the_c_is_that_of_the_export(place: Path) -> None:
 
 
 def test_two_workers_write_the_same_bytes(place: Path, done: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """They also draw the figures and set the PDF."""
     monkeypatch.setattr(job, "BLOCK", 2)
-    monkeypatch.setattr(pipeline, "_write_report", lambda _folder, _document: None)
-    assert_same(place, done, comply(place, "two", "--workers", "2"), "two", report=False)
+    assert_same(place, done, comply(place, "two", "--workers", "2"), "two")
 
 
 def test_every_controller_has_its_maps(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -316,7 +316,7 @@ def assert_same(place: Path, one: dict[str, Any], other: dict[str, Any], out: st
 
 
 def test_the_terminal_says_each_controller_and_each_failure(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline, "_write_report", lambda _folder, _document: None)
+    monkeypatch.setattr(pipeline, "_write_report", lambda *_: None)
     arguments = "--controller", "published", "--out", place / "text", "--workers", "1", "--must-pass", "--no-maps"
     result = call("comply", place / "small.toml", "--suite", place / "three.toml", *arguments)
     assert result.exit_code == 1, result.stderr

@@ -22,7 +22,7 @@ from vsgdesign.campaigns.compliance.rows import (
 )
 from vsgdesign.report.compliance.answer import ABOUT_STRIPS, counts_bar, strip
 from vsgdesign.report.compliance.arranged import LOOKS, WHOSE, Arranged, Group, Line, Reason, SuiteRows, Tested
-from vsgdesign.report.compliance.figures import Drawn, TestFigure, dashes_of
+from vsgdesign.report.compliance.figures import MOST_ON_PAPER, Drawn, TestFigure, dashes_of
 from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.flow import DIM, Cells, Flow, Said
 from vsgdesign.report.drawing.paper import MARGIN, text_width
@@ -237,9 +237,6 @@ def _repeat(matrix: Matrix, row: Mapping[str, Any]) -> Markup:
     return filled(summary, row["controller"], shown) if shown else _NOTHING
 
 
-MOST_FIGURES = 24
-"""Figures of failing tests on paper."""
-
 MOST_LETTERS = 160
 """Of a reason why a test fails. The arithmetic of what is impossible is never cut."""
 
@@ -340,8 +337,8 @@ def _figures(flow: Flow, arranged: Arranged, drawn: Drawn) -> None:
     for (suite, _), figure in drawn.groups.items():
         flow.sketches(f"{titles[suite]}: {figure.title}", figure.caption, figure.plots, 3)
     figures: list[TestFigure] = list(drawn.tests.values())
-    for figure in figures[:MOST_FIGURES]:
+    for figure in figures[:MOST_ON_PAPER]:
         flow.sketches(f"✗ {figure.title}", figure.caption, figure.plots, 3)
-    left = len(figures) - MOST_FIGURES + drawn.beyond
+    left = len(figures) - MOST_ON_PAPER + drawn.beyond
     if left > 0:
         flow.paragraph(f"{left} more failing tests have their figures or CSV files beside this document.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from markupsafe import Markup
 from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.campaigns.compliance.evidence import MOST_FIGURES, figure_path
 from vsgdesign.campaigns.compliance.rows import FAIL
+from vsgdesign.execution.jobs import begun, each_of
 from vsgdesign.metrics.survival import HARDWARE_PU
 from vsgdesign.report.compliance.answer import (
     ABOUT_STRIPS,
@@ -30,7 +32,6 @@ from vsgdesign.report.compliance.identity import identity_tables, sources_table,
 from vsgdesign.report.compliance.matrix import Matrix, draw_matrix, draw_strips, matrix_html
 from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.quantities import plain
-from vsgdesign.report.drawing.sketch import svg_file
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -54,30 +55,38 @@ from vsgdesign.report.page.pdf import print_pdf
 PAGE, PDF = "report.html", "report.pdf"
 
 
-def write_page(folder: str | Path, document: Mapping[str, Any], traces: Traces) -> list[Path]:
+def write_page(
+    folder: str | Path, document: Mapping[str, Any], traces: Traces, executor: Executor | None = None
+) -> list[Path]:
     """Write ``report.html``, ``report.pdf`` and ``figures/`` into a folder (made if missing).
 
     ``document`` is results.json of the verb ``comply``, ``traces`` has the evidence by the field ``csv`` of the rows,
-    and may read it when asked. Returns every file that was written.
+    and may read it when asked. ``executor``: of workers that reach the folder and the traces; they draw, and set the
+    PDF while the HTML is made here. Returns every file that was written.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     arranged = arrange(document)
-    drawn = draw(arranged, document, traces)
+    drawn = draw(arranged, document, traces, each_of(executor))
+    pdf = begun(executor, _print_pdf, document, drawn, folder / PDF)
     files = _write_figures(folder, arranged, drawn)
     page = compliance_page(document, arranged, drawn)
-    return [*files, print_html(page, folder / PAGE), print_pdf(page, folder / PDF, wide=True)]
+    return [*files, print_html(page, folder / PAGE), pdf()]
+
+
+def _print_pdf(document: Mapping[str, Any], drawn: Drawn, path: Path) -> Path:
+    return print_pdf(compliance_page(document, arrange(document), drawn), path, wide=True)
 
 
 def _write_figures(folder: Path, arranged: Arranged, drawn: Drawn) -> list[Path]:
     files = []
     for test in arranged.tests():
-        figure = drawn.tests.get(test.anchor)
-        if figure is None:
+        text = drawn.files.get(test.anchor)
+        if text is None:
             continue
         path = folder / figure_path(test.suite, test.test)
         path.parent.mkdir(exist_ok=True)
-        path.write_text(svg_file(figure.plots, figure.title, (figure.caption,)), encoding="utf-8", newline="\n")
+        path.write_text(text, encoding="utf-8", newline="\n")
         files.append(path)
     return files
 
@@ -92,7 +101,7 @@ def compliance_page(document: Mapping[str, Any], arranged: Arranged, drawn: Draw
                 words(headline(arranged), style=HEADLINE),
                 *(words(said) for said in (*below_headline(arranged), *dc_side_suffices(document))),
                 counts_answer(arranged),
-                Live(_strips(arranged), [OnPaper(lambda flow: draw_strips(flow, arranged))]),
+                Live(lambda: _strips(arranged), [OnPaper(lambda flow: draw_strips(flow, arranged))]),
                 *_failing(arranged),
             ],
             warning=bool(failing_tests(arranged)),
@@ -100,7 +109,7 @@ def compliance_page(document: Mapping[str, Any], arranged: Arranged, drawn: Draw
         ),
         Heading("Clause matrix", numbered=True, anchor="matrix"),
         words(_ABOUT_MATRIX),
-        Live(matrix_html(matrix), [OnPaper(lambda flow: draw_matrix(flow, matrix))]),
+        Live(lambda: matrix_html(matrix), [OnPaper(lambda flow: draw_matrix(flow, matrix))]),
         Heading("Limits that were asked", numbered=True, anchor="limits"),
         words(_ABOUT_LIMITS),
         limits_table(document),

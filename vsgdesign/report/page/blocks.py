@@ -248,9 +248,10 @@ class Contents(Block):
 
 @dataclass(frozen=True)
 class Live(Block):
-    """What lives in a browser alone: HTML of its own. Other printers print ``instead``, its figure or its table."""
+    """What lives in a browser alone: HTML of its own, made for its page. Other printers print ``instead``, its figure
+    or its table."""
 
-    html: Markup
+    html: Callable[[], Markup]
     instead: Sequence[Block] = ()
 
 

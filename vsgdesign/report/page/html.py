@@ -269,7 +269,7 @@ _PRINTERS: dict[type[Block], Callable[[Any], Markup]] = {
     Answer: _answer,
     Figure: _figure,
     Sketches: _sketches,
-    Live: lambda block: block.html,
+    Live: lambda block: block.html(),
 }
 
 

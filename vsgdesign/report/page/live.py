@@ -88,4 +88,4 @@ def _packed(text: str, title: str, how: str, limits: str, cases: int) -> Live:
     )
     script = Markup(text_file("live.js"))
     anchors = Markup("").join(filled('<span id="{}-{}"></span>', ANCHOR, k + 1) for k in range(cases))
-    return Live(filled(html, title, WITHOUT, OPENING, anchors, how, NO_SCRIPTS, limits, packed, script))
+    return Live(lambda: filled(html, title, WITHOUT, OPENING, anchors, how, NO_SCRIPTS, limits, packed, script))

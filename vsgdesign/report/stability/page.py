@@ -279,7 +279,7 @@ def _explorer(result: StabilityResult, explorer: ExplorerFile | None) -> list[Bl
                 f" ({explorer.megabytes}) beside this page: if you send this page, send the file, too.",
             )
         ),
-        Live(filled(frame, link, result.study.title)),
+        Live(lambda: filled(frame, link, result.study.title)),
     ]
 
 

@@ -6,9 +6,9 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -85,7 +85,7 @@ def comply_study(
     from vsgdesign.campaigns.compliance.job import BLOCK, SuiteJob
     from vsgdesign.campaigns.compliance.maps import KINDS
     from vsgdesign.execution.executors import executor_of
-    from vsgdesign.execution.jobs import submitted, workers_needed
+    from vsgdesign.execution.jobs import begun
     from vsgdesign.execution.journal import journal_of, run_job
     from vsgdesign.execution.memory import give_memory_back
 
@@ -110,21 +110,17 @@ def comply_study(
         ready_s = time.perf_counter() - begin
         with executor_of(workers if len(job.blocks) > 2 else 1, cluster) as executor:  # others take a second to begin
             held.callback(give_memory_back)
+            known = begun(executor, _known_before, job)
             run_job(job, journal, executor=executor, progress=progress)
             run_s = time.perf_counter() - begin - ready_s
-            document = _document(job, journal.whole, asked)
+            document = _document(job, journal.whole, asked, known())
             _place_traces(document["rows"], journal, folder)
             document |= {"provenance": provenance()}
             chosen = _rows_with_case(document, asked.cases)
-            cases = partial(_write_cases, job, chosen, str(folder), os.path.realpath(out))
-            if executor is None or cluster is not None:  # workers elsewhere do not reach the folder
-                cases()
-                _write_report(folder, document)
-            else:  # side by side: both take a second
-                written = submitted(executor, cases)
-                _write_report(folder, document)
-                with workers_needed():
-                    written.result()
+            here = None if cluster is not None else executor  # workers elsewhere do not reach the folder
+            cases = begun(here, _write_cases, job, chosen, str(folder), os.path.realpath(out))
+            _write_report(folder, document, here)
+            cases()
         timing = {"prepare": ready_s, "runs": run_s, "report": time.perf_counter() - begin - ready_s - run_s}
         return write_record(folder, plain(document | {"timing_s": timing}), VERB)
 
@@ -201,22 +197,44 @@ def _tables(
     return kept_tables(study, workers=workers, progress=progress, say=say).tables
 
 
-def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class _Known:
+    """What is known before anything is run."""
+
+    links: Mapping[tuple[str, str, str], str | None]
+    """To the explorer, by suite, test and controller."""
+    c_hashes: Mapping[str, str | None]
+    """By controller, as :func:`c_hash`."""
+
+
+def _known_before(job: SuiteJob) -> _Known:
+    from vsgdesign.verbs.pipeline.explorer_links import explorer_link
+
+    study = job.study
+    links = {
+        (suite.name, test.id, spec.name): explorer_link(study, job.tables, test, spec.name)
+        for suite in job.suites
+        for test in suite.tests
+        for spec in study.controllers
+    }
+    return _Known(
+        links=links, c_hashes={spec.name: c_hash(study, spec, job.tables.get(spec.name)) for spec in study.controllers}
+    )
+
+
+def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked, known: _Known) -> dict[str, Any]:
     """results.json without what differs from one run to the next."""
     from vsgdesign.campaigns.compliance.evidence import figures_of
     from vsgdesign.campaigns.compliance.job import in_order
     from vsgdesign.campaigns.compliance.rows import identity_of, limits_of, summary_of
     from vsgdesign.report.drawing.style import COLOURS
-    from vsgdesign.verbs.pipeline.explorer_links import explorer_link
 
     study, rows = job.study, [row for rows in in_order(whole, "rows") for row in rows]
-    tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
     figures = figures_of(rows)
     shown = []
     for row in rows:
         key = row["suite"], row["test"]
-        link = explorer_link(study, job.tables, tests[key], row["controller"])
-        shown.append(row | {"explore": link, "figure": figures.get(key)})
+        shown.append(row | {"explore": known.links[*key, row["controller"]], "figure": figures.get(key)})
     return {
         "study": {"name": study.name, "title": study.title, "hash": study.hash, "file": asked.file},
         "converter": identity_of(replace(study, simulation=replace(study.simulation, bridge="averaged"))),
@@ -225,7 +243,7 @@ def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked) -> dict[str, A
             "study": study.hash,
             "tables": {name: table.sha256 for name, table in job.tables.items()},
             "package": package_hash(),
-            "c": {spec.name: c_hash(study, spec, job.tables.get(spec.name)) for spec in study.controllers},
+            "c": known.c_hashes,
         },
         "controllers": [
             {"name": spec.name, "colour": COLOURS[k % len(COLOURS)], "settling_time_s": job.subjects[k].settling_time}
@@ -361,10 +379,10 @@ def _study_name(name: str) -> str:
     return name.replace(".", "_").replace("-", "_")
 
 
-def _write_report(folder: Path, document: dict[str, Any]) -> None:
+def _write_report(folder: Path, document: dict[str, Any], executor: Executor | None) -> None:
     """The page, the PDF and the figures."""
     from vsgdesign.campaigns.compliance.evidence import EvidenceFiles
     from vsgdesign.report.compliance.figures import DRAWN_ALWAYS
     from vsgdesign.report.compliance.page import write_page
 
-    write_page(folder, document, EvidenceFiles(folder, document["rows"], DRAWN_ALWAYS))
+    write_page(folder, document, EvidenceFiles(folder, document["rows"], DRAWN_ALWAYS), executor)
