@@ -143,6 +143,8 @@ def _run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | Non
 def closed_test(subject: Subject, test: SuiteTest) -> SuiteTest:
     """The test with the instant at which its breaker closes in the place of a synchro-check, for a file. A test without
     one is returned as it is, and not run. Raises what :func:`run_test` raises."""
+    if all(event.synchro_check is None for event in test.events):
+        return test
     asked, ends = waiting_case(subject, test)
     return test if ends is None else test_closed(subject, test, asked, run_of(subject, asked, ends).study)
 

@@ -215,7 +215,8 @@ def state_of(document: Any, study: Study) -> State:
     (:func:`vsgdesign.report.explore.fields.changed_study`).
     """
     reader = _Reader(document)
-    given = reader.filled(defaults(study), "")
+    standard = defaults(study)
+    given = reader.filled(standard, "")
     shown = shown_units(study)
     values: dict[str, Any] = {
         name: reader.number(given, name, *limit, shown=shown.get(name)) for name, limit in limits_of(study).items()
@@ -225,7 +226,7 @@ def state_of(document: Any, study: Study) -> State:
         values["hold"] = PlaceOfState(**reader.place(reader.table(hold, "hold"), "hold.", ("scr", "x_over_r")))
     given["figure"] = _OF_BEFORE.get(str(given["figure"]), given["figure"])
     values["figure"] = reader.choice(given, "figure", FIGURES)
-    values["event"] = _event(reader, given["event"], defaults(study)["event"])
+    values["event"] = _event(reader, given["event"], standard["event"])
     known = names_of(study)
     shown = given["controllers"]
     if not isinstance(shown, list) or not all(isinstance(name, str) for name in shown):

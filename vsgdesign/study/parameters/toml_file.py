@@ -160,9 +160,12 @@ def _key(key: str) -> str:
     return key if _BARE.fullmatch(key) else _quoted(key)
 
 
+_IN_JSON = json.JSONEncoder(ensure_ascii=False).encode
+
+
 def _quoted(text: str) -> str:
     """A text for TOML, which has the escapes of JSON."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return _IN_JSON(text).replace("\x7f", "\\u007f")
 
 
 def _inline(value: Any) -> str:
