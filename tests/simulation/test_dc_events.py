@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -13,6 +15,8 @@ from vsgdesign.campaigns.compliance.reading import suite_from_text
 from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.equations.dc_sources import DC_SOURCES
 from vsgdesign.errors import StudyError
+from vsgdesign.report.scenario.tables import dc_row
+from vsgdesign.simulation.dc_start import DcFigures
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.survival import CaseRun, GridState, Subject, SurvivalCase, dc_set, trace_case
 from vsgdesign.study.parameters import Study, study_from_text
@@ -83,6 +87,24 @@ def test_survival_cases_and_suites_have_them() -> None:
     assert not_applicable(OfSuite(study=ideal, spec=study.controllers[0]), test) == (
         "the dc link is ideal: the study has no [dc]"
     )
+
+
+def test_a_faulty_source_still_has_its_events() -> None:
+    """Of a battery without its resistance that is said alone, and not that a battery has no charge."""
+    text = TEXT + '[dc]\nsource = "battery"\nC = "1 mF"\nbattery = { i_max = 15, capacity_Ah = 10 }\n'
+    with pytest.raises(StudyError) as caught:
+        study_from_text(text + "[[events]]\ntime = '1 s'\ndc_charge = 0\n")
+    assert [fault.field for fault in caught.value.faults] == ["dc.battery.R_i"]
+
+
+def test_an_empty_source_is_not_less_than_empty() -> None:
+    """What the last sample took leaves a rounding below zero."""
+    end = {"dc_charge": -4.2e-9}
+    figures = DcFigures(lowest_v=690.0, highest_v=700.0, spare_v=9.0, least_p_w=0.0, most_p_w=1.0, given_j=1.0, end=end)
+    found: Any = SimpleNamespace(dc=figures, outcome=SimpleNamespace(status="blocked"))
+    assert (dc_row(found) or ())[-1] == "0"
+    found.dc = replace(figures, end={"dc_charge": 0.61})
+    assert (dc_row(found) or ())[-1] == "61.00"
 
 
 def test_the_set_of_survive_has_what_may_become_of_the_source() -> None:

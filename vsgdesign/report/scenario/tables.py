@@ -155,7 +155,7 @@ def dc_row(controller: ControllerResult) -> tuple[str, ...] | None:
         number(asked.spare_v, 3),
         f"{plain_kilo(asked.least_p_w)} … {plain_kilo(asked.most_p_w)}",
         plain_kilo(asked.given_j),
-        DASH if charge is None else number(100.0 * charge, 4),
+        DASH if charge is None else number(round(100.0 * charge, 4) + 0.0, 4),  # an empty source is not −0
     )
 
 

@@ -339,8 +339,8 @@ def not_of(dc: DcLink | None, quantity: str) -> str | None:
     """Why no event changes a quantity of DC_QUANTITIES in a study with this link; None: one may."""
     if dc is None:
         return "the dc link is ideal: the study has no [dc]"
-    values = dc.values
-    known = {"dc_power": bool(dc.kind.lost), "dc_charge": "charge" in values, "irradiance": "irradiance" in values}
+    names = {one.name for one in dc.kind.parameters}  # also where their values have faults
+    known = {"dc_power": bool(dc.kind.lost), "dc_charge": "charge" in names, "irradiance": "irradiance" in names}
     return None if known[quantity] else f'source = "{dc.source}" has no {quantity.removeprefix("dc_")}'
 
 
