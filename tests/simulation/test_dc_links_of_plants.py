@@ -30,11 +30,13 @@ from vsgdesign.linear.stability.loci import modes
 from vsgdesign.linear.stability.modes_of_units import modes_of_units, split_modes
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.dc_start import dc_columns
+from vsgdesign.simulation.scenario.controllers import run_scenario
 from vsgdesign.simulation.units import PlantRun, plant_timeline
 from vsgdesign.simulation.units.run import _Run
 from vsgdesign.simulation.units.scenario import PlantController, run_plant
 from vsgdesign.simulation.units.start import StartOfPlant, situation_at
 from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.verbs.pipeline.one_unit import as_one_converter
 
 IDEAL, OFFSETS = "", (0.0, 0.3, 0.0, 0.0)
 SOURCES = {"b": BATTERY, "s": STAGE, "i": IDEAL}
@@ -290,18 +292,48 @@ def test_a_bridge_that_blocks_is_lost_and_the_others_go_on(tmp_path: Path) -> No
     assert np.abs(series["P_pcc"][first + 1000 :]).max() < 1.0
 
 
+JUDGED = (
+    LOSS.partition("[network]")[0].replace('"2.6 s"', '"0.3 s", survival = true')
+    + """[plant]
+units = 2
+reactance = 0.06
+[dc]
+source = "converter"
+C = "0.3 mF"
+converter = { p_max = "6 kW", p_charge_max = "6 kW", tau = "4 ms" }
+[[events]]
+time = "50 ms"
+"""
+)
+"""Two units on the grid, whose events are judged as one disturbance."""
+
+
 def test_the_verdict_on_a_unit_that_blocks(tmp_path: Path) -> None:
-    """Of events that are judged as one disturbance."""
-    text = (
-        LOSS.partition("[network]")[0].replace('"2.6 s"', '"0.3 s", survival = true')
-        + "[plant]\nunits = 2\nreactance = 0.06\n"
-    )
-    text += '[dc]\nsource = "converter"\nC = "0.3 mF"\n'
-    text += 'converter = { p_max = "6 kW", p_charge_max = "6 kW", tau = "4 ms" }\n'
-    text += '[[events]]\ntime = "50 ms"\nelement = "unit2"\ndc_power = 0.5\n'
-    (tmp_path / "two.toml").write_text(text, encoding="utf-8")
+    """Half of its source is gone, so that what is asked for has no rest, on a link of any size. Nothing excuses it."""
+    (tmp_path / "two.toml").write_text(JUDGED + 'element = "unit2"\ndc_power = 0.5\n', encoding="utf-8")
     verdicts = [one.survival for one in run_plant(load_study(tmp_path / "two.toml")).controllers[0].units]
     assert [one.status == "blocked" for one in verdicts if one is not None] == [False, True]
+
+
+def test_events_that_move_too_much_energy_are_told_as_for_one_converter(tmp_path: Path) -> None:
+    """Two equal units that move alike are one converter on the same short-circuit ratio, and so is what is told of
+    each of them. The run of one converter is another program."""
+    said, told = list[str](), {}
+    for count in (1, 2):
+        text = JUDGED.replace("units = 2", f"units = {count}").replace('"fixed"', '"scheduled"')
+        text += 'phase_jump = "60 deg"\n'
+        (tmp_path / f"{count}.toml").write_text(text, encoding="utf-8")
+        study = load_study(tmp_path / f"{count}.toml")
+        if count == 1:
+            found = run_scenario(as_one_converter(study)).controllers
+        else:
+            found = run_plant(study, warn=said.append).controllers[0].units
+        told[count] = [one.survival.reason for one in found if one.survival is not None]
+        assert {one.survival.status for one in found if one.survival is not None} == {"no rest"}
+        assert all(f"what is asked for is {told[count][0]}" in str(one.outcome.reason) for one in found)
+    assert told[2] == 2 * told[1]
+    assert "more into the dc link than its source and its capacitor can take" in told[1][0]
+    assert said == [f"vsg, {unit}: {told[1][0]}." for unit in ("unit1", "unit2")]
 
 
 def test_a_source_that_cannot_give_its_power_is_told_with_its_unit() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -42,16 +42,23 @@ def stiff(study: Study) -> Study:
     """The study with a capacitor so large that the voltage of its link does not move: source and control are the same,
     and nothing but energy is given to it. So are the links of the units of a plant. An ideal link stays one, and a
     study that is stiff is returned as it is."""
-    c, plant = study.converter, study.plant
+    c = study.converter
     C = 2.0 * STIFF_S * c.S_rated / c.V_dc**2
+    return _with_links(study, lambda link: link if link.C >= C else replace(link, C=C))
 
-    def larger(link: DcLink | None) -> DcLink | None:
-        return link if link is None or link.C >= C else replace(link, C=C)
 
-    units = () if plant is None else tuple(replace(one, dc=larger(one.dc)) for one in plant.units)
-    if larger(study.dc) is study.dc and (plant is None or units == plant.units):
+def _with_links(study: Study, change: Callable[[DcLink], DcLink]) -> Study:
+    """The study with its dc link, and those of the units of a plant, changed; itself where no link changes."""
+
+    def changed(link: DcLink | None) -> DcLink | None:
+        return None if link is None else change(link)
+
+    plant = study.plant
+    units = () if plant is None else tuple(replace(one, dc=changed(one.dc)) for one in plant.units)
+    dc = changed(study.dc)
+    if dc is study.dc and (plant is None or units == plant.units):
         return study
-    return replace(study, dc=larger(study.dc), plant=None if plant is None else replace(plant, units=units))
+    return replace(study, dc=dc, plant=None if plant is None else replace(plant, units=units))
 
 
 class AtSource(NamedTuple):
@@ -194,14 +201,27 @@ def told_of_blocked(
     """What is told of a study whose bridge has blocked, where its source could do no more and the same events are
     survived on a :func:`stiff` link; None where this is not so. ``run``: the run of the study that is given, which goes
     on beyond its limits; None where there is none. ``survives``: whether a study is survived."""
+
+    def runs(one: Study) -> dict[str, Simulation]:
+        found = run(one)
+        return {} if found is None else {"": found}
+
+    return told_of_units(study, runs, survives).get("")
+
+
+def told_of_units(
+    study: Study, runs: Callable[[Study], Mapping[str, Simulation]], survives: Callable[[Study], bool]
+) -> dict[str, str]:
+    """:func:`told_of_blocked` of the units whose bridges have blocked, by their names: of all of them or of none.
+    ``runs``: their runs in a plant; ``survives``: whether all units survive a study."""
     larger = stiff(study)
-    if study.dc is None or larger is study:
-        return None
-    opened = run(replace(study, dc=replace(study.dc, blocks=False)))
-    beyond = math.nan if opened is None else beyond_of_run(opened)
-    if math.isnan(beyond) or not survives(larger):
-        return None
-    return said_of_energy(beyond)
+    if larger is study:
+        return {}
+    opened = runs(_with_links(study, lambda link: replace(link, blocks=False)))
+    beyond = {name: beyond_of_run(one) for name, one in opened.items()}
+    if not beyond or any(map(math.isnan, beyond.values())) or not survives(larger):
+        return {}
+    return {name: said_of_energy(energy) for name, energy in beyond.items()}
 
 
 def said_of_energy(beyond: float) -> str:

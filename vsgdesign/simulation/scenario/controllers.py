@@ -258,12 +258,9 @@ def _run_controllers(
         if study.simulation.survival:
             survival = judge_scenario(own_study, spec, ready, every_sample.end_of(run), used, own_rest=True)
         told = None if outcome.status != "blocked" else told_if_blocked(own_study, spec, ready, used)
-        if told is not None:
-            outcome = replace(outcome, reason=f"{outcome.reason}; what is asked for is {told}")
-            survival = None if survival is None else replace(survival, status=NO_REST, reason=told)
-            if warn is not None:
-                warn(f"{spec.name}: {told}.")
-        results[spec.name] = ControllerResult(
+        if told is not None and warn is not None:
+            warn(f"{spec.name}: {told}.")
+        result = ControllerResult(
             spec=spec,
             bridge=used,
             gain_changes=run.gain_changes,
@@ -281,18 +278,16 @@ def _run_controllers(
             dc=None if run.dc_log is None else dc_figures(own_study, run.dc_log),
             late_peak_pu=_late_peak_pu(own_study, seen),
         )
+        results[spec.name] = with_told(result, told)
     return results, unstable
 
 
 def told_if_blocked(study: Study, spec: ControllerSpec, ready: Ready, bridge: str) -> str | None:
     """:func:`vsgdesign.simulation.dc_beyond.told_of_blocked` of the events of a study, which has the current limit of
     the controller. None without an event after the start. The runs go on for as long as a verdict takes."""
-    if not any(event.t_s > 0.0 for event in study.events):
+    asked = judged_as_one(study, spec, ready)
+    if asked is None:
         return None
-    demand = demand_of(study.converter, settling_time_of(spec, ready), silent_s=silent_s_of(spec))
-    needed_s = max(event.t_s + event.over for event in study.events) + demand.needed_s + 2.0 * demand.cycle_s
-    longer = replace(study.simulation, survival=True, duration=max(study.simulation.duration, needed_s))
-    asked = replace(study, controllers=(spec,), simulation=longer)
 
     def survives(one: Study) -> bool:
         (alone,) = run_scenario(one, ready, bridge=bridge).controllers
@@ -305,6 +300,26 @@ def told_if_blocked(study: Study, spec: ControllerSpec, ready: Ready, bridge: st
         return told_of_blocked(asked, run, survives)
     except (InfeasibleStudyError, SimulationDivergedError):
         return None
+
+
+def judged_as_one(study: Study, spec: ControllerSpec, ready: Ready) -> Study | None:
+    """The study with one of its controllers, whose events are one disturbance and are followed for as long as its
+    verdict takes; None without an event after the start."""
+    if not any(event.t_s > 0.0 for event in study.events):
+        return None
+    demand = demand_of(study.converter, settling_time_of(spec, ready), silent_s=silent_s_of(spec))
+    needed_s = max(event.t_s + event.over for event in study.events) + demand.needed_s + 2.0 * demand.cycle_s
+    longer = replace(study.simulation, survival=True, duration=max(study.simulation.duration, needed_s))
+    return replace(study, controllers=(spec,), simulation=longer)
+
+
+def with_told(found: ControllerResult, told: str | None) -> ControllerResult:
+    """What became of a controller whose bridge has blocked, with what is told of it (:func:`told_if_blocked`)."""
+    if told is None:
+        return found
+    outcome = replace(found.outcome, reason=f"{found.outcome.reason}; what is asked for is {told}")
+    survival = None if found.survival is None else replace(found.survival, status=NO_REST, reason=told)
+    return replace(found, outcome=outcome, survival=survival)
 
 
 def _expected(study: Study, timeline: Timeline, spec: ControllerSpec, ready: Ready) -> tuple[Rest, ...]:

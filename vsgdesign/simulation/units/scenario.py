@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.frames import instantaneous_power
-from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
 from vsgdesign.linear.operating_point.equilibrium import point_at
 from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
 from vsgdesign.linear.stability.loci import Mode
 from vsgdesign.linear.stability.modes_of_units import PlantMode, SplitModes, modes_of_units, split_modes
 from vsgdesign.metrics.survival import ExpectedRest
+from vsgdesign.simulation.dc_beyond import told_of_units
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.outcome import Divergence, Outcome
 from vsgdesign.simulation.rest import Rest
-from vsgdesign.simulation.scenario.controllers import (
-    ControllerResult,
-)
+from vsgdesign.simulation.run import Simulation
+from vsgdesign.simulation.scenario.controllers import ControllerResult, judged_as_one, with_told
 from vsgdesign.simulation.survival.demand import settling_time_of
 from vsgdesign.simulation.units.inverters import (
     InverterRest,
@@ -40,7 +40,7 @@ from vsgdesign.simulation.units.sharing import Sharing, sharing_of
 from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of, without_blocked
 from vsgdesign.simulation.units.twins import Tape, twins_of
-from vsgdesign.simulation.units.unit_result import unit_result
+from vsgdesign.simulation.units.unit_result import as_simulation, unit_result
 from vsgdesign.simulation.units.windows import Follows, Schedule
 from vsgdesign.study.parameters.grid import GridSource
 from vsgdesign.study.parameters.power_plant import GRID
@@ -148,7 +148,7 @@ def run_plant(
     asked = study
     for spec in asked.controllers:
         report = None if progress is None else _reporter(progress, spec.name)
-        study = _with_closings(asked, spec, ready, report)
+        study = unblocked = _with_closings(asked, spec, ready, report)
         blocked: dict[str, Divergence] = {}
         while True:
             timeline, schedules, rests = _prepared(study, spec, ready, warn)
@@ -178,6 +178,12 @@ def run_plant(
             )
             for k, feed in enumerate(feeds)
         )
+        told = _told_if_blocked(unblocked, spec, ready, blocked) if blocked else {}
+        for name, said in told.items():
+            if warn is not None:
+                warn(f"{spec.name}, {name}: {said}.")
+        names = (unit.name for unit in run.units)
+        units = tuple(with_told(one, told.get(name)) for name, one in zip(names, units, strict=True))
         every = max(round(study.simulation.log_interval / (run.t_s[1] - run.t_s[0])), 1)
         phase = timeline.shared.source_phase(run.t_s, 1e-9)
         inverters = tuple((one.name, inverter_series(one, run.t_s, phase, every)) for one in run.inverters)
@@ -194,6 +200,29 @@ def run_plant(
             )
         )
     return PlantResult(study=asked, controllers=tuple(found), ready=ready)
+
+
+def _told_if_blocked(study: Study, spec: ControllerSpec, ready: Ready, blocked: Collection[str]) -> dict[str, str]:
+    """:func:`vsgdesign.simulation.scenario.controllers.told_if_blocked` of the units whose bridges have blocked."""
+    asked = judged_as_one(study, spec, ready)
+    if asked is None:
+        return {}
+
+    def runs(one: Study) -> dict[str, Simulation]:
+        timeline, schedules, _ = _prepared(one, spec, ready, None)
+        run = simulate_plant(one, schedules, timeline=timeline, log_interval=_interval(one, timeline))
+        return {unit.name: as_simulation(run, unit, k) for k, unit in enumerate(run.units) if unit.name in blocked}
+
+    def survives(one: Study) -> bool:
+        (found,) = run_plant(one, ready).controllers
+        named = zip(found.timeline.plant.units, found.units, strict=True)
+        verdicts = [unit.survival for own, unit in named if own.name in found.rests[-1].on_line]
+        return all(verdict is not None and verdict.survived for verdict in verdicts)
+
+    try:
+        return told_of_units(asked, runs, survives)
+    except (InfeasibleStudyError, SimulationDivergedError):
+        return {}
 
 
 def _with_closings(study: Study, spec: ControllerSpec, ready: Ready, report: Callable[[float], None] | None) -> Study:
