@@ -99,12 +99,13 @@ def test_a_faulty_source_still_has_its_events() -> None:
 
 def test_an_empty_source_is_not_less_than_empty() -> None:
     """What the last sample took leaves a rounding below zero."""
-    end = {"dc_charge": -4.2e-9}
-    figures = DcFigures(lowest_v=690.0, highest_v=700.0, spare_v=9.0, least_p_w=0.0, most_p_w=1.0, given_j=1.0, end=end)
+    figures = DcFigures(lowest_v=690.0, highest_v=700.0, spare_v=9.0, least_p_w=0.0, most_p_w=1.0, given_j=1.0, end={})
     found: Any = SimpleNamespace(dc=figures, outcome=SimpleNamespace(status="blocked"))
-    assert (dc_row(found) or ())[-1] == "0"
-    found.dc = replace(figures, end={"dc_charge": 0.61})
-    assert (dc_row(found) or ())[-1] == "61.00"
+    for charge, said in ((-4.2e-9, "0"), (0.61, "61.00")):
+        found.dc = replace(figures, end={"dc_charge": charge})
+        row = dc_row(found)
+        assert row is not None
+        assert row[-1] == said
 
 
 def test_the_set_of_survive_has_what_may_become_of_the_source() -> None:
