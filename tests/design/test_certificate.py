@@ -16,7 +16,7 @@ from vsgdesign.certificate import region_of
 from vsgdesign.certificate.boxes import whole_region
 from vsgdesign.certificate.lyapunov import Family, residual
 from vsgdesign.certificate.proof import Outcome
-from vsgdesign.certificate.region import System, random_points
+from vsgdesign.certificate.region import System, nodes, random_points
 from vsgdesign.design import Certificate, Counterexample, Region, certify
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer, power_loops
@@ -259,6 +259,22 @@ def test_an_unstable_cell_is_a_counterexample_and_is_unstable(study: Study) -> N
     # A by differences is good to 1e-6, and its eigenvalue acts over some time constants.
     np.testing.assert_allclose(x[::20], exact, rtol=1e-3, atol=1e-4 * np.abs(exact).max())
     assert np.abs(x[-1]).max() > np.abs(x[0]).max()
+
+
+def test_an_unstable_cell_between_the_points_is_found_before_a_function(
+    study: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The points lie where the published schedule is stable; the search leads to where it is not, below X/R 0.35."""
+    stable = {"x_over_r": (1.0, 20.0)}
+    place = "vsgdesign.certificate.certifying."
+    monkeypatch.setattr(place + "nodes", lambda region, count: nodes(replace(region, **stable), count))
+    monkeypatch.setattr(
+        place + "random_points", lambda region, count, rng: random_points(replace(region, **stable), count, rng)
+    )
+    monkeypatch.setattr(place + "best_fit", lambda *_: pytest.fail("a function was looked for"))
+    found = certify(study, controller(study, "published"), replace(PUBLISHED_BOX, error=0.0), fresh=500)
+    assert isinstance(found, Counterexample)
+    assert found.x_over_r < 0.5
 
 
 def test_what_cannot_be_asked(study: Study) -> None:

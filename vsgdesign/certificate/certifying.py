@@ -55,6 +55,9 @@ _SHARES = (0.95, 0.85, 0.7, 0.5)
 _BUDGET = 1_500_000
 """Number of boxes after which the proof is given up and called gridded: about fifteen seconds on two cores."""
 
+_SLOWEST = 60
+"""Of the slowest cells at points, from how many a slower one is looked for."""
+
 _ATTEMPTS = 12
 """Number of functions that are tried on boxes."""
 
@@ -111,10 +114,8 @@ def certify(
         raise InfeasibleStudyError(
             f"the region has no cell within the static limits: {why}. Widen the region, or ask for less power."
         )
-    # A cell that is unstable is a counterexample, also where others have no gains at all.
-    with_gains = system.matrices(points, partial=True)
-    if len(with_gains[0]) and isinstance(found := _slowest(system, motion, spec.name, *with_gains), Counterexample):
-        return found
+    if (unstable := _unstable(system, motion, spec.name, points, seed)) is not None:
+        return unstable
     verify, A_fresh = system.matrices(random_points(region, fresh, rng))
     boxes = budget if encloses(system) else 0
     attempt = proofs = 0
@@ -326,6 +327,29 @@ def _slowest(
             trajectory=trajectory,
         )
     return limit, {"scr": scr, "x_over_r": ratio, "P": P, "Q": Q, "error_R": e_R, "error_L": e_L}
+
+
+def _unstable(system: System, motion: Motion, name: str, points: Array, seed: int) -> Counterexample | None:
+    """A cell that is unstable by itself, among some points or where a search from the slowest of them leads.
+
+    It is a counterexample, also where other points have no gains at all. A function is looked for where there is none:
+    that takes much longer than this search, but in a place of the grid. Raises the error of :meth:`System.cells`.
+    """
+    with_gains = system.matrices(points, partial=True)
+    if len(with_gains[0]) == 0:
+        return None
+    found = _slowest(system, motion, name, *with_gains)
+    if isinstance(found, Counterexample):
+        return found
+    if system.placed:
+        return None
+    rng = np.random.default_rng(seed)
+    points, A = system.matrices(points)
+    worst, _ = worst_points(
+        system, motion.region, lambda _, A: np.linalg.eigvals(A).real.max(axis=1), points, A, rng, kept=_SLOWEST
+    )
+    found = _slowest(system, motion, name, *system.matrices(worst))
+    return found if isinstance(found, Counterexample) else None
 
 
 def proved_between(
