@@ -18,6 +18,7 @@ from tests.design.robust_studies import (
     textbook,
     with_specification,
 )
+from vsgdesign.design import cell
 from vsgdesign.design.box import measured_at_limits, scenarios_of_estimate
 from vsgdesign.design.cell import TRANSFER, CellDesign, common_design, design_cell, most_damping
 from vsgdesign.design.evaluation import evaluate, law_of, model_in, shortfalls, worst
@@ -179,7 +180,12 @@ def test_damping_is_limited_where_the_droop_is_fed_back(monkeypatch: pytest.Monk
     assert designed.active != TRANSFER
     limit = 0.8 * fed_back(designed)
     monkeypatch.setattr("vsgdesign.design.cell.MOST_FED_BACK", limit / 0.97)
+    made: list[CellDesign] = []
+    own = cell._designed
+    monkeypatch.setattr(cell, "_designed", lambda *given: made.append(own(*given)) or made[-1])
     limited = design_cell(loops, SPEC, s, textbook(STUDY))
+    assert limited.normalised == made[-1].normalised
+    assert len(made) <= 6  # a secant ends where steps of one length take a dozen
     assert fed_back(limited) <= limit * (1.0 + 1e-6)
     assert limited.normalised.d_1_or_zeta < designed.normalised.d_1_or_zeta
     assert limited.active == TRANSFER or not limited.met

@@ -67,7 +67,12 @@ TRANSFER = "transfer"
 _FED_BACK_SHARE = 0.97
 """Share of the largest k_P D_p of a table that its nodes use: the rest is for what lies between them."""
 
+_FED_BACK_ROOM = 1e-3
+"""How far below the largest damping a limit aims, relatively: a search by secants would end above it for ever."""
+
 _FED_BACK_ROUNDS = 12
+_FIRST_STEPS, _MOST_STEPS = 2.0, 5.0
+"""How far a limit of the damping goes, over the excess that it is to take away."""
 
 
 def design_cell(
@@ -92,14 +97,23 @@ def design_cell(
     v = variables(law.structure, spec)
     damping = v.names.index("d_1_or_zeta")
     bound = v.high if ceiling is None else np.minimum(v.high, ceiling)
+    before: tuple[float, float] | None = None
     for _ in range(_FED_BACK_ROUNDS):
         most = most_damping(law, found.normalised, s if measured is None else joined([s, measured]))
         if found.normalised.d_1_or_zeta <= most:
             break
-        # A design with less damping also takes less bandwidth, and then may have still less damping: two steps at once.
+        at = float(np.log(found.normalised.d_1_or_zeta))
+        excess = at - float(np.log(most))
+        # A design with less damping also takes less bandwidth, and then may have still less damping: two steps at once
+        # first, then as many as the last two designs tell.
+        steps = _FIRST_STEPS if before is None else (before[1] - at) / max(before[0] - excess, 1e-12)
+        before = excess, at
         bound = bound.copy()
-        bound[damping] = max(np.log(most * most / found.normalised.d_1_or_zeta / v.scale[damping]), v.low[damping])
-        found = _designed(law, spec, s, centre, seed, bound, pull)
+        lower = (
+            at - float(np.clip(steps, 1.0, _MOST_STEPS)) * (excess + _FED_BACK_ROOM) - float(np.log(v.scale[damping]))
+        )
+        bound[damping] = max(lower, v.low[damping])
+        found = _designed(law, spec, s, centre, seed, bound, pull, v.of(found.normalised))
         if found.met and v.of(found.normalised)[damping] > bound[damping] - 1e-3:
             found = replace(found, active=TRANSFER, price=0.0)
     return found
@@ -128,8 +142,10 @@ def _designed(
     seed: int,
     ceiling: Array | None,
     pull: float,
+    begin: Array | None = None,
 ) -> CellDesign:
-    """:func:`design_cell` whatever k_P D_p is."""
+    """:func:`design_cell` whatever k_P D_p is. ``begin`` (k,): a design for a higher ceiling, from which descents begin
+    in place of a search."""
     program = robust_program(law, spec)
     high = program.variables.high if ceiling is None else np.minimum(program.variables.high, ceiling)
     centre = np.minimum(centre, high)
@@ -143,18 +159,18 @@ def _designed(
         pull=pull,
     )
     rng = np.random.default_rng(seed)
-    samples, scores = candidates(ground, high, rng)
-    start = samples[int(np.argmin(scores))]
+    samples, scores = candidates(ground, high, rng) if begin is None else (np.minimum([centre, begin], high), None)
+    start = samples[1 if scores is None else int(np.argmin(scores))]
     iterations, tried = 0, [samples[0], start]
     prices: list[dict[str, float]] = [dict.fromkeys(KINDS, 0.0)] * 2
     descents = [(start, 1.0), (samples[0], 1.0), (start, _WEAK_PULL), (None, _WEAK_PULL)]
-    for begin, share in descents:
-        if begin is None:
+    for start, share in descents if scores is not None else descents[::2]:
+        if start is None:
             weak = replace(ground, pull=_WEAK_PULL * pull)
-            begin = evolved(weak, samples, tried[-1], high, rng)
-            tried.append(begin)
+            start = evolved(weak, samples, tried[-1], high, rng)
+            tried.append(start)
             prices.append(dict.fromkeys(KINDS, 0.0))
-        solved = _solve_with_cuts(program, ground, begin, pull * share, high)
+        solved = _solve_with_cuts(program, ground, start, pull * share, high)
         iterations += sum(n for _, _, n in solved)
         tried += [point for point, _, _ in solved]
         prices += [price for _, price, _ in solved]
@@ -189,7 +205,7 @@ def _solve_with_cuts(
     program: RobustProgram, ground: Ground, start: Array, pull: float, high: Array
 ) -> list[tuple[Array, dict[str, float], int]]:
     """Solutions of growing sets of scenarios: the worst of the last design join until they are all there."""
-    y, active = start, []
+    y, active, solution = start, [], None
     solutions: list[tuple[Array, dict[str, float], int]] = []
     for _ in range(_ROUNDS):
         worst_ones = _worst_scenarios(ground.evaluate(y[None]))
@@ -198,7 +214,7 @@ def _solve_with_cuts(
             break
         active = (new + active)[:SLOTS]
         slots = ground.scenarios.take(np.array(active))
-        solution = program.solve(y, ground.centre, slots, ground.bounded_stiffness(y), pull, high)
+        solution = program.solve(y, ground.centre, slots, ground.bounded_stiffness(y), pull, high, solution)
         if solution is None:
             break
         y = solution.y

@@ -54,8 +54,14 @@ _RESERVE = (0.35, 0.25, MARGIN_RESERVE)
 
 _FINE, _FINE_STEPS, _COARSE_STEPS = 20, 24, 18
 """Steps within a settling time, how many of those, and how many of twice the length after them."""
+_TIMES = (*range(1, _FINE_STEPS + 1), *range(_FINE_STEPS + 2, _FINE_STEPS + 2 * _COARSE_STEPS + 1, 2))
+"""When a response is looked at, in steps."""
+_STRIDE = 6
+"""Steps that are made as one: about the square root of them all."""
 _FREQUENCIES = np.geomspace(1.0, 130.0, 10)
-_TAYLOR = 6
+_TAYLOR, _LARGEST = 6, 1.6
+"""Order of the series of a step, and the size of its matrix: that of fast modes, which are over after one step of
+T/_FINE. The poles that are placed are a tenth of it."""
 _CLEAR = 0.15
 """Disk margin of the differential mode within its decay, in the program."""
 _CLEAR_REAL = 0.02
@@ -75,6 +81,8 @@ class Solution:
     prices: dict[str, float]
     """Change of the objective (natural logarithm of inertia, or of what replaces it) for 1 % of a promise."""
     iterations: int
+    rest: Array
+    """The other variables of the program, with which a next one begins."""
 
 
 @functools.lru_cache(maxsize=8)
@@ -139,16 +147,25 @@ class RobustProgram:
         self._aim = aim
 
     def solve(
-        self, start: Array, centre: Array, slots: Scenarios, stiffness: float, pull: float, ceiling: Array
+        self,
+        start: Array,
+        centre: Array,
+        slots: Scenarios,
+        stiffness: float,
+        pull: float,
+        ceiling: Array,
+        before: Solution | None = None,
     ) -> Solution | None:
         """A local solution from a start; None where IPOPT fails. ``slots`` holds at most SLOTS scenarios; ``pull``
-        is how much being near the centre counts, ``ceiling`` the upper bounds of y."""
+        is how much being near the centre counts, ``ceiling`` the upper bounds of y. ``before``: a solution in other
+        scenarios, whose margin and slacks are those to begin with."""
         v = self.variables
         packed = np.array([getattr(slots, f.name) for f in fields(Scenarios)])
         filled = packed.shape[1]
         packed = packed[:, np.arange(SLOTS) % filled]
         parameters = np.concatenate([packed.T.ravel(), [filled], centre, [stiffness, pull]])
-        begin = np.concatenate([start, [0.9 * self._spec.disk_margin], np.full(len(KINDS), 0.1), [0.5]])
+        first = np.concatenate([[0.9 * self._spec.disk_margin], np.full(len(KINDS), 0.1), [0.5]])
+        begin = np.concatenate([start, first if before is None else before.rest])
         low = np.concatenate([v.low, [1e-2], np.zeros(len(KINDS) + 1)])
         high = np.concatenate([ceiling, [max(self._aim, 0.011)], np.full(len(KINDS), 50.0), [1.0]])
         # A start that fails is told by the result. An interrupt would end this solution and nothing else.
@@ -160,7 +177,8 @@ class RobustProgram:
         count = len(v.names)
         prices = {kind: 0.01 * float(np.sum(np.maximum(multipliers[self._kinds == kind], 0.0))) for kind in KINDS}
         slacks = dict(zip(KINDS, x[count + 1 : -1].tolist(), strict=True))
-        return Solution(np.clip(x[:count], v.low, ceiling), slacks, prices, int(self._solver.stats()["iter_count"]))
+        iterations = int(self._solver.stats()["iter_count"])
+        return Solution(np.clip(x[:count], v.low, ceiling), slacks, prices, iterations, x[count:])
 
 
 def _of_filled_slots(slot: ca.Function, count: int) -> tuple[ca.Function, ca.Function]:
@@ -266,42 +284,60 @@ def _fastest(lags: Lags) -> float:
 def _responses(A: Any, B: Any, C: Any, settling_time: float, tau: float) -> tuple[list[Any], list[Any]]:
     """Own-channel unit step responses of P and Q at multiples of T/_FINE, then of twice that."""
     n, h = A.shape[0], settling_time / _FINE
-    squarings = max(int(np.ceil(np.log2(h * (1.0 / tau + 20.0 / settling_time) / 0.4))), 0)
-    step = h / 2.0**squarings
+    squarings = max(int(np.ceil(np.log2(h * (1.0 / tau + 20.0 / settling_time) / _LARGEST))), 0)
+    # e^M to M^6/6! in three products of matrices, and its integral times B to the order that leaves every mode at its
+    # exact rest.
+    M = A * (h / 2.0**squarings)
+    square_, cube = ca.mtimes(M, M), ca.mtimes(M, ca.mtimes(M, M))
     identity = ca.SX.eye(n)
-    phi, psi, term = identity, identity * step, identity
-    for k in range(1, _TAYLOR + 1):
-        term = ca.mtimes(term, A) * (step / k)
-        phi, psi = phi + term, psi + term * (step / (k + 1))
+    phi = identity + M + square_ / 2.0
+    phi += ca.mtimes(cube, identity / 6.0 + M / 24.0 + square_ / 120.0 + cube / 720.0)
+    term = drive = B * (h / 2.0**squarings)
+    for k in range(1, _TAYLOR):
+        term = ca.mtimes(M, term) / (k + 1.0)
+        drive += term
+    step = phi, drive
     for _ in range(squarings):
-        psi, phi = psi + ca.mtimes(phi, psi), ca.mtimes(phi, phi)
-    twice = (ca.mtimes(phi, phi), psi + ca.mtimes(phi, psi))
+        step = _after(step, step)
+    twice = _after(step, step)
+    strides = _after(_after(twice, twice), twice)
     found = []
     for channel in (0, 1):
-        x, values = ca.SX.zeros(n), []
-        for transition, drive, steps in ((phi, psi, _FINE_STEPS), (*twice, _COARSE_STEPS)):
-            into = ca.mtimes(drive, B[:, channel])
-            for _ in range(steps):
-                x = ca.mtimes(transition, x) + into
-                values.append(ca.mtimes(C[channel, :], x))
-        found.append(values)
+        # A response after g strides and b steps more: what b steps make of the output, and the state after g strides.
+        rows, offsets = [C[channel, :]], [ca.SX(0.0)]
+        for _ in range(1, _STRIDE):
+            offsets.append(offsets[-1] + ca.mtimes(rows[-1], step[1][:, channel]))
+            rows.append(ca.mtimes(rows[-1], step[0]))
+        states = [ca.SX.zeros(n)]
+        for _ in range(_TIMES[-1] // _STRIDE):
+            states.append(ca.mtimes(strides[0], states[-1]) + strides[1][:, channel])
+        found.append([ca.mtimes(rows[k % _STRIDE], states[k // _STRIDE]) + offsets[k % _STRIDE] for k in _TIMES])
     return found[0], found[1]
+
+
+def _after(later: tuple[Any, Any], first: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Transition and drive of two stretches of time, one after the other."""
+    return ca.mtimes(later[0], first[0]), later[1] + ca.mtimes(later[0], first[1])
 
 
 def _margin_rows(A_K: Any, B_K: Any, C_K: Any, J: Any, margin: Any, omegas: Array) -> list[Any]:
     """:func:`_rows_at` at each frequency: written once, with a symbol for the frequency."""
-    A, B, C, jacobian = symbols = [ca.SX.sym("k", matrix.shape[0], matrix.shape[1]) for matrix in (A_K, B_K, C_K, J)]
+    out = ca.mtimes(J, C_K)
+    matrices = [ca.mtimes(A_K, A_K), B_K, out, ca.mtimes(out, A_K)]
+    A_sq, B, C, CA = symbols = [ca.SX.sym("k", matrix.shape[0], matrix.shape[1]) for matrix in matrices]
     r, omega = ca.SX.sym("r"), ca.SX.sym("omega")
-    at = ca.Function("at", [*symbols, r, omega], _rows_at(A, B, C, jacobian, r, omega))
-    known = [A_K, B_K, C_K, J, 1.0 / margin**2]
-    return [row for value in omegas for row in at.call([*known, ca.SX(float(value))])]
+    at = ca.Function("at", [*symbols, r, omega], _rows_at(A_sq, B, C, CA, r, omega))
+    return [row for value in omegas for row in at.call([*matrices, 1.0 / margin**2, ca.SX(float(value))])]
 
 
-def _rows_at(A_K: Any, B_K: Any, C_K: Any, J: Any, r: Any, omega: Any) -> list[Any]:
-    """With r = 1/α²: r² − t r + d ≥ 0 and r ≥ t/2 at a frequency (:eq:`margin-constraint`), both over r's size."""
-    k = _solve_complex(A_K, B_K, omega)
-    loop = [[_sum(_times_real(k[i][c], C_K[row, i]) for i in range(len(k))) for c in (0, 1)] for row in (0, 1)]
-    L = [[_sum(_times_real(loop[i][c], J[row, i]) for i in (0, 1)) for c in (0, 1)] for row in (0, 1)]
+def _rows_at(A_sq: Any, B: Any, C: Any, CA: Any, r: Any, omega: Any) -> list[Any]:
+    """With r = 1/α²: r² − t r + d ≥ 0 and r ≥ t/2 at a frequency (:eq:`margin-constraint`), both over r's size.
+
+    The loop is C(jω − A)⁻¹B = −(CA + jωC)(A² + ω²)⁻¹B, so that what is solved is real.
+    """
+    x = _solved(A_sq + omega**2 * ca.SX.eye(A_sq.shape[0]), B)
+    re, im = -ca.mtimes(CA, x), -omega * ca.mtimes(C, x)
+    L = [[(re[i, j], im[i, j]) for j in (0, 1)] for i in (0, 1)]
     one = (1.0, 0.0)
     a11, a22 = difference(one, L[0][0]), difference(one, L[1][1])
     a12, a21 = difference((0.0, 0.0), L[0][1]), difference((0.0, 0.0), L[1][0])
@@ -313,37 +349,19 @@ def _rows_at(A_K: Any, B_K: Any, C_K: Any, J: Any, r: Any, omega: Any) -> list[A
     return [1.0 - t / r + d / r**2, 1.0 - 0.5 * t / r]
 
 
-def _solve_complex(A: Any, B: Any, omega: Any) -> list[list[tuple[Any, Any]]]:
-    """(jω − A)⁻¹ B as pairs (re, im), by elimination from the last state up: the diagonal never vanishes at ω > 0."""
-    n = A.shape[0]
-    M = [[(-A[i, j] if A[i, j].nnz() else 0.0, omega if i == j else 0.0) for j in range(n)] for i in range(n)]
-    rhs = [[(B[i, c], 0.0) for c in (0, 1)] for i in range(n)]
-    order = range(n - 1, -1, -1)
-    for k in order:
-        inverse = _reciprocal(M[k][k])
+def _solved(M: Any, B: Any) -> Any:
+    """M⁻¹ B, by elimination from the last state up."""
+    n = M.shape[0]
+    rows = [ca.horzcat(M[i, :], B[i, :]) for i in range(n)]
+    for k in range(n - 1, -1, -1):
+        rows[k] = rows[k] / rows[k][k]
         for i in range(k):
-            factor = times(M[i][k], inverse)
-            for j in range(k):
-                M[i][j] = difference(M[i][j], times(factor, M[k][j]))
-            rhs[i] = [difference(rhs[i][c], times(factor, rhs[k][c])) for c in (0, 1)]
-    x: list[list[tuple[Any, Any]]] = [[(0.0, 0.0)] * 2 for _ in range(n)]
+            left = ca.horzcat(rows[k][:k], ca.SX(1, n - k), rows[k][n:])
+            rows[i] = rows[i] - rows[i][k] * left
+    x: list[Any] = []
     for k in range(n):
-        inverse = _reciprocal(M[k][k])
-        for c in (0, 1):
-            value = rhs[k][c]
-            for j in range(k):
-                value = difference(value, times(M[k][j], x[j][c]))
-            x[k][c] = times(value, inverse)
-    return x
-
-
-def _times_real(a: Any, k: Any) -> tuple[Any, Any]:
-    return a[0] * k, a[1] * k
-
-
-def _sum(terms: Any) -> tuple[Any, Any]:
-    re, im = zip(*terms, strict=True)
-    return sum(re), sum(im)
+        x.append(rows[k][n:] - sum((rows[k][j] * x[j] for j in range(k)), ca.SX.zeros(1, B.shape[1])))
+    return ca.vertcat(*x)
 
 
 def _reciprocal(a: Any) -> tuple[Any, Any]:
