@@ -39,8 +39,7 @@ from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
 from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
 from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
 from vsgdesign.report.scenario.outcomes import step_outcomes
-from vsgdesign.report.scenario.placing import placing_text
-from vsgdesign.report.scenario.verdict import explanation, survival_sentence, verdict
+from vsgdesign.report.scenario.verdict import explanation, placing_text, survival_sentence, verdict
 from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
 from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles
