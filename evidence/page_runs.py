@@ -24,10 +24,9 @@ from evidence._tables import leave, table
 from tests.explore.browser.chromium import Page, chromium
 from tests.explore.browser.explorer import COUNTER, SETTLED, drag_about
 from vsgdesign.artifacts.ready import Ready, read_tables
-from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.live import NOTHING, emt_answer, simulated
 from vsgdesign.report.explore.page_file import joined_modules, write_page
-from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.scene import scene_of, study_of
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
 from vsgdesign.study.parameters import load_study, study_from_text

@@ -23,10 +23,9 @@ from tests.explore.browser.chromium import Page, chromium
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.survival import VERDICTS
-from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.live import NOTHING, emt_answer, simulated
 from vsgdesign.report.explore.page_file import write_page
-from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.scene import scene_of, study_of
 from vsgdesign.report.explore.session import SWITCHED, Session
 from vsgdesign.report.explore.state import State
 from vsgdesign.simulation.scenario import run_scenario

@@ -19,9 +19,8 @@ def draw_still(session: Session, path: Path) -> str:
     """Draws the runs with which an explorer opens as a PNG: the stepped power, else the active one, and the current.
     Returns what the figure shows in words, with the verdict on every run."""
     from vsgdesign.report.drawing.style import PAGE_IN, REFERENCE, add_axes, line_style, look, new_figure
-    from vsgdesign.report.explore.events import study_of
     from vsgdesign.report.explore.live import emt_answer
-    from vsgdesign.report.explore.scene import scene_of
+    from vsgdesign.report.explore.scene import scene_of, study_of
 
     state = session.start
     answer = emt_answer(session.study, session.ready, state)

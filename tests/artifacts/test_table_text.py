@@ -25,8 +25,8 @@ from vsgdesign.artifacts.table_text import (
 from vsgdesign.certificate.results import Counterexample, growing_mode
 from vsgdesign.export import export_c_files
 from vsgdesign.report.gain_table import page as table_page
+from vsgdesign.report.gain_table.maps import certificate_figure
 from vsgdesign.report.gain_table.page import verdict_of
-from vsgdesign.report.gain_table.regions import certificate_figure
 from vsgdesign.report.gain_table.words import built_text
 
 REGION = {"scr": [2.0, 8.0], "x_over_r": [0.3, 3.0], "P": [-4500.0, 4500.0], "Q": [-2e3, 2e3], "error": 0.2}

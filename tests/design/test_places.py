@@ -24,7 +24,7 @@ from vsgdesign.certificate.places import joined
 from vsgdesign.design.evaluation import between_units, model_in
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.report.gain_table.answer import table_answer
+from vsgdesign.report.gain_table.overview import table_answer
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.study.parameters import ControllerSpec, Study

@@ -22,9 +22,8 @@ from vsgdesign.linear.stability.table_claims import limit_of
 from vsgdesign.report import write_table_figures, write_table_report
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.panels import surface_scale
-from vsgdesign.report.gain_table.answer import table_answer, table_headline
 from vsgdesign.report.gain_table.maps import varies
-from vsgdesign.report.gain_table.overview import stiffness
+from vsgdesign.report.gain_table.overview import stiffness, table_answer, table_headline
 from vsgdesign.report.gain_table.page import margins_table, table_figures, table_page, verdict_of
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.verbs.pipeline.table import report_table

@@ -15,10 +15,9 @@ from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.campaigns.verification.case_study import case_study
 from vsgdesign.campaigns.verification.draws import cases_of, families, uniforms_of
 from vsgdesign.linear.stability.cells import cells_under
-from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.live import emt_answer, simulated
 from vsgdesign.report.explore.maps import survived_cells
-from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.scene import scene_of, study_of
 from vsgdesign.report.explore.state import defaults, state_of
 from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes

@@ -134,7 +134,7 @@ def write_table_report(
 
 def write_comparison_figures(comparison: Comparison, folder: str | Path) -> list[WrittenFigure]:
     """Draw the figure of a comparison into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
-    from vsgdesign.report.comparison.figures import comparison_figures
+    from vsgdesign.report.comparison.page import comparison_figures
     from vsgdesign.report.drawing.files import write_all
 
     return write_all(comparison_figures(comparison), folder)

@@ -16,10 +16,9 @@ from tests.explore.browser.chromium import Chromium
 from tests.explore.dc_studies import SOURCES, STUDY
 from vsgdesign.artifacts.ready import NOTHING as NO_TABLES
 from vsgdesign.report.explore.dc_side import WORDS as DC_WORDS
-from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.live import NOTHING, emt_answer, simulated
 from vsgdesign.report.explore.page_file import write_page
-from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.scene import scene_of, study_of
 from vsgdesign.report.explore.session import Session
 from vsgdesign.study.parameters import study_from_text
 

@@ -17,14 +17,13 @@ from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.report.explore import page_file
-from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.lattice import shown_in
 from vsgdesign.report.explore.linear import OF_MODEL
 from vsgdesign.report.explore.live import NOTHING as FIGURES
 from vsgdesign.report.explore.live import SIGNALS, simulated
 from vsgdesign.report.explore.maps import map_cells, map_figures, quick_figures, survived_cells
 from vsgdesign.report.explore.page_file import joined_modules, page_of_session, write_page
-from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.scene import scene_of, study_of
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
 from vsgdesign.report.explore.state import State

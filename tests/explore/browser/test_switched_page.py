@@ -12,11 +12,10 @@ import pytest
 from evidence.page_runs import bits_of, opened
 from tests.explore.browser.chromium import Chromium
 from tests.explore.test_page_runs import session_in
-from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.live import NOTHING, emt_answer, simulated
 from vsgdesign.report.explore.page_file import OF_BRIDGE, write_page
 from vsgdesign.report.explore.page_runs import WORDS
-from vsgdesign.report.explore.scene import scene_of
+from vsgdesign.report.explore.scene import scene_of, study_of
 from vsgdesign.study.parameters import study_from_text
 
 RUNS = (

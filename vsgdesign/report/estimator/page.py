@@ -17,7 +17,7 @@ from vsgdesign.identification import SIGNAL_SETS
 from vsgdesign.report.drawing import spark
 from vsgdesign.report.drawing.figure_types import WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain
-from vsgdesign.report.estimator.field_training import WAY_WORDS, coverage_table, runs_table, score_table
+from vsgdesign.report.estimator.training import WAY_WORDS, coverage_table, runs_table, score_table
 from vsgdesign.report.page.blocks import (
     BULLETS,
     FACT,

@@ -31,7 +31,7 @@ ROOM = 1.4
 
 def study_info(study: Study, ready: Ready, colours: Mapping[str, str]) -> dict[str, Any]:
     """The document of ``GET study``."""
-    from vsgdesign.report.explore.events import events_of
+    from vsgdesign.report.explore.scene import events_of
 
     scr, x_over_r = map_axes(study)
     promises = {figure.name: (figure.promise, figure.scale) for figure in map_figures(study)}

@@ -19,8 +19,17 @@ from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import loads_of
 from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
 from vsgdesign.report.explore.dc_side import curves_of_dc, levels_of
-from vsgdesign.report.explore.events import LEAD_S, after_s, event_s, events_of, length_s, study_of
-from vsgdesign.report.explore.scene import Scene, Shown, scene_of
+from vsgdesign.report.explore.scene import (
+    LEAD_S,
+    Scene,
+    Shown,
+    after_s,
+    event_s,
+    events_of,
+    length_s,
+    scene_of,
+    study_of,
+)
 from vsgdesign.report.explore.state import State
 from vsgdesign.report.explore.words import SETTLED, asked_of, verdict
 from vsgdesign.simulation.every_sample import signals_at_pcc, with_every_sample

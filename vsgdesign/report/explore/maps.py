@@ -18,8 +18,17 @@ from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
 from vsgdesign.linear.stability.step_responses import full_order_settling
 from vsgdesign.metrics.modes import least_damping
 from vsgdesign.report.explore.answer import Answer
-from vsgdesign.report.explore.events import event_s, events_at, length_s, told_spec
-from vsgdesign.report.explore.scene import Shown, at_source, held_grid, references_of, shown_of
+from vsgdesign.report.explore.scene import (
+    Shown,
+    at_source,
+    event_s,
+    events_at,
+    held_grid,
+    length_s,
+    references_of,
+    shown_of,
+    told_spec,
+)
 from vsgdesign.report.explore.state import State
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, LaneResults

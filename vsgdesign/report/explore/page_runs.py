@@ -29,7 +29,6 @@ from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel, link_in_model
 from vsgdesign.linear.stability.loci import RANKED, quantity_of
 from vsgdesign.report.explore.dc_side import page_of_dc
-from vsgdesign.report.explore.events import NAMES, STEP_NAME, after_s, event_s, study_of
 from vsgdesign.report.explore.lattice import Columns, Lattice, Texts
 from vsgdesign.report.explore.live import NOTHING
 from vsgdesign.report.explore.page_cases import PageCase, cases_document
@@ -42,7 +41,7 @@ from vsgdesign.report.explore.page_verdicts import (
     verdict_loops,
 )
 from vsgdesign.report.explore.saving import WithoutEvent
-from vsgdesign.report.explore.scene import Scene, scene_of
+from vsgdesign.report.explore.scene import NAMES, STEP_NAME, Scene, after_s, event_s, scene_of, study_of
 from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State, sizes_of_steps
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.lookup import gain_lookup

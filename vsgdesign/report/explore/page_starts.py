@@ -22,9 +22,8 @@ from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.linear.operating_point.many import Lanes, ManyStates, many_steady_states
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.linear.operating_point.plants import plant_steps
-from vsgdesign.report.explore.events import study_of
 from vsgdesign.report.explore.saving import WithoutEvent, saved_without_event
-from vsgdesign.report.explore.scene import Scene, joined_cells, references_of, scenes_of
+from vsgdesign.report.explore.scene import Scene, joined_cells, references_of, scenes_of, study_of
 from vsgdesign.report.explore.state import State
 from vsgdesign.runtime.of_study import follows_measured, gain_law
 from vsgdesign.simulation.batch import Batch

@@ -25,7 +25,7 @@ from vsgdesign.metrics.protection import held_in_words, rate_in_words
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, FIRST_S, REST_SHARE, STATUSES, place_of_verdict, swung
 from vsgdesign.report.explore import words
-from vsgdesign.report.explore.events import samples_of_step
+from vsgdesign.report.explore.scene import samples_of_step
 from vsgdesign.simulation.axes import headed
 from vsgdesign.simulation.outcome import ACTS, BOUND_PU, IN_WORDS, LIMITS, MOVES, PARTS, RESTING_S
 from vsgdesign.simulation.scenario.controllers import samples_per_mean

@@ -13,8 +13,7 @@ from vsgdesign.campaigns.verification.case_study import inner_loops_document, pl
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.report.explore.dc_side import with_written_charge
-from vsgdesign.report.explore.events import study_of
-from vsgdesign.report.explore.scene import Scene, scene_of
+from vsgdesign.report.explore.scene import Scene, scene_of, study_of
 from vsgdesign.report.explore.state import OWN, State
 from vsgdesign.simulation.steps import references_at
 from vsgdesign.study.parameters.controllers import mean_time, poles_to_write

@@ -63,7 +63,7 @@ class PlaceOfState:
 
 @dataclass(frozen=True, kw_only=True)
 class EventOfState:
-    """The fields of the page from which its event is made (:func:`vsgdesign.report.explore.events.events_at`). Values
+    """The fields of the page from which its event is made (:func:`vsgdesign.report.explore.scene.events_at`). Values
     that its kind does not need have no effect."""
 
     kind: str = "step"

@@ -17,7 +17,7 @@ from vsgdesign.metrics.met import (
     settling_met,
 )
 from vsgdesign.metrics.survival import BLOCKED, HARDWARE_PU, LATCHED, NOT_AT_REST, SLIPPED, SURVIVED, TRIPPED
-from vsgdesign.report.explore.events import SHOWN_S
+from vsgdesign.report.explore.scene import SHOWN_S
 from vsgdesign.simulation.outcome import MOVES_AT, RESTS_AT
 from vsgdesign.simulation.survival.running import TRIPS_AT
 from vsgdesign.study.parameters.study import Study

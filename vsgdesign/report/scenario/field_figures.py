@@ -17,8 +17,8 @@ from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.run_figure import Row, RunFigure, View, legend, run_figure
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, REFERENCE, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.scenario.estimate_figures import change_zooms
 from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of
+from vsgdesign.report.scenario.schedule_figures import change_zooms
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.simulation.scenario.judging import same_with_truth
 

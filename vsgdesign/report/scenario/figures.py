@@ -20,9 +20,8 @@ from vsgdesign.report.drawing.run_figure import LETTERS, Row, RunFigure, View, Z
 from vsgdesign.report.drawing.style import BAND, LABEL_PT, LIMITS_BAND, REFERENCE, line_style, look
 from vsgdesign.report.drawing.time_axis import short_name, symbols
 from vsgdesign.report.scenario.bode_figures import bode_figures
-from vsgdesign.report.scenario.estimate_figures import estimate_figures
 from vsgdesign.report.scenario.field_figures import field_figures
-from vsgdesign.report.scenario.schedule_figures import schedule_figures
+from vsgdesign.report.scenario.schedule_figures import estimate_figures, schedule_figures
 from vsgdesign.report.scenario.signals import Signal, events_of, signals
 from vsgdesign.simulation.scenario import ScenarioResult
 from vsgdesign.study.parameters.study import Event
@@ -59,7 +58,7 @@ def _figures_of_runs(result: ScenarioResult, trained: TrainedEstimator | None) -
     yield from estimate_figures(result)
     yield from field_figures(result)
     if trained is not None:
-        from vsgdesign.report.estimator.training_figures import training_figures
+        from vsgdesign.report.estimator.training import training_figures
 
         yield from training_figures(trained)
 

@@ -1,5 +1,5 @@
-"""The results in words: which targets are met or missed, by how much, why the closed form misses them, and for what time
-its poles are placed."""
+"""The results in words: which targets are met or missed, by how much, why the closed form misses them, and for what
+time its poles are placed."""
 
 from __future__ import annotations
 

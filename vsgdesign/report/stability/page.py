@@ -39,9 +39,8 @@ from vsgdesign.report.page.network import network_block
 from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.report.stability import tables as made
 from vsgdesign.report.stability.frequency import frequency_figures
-from vsgdesign.report.stability.hover import hover_json
 from vsgdesign.report.stability.maps import map_figures
-from vsgdesign.report.stability.modes import mode_figures
+from vsgdesign.report.stability.modes import hover_json, mode_figures
 from vsgdesign.report.stability.schedule import schedule_figures
 from vsgdesign.report.stability.steps import step_figures
 from vsgdesign.report.stability.verdict import gates_text, stability_answer, stability_headline, verdict_text

@@ -46,8 +46,7 @@ from vsgdesign.report.page.blocks import (
 )
 from vsgdesign.report.page.html import print_html
 from vsgdesign.report.page.live import StaticPage, linked_to_case, try_it, way_to_it
-from vsgdesign.report.verification.maps import map_figures
-from vsgdesign.report.verification.promises import promises_figure
+from vsgdesign.report.verification.figures import map_figures, promises_figure
 
 SHOWN = 5
 """Worst cases that a terminal names. The page has all of them."""

@@ -49,7 +49,7 @@ def windows(study_file: str, recipe: str | None, out: str, seed: int | None, how
     """
     from vsgdesign.estimator.recipes import describe_sampling, sampling_document, with_sampling
     from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
-    from vsgdesign.report.estimator.words import SYNCHRONISED, window_sentences
+    from vsgdesign.report.estimator.training import SYNCHRONISED, window_sentences
     from vsgdesign.study.parameters.estimator import EstimatorSpec
 
     study = load(study_file)
@@ -146,7 +146,7 @@ def train(
         if as_json:
             print_json(document)
             return
-        from vsgdesign.report.estimator.words import trained_sentences
+        from vsgdesign.report.estimator.training import trained_sentences
 
         for sentence in trained_sentences(document):
             click.echo(sentence)

@@ -49,7 +49,7 @@ class ComparedGains(Shown):
         return plain(comparison_document(self.comparison))
 
     def _figures(self) -> Iterator[NamedFigure]:
-        from vsgdesign.report.comparison.figures import comparison_figures
+        from vsgdesign.report.comparison.page import comparison_figures
 
         yield from comparison_figures(self.comparison)
 

@@ -78,7 +78,7 @@ class Design(Shown):
 
     def sentences(self) -> Sequence[str]:
         """Where each controller rests within its limits, and which gain table is missing."""
-        from vsgdesign.report.stability.power_flow import flow_headline
+        from vsgdesign.report.stability.design import flow_headline
 
         return [*map(flow_headline, self.found.flows), *self.found.missing]
 
@@ -87,7 +87,7 @@ class Design(Shown):
         return plain(self.found.document())
 
     def _figures(self) -> Iterator[NamedFigure]:
-        from vsgdesign.report.stability.power_flow import flow_figures
+        from vsgdesign.report.stability.design import flow_figures
 
         yield from flow_figures(self.found.study, self.found.flows)
 

@@ -36,7 +36,7 @@ class Training(Shown):
 
     def sentences(self) -> Sequence[str]:
         """What ``vsgdesign estimator train`` prints."""
-        from vsgdesign.report.estimator.words import trained_sentences
+        from vsgdesign.report.estimator.training import trained_sentences
 
         return trained_sentences(self.document)
 
@@ -46,8 +46,7 @@ class Training(Shown):
 
     def _figures(self) -> Iterator[NamedFigure]:
         from vsgdesign.estimator.trained import TrainedEstimator
-        from vsgdesign.report.estimator.field_training import field_training_figures
-        from vsgdesign.report.estimator.training_figures import training_figures
+        from vsgdesign.report.estimator.training import field_training_figures, training_figures
 
         if isinstance(self.trained, TrainedEstimator):
             yield from training_figures(self.trained)

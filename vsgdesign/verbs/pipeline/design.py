@@ -28,8 +28,7 @@ def report_design(study: Study, out: str | Path) -> StudyDesign:
     """Writes results.json, the power flow as CSV, figures and report.html to ``out``. Raises ArtifactError."""
     from vsgdesign.report.drawing.files import write_all
     from vsgdesign.report.page.html import print_html
-    from vsgdesign.report.stability.design import design_page
-    from vsgdesign.report.stability.power_flow import flow_figures
+    from vsgdesign.report.stability.design import design_page, flow_figures
 
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
         found = designed(study)

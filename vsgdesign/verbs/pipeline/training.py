@@ -144,8 +144,8 @@ def train_weights_file(
         document = _trained_document(study, recipe, trained)
         if folder is not None:
             from vsgdesign.report.drawing.files import write_all
-            from vsgdesign.report.estimator.field_training import field_training_figures
             from vsgdesign.report.estimator.page import write_field_training_page
+            from vsgdesign.report.estimator.training import field_training_figures
 
             figures = write_all(field_training_figures(trained), folder / "figures")
             write_field_training_page(study.title, trained, figures, folder / "report.html")
