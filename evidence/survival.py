@@ -19,7 +19,7 @@ import numpy as np
 from evidence._field_converters import CONVERTERS, STUDIES
 from evidence._kept_runs import progress
 from evidence._tables import leave, table
-from vsgdesign.campaigns.survival.many import run_many
+from vsgdesign.campaigns.survival import run_many
 from vsgdesign.simulation.survival import CaseResult, SurvivalCase
 from vsgdesign.study.parameters import load_study
 from vsgdesign.verbs.pipeline.survival import (

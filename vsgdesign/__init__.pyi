@@ -9,9 +9,11 @@ from vsgdesign.verbs.facade.assessed import Margins as Margins
 from vsgdesign.verbs.facade.assessed import linear_model as linear_model
 from vsgdesign.verbs.facade.assessed import margins as margins
 from vsgdesign.verbs.facade.campaigns import Compliance as Compliance
+from vsgdesign.verbs.facade.campaigns import DcSide as DcSide
 from vsgdesign.verbs.facade.campaigns import Survival as Survival
 from vsgdesign.verbs.facade.campaigns import Verification as Verification
 from vsgdesign.verbs.facade.campaigns import comply as comply
+from vsgdesign.verbs.facade.campaigns import size as size
 from vsgdesign.verbs.facade.campaigns import survive as survive
 from vsgdesign.verbs.facade.campaigns import verify as verify
 from vsgdesign.verbs.facade.compared import CheckedTable as CheckedTable
@@ -22,12 +24,12 @@ from vsgdesign.verbs.facade.compared import check_table as check_table
 from vsgdesign.verbs.facade.compared import compare as compare
 from vsgdesign.verbs.facade.compared import compare_tables as compare_tables
 from vsgdesign.verbs.facade.compared import diff as diff
-from vsgdesign.verbs.facade.dc_side import DcSide as DcSide
-from vsgdesign.verbs.facade.dc_side import size as size
 from vsgdesign.verbs.facade.designed import Design as Design
 from vsgdesign.verbs.facade.designed import InnerLoops as InnerLoops
+from vsgdesign.verbs.facade.designed import NetworkGrid as NetworkGrid
 from vsgdesign.verbs.facade.designed import NewStudy as NewStudy
 from vsgdesign.verbs.facade.designed import design_study as design_study
+from vsgdesign.verbs.facade.designed import grid_of_network as grid_of_network
 from vsgdesign.verbs.facade.designed import inner as inner
 from vsgdesign.verbs.facade.designed import new as new
 from vsgdesign.verbs.facade.designed import validate as validate
@@ -46,8 +48,6 @@ from vsgdesign.verbs.facade.exports import export_plecs as export_plecs
 from vsgdesign.verbs.facade.exports import export_simulink as export_simulink
 from vsgdesign.verbs.facade.exports import export_sunspec as export_sunspec
 from vsgdesign.verbs.facade.exports import pil as pil
-from vsgdesign.verbs.facade.networks import NetworkGrid as NetworkGrid
-from vsgdesign.verbs.facade.networks import grid_of_network as grid_of_network
 from vsgdesign.verbs.facade.reporting import explore as explore
 from vsgdesign.verbs.facade.reporting import write_report as write_report
 from vsgdesign.verbs.facade.simulated import Run as Run
@@ -62,7 +62,7 @@ from vsgdesign.verbs.facade.tables import certify as certify
 from vsgdesign.verbs.facade.tables import design_table as design_table
 from vsgdesign.verbs.facade.tables import export_c as export_c
 from vsgdesign.verbs.facade.tables import open_table as open_table
-from vsgdesign.verbs.pipeline.citing import cite as cite
+from vsgdesign.verbs.pipeline.given_results import cite as cite
 
 __all__: list[str]
 __version__: str

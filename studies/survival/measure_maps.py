@@ -15,7 +15,7 @@ import numpy as np
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.compliance.maps import Mapped, clearing_times_of
-from vsgdesign.campaigns.survival.many import run_many
+from vsgdesign.campaigns.survival import run_many
 from vsgdesign.simulation.survival import (
     CaseResult,
     CaseRun,

@@ -14,7 +14,7 @@ from vsgdesign import __version__
 from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.identification.registry import ESTIMATORS
-from vsgdesign.verbs.pipeline.citing import PAPERS, references
+from vsgdesign.verbs.pipeline.given_results import PAPERS, references
 
 ROOT = Path(__file__).resolve().parents[2]
 

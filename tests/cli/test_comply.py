@@ -371,7 +371,7 @@ def test_a_lost_worker_is_said_where_the_study_files_are_written() -> None:
 
 
 def test_the_old_name_of_must_pass_still_works() -> None:
-    from vsgdesign.verbs.cli.comply import comply
+    from vsgdesign.verbs.cli.campaigns import comply
 
     (option,) = (one for one in comply.params if one.name == "must_pass")
     assert option.opts == ["--must-pass", "--strict"]

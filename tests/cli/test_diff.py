@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.cli.small_studies import call, failure, study_file
-from vsgdesign.verbs.pipeline.diff import SAME, changes_of
+from vsgdesign.verbs.pipeline.given_results import SAME, changes_of
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,9 @@ WRITING = {
     "report": "vsgdesign.verbs.pipeline.report_stability",
     "run": "vsgdesign.verbs.pipeline.run_study",
     "inner": "vsgdesign.verbs.pipeline.inner.report_inner_loops",
-    "estimator compare": "vsgdesign.verbs.pipeline.estimator.report_comparison",
-    "estimator stress": "vsgdesign.verbs.pipeline.estimator.report_stress",
-    "estimator train": "vsgdesign.verbs.pipeline.training.train_weights_file",
+    "estimator compare": "vsgdesign.verbs.pipeline.estimators.report_comparison",
+    "estimator stress": "vsgdesign.verbs.pipeline.estimators.report_stress",
+    "estimator train": "vsgdesign.verbs.pipeline.estimators.train_weights_file",
 }
 
 

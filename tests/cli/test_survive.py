@@ -15,7 +15,7 @@ from tests.cli.small_studies import call, failure
 from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.campaigns.survival import many
+from vsgdesign.campaigns import survival as many
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.survival import survival_blocks, survival_sentences

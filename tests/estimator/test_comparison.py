@@ -43,7 +43,7 @@ from vsgdesign.study.parameters.background import draw_background
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.sensors import draw_sensors
 from vsgdesign.verbs.cli.program import main
-from vsgdesign.verbs.pipeline.estimator import report_comparison
+from vsgdesign.verbs.pipeline.estimators import report_comparison
 
 SETTINGS = ComparisonSettings(scr=(8.0,), grid_steps=((2.0, 8.0),), draws=3)
 NETWORKS = {"Untrained": random_weights(synchronised=True)}

@@ -106,20 +106,20 @@ SAME = {
         vd.inner,
         {"what_if": False, "remedies": True},
     ),
-    "design": Same("design.report_design", "", vd.design_study, {}),
+    "design": Same("margins.report_design", "", vd.design_study, {}),
     "estimator train": Same(
-        "training.train_weights_file",
+        "estimators.train_weights_file",
         "--recipe wide --seed 5 --hidden 7 --components 9 --windows w.npz",
         vd.train,
         {"recipe": "wide", "seed": 5, "hidden": 7, "components": 9, "windows": "w.npz"},
     ),
     "estimator compare": Same(
-        "estimator.report_comparison",
+        "estimators.report_comparison",
         "--weights w.json --recipe wide --seed 5",
         vd.compare_estimators,
         {"weights": ["w.json"], "recipes": ["wide"], "seed": 5},
     ),
-    "estimator stress": Same("estimator.report_stress", "", vd.stress_estimators, {}),
+    "estimator stress": Same("estimators.report_stress", "", vd.stress_estimators, {}),
 }
 
 

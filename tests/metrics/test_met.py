@@ -14,7 +14,7 @@ from tests.simulation.test_promises import ASKED, study_with
 from vsgdesign.campaigns.compliance.matrix import _verdict
 from vsgdesign.campaigns.compliance.rows import PASS
 from vsgdesign.campaigns.compliance.suite import Criterion
-from vsgdesign.campaigns.verification.promises import verified_promises
+from vsgdesign.campaigns.verification.counting import verified_promises
 from vsgdesign.design.evaluation import Figures, shortfalls
 from vsgdesign.design.inner.promises import PromiseReached
 from vsgdesign.linear.stability.table_claims import claim_faults

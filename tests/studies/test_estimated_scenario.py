@@ -17,7 +17,7 @@ from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.scenario.judging import Judgement, judge_estimates
 from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.study.parameters.grid import Place
-from vsgdesign.verbs.pipeline.training import make_network
+from vsgdesign.verbs.pipeline.estimators import make_network
 
 STUDIES = Path(__file__).resolve().parents[2] / "studies"
 

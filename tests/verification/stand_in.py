@@ -9,8 +9,7 @@ import numpy as np
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.campaigns.verification.blocks import Batch, SingleRun, VerificationJob
-from vsgdesign.campaigns.verification.counting import MapAxes
-from vsgdesign.campaigns.verification.promises import Promise
+from vsgdesign.campaigns.verification.counting import MapAxes, Promise
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.simulation.lanes.results import STATUSES
 from vsgdesign.study.parameters.study import ControllerSpec, Study

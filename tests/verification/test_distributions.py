@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from vsgdesign.campaigns.verification.distributions import distributions
+from vsgdesign.campaigns.verification.document import distributions
 from vsgdesign.study.parameters import study_from_text
 
 STUDY = """

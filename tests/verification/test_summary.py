@@ -16,8 +16,7 @@ import pytest
 from tests.verification import stand_in
 from vsgdesign.campaigns.verification import counting
 from vsgdesign.campaigns.verification.blocks import VerificationJob
-from vsgdesign.campaigns.verification.counting import judged_values, last_grids
-from vsgdesign.campaigns.verification.promises import FIGURES
+from vsgdesign.campaigns.verification.counting import FIGURES, judged_values, last_grids
 from vsgdesign.campaigns.verification.summary import (
     BROKEN,
     MAP,

@@ -9,7 +9,7 @@ import pytest
 
 from tests import gain_tables
 from tests.verification.test_summary import STUDY
-from vsgdesign.campaigns.verification.promises import FIGURES
+from vsgdesign.campaigns.verification.counting import FIGURES
 from vsgdesign.campaigns.verification.worst import beside_relaxed, end_of, start_of, what_of, why_of
 from vsgdesign.simulation.lanes.cases import LaneCases, no_events
 from vsgdesign.study.parameters.grid import Place

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from tests.simulation.survival.subjects import subject
-from vsgdesign.campaigns.survival import many
-from vsgdesign.campaigns.survival.many import run_many
+from vsgdesign.campaigns import survival as many
+from vsgdesign.campaigns.survival import run_many
 from vsgdesign.errors import ArtifactError
 from vsgdesign.metrics.survival import NO_REST, NOT_AT_REST, SURVIVED, Survival
 from vsgdesign.simulation.survival import (

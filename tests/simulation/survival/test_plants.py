@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.campaigns.survival.plants import plant_verdict
-from vsgdesign.campaigns.survival.together import verdicts_of
+from vsgdesign.campaigns.survival import plant_verdict, verdicts_of
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.survival import NO_REST, OVER_LIMIT, SURVIVED
 from vsgdesign.simulation.survival import GridKnowledge, Subject, SurvivalCase, fixed_set, plant_set, run_case

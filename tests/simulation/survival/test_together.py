@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.survival.subjects import TEXT, subject
-from vsgdesign.campaigns.survival.together import share_a_loop, verdicts_of
+from vsgdesign.campaigns.survival import share_a_loop, verdicts_of
 from vsgdesign.metrics.survival import LATCHED, NO_REST, NOT_AT_REST, OVER_LIMIT, SLIPPED, SURVIVED, TRIPPED
 from vsgdesign.simulation.survival import (
     FOR_EVER,

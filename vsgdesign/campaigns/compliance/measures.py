@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from vsgdesign.campaigns.compliance.measured_extremes import CURRENTS, EXTREMES
 from vsgdesign.campaigns.compliance.measured_faults import FAULTS
-from vsgdesign.campaigns.compliance.measured_frequency import FREQUENCY
-from vsgdesign.campaigns.compliance.measured_oscillations import OSCILLATIONS
-from vsgdesign.campaigns.compliance.measured_responses import RECOVERY, RESPONSES
+from vsgdesign.campaigns.compliance.measured_frequency import FREQUENCY, OSCILLATIONS
+from vsgdesign.campaigns.compliance.measured_responses import CURRENTS, EXTREMES, RECOVERY, RESPONSES
 from vsgdesign.campaigns.compliance.measuring import Measure, Measured, MeasureInput, Parameter, Ratings
 
 __all__ = ["MEASURES", "Measure", "MeasureInput", "Measured", "Parameter", "Ratings"]

@@ -15,8 +15,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.campaigns.verification.counting import MapAxes, Results, count_block
-from vsgdesign.campaigns.verification.promises import Promise
+from vsgdesign.campaigns.verification.counting import MapAxes, Promise, Results, count_block
 from vsgdesign.campaigns.verification.summary import Summary, summary_document, summary_of
 from vsgdesign.errors import ArtifactError, counted
 from vsgdesign.execution import jobs
@@ -42,7 +41,7 @@ class SingleRun(NamedTuple):
     """A case that was simulated by itself."""
 
     figures: Mapping[str, float]
-    """Those that the single run has, by the names of :data:`vsgdesign.campaigns.verification.promises.FIGURES`."""
+    """Those that the single run has, by the names of :data:`vsgdesign.campaigns.verification.counting.FIGURES`."""
     P: float
     Q: float
     """At rest before the first event, at the control point, W and var."""

@@ -69,7 +69,7 @@ class CaseFigures(NamedTuple):
     status: str
     """A name of :data:`vsgdesign.simulation.lanes.STATUSES`."""
     figures: tuple[float, ...]
-    """In the order of :data:`vsgdesign.campaigns.verification.promises.FIGURES`; NaN where a figure does not exist."""
+    """In the order of :data:`vsgdesign.campaigns.verification.counting.FIGURES`; NaN where a figure does not exist."""
 
 
 class BrokenCase(NamedTuple):

@@ -12,10 +12,9 @@ import numpy as np
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.campaigns.verification.blocks import VerificationJob
-from vsgdesign.campaigns.verification.counting import last_grids
+from vsgdesign.campaigns.verification.counting import FIGURES, last_grids
 from vsgdesign.campaigns.verification.document import figures_document
 from vsgdesign.campaigns.verification.draws import COORDINATES, UNIFORMS, uniforms_of
-from vsgdesign.campaigns.verification.promises import FIGURES
 from vsgdesign.campaigns.verification.search import Searched, begun_search, starts_of
 from vsgdesign.campaigns.verification.summary import WORST, CaseFigures, Summary
 from vsgdesign.execution.progress import Progress, silent

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.campaigns.verification.promises import LIMIT_ROOM
+from vsgdesign.campaigns.verification.counting import LIMIT_ROOM
 from vsgdesign.linear.stability.cells import reduced_cells
 from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.step_response import SETTLING_BAND

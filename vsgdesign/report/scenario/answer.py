@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
-from vsgdesign.campaigns.verification.promises import LIMIT_ROOM
+from vsgdesign.campaigns.verification.counting import LIMIT_ROOM
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED
 from vsgdesign.metrics.met import beside_limit

@@ -133,7 +133,7 @@ def train(
 
     from vsgdesign.estimator.specification import specification_of
     from vsgdesign.study.parameters.estimator import EstimatorSpec
-    from vsgdesign.verbs.pipeline.training import train_weights_file
+    from vsgdesign.verbs.pipeline.estimators import train_weights_file
 
     study = load(study_file)
     given = {"recipe": recipe, "seed": seed, "hidden": hidden, "components": components}
@@ -223,7 +223,7 @@ def compare(**asked: Any) -> None:
 
     The report shows the error and its theoretical bound, how much each method disturbs the grid, and its delay.
     """
-    from vsgdesign.verbs.pipeline.estimator import report_comparison
+    from vsgdesign.verbs.pipeline.estimators import report_comparison
 
     _report(report_comparison, **asked)
 
@@ -236,7 +236,7 @@ def stress(**asked: Any) -> None:
 
     Frequency, phase, voltage, X/R, SCR, noise or harmonics differ from the training.
     """
-    from vsgdesign.verbs.pipeline.estimator import report_stress
+    from vsgdesign.verbs.pipeline.estimators import report_stress
 
     _report(report_stress, **asked)
 

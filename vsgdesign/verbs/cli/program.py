@@ -10,22 +10,18 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     import click
 
     from vsgdesign import __version__
-    from vsgdesign.verbs.cli.cite import cite
+    from vsgdesign.verbs.cli.campaigns import comply, survive, verify
     from vsgdesign.verbs.cli.common import streams_can_print
-    from vsgdesign.verbs.cli.comply import comply
-    from vsgdesign.verbs.cli.diff import diff
     from vsgdesign.verbs.cli.estimator import estimator
     from vsgdesign.verbs.cli.explore import explore
     from vsgdesign.verbs.cli.export import export
-    from vsgdesign.verbs.cli.grid import grid
-    from vsgdesign.verbs.cli.new import new
+    from vsgdesign.verbs.cli.given_results import cite, diff
+    from vsgdesign.verbs.cli.inputs import grid, new
     from vsgdesign.verbs.cli.pil import pil
     from vsgdesign.verbs.cli.run import compare, inner, run, simulate, validate
     from vsgdesign.verbs.cli.size import size
     from vsgdesign.verbs.cli.stability import certify, design, margins, report
-    from vsgdesign.verbs.cli.survive import survive
     from vsgdesign.verbs.cli.table import table
-    from vsgdesign.verbs.cli.verify import verify
 
     class _Program(click.Group):
         """The verbs. Before a verb begins and after it has ended, a signal ends the process with one line."""

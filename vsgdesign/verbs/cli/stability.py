@@ -48,7 +48,7 @@ def design(study_file: str, out: str | None, as_json: bool) -> None:
     grid of the study.
     """
     from vsgdesign.design.study_design import design_study
-    from vsgdesign.verbs.pipeline.design import report_design
+    from vsgdesign.verbs.pipeline.margins import report_design
 
     study = _on_the_grid_alone(load(study_file, left_tables=True, plants="as one unit"))
     with nullcontext() if out is None else results_at(out):

@@ -12,8 +12,7 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.given import given_study, known_word
-from vsgdesign.verbs.facade.shown import Shown
+from vsgdesign.verbs.facade.shown import Shown, dataset_of, frame_of, given_study, known_word
 
 if TYPE_CHECKING:
     import control
@@ -56,7 +55,6 @@ class Margins(Shown):
         map has them. Units are in its ``attrs``. Raises KeyError for a map that is not there. Needs the extra
         ``frames``."""
         from vsgdesign.linear.stability.assessment import map_header, map_rows
-        from vsgdesign.verbs.facade.frames import frame_of
 
         name, field = self._map(controller, kind)
         about = {"controller": name, "kind": kind, "scr_basis": self.result.study.scr_basis}
@@ -65,8 +63,6 @@ class Margins(Shown):
     def dataset(self, controller: str | None = None, kind: MapKind = "reduced") -> xr.Dataset:
         """The same over ``scr``, ``x_over_r`` and ``P_Q``, the powers one after the other, which are variables P and Q.
         Stale schedules and wrong estimates have their axes in place of the powers. Needs the extra ``frames``."""
-        from vsgdesign.verbs.facade.frames import dataset_of
-
         _, field = self._map(controller, kind)
         return dataset_of(self.frame(controller, kind), dict(field.axes))
 

@@ -1,18 +1,18 @@
-"""Campaigns: random cases, disturbances and grid-code tests, as the verbs verify, survive and comply run them."""
+"""Campaigns: random cases, disturbances, grid-code tests and sizes of the dc side, as the verbs verify, survive, comply
+and size run them."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Unpack
 
 from vsgdesign.execution.executors import How
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.given import given_study, known_word
-from vsgdesign.verbs.facade.shown import Shown
+from vsgdesign.verbs.facade.shown import Shown, dataset_of, frame_of, given_study, known_word
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from vsgdesign.artifacts.ready import Ready
     from vsgdesign.report.drawing.figure_types import NamedFigure
+
 
 Progress = Callable[[str, float], None]
 Bridge = Literal["averaged", "pwm"]
@@ -30,8 +31,14 @@ _BRIDGES = ("averaged", "pwm")
 class _Campaign(Shown):
     """The content of results.json, and the folder that has it with its page."""
 
+    kind: ClassVar[str] = ""
     document: dict[str, Any]
     folder: Path
+
+    @property
+    def title(self) -> str:
+        """What it is, and the study's title."""
+        return f"{self.kind}: {self.document['title']}"
 
     @property
     def page(self) -> Path:
@@ -47,10 +54,7 @@ class _Campaign(Shown):
 class Verification(_Campaign):
     """The result of :func:`verify`. It is true where cases were judged and no promise was broken."""
 
-    @property
-    def title(self) -> str:
-        """The study's title."""
-        return f"Verification: {self.document['title']}"
+    kind = "Verification"
 
     def __bool__(self) -> bool:
         from vsgdesign.artifacts.verification_text import kept
@@ -66,8 +70,6 @@ class Verification(_Campaign):
     def frame(self) -> pd.DataFrame:
         """One row for each promise of each family of cases: how often it is broken, the bound of this share, its worst
         value and its quantiles, in its own ``unit``. Needs the extra ``frames``."""
-        from vsgdesign.verbs.facade.frames import frame_of
-
         fields = ("figure", "limit", "unit", "broken", "judged", "share", "bound", "worst")
         promises = [(f, p, one) for f, it in self.document["families"].items() for p, one in it["promises"].items()]
         quantiles = list(dict.fromkeys(q for *_, one in promises for q in one["quantiles"]))
@@ -83,8 +85,6 @@ class Verification(_Campaign):
         """The map: for each family and bin of ``scr`` and ``x_over_r`` cases judged, cases that broke a promise, and
         the worst value of each figure. Coordinates are the middles of the bins; their edges are in the ``attrs``. Needs
         the extra ``frames``."""
-        from vsgdesign.verbs.facade.frames import dataset_of, frame_of
-
         found, columns = self.document["map"], {}
         units = {
             one["figure"]: one["unit"] for it in self.document["families"].values() for one in it["promises"].values()
@@ -109,10 +109,7 @@ class Verification(_Campaign):
 class Survival(_Campaign):
     """The result of :func:`survive`. It is true where nothing was lost."""
 
-    @property
-    def title(self) -> str:
-        """The study's title."""
-        return f"Survival: {self.document['title']}"
+    kind = "Survival"
 
     def __bool__(self) -> bool:
         return not any(one["lost"] for one in self.document["variants"].values())
@@ -276,3 +273,55 @@ def comply(
         suites=tuple(suites), controllers=tuple(controllers), maps=maps, cases=cases, file=file, comtrade=comtrade
     )
     return Compliance(comply_study(study, folder, asked, ready=ready, progress=progress, **how), folder)
+
+
+@dataclass(frozen=True)
+class DcSide(_Campaign):
+    """The result of :func:`size`. It is true where the full simulation confirms the sizes."""
+
+    kind = "The dc side"
+
+    def __bool__(self) -> bool:
+        return bool(self.document["trials"][0]["survived"])
+
+    def sentences(self) -> Sequence[str]:
+        """The sizes, as on the page."""
+        from vsgdesign.report.sizing import sizing_sentences
+
+        return sizing_sentences(self.document)
+
+    def _figures(self) -> Iterator[NamedFigure]:
+        from vsgdesign.report.sizing import sizing_figure
+
+        yield sizing_figure(self.document)
+
+
+def size(
+    study: Study | str | Path,
+    out: str | Path | None = None,
+    *,
+    controller: str | None = None,
+    capacitor: float | None = None,
+    source: str | None = None,
+    keep: Mapping[str, float] | None = None,
+    suites: Sequence[str] = (),
+    progress: Callable[[str, float], None] | None = None,
+) -> DcSide:
+    """Finds the power, capacitor and energy that the dc side of a controller needs, as ``vsgdesign size`` does.
+
+    The folder ``out`` (None: out/NAME-dc-side) gets the page and results.json. ``controller``: its name (None: the last
+    one). ``capacitor``: the one with which the least power is found, F. ``source``: "converter" or "battery" (None:
+    that of [dc], else "converter"). ``keep``: sizes that are given, such as {"power": 9e3}, also "capacitor" (F) and
+    "energy" (J). ``suites``: names or files of
+    grid-code tests in place of the study's events. Raises the errors of
+    :func:`vsgdesign.verbs.pipeline.sizing.size_study`.
+    """
+    from vsgdesign.verbs.pipeline.one_unit import alone
+    from vsgdesign.verbs.pipeline.sizing import WORK, size_study
+
+    study = alone(given_study(study, "size"), "size")
+    folder = _place(study, out, WORK)
+    document = size_study(
+        study, folder, controller=controller, C=capacitor, source=source, keep=keep, suites=suites, progress=progress
+    )
+    return DcSide(document, folder)

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.given import given_study
-from vsgdesign.verbs.facade.shown import Shown
+from vsgdesign.verbs.facade.shown import Shown, given_study
 from vsgdesign.verbs.facade.tables import DesignedTable
 
 if TYPE_CHECKING:
     from vsgdesign.design.comparison import Comparison
     from vsgdesign.linear.stability.gain_table import Compared, TableCheck
     from vsgdesign.report.drawing.figure_types import NamedFigure
-    from vsgdesign.verbs.pipeline.diff import Comparison as Changes
+    from vsgdesign.verbs.pipeline.given_results import Comparison as Changes
 
 Table = DesignedTable | GainTable | str | Path
 """A gain table, or its file."""
@@ -107,9 +106,6 @@ class ComparedTables(Shown):
 
         return plain(comparison_document(self.compared, self.names))
 
-    def _figures(self) -> Iterator[NamedFigure]:
-        yield from ()
-
 
 def compare_tables(*tables: Table) -> ComparedTables:
     """Compares the gains and margins of two or more tables on the grids of the first one. Raises ArtifactError for
@@ -150,9 +146,6 @@ class CheckedTable(Shown):
         from vsgdesign.verbs.pipeline.table import check_document
 
         return plain({"table": self.table.name, "sha256": self.table.sha256} | check_document(self.outcome))
-
-    def _figures(self) -> Iterator[NamedFigure]:
-        yield from ()
 
 
 def check_table(table: Table, *, study: Study | str | Path | None = None) -> CheckedTable:
@@ -195,12 +188,9 @@ class Difference(Shown):
         """What ``vsgdesign diff --json`` prints."""
         return plain(self.changes.document())
 
-    def _figures(self) -> Iterator[NamedFigure]:
-        yield from ()
-
 
 def diff(a: str | Path, b: str | Path) -> Difference:
     """What changed from result A to result B, each a folder of results or its results.json. Raises ArtifactError."""
-    from vsgdesign.verbs.pipeline.diff import compare_results
+    from vsgdesign.verbs.pipeline.given_results import compare_results
 
     return Difference(compare_results(a, b))

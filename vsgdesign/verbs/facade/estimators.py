@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from vsgdesign.artifacts.files import plain
 from vsgdesign.execution.executors import How
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.given import given_study
-from vsgdesign.verbs.facade.shown import Shown
+from vsgdesign.verbs.facade.shown import Shown, given_study
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.comparison import Comparison
@@ -72,11 +71,11 @@ def train(
     ``recipe`` (a packaged name or a file), ``seed``, ``hidden`` units and principal ``components`` are those of the
     study's [estimator] where they are None. ``windows`` is a file (.npz) that keeps the windows, or the runs of the
     recipe field; ``report`` is a folder for its page. ``how``: as in :class:`vsgdesign.execution.executors.How`. Raises
-    the errors of :func:`vsgdesign.verbs.pipeline.training.train_weights_file`.
+    the errors of :func:`vsgdesign.verbs.pipeline.estimators.train_weights_file`.
     """
     from vsgdesign.study.parameters.estimator import EstimatorSpec
+    from vsgdesign.verbs.pipeline.estimators import train_weights_file
     from vsgdesign.verbs.pipeline.one_unit import alone
-    from vsgdesign.verbs.pipeline.training import train_weights_file
 
     study = alone(given_study(study, "train"), "train")
     given = {"recipe": recipe, "seed": seed, "hidden": hidden, "components": components}
@@ -135,9 +134,9 @@ def compare_estimators(
     """Compares classical methods and networks on the same windows, as ``vsgdesign estimator compare`` does.
 
     The folder ``out`` gets the page. ``weights`` are files of networks; for each of ``recipes`` one is trained. Raises
-    the errors of :func:`vsgdesign.verbs.pipeline.estimator.report_comparison`.
+    the errors of :func:`vsgdesign.verbs.pipeline.estimators.report_comparison`.
     """
-    from vsgdesign.verbs.pipeline.estimator import report_comparison
+    from vsgdesign.verbs.pipeline.estimators import report_comparison
 
     return _estimators(report_comparison, "compare_estimators", study, out, weights, recipes, seed, workers, progress)
 
@@ -154,7 +153,7 @@ def stress_estimators(
 ) -> EstimatorComparison:
     """Tests the same methods in conditions that they were not trained for, as ``vsgdesign estimator stress`` does. The
     arguments and the errors are those of :func:`compare_estimators`."""
-    from vsgdesign.verbs.pipeline.estimator import report_stress
+    from vsgdesign.verbs.pipeline.estimators import report_stress
 
     return _estimators(report_stress, "stress_estimators", study, out, weights, recipes, seed, workers, progress)
 

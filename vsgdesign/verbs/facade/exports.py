@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.given import given_study
-from vsgdesign.verbs.facade.shown import Shown
+from vsgdesign.verbs.facade.shown import Shown, given_study
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable

@@ -9,7 +9,7 @@ from typing import Any
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.facade.assessed import Margins
-from vsgdesign.verbs.facade.given import given_study
+from vsgdesign.verbs.facade.shown import given_study
 from vsgdesign.verbs.facade.simulated import Run
 from vsgdesign.verbs.facade.tables import DesignedTable
 

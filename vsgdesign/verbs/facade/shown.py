@@ -1,20 +1,34 @@
-"""The interface of every result: it shows itself as text, as figures, as HTML in a notebook, and as plain data."""
+"""The interface of every result: it shows itself as text, as figures, as HTML in a notebook, as plain data and as data
+frames; and what functions are given in place of a study.
+
+pandas and xarray are optional and imported when they are used.
+"""
 
 from __future__ import annotations
 
 import itertools
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsgdesign.errors import ArtifactError, did_you_mean
+import numpy as np
+
+from vsgdesign.artifacts.time_series import UNITS
+from vsgdesign.errors import ArtifactError, VsgDesignError, did_you_mean
 from vsgdesign.study.given_files import RESULT_BYTES, read_given
+from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.facade.studies import load
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
     from matplotlib.figure import Figure
 
     from vsgdesign.report.drawing.figure_types import NamedFigure
+
 
 _MARK = "vsgdesign"
 
@@ -38,9 +52,9 @@ class Shown(ABC):
     def to_dict(self) -> dict[str, Any]:
         """The result in JSON's types, as in its results.json."""
 
-    @abstractmethod
     def _figures(self) -> Iterator[NamedFigure]:
-        """All figures. The most important one comes first."""
+        """All figures, if there are any. The most important one comes first."""
+        yield from ()
 
     @property
     def pictures(self) -> tuple[str, ...]:
@@ -102,3 +116,76 @@ def _save(figure: Figure, path: Path) -> None:
             figure.savefig(path, metadata={field: _MARK})
     except OSError as error:
         raise ArtifactError(f"{path}: the picture cannot be written ({error.strerror}).") from None
+
+
+def given_study(study: Study | str | Path, what: str) -> Study:
+    """A study, or that of a file. Raises TypeError for anything else, and the errors of
+    :func:`vsgdesign.verbs.facade.studies.load`."""
+    if isinstance(study, str | Path):
+        return load(study)
+    if not isinstance(study, Study):
+        raise TypeError(
+            f'{what} takes a study, such as vd.load("study.toml"), or the name of its file, and not '
+            f"{type(study).__name__}."
+        )
+    return study
+
+
+def known_word(name: str, given: str, known: Sequence[str]) -> None:
+    """Raises ValueError for an argument that is none of the words that a function knows."""
+    if given not in known:
+        raise ValueError(f'{name} = "{given}": must be one of {", ".join(known)}.')
+
+
+_HEAD = re.compile(r"^(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?$")
+
+
+def frame_of(header: Sequence[str], rows: Iterable[Sequence[object]], **about: Any) -> pd.DataFrame:
+    """A data frame of the rows of a CSV file. Its ``attrs`` have ``units``, by column, and ``about`` it."""
+    pandas = _library("pandas", "frame()")
+    names, units = named_units(header)
+    found = pandas.DataFrame([list(row) for row in rows], columns=names)
+    found.attrs = {"units": units, **about}
+    return found
+
+
+def dataset_of(frame: pd.DataFrame, axes: Mapping[str, Any]) -> xr.Dataset:
+    """The columns of a frame over the axes in which its rows run, the last one fastest. Units are ``attrs`` of each."""
+    library = _library("xarray", "dataset()")
+    units, shape = frame.attrs["units"], tuple(len(values) for values in axes.values())
+    coords = {dimension(name): np.asarray(values) for name, values in axes.items()}
+    variables = {
+        name: (tuple(coords), frame[name].to_numpy().reshape(shape), {"units": units[name]} if name in units else {})
+        for name in frame.columns
+        if name not in axes
+    }
+    about = {name: value for name, value in frame.attrs.items() if name != "units"}
+    return library.Dataset(variables, coords, about)
+
+
+def dimension(name: str) -> str:
+    """The name of an axis as that of a dimension: scr, x_over_r, or with "_" for what is no letter."""
+    return {"SCR": "scr", "X/R": "x_over_r"}.get(name, re.sub(r"\W+", "_", name))
+
+
+def named_units(header: Iterable[str]) -> tuple[list[str], dict[str, str]]:
+    """The names of the columns of a CSV file, and the units of those that have one."""
+    names, units = [], {}
+    for head in header:
+        found = _HEAD.match(head)
+        name, unit = (head, None) if found is None else found.group("name", "unit")
+        names.append(name)
+        if (unit := unit or UNITS.get(name)) is not None:
+            units[name] = unit
+    return names, units
+
+
+def _library(name: str, what: str) -> Any:
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        raise VsgDesignError(
+            f'{what} needs {name}, which is not installed: pip install "vsgdesign[frames]" brings it.'
+        ) from None

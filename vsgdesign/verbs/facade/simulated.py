@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.given import given_study
-from vsgdesign.verbs.facade.shown import Shown
+from vsgdesign.verbs.facade.shown import Shown, frame_of, given_study
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,8 +56,6 @@ class Run(Shown):
 
     def frame(self, controller: str | None = None) -> pd.DataFrame:
         """The same series as a data frame; units are in its ``attrs``. Needs the extra ``frames``."""
-        from vsgdesign.verbs.facade.frames import frame_of
-
         one = self.controller(controller)
         columns = (values.tolist() for values in one.series.values())
         return frame_of(list(one.series), zip(*columns, strict=True), controller=one.spec.name)

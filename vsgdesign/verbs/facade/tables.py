@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.given import given_study
-from vsgdesign.verbs.facade.shown import Shown
+from vsgdesign.verbs.facade.shown import Shown, dataset_of, frame_of, given_study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,7 +51,6 @@ class DesignedTable(Shown):
     def frame(self) -> pd.DataFrame:
         """One row for each node, as table.csv of ``vsgdesign table report`` has them; units are in its ``attrs``.
         Needs the extra ``frames``."""
-        from vsgdesign.verbs.facade.frames import frame_of
         from vsgdesign.verbs.pipeline.table import table_header, table_rows
 
         about = {"table": self.table.name, "scr_basis": self.table.base.scr_basis}
@@ -60,8 +58,6 @@ class DesignedTable(Shown):
 
     def dataset(self) -> xr.Dataset:
         """Gains, margins and status over ``scr`` and ``x_over_r``. Needs the extra ``frames``."""
-        from vsgdesign.verbs.facade.frames import dataset_of
-
         return dataset_of(self.frame(), {"SCR": self.table.scr, "X/R": self.table.x_over_r})
 
     def save(self, file: str | Path) -> Path:
@@ -111,9 +107,6 @@ class Proof(Shown):
     def to_dict(self) -> dict[str, Any]:
         """The record in JSON's types."""
         return self.found.as_document()
-
-    def _figures(self) -> Iterator[NamedFigure]:
-        yield from ()
 
 
 def design_table(

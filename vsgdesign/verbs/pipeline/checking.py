@@ -16,10 +16,10 @@ from vsgdesign.simulation.units.scenario import check_plant_run
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.study import Study
+from vsgdesign.verbs.pipeline.estimators import recipe_of, trains
 from vsgdesign.verbs.pipeline.one_unit import as_one_converter
 from vsgdesign.verbs.pipeline.opening import KeptInnerLoops, check_named_files, check_possible, check_study
 from vsgdesign.verbs.pipeline.run import export_tables
-from vsgdesign.verbs.pipeline.training import recipe_of, trains
 
 
 def check_file(

@@ -25,8 +25,8 @@ from vsgdesign.execution.jobs import begun
 from vsgdesign.execution.journal import work_folder
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.verbs.pipeline.estimators import make_network, recipe_of, trains
 from vsgdesign.verbs.pipeline.study_tables import left_by_run, made_from, study_tables
-from vsgdesign.verbs.pipeline.training import make_network, recipe_of, trains
 from vsgdesign.verbs.pipeline.verify import WORK, verified_table
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def make_ready(
     Whatever the study names as a file is read. A table without a file is designed to the specification, and a network
     without a file is trained on windows with the ``bridge`` of the run (None means that of the study). ``out``,
     ``workers`` and errors are those of :func:`vsgdesign.verbs.pipeline.study_tables.study_tables` and
-    :func:`vsgdesign.verbs.pipeline.training.make_network`.
+    :func:`vsgdesign.verbs.pipeline.estimators.make_network`.
     """
     tables = study_tables(study, out, workers=workers, progress=progress).tables
     return Ready(tables=tables, network=make_network(study, bridge=bridge, progress=progress)[0])
@@ -103,7 +103,7 @@ def made(
 
     ``workers`` processes design tables (None means one per core; 1 makes everything here, one after another). They
     are there until the block ends. Raises the errors of :func:`vsgdesign.verbs.pipeline.study_tables.study_tables` and
-    of :func:`vsgdesign.verbs.pipeline.training.make_network`.
+    of :func:`vsgdesign.verbs.pipeline.estimators.make_network`.
     """
     tell, timing = progress or silent, {}
     specs = [spec for spec in study.controllers if spec.schedule == "table" and spec.table_file is None]

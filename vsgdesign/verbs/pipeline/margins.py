@@ -1,4 +1,4 @@
-"""From a study to its stability: maps, close looks, EMT evidence, clause matrix, report."""
+"""From a study to its stability: power flow, maps, close looks, EMT evidence, clause matrix, report."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.definitions import damping_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
+from vsgdesign.design.power_flow import FIELDS
+from vsgdesign.design.study_design import StudyDesign, design_study
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.linear.stability.assessment import (
     VIEW_HEADER,
@@ -33,12 +35,13 @@ from vsgdesign.report.explore.lattice import QUICK_LATTICE
 from vsgdesign.report.page.live import StaticPage
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
 from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
-from vsgdesign.study.parameters import Study
+from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.live_part import live_begun, told_apart, waited_for
 from vsgdesign.verbs.pipeline.study_tables import study_tables
 
 if TYPE_CHECKING:
     from vsgdesign.report.page.blocks import Block
+
 
 VERB = "vsgdesign report"
 EXPLORER_FILE = "explorer.html"
@@ -271,3 +274,40 @@ def _margins(model: str, table: Any) -> dict[str, Any]:
         "M_s_rad_s": float(table.M_s.omega[0]),
         "loops": loops,
     }
+
+
+DESIGN = "vsgdesign design"
+FLOW_FILE = "power_flow.csv"
+_FLOW_UNITS = {"P_ref": "W", "Q_ref": "var", "P": "W", "Q": "var", "V_rms": "V", "I_rms": "A"}
+
+
+def designed(study: Study) -> StudyDesign:
+    """The power flow and the gains, with what the dc side cannot do. Raises InfeasibleStudyError."""
+    from vsgdesign.simulation.lanes.beforehand import told_beforehand
+
+    found = design_study(study)
+    return replace(found, missing=(*found.missing, *told_beforehand(study, found.ready)))
+
+
+def report_design(study: Study, out: str | Path) -> StudyDesign:
+    """Writes results.json, the power flow as CSV, figures and report.html to ``out``. Raises ArtifactError."""
+    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.page.html import print_html
+    from vsgdesign.report.stability.design import design_page, flow_figures
+
+    with staged_folder(out, DESIGN, inputs=study.input_files) as folder:
+        found = designed(study)
+        rows = [
+            (flow.controller, *(getattr(flow, name)[k] for name in FIELDS))
+            for flow in found.flows
+            for k in range(len(flow.limit))
+        ]
+        header = (
+            "controller",
+            *(f"{name} [{_FLOW_UNITS[name]}]" if name in _FLOW_UNITS else name for name in FIELDS),
+        )
+        write_table(folder / FLOW_FILE, header, rows)
+        figures = write_all(flow_figures(study, found.flows), folder / "figures")
+        print_html(design_page(found, figures, FLOW_FILE), folder / "report.html")
+        write_record(folder, found.document() | {"study": study.identity, "provenance": provenance()}, DESIGN)
+    return found

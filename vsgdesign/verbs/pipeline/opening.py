@@ -233,7 +233,7 @@ def _estimator_faults(study: Study) -> list[Fault]:
 
 def _recipe_faults(study: Study, recipe: str) -> list[Fault]:
     from vsgdesign.estimator.recipes import WINDOW_RECIPES
-    from vsgdesign.verbs.pipeline.training import check_fit
+    from vsgdesign.verbs.pipeline.estimators import check_fit
 
     try:
         made_of = WINDOW_RECIPES.load(recipe)

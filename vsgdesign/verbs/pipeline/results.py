@@ -20,7 +20,7 @@ from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, mean
 from vsgdesign.simulation.scenario.judging import judge_estimates
 from vsgdesign.simulation.scenario.promises import Kept, promises_kept
 from vsgdesign.study.parameters import Study
-from vsgdesign.verbs.pipeline.training import judgement_document
+from vsgdesign.verbs.pipeline.estimators import judgement_document
 
 
 def results_document(result: ScenarioResult, timing_s: dict[str, float]) -> dict[str, Any]:

@@ -32,11 +32,11 @@ from vsgdesign.identification.registry import needs_network, samples_itself, why
 from vsgdesign.simulation.lanes.beforehand import told_beforehand
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 from vsgdesign.study.parameters import Study
+from vsgdesign.verbs.pipeline.estimators import network_document, training_document, trains
 from vsgdesign.verbs.pipeline.inner import assess_inner_loops, inner_document
 from vsgdesign.verbs.pipeline.making import Made, made, nothing_to_make
 from vsgdesign.verbs.pipeline.opening import check_possible
 from vsgdesign.verbs.pipeline.results import results_document
-from vsgdesign.verbs.pipeline.training import network_document, training_document, trains
 
 if TYPE_CHECKING:
     from vsgdesign.report.drawing.figure_types import WrittenFigure

@@ -71,7 +71,7 @@ def report_survival(
     :func:`vsgdesign.execution.executors.executor_of`. ``say`` takes a sentence where what is kept is of other work.
     Returns results.json. Raises StudyError, ArtifactError and WorkerError.
     """
-    from vsgdesign.campaigns.survival.many import run_many
+    from vsgdesign.campaigns.survival import run_many
     from vsgdesign.execution.journal import work_folder
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.survival import survival_page

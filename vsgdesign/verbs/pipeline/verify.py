@@ -277,11 +277,10 @@ def prepared_job(
 def job_of(study: Study, spec: ControllerSpec, ready: Ready, asked: Asked) -> tuple[VerificationJob, float]:
     """The job of a controller whose gain table is there, and the confidence of its bounds."""
     from vsgdesign.campaigns.verification.blocks import VerificationJob
-    from vsgdesign.campaigns.verification.counting import MapAxes
+    from vsgdesign.campaigns.verification.counting import MapAxes, verified_promises
     from vsgdesign.campaigns.verification.draws import families, verification_of
     from vsgdesign.campaigns.verification.emt import EMT
     from vsgdesign.campaigns.verification.plants import PLANTS
-    from vsgdesign.campaigns.verification.promises import verified_promises
     from vsgdesign.simulation.lanes.telling import told_controller
 
     spec = told_controller(spec)
@@ -337,7 +336,7 @@ def verified_table(
 
 def _about(job: VerificationJob, confidence: float, summary: Summary, workers: int | str) -> dict[str, Any]:
     """The head of results.json."""
-    from vsgdesign.campaigns.verification.distributions import distributions
+    from vsgdesign.campaigns.verification.document import distributions
 
     verification = job.study.verification
     return {

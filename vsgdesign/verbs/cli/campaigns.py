@@ -1,4 +1,4 @@
-"""The verb that verifies a controller in random cases."""
+"""The verbs of campaigns: random cases, disturbances, and suites of grid-code tests."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING
 import click
 
 from vsgdesign.verbs.cli.common import (
+    COMTRADE,
+    EXIT_IMPOSSIBLE,
     EXPLORER,
     FILE,
     JSON,
+    STUDY,
     STUDY_OF_TABLE,
     Real,
     in_blocks,
+    keeping,
     kept_words,
     load,
     print_json,
@@ -160,3 +164,149 @@ def _check_options(
         raise click.UsageError("--shard runs a part, --merge puts parts together: give one of them")
     if merge and any(value is not None for value in of_runs):
         raise click.UsageError("--controller, --runs, --seed and --cluster are those of the shards that --merge reads")
+
+
+@click.command()
+@STUDY
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-survival]")
+@click.option(
+    "--controller",
+    "controllers",
+    multiple=True,
+    metavar="NAME",
+    help="Only this controller. May be repeated.  [default: all]",
+)
+@click.option(
+    "--limiter",
+    "limiters",
+    multiple=True,
+    metavar="NAME",
+    help="Replace the study's current limiter by this one; none: no limiter. May be repeated.",
+)
+@click.option(
+    "--bridge", type=click.Choice(["averaged", "pwm"]), default="averaged", show_default=True, help="Bridge model."
+)
+@EXPLORER
+@in_blocks
+@JSON
+@verb
+def survive(
+    study_file: str,
+    out: str | None,
+    controllers: tuple[str, ...],
+    limiters: tuple[str, ...],
+    bridge: str,
+    explorer: bool,
+    how: How,
+    as_json: bool,
+) -> None:
+    """Send the controllers through jumps, faults and phase steps.
+
+    The systematic disturbances are always the same; [survival] in the study adds random ones. An interrupted
+    measurement continues with the same command.
+    """
+    from pathlib import Path
+
+    from vsgdesign.verbs.pipeline.survival import Asked, report_survival
+
+    study = load(study_file, left_tables=True, plants="whole")
+    folder = Path("out") / f"{study.name}-survival" if out is None else Path(out)
+    with keeping(folder):
+        with progress(quiet=as_json) as tell:
+            document = report_survival(
+                study,
+                folder,
+                Asked(controllers or None, limiters or None, bridge, explorer),
+                progress=tell,
+                **how,
+            )
+        if as_json:
+            print_json(document)
+            return
+        from vsgdesign.report.page.terminal import print_terminal
+        from vsgdesign.report.survival import survival_blocks
+
+        print_terminal(survival_blocks(document))
+        click.echo(f"results: {folder / 'report.html'}, every case: {folder / 'cases.csv'}")
+
+
+@click.command()
+@STUDY
+@click.option(
+    "--suite",
+    "suites",
+    multiple=True,
+    metavar="NAME|FILE.toml|all",
+    help="A packaged suite, a file of your own, or all packaged ones. May be repeated.  [default: all]",
+)
+@click.option(
+    "--controller",
+    "controllers",
+    multiple=True,
+    metavar="NAME",
+    help="Only this controller. May be repeated.  [default: all]",
+)
+@click.option("--out", default=None, metavar="DIR", help="Folder for the results.  [default: out/NAME-compliance]")
+@click.option("--maps/--no-maps", default=True, help="Also draw survival maps of every controller.  [default: yes]")
+@click.option(
+    "--cases",
+    type=click.Choice(["failing", "all", "none"]),
+    default="failing",
+    show_default=True,
+    help="Which rows of the matrix to write as study files.",
+)
+@COMTRADE
+@in_blocks
+@click.option(
+    "--must-pass",
+    "--strict",
+    "must_pass",
+    is_flag=True,
+    help="End with exit code 1 if a test fails. --strict says the same.",
+)
+@JSON
+@verb
+def comply(
+    study_file: str,
+    suites: tuple[str, ...],
+    controllers: tuple[str, ...],
+    out: str | None,
+    maps: bool,
+    cases: str,
+    comtrade: str | None,
+    how: How,
+    must_pass: bool,
+    as_json: bool,
+) -> None:
+    """Run suites of grid-code tests, with a verdict for each test.
+
+    The folder contains a page with the matrix of all tests and controllers, results.json, and the trace of every run as
+    CSV. An interrupted or killed run continues with the same command.
+    """
+    from pathlib import Path
+
+    from vsgdesign.verbs.pipeline.comply import ALL, WORK, Asked, comply_study, suites_of
+
+    suites_of(suites or (ALL,))  # what is wrong with a suite is said before the inner loops are designed
+    study = load(study_file, quiet=as_json, plants="whole")
+    folder = Path("out") / f"{study.name}-compliance" if out is None else Path(out)
+    asked = Asked(
+        suites=suites or (ALL,), controllers=controllers, maps=maps, cases=cases, file=study_file, comtrade=comtrade
+    )
+
+    if as_json:
+        how = {**how, "say": None}
+    with results_at(folder, lambda: kept_words(folder, WORK, "test")):
+        with progress(quiet=as_json) as tell:
+            document = comply_study(study, folder, asked, progress=tell, **how)
+        if as_json:
+            print_json(document)
+        else:
+            from vsgdesign.report.compliance.page import terminal_blocks
+            from vsgdesign.report.page.terminal import print_terminal
+
+            print_terminal(terminal_blocks(document))
+            page = folder / ("report.html" if (folder / "report.html").exists() else "results.json")
+            click.echo(f"report: {page}")
+    if must_pass and any(one["fail"] for one in document["summary"]):
+        raise SystemExit(EXIT_IMPOSSIBLE)

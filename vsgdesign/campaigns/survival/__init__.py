@@ -1,1 +1,0 @@
-"""Many disturbances of a converter: side by side, on many cores, and kept as they finish."""
