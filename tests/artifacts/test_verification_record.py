@@ -15,8 +15,9 @@ from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.artifacts.gain_table_file import verification_faults, verification_record
 from vsgdesign.artifacts.verification_text import headline, promise_sentences
 from vsgdesign.errors import ArtifactError
-from vsgdesign.report import write_table_report
+from vsgdesign.report.gain_table.page import table_page
 from vsgdesign.report.gain_table.words import heading
+from vsgdesign.report.page.html import print_html
 
 
 def test_a_table_keeps_what_was_shown(tmp_path: Path) -> None:
@@ -47,7 +48,7 @@ def test_words_and_page_say_so(tmp_path: Path) -> None:
     first = f"Verified in EMT: every promise was kept in all of {shown['judged']} judged cases, of 900 drawn."
     assert f"{first} (carried, not checked)" in list(heading(verified))
     assert set(promise_sentences(shown)) <= set(heading(verified))
-    page = write_table_report(verified, [], tmp_path / "report.html").read_text(encoding="utf-8")
+    page = print_html(table_page(verified), tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count(first) == 2  # in the verdict and in its part
     assert all(page.count(sentence) == 1 for sentence in set(promise_sentences(shown)))
 

@@ -67,7 +67,7 @@ def test_a_signal_while_another_process_makes_the_explorer(
     monkeypatch.setattr(live_part, "worker_count", lambda _: 2)
     monkeypatch.setattr(live_part, "begun", lambda executor, *_, **__: begun(executor, time.sleep, 60.0))
     monkeypatch.setattr(margins, "write_stability_tables", interrupt)
-    monkeypatch.setattr("vsgdesign.report.write_stability_figures", lambda *_: [])
+    monkeypatch.setattr("vsgdesign.report.stability.page.stability_figures", lambda *_: [])
     begin = time.monotonic()
     result = call("report", study_file(tmp_path), "--out", tmp_path / "results")
     assert (result.exit_code, result.stderr) == (130, "interrupted: nothing was written\n")

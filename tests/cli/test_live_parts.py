@@ -32,7 +32,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
 
     monkeypatch.setattr(live_part, "live_page", page)
     monkeypatch.setattr(live_part, "worker_count", lambda _: 1)
-    monkeypatch.setattr("vsgdesign.report.write_table_figures", lambda *_: [])
+    monkeypatch.setattr("vsgdesign.report.gain_table.page.table_figures", lambda *_: [])
     monkeypatch.setattr("vsgdesign.report.verification.page.verification_figures", lambda _: iter(()))
     return found
 

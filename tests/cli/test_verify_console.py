@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.verification_documents import document
-from vsgdesign.report import write_verification_report
 from vsgdesign.report.page.terminal import print_terminal
-from vsgdesign.report.verification.page import SHOWN, verification_page
+from vsgdesign.report.verification.page import SHOWN, verification_page, write_verification_page
 
 
 class Text(HTMLParser):
@@ -51,7 +50,7 @@ def test_terminal_page_and_document_agree(broken: bool, tmp_path: Path, capsys: 
     results = json.loads(json.dumps(made, allow_nan=False))
     print_terminal(verification_page(results).blocks)
     terminal = squeezed(capsys.readouterr().out)
-    write_verification_report(results, tmp_path)
+    write_verification_page(results, tmp_path)
     page = Text((tmp_path / "report.html").read_text(encoding="utf-8"))
     asked = {(row[0], row[1].split(" ≤")[0].split(":")[0]): row for row in page.rows if len(row) == 11}
     checked = 0

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from vsgdesign.report import WrittenFigure, write_figures, write_report
+from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.page.html import print_html
+from vsgdesign.report.scenario.figures import begin_all
+from vsgdesign.report.scenario.page import scenario_page
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 from vsgdesign.study.parameters import Study, study_from_text
 
@@ -91,8 +94,8 @@ class Made:
 def make(text: str, folder: Path) -> Made:
     study = study_from_text(text)
     result = run_scenario(study)
-    figures = write_figures(result, folder / "figures")
-    return Made(study, result, figures, write_report(result, figures, folder / "report.html"))
+    figures = begin_all(result, folder / "figures")()
+    return Made(study, result, figures, print_html(scenario_page(result, figures), folder / "report.html"))
 
 
 @pytest.fixture(scope="session")

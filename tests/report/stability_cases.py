@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from tests.report.layout import write_svg
-from vsgdesign.report import WrittenFigure, write_stability_figures, write_stability_report
-from vsgdesign.report.drawing.figure_types import NamedFigure
-from vsgdesign.report.stability.page import stability_figures
+from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.files import write_all
+from vsgdesign.report.page.html import print_html
+from vsgdesign.report.stability.page import stability_figures, stability_page
 from vsgdesign.simulation.evidence import step_evidence
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.verbs.pipeline import StabilityResult, assess_study
@@ -82,10 +83,10 @@ def make(name: str, folder: Path) -> Made:
     """Figures and page of a case in a folder. Those of one case are drawn as the verb draws them."""
     result = assessed(name)
     if name == AS_WRITTEN:
-        figures = write_stability_figures(result, folder)
+        figures = write_all(stability_figures(result), folder)
     else:
         figures = [write_svg(named, folder) for named in drawn(name).values()]
-    return Made(result, figures, write_stability_report(result, figures, folder / "report.html"))
+    return Made(result, figures, print_html(stability_page(result, figures), folder / "report.html"))
 
 
 _MADE: dict[str, Made] = {}

@@ -11,6 +11,7 @@ import pytest
 
 from vsgdesign.metrics.answers import time_to_stay
 from vsgdesign.report.drawing.files import write_figure
+from vsgdesign.report.page.html import print_html
 from vsgdesign.report.scenario.field_figures import field_figures
 from vsgdesign.report.scenario.field_rests import (
     answers_table,
@@ -19,7 +20,7 @@ from vsgdesign.report.scenario.field_rests import (
     field_controllers,
     rests_of,
 )
-from vsgdesign.report.scenario.page import write_page
+from vsgdesign.report.scenario.page import scenario_page
 from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles, run_scenario
 from vsgdesign.study.parameters import study_from_text
 
@@ -69,7 +70,7 @@ def test_steps_are_judged_on_whole_periods_of_the_probe() -> None:
 def test_figures_and_page(tmp_path: Path) -> None:
     figures = [write_figure(figure, tmp_path) for figure in field_figures(result())]
     assert [figure.name for figure in figures] == ["field_impedance", "field_error", "field_probe"]
-    text = write_page(result(), figures, tmp_path / "report.html").read_text(encoding="utf-8")
+    text = print_html(scenario_page(result(), figures), tmp_path / "report.html").read_text(encoding="utf-8")
     assert (
         text.index("<h2>In words</h2>") < text.index("lent nothing by the simulator") < text.index("<h2>Figures</h2>")
     )

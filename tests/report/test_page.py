@@ -15,13 +15,14 @@ from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.metrics import StepNoise
 from vsgdesign.metrics.events import MEASURED, TOO_SHORT, UNSTABLE, lost_in_noise
 from vsgdesign.metrics.step_response import no_figures
-from vsgdesign.report import write_report
 from vsgdesign.report.drawing.quantities import number, plain_quantity, prefix_for, quantity
 from vsgdesign.report.page import converter
 from vsgdesign.report.page.blocks import UNKNOWN
+from vsgdesign.report.page.html import print_html
 from vsgdesign.report.scenario import tables
 from vsgdesign.report.scenario.answer import scenario_answer, steps_answer
 from vsgdesign.report.scenario.outcomes import overshoot_of, settling_factor, step_outcomes, uncoupled_P
+from vsgdesign.report.scenario.page import scenario_page
 from vsgdesign.report.scenario.signals import source_frequency
 from vsgdesign.report.scenario.verdict import explanation, verdict
 from vsgdesign.simulation import build_timeline
@@ -142,7 +143,7 @@ def test_titles_are_escaped(short):
 
 
 def test_two_builds_are_identical(made, tmp_path):
-    again = write_report(made.result, made.figures, tmp_path / "again.html")
+    again = print_html(scenario_page(made.result, made.figures), tmp_path / "again.html")
     assert again.read_bytes() == made.page.read_bytes()
 
 

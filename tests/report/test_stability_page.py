@@ -12,8 +12,9 @@ import pytest
 from tests.report.stability_cases import TEXTS, Made, assessed, case
 from tests.report.test_page import checked
 from vsgdesign.linear.stability.verdict import OWN, counted_rows
-from vsgdesign.report import ExplorerFile, write_stability_report
-from vsgdesign.report.stability.page import csv_files
+from vsgdesign.report.drawing.figure_types import ExplorerFile
+from vsgdesign.report.page.html import print_html
+from vsgdesign.report.stability.page import csv_files, stability_page
 
 
 @pytest.fixture(scope="session", params=sorted(TEXTS))
@@ -184,9 +185,8 @@ def test_the_readout_knows_every_cell(plain: Made) -> None:
 
 
 def test_the_explorer_is_a_part_of_its_own(plain: Made, tmp_path) -> None:
-    text = write_stability_report(
-        plain.result, plain.figures, tmp_path / "page.html", ExplorerFile("explorer.html", 1_620_000)
-    ).read_text(encoding="utf-8")
+    page = stability_page(plain.result, plain.figures, ExplorerFile("explorer.html", 1_620_000))
+    text = print_html(page, tmp_path / "page.html").read_text(encoding="utf-8")
     parts = re.split(r'<h2 id="part-(\d)">|<h2 id="explorer">', text)
     assert parts[1::2] == [*"1234567", None, "9"]
     assert text.count("src=") == 1  # nothing else is fetched
@@ -199,14 +199,13 @@ def test_the_explorer_is_a_part_of_its_own(plain: Made, tmp_path) -> None:
 
 def test_why_there_is_no_explorer_is_said(plain: Made, tmp_path) -> None:
     why = "P must be a number between -10 and 10 kW, not 12."
-    text = write_stability_report(plain.result, plain.figures, tmp_path / "page.html", ExplorerFile(why=why)).read_text(
-        encoding="utf-8"
-    )
+    page = stability_page(plain.result, plain.figures, ExplorerFile(why=why))
+    text = print_html(page, tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<iframe" not in text
     assert "There is no explorer. P must be a number between −10 and 10 kW, not 12." in text
     assert "you can drag" not in text
 
 
 def test_two_builds_are_identical(plain: Made, tmp_path) -> None:
-    again = write_stability_report(plain.result, plain.figures, tmp_path / "again.html")
+    again = print_html(stability_page(plain.result, plain.figures), tmp_path / "again.html")
     assert again.read_bytes() == plain.page.read_bytes()

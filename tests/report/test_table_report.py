@@ -17,15 +17,17 @@ from matplotlib.patches import Rectangle
 from tests.gain_tables import table
 from tests.report.layout import assert_apart, write_svg
 from vsgdesign.artifacts import GainTable, read_table_file
+from vsgdesign.artifacts.measured_errors import shipped_errors
 from vsgdesign.linear.stability.gain_table import check_table, nominal_margins
 from vsgdesign.linear.stability.table_claims import limit_of
-from vsgdesign.report import write_table_figures, write_table_report
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.files import write_all
 from vsgdesign.report.drawing.panels import surface_scale
 from vsgdesign.report.gain_table.maps import varies
 from vsgdesign.report.gain_table.overview import stiffness, table_answer, table_headline
 from vsgdesign.report.gain_table.page import margins_table, table_figures, table_page, verdict_of
 from vsgdesign.report.page.blocks import Table
+from vsgdesign.report.page.html import print_html
 from vsgdesign.verbs.pipeline.table import report_table
 
 UNIT = re.compile(r"\[[^\]]+\]$")
@@ -193,7 +195,7 @@ def test_a_scale_without_a_gate_spans_the_values() -> None:
 @pytest.fixture(scope="session")
 def bare_figures(tmp_path_factory: pytest.TempPathFactory) -> list[WrittenFigure]:
     """The figures of one table on disk, once for all tests that read them."""
-    return write_table_figures(bare(), tmp_path_factory.mktemp("bare"))
+    return write_all(table_figures(bare(), shipped_errors()), tmp_path_factory.mktemp("bare"))
 
 
 def test_files_are_well_formed(bare_figures: list[WrittenFigure]) -> None:
@@ -224,7 +226,7 @@ def test_the_page_has_everything_and_fetches_nothing(
 ) -> None:
     made = {"rich": rich, "bare": bare}[name]()
     figures = [write_svg(one, tmp_path) for one in drawn("rich").values()] if name == "rich" else bare_figures
-    text = write_table_report(made, figures, tmp_path / "report.html").read_text(encoding="utf-8")
+    text = print_html(table_page(made, figures), tmp_path / "report.html").read_text(encoding="utf-8")
     page = Page(text)
     assert page.fetched == []
     assert len(page.ids) == len(set(page.ids))
@@ -286,7 +288,7 @@ def test_a_failed_proof_a_broken_grid_and_a_broken_promise_come_first() -> None:
 
 def test_names_are_escaped(tmp_path: Path) -> None:
     made = replace(bare(), name="<b>&", margins={})
-    text = write_table_report(made, [], tmp_path / "report.html").read_text(encoding="utf-8")
+    text = print_html(table_page(made), tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<h1>&lt;b&gt;&amp;: gain table</h1>" in text
     assert "The table has no margins." in text
 
@@ -320,7 +322,7 @@ def test_a_page_of_a_file_that_contradicts_itself_says_so_first(tmp_path: Path) 
     )
     for one, first in ((honest, "All 4 cells keep every promise"), (forged, "The file contradicts itself: 1 fault")):
         checked = check_table(one)
-        text = write_table_report(one, [], tmp_path / "report.html", checked).read_text(encoding="utf-8")
+        text = print_html(table_page(one, checked=checked), tmp_path / "report.html").read_text(encoding="utf-8")
         assert first in text
         assert all(f"<code>{fault.partition(' ')[0]}</code> is" in text for fault in checked.faults)
         assert "worst of the box (carried, not checked)" in text

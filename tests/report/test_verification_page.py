@@ -14,7 +14,6 @@ import pytest
 from tests.report.layout import assert_apart
 from tests.verification_documents import document
 from vsgdesign.artifacts.verification_text import promise_sentences
-from vsgdesign.report import write_verification_report
 from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.verification.page import (
     again_text,
@@ -23,6 +22,7 @@ from vsgdesign.report.verification.page import (
     left_out_table,
     promises_table,
     verification_figures,
+    write_verification_page,
 )
 
 UNIT = re.compile(r"\[[^\]]+\]$")
@@ -92,7 +92,7 @@ def test_a_family_without_judged_cases_says_so(tmp_path: Path) -> None:
     maps["judged"] = (0 * np.array(maps["judged"])).tolist()
     maps["worst_of"] = {name: [[None] * 10] * 12 for name in maps["worst_of"]}
     empty["worst"], empty["search"] = [], {"evaluations": 0, "found": []}
-    text = write_verification_report(empty, tmp_path)[-1].read_text(encoding="utf-8")
+    text = write_verification_page(empty, tmp_path)[-1].read_text(encoding="utf-8")
     assert "Overshoot: no steps were judged, so nothing is known." in text
     assert "figure-verification_map_step" not in text
     assert "No search was made." in text
@@ -126,7 +126,7 @@ class Page(HTMLParser):
 
 @pytest.mark.parametrize("broken", [True, False])
 def test_the_page_has_everything(tmp_path: Path, broken: bool) -> None:
-    files = write_verification_report(made(broken), tmp_path)
+    files = write_verification_page(made(broken), tmp_path)
     assert sorted(path.name for path in files if path.suffix == ".svg") == sorted(f"{n}.svg" for n in drawn(broken))
     assert all(path.is_file() for path in files)
     source = (tmp_path / "report.html").read_text(encoding="utf-8")

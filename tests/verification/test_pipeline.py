@@ -11,7 +11,6 @@ import pytest
 
 from tests.verification import stand_in
 from tests.verification.test_summary import STUDY
-from vsgdesign import report
 from vsgdesign.campaigns.verification.blocks import Shard, VerificationJob
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.execution.journal import kept_count, kept_folder
@@ -35,7 +34,9 @@ def without_emt(monkeypatch: pytest.MonkeyPatch) -> None:
         return stand_in.job(replace(study, verification=drawn), drawn.runs, spec=spec, block=64), 0.99
 
     monkeypatch.setattr(verify, "job_of", job_of)
-    monkeypatch.setattr(report, "write_verification_report", lambda *_: [])  # its figures take seconds
+    monkeypatch.setattr(
+        "vsgdesign.report.verification.page.write_verification_page", lambda *_: []
+    )  # its figures take seconds
 
 
 def counts(folder: Path) -> bytes:

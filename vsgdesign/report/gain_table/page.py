@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -57,7 +56,6 @@ from vsgdesign.report.page.blocks import (
     opening,
     words,
 )
-from vsgdesign.report.page.html import print_html
 from vsgdesign.report.page.live import StaticPage, try_it, way_to_it
 from vsgdesign.runtime.guards import safe_place_text, settings_of
 from vsgdesign.runtime.needed_sigma import needed_sigma_text
@@ -130,17 +128,6 @@ def table_figures(table: GainTable, measured: MeasuredErrors | None = None) -> I
     if inside is not None:
         yield inside
     yield from stale_figures(table)
-
-
-def write_table_page(
-    table: GainTable,
-    figures: Sequence[WrittenFigure],
-    out_path: Path,
-    checked: TableCheck | None = None,
-    live: StaticPage | None = None,
-) -> Path:
-    """Write the page, with the figures' SVG text as it lies on disk."""
-    return print_html(table_page(table, figures, checked, live), out_path)
 
 
 def table_page(

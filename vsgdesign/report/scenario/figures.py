@@ -69,7 +69,7 @@ def begin_all(
     trained: TrainedEstimator | None = None,
     executor: Executor | None = None,
 ) -> Callable[[], list[WrittenFigure]]:
-    """Begins to write every figure of a scenario into an existing folder, and returns what waits for them.
+    """Begins to write every figure of a scenario into a folder (made if missing), and returns what waits for them.
 
     Workers of an ``executor`` draw what is laid out here: this takes three quarters of the time. Bode plots are begun
     when the figures are waited for: python-control is loaded for them while the workers are still busy. Without an
@@ -80,6 +80,7 @@ def begin_all(
         return lambda: figures
     from vsgdesign.execution.jobs import begun
 
+    folder.mkdir(parents=True, exist_ok=True)
     waits = [begun(executor, write_figure, figure, folder) for figure in _figures_of_runs(result, trained)]
 
     def written() -> list[WrittenFigure]:

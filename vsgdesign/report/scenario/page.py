@@ -4,7 +4,6 @@ the part on which one tries other grids."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.gain_table import GainTable
@@ -32,7 +31,6 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.converter import converter_table, dc_link_text, filter_table, known_grid
-from vsgdesign.report.page.html import print_html
 from vsgdesign.report.page.live import StaticPage, try_it, way_to_it
 from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
@@ -51,19 +49,6 @@ if TYPE_CHECKING:
     from vsgdesign.estimator.trained import TrainedEstimator
 
 
-def write_page(
-    result: ScenarioResult,
-    figures: Sequence[WrittenFigure],
-    out_path: Path,
-    trained: TrainedEstimator | None = None,
-    inner: dict[str, Any] | None = None,
-    jumps: dict[str, Any] | None = None,
-    live: StaticPage | None = None,
-) -> Path:
-    """Write the page of a scenario, with the figures' SVG text as it lies on disk."""
-    return print_html(scenario_page(result, figures, trained, inner, jumps, live), out_path)
-
-
 def scenario_page(
     result: ScenarioResult,
     figures: Sequence[WrittenFigure] = (),
@@ -72,7 +57,11 @@ def scenario_page(
     jumps: dict[str, Any] | None = None,
     live: StaticPage | None = None,
 ) -> Page:
-    """The page: the answer, all figures, what was asked for, the system, and the response to each event."""
+    """The page: the answer, all figures, what was asked for, the system, and the response to each event.
+
+    ``inner`` says what designed inner loops keep, and ``jumps`` what current phase jumps make (results.json of the verb
+    ``inner`` and its ``phase_jumps``). ``live`` becomes the part on which one tries other grids and events.
+    """
     study = result.study
     outcomes, kept, judged = step_outcomes(result), promises_kept(result), judge_estimates(result)
     answer = scenario_headline(result, outcomes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
@@ -34,7 +33,7 @@ from vsgdesign.report.page.blocks import (
     words,
 )
 from vsgdesign.report.page.converter import converter_table, filter_table, specs_table
-from vsgdesign.report.page.html import print_html, text_file
+from vsgdesign.report.page.html import text_file
 from vsgdesign.report.page.network import network_block
 from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.report.stability import tables as made
@@ -70,33 +69,17 @@ def stability_figures(result: StabilityResult) -> Iterator[NamedFigure]:
     yield from step_figures(result)
 
 
-def write_stability_page(
-    result: StabilityResult,
-    figures: Sequence[WrittenFigure],
-    out_path: Path,
-    explorer: ExplorerFile | None = None,
-    pdf: Path | None = None,
-    jumps: dict[str, Any] | None = None,
-) -> Path:
-    """Write the page of a stability assessment, with the figures' SVG text as it lies on disk, perhaps as a PDF, too.
-
-    ``explorer`` is a page in the same folder, which this page shows in a frame. With None nothing is said of it.
-    """
-    page = stability_page(result, figures, explorer, jumps)
-    if pdf is not None:
-        from vsgdesign.report.page.pdf import print_pdf
-
-        print_pdf(page, pdf)
-    return print_html(page, out_path)
-
-
 def stability_page(
     result: StabilityResult,
     figures: Sequence[WrittenFigure],
     explorer: ExplorerFile | None = None,
     jumps: dict[str, Any] | None = None,
 ) -> Page:
-    """The page: the answer, the clause matrix, the model, margins over the grids, modes, loops and small steps."""
+    """The page: the answer, the clause matrix, the model, margins over the grids, modes, loops and small steps.
+
+    ``explorer`` is a page in the same folder, which this page shows in a frame. With None nothing is said of it.
+    ``jumps`` is what current phase jumps make (``phase_jumps`` in results.json).
+    """
     study, rest = result.study, figures[1:]
     blocks: list[Block | None] = [
         words(f"Parameters: {study.source}" if study.source else "", style=SOURCE),

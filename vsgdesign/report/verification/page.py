@@ -29,7 +29,7 @@ from vsgdesign.artifacts.verification_text import (
 )
 from vsgdesign.metrics.met import RULE
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.files import write_figure
+from vsgdesign.report.drawing.files import write_all
 from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.page.blocks import (
     BULLETS,
@@ -61,9 +61,12 @@ def verification_figures(document: Mapping[str, Any]) -> Iterator[NamedFigure]:
 
 
 def write_verification_page(document: Mapping[str, Any], folder: Path, live: StaticPage | None = None) -> list[Path]:
-    """Write ``figures/`` and ``report.html`` into an existing folder; returns every file that was written."""
-    (folder / "figures").mkdir(exist_ok=True)
-    figures = [write_figure(figure, folder / "figures") for figure in verification_figures(document)]
+    """Write ``figures/`` and ``report.html`` into a folder (made if missing); returns every file that was written.
+
+    ``document`` is results.json of the verb ``verify``. The page's links lead to the study files of the worst cases,
+    which the document names relative to the folder. ``live`` becomes the part on which one tries other grids.
+    """
+    figures = write_all(verification_figures(document), folder / "figures")
     page = print_html(verification_page(document, figures, live), folder / "report.html")
     return [path for figure in figures for path in (figure.svg, figure.png)] + [page]
 

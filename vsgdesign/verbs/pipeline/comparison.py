@@ -55,7 +55,9 @@ def report_comparison(
     Gain tables that the study asks for without naming a file are built first. ``done`` is given the comparison. The
     folder appears when everything is done. Raises the errors of :func:`compare_study` and ArtifactError.
     """
-    from vsgdesign.report import write_comparison_figures, write_comparison_report
+    from vsgdesign.report.comparison.page import comparison_figures, comparison_page
+    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.page.html import print_html
 
     tell = progress or silent
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
@@ -63,9 +65,9 @@ def report_comparison(
         ready = study_tables(study, out, workers=workers, certificates=False, progress=progress).ready
         comparison = compare_study(study, ready, emt=emt, seed=seed, progress=progress)
         tell("draw figures", 0.0)
-        figures = write_comparison_figures(comparison, folder / "figures")
+        figures = write_all(comparison_figures(comparison), folder / "figures")
         tell("draw figures", 1.0)
-        write_comparison_report(comparison, figures, folder / "report.html")
+        print_html(comparison_page(comparison, figures), folder / "report.html")
         if done is not None:
             done(comparison)
         write_table(folder / "comparison.csv", CSV_HEADER, csv_rows(comparison))

@@ -134,20 +134,26 @@ def _write(
     result: StabilityResult, folder: Path, pdf: bool, explorer: bool, workers: int | None, tell: Progress
 ) -> dict[str, Any]:
     from vsgdesign.campaigns.phase_jumps import phase_jumps
-    from vsgdesign.report import write_stability_figures, write_stability_report
+    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.page.html import print_html
+    from vsgdesign.report.stability.page import stability_figures, stability_page
 
     begin = time.perf_counter()
     begun = live_begun(result.study, result.ready, workers, QUICK_LATTICE) if explorer else nullcontext()
     with begun as explored:
         write_stability_tables(result, folder)
         tell("draw figures", 0.0)
-        figures = write_stability_figures(result, folder / "figures")
+        figures = write_all(stability_figures(result), folder / "figures")
         tell("draw figures", 1.0)
-        page = None if explored is None else _written(waited_for(explored, tell), folder)
+        explorer_file = None if explored is None else _written(waited_for(explored, tell), folder)
     found = phase_jumps(result.study)
     jumps = None if found is None else found.document()
-    paper = folder / "report.pdf" if pdf else None
-    write_stability_report(result, figures, folder / "report.html", page, paper, jumps)
+    page = stability_page(result, figures, explorer_file, jumps)
+    if pdf:
+        from vsgdesign.report.page.pdf import print_pdf
+
+        print_pdf(page, folder / "report.pdf")
+    print_html(page, folder / "report.html")
     result.timing_s["report"] = time.perf_counter() - begin
     return write_record(folder, stability_document(result) | {"phase_jumps": jumps}, VERB)
 

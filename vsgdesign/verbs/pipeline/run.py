@@ -222,25 +222,26 @@ def _write(
     inner, jumps = _inner_loops(study), None
     drawn: Callable[[], list[WrittenFigure]] | None = None
     if shown.report:
-        from vsgdesign.report import begin_figures
+        from vsgdesign.report.scenario.figures import begin_all
 
         begin = time.perf_counter()
         tell("draw figures", 0.0)
-        drawn = begin_figures(result, folder / "figures", trained, have.executor)
+        drawn = begin_all(result, folder / "figures", trained, have.executor)
         jumps = _phase_jumps(study)
         timing["report"] = time.perf_counter() - begin
     result = replace(result, ready=have.verified())
     _write_made(result.ready, folder, have.proofs)
     exports = _exports(study, result.ready, folder, have.executor, warn)
     if drawn is not None:
-        from vsgdesign.report import write_report
+        from vsgdesign.report.page.html import print_html
+        from vsgdesign.report.scenario.page import scenario_page
         from vsgdesign.verbs.pipeline.live_part import waited_for
 
         begin = time.perf_counter()
         figures = drawn()
         tell("draw figures", 1.0)
         page = None if live is None else waited_for(live, tell)
-        write_report(result, figures, folder / "report.html", trained, inner, jumps, page)
+        print_html(scenario_page(result, figures, trained, inner, jumps, page), folder / "report.html")
         timing["report"] += time.perf_counter() - begin
     for wait in exports:
         wait()

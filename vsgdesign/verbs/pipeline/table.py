@@ -246,7 +246,10 @@ def report_table(
     and no inner loops. ``inputs`` are the files from which the table comes. A folder that contains one of them is not
     replaced. The folder appears when everything is done. Raises ArtifactError.
     """
-    from vsgdesign.report import write_table_figures, write_table_report
+    from vsgdesign.artifacts.measured_errors import shipped_errors
+    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.gain_table.page import table_figures, table_page
+    from vsgdesign.report.page.html import print_html
 
     tell = progress or silent
     with staged_folder(out, REPORT, inputs=inputs) as folder, _live(table, study) as live:
@@ -256,10 +259,10 @@ def report_table(
         write_table_file(table, folder / "table.json")
         write_table(folder / CSV_FILE, table_header(table), table_rows(table))
         tell("draw figures", 0.0)
-        figures = write_table_figures(table, folder / "figures")
+        figures = write_all(table_figures(table, shipped_errors()), folder / "figures")
         tell("draw figures", 1.0)
         page = None if live is None else waited_for(live, tell)
-        write_table_report(table, figures, folder / "report.html", outcome, page)
+        print_html(table_page(table, figures, outcome, page), folder / "report.html")
         document = {
             "table": {
                 "name": table.name,

@@ -400,7 +400,7 @@ def _concluded(
     from vsgdesign.campaigns.verification.document import counts_document
     from vsgdesign.campaigns.verification.emt import TABLE
     from vsgdesign.campaigns.verification.worst import CaseFolder, search_from_worst, write_found, write_worst
-    from vsgdesign.report import write_verification_report
+    from vsgdesign.report.verification.page import write_verification_page
 
     begin, evaluations = time.perf_counter(), asked.search
     if evaluations is None:
@@ -429,5 +429,5 @@ def _concluded(
     if asked.explorer and job.study.plant is None:
         begun = live_begun(own, job.ready, 1, executor=executor, cases=_replayed(document, folder, job))
     with begun as live:
-        write_verification_report(document, folder, None if live is None else waited_for(live, progress or silent))
+        write_verification_page(document, folder, None if live is None else waited_for(live, progress or silent))
     return write_record(folder, document, VERB)
