@@ -41,7 +41,7 @@ _HOMES = {
     "design_table": "verbs.facade.tables",
     "diff": "verbs.facade.compared",
     "event": "verbs.facade.studies",
-    "explore": "verbs.facade.reporting",
+    "explore": "verbs.facade.simulated",
     "export_all": "verbs.facade.exports",
     "export_c": "verbs.facade.tables",
     "export_dll": "verbs.facade.exports",
@@ -69,7 +69,7 @@ _HOMES = {
     "train": "verbs.facade.estimators",
     "validate": "verbs.facade.designed",
     "verify": "verbs.facade.campaigns",
-    "write_report": "verbs.facade.reporting",
+    "write_report": "verbs.facade.simulated",
 }
 """Where each public name lives (SPEC 1: lazy loading)."""
 

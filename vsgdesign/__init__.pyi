@@ -48,10 +48,10 @@ from vsgdesign.verbs.facade.exports import export_plecs as export_plecs
 from vsgdesign.verbs.facade.exports import export_simulink as export_simulink
 from vsgdesign.verbs.facade.exports import export_sunspec as export_sunspec
 from vsgdesign.verbs.facade.exports import pil as pil
-from vsgdesign.verbs.facade.reporting import explore as explore
-from vsgdesign.verbs.facade.reporting import write_report as write_report
 from vsgdesign.verbs.facade.simulated import Run as Run
+from vsgdesign.verbs.facade.simulated import explore as explore
 from vsgdesign.verbs.facade.simulated import simulate as simulate
+from vsgdesign.verbs.facade.simulated import write_report as write_report
 from vsgdesign.verbs.facade.studies import controller as controller
 from vsgdesign.verbs.facade.studies import event as event
 from vsgdesign.verbs.facade.studies import grid as grid

@@ -30,7 +30,6 @@ API = {
             "vsgdesign.verbs.facade.simulated",
             "vsgdesign.verbs.facade.assessed",
             "vsgdesign.verbs.facade.tables",
-            "vsgdesign.verbs.facade.reporting",
             "vsgdesign.verbs.facade.shown",
         ),
     ),

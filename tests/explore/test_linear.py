@@ -19,10 +19,10 @@ from vsgdesign.linear.stability.loci import mode_sensitivities, modes
 from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.linear.stability.step_responses import full_order_step
 from vsgdesign.metrics.step_response import step_response
-from vsgdesign.report.explore.answer import Answer, as_bytes
 from vsgdesign.report.explore.fields import changed_study
 from vsgdesign.report.explore.linear import linear_answer, modes_answer
 from vsgdesign.report.explore.state import OWN, State, state_of
+from vsgdesign.report.explore.wire import Answer, as_bytes
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.grid import Place

@@ -14,10 +14,10 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.report.explore import live, words
-from vsgdesign.report.explore.answer import MOST, thinned
 from vsgdesign.report.explore.live import SIGNALS, emt_answer
 from vsgdesign.report.explore.scene import LEAD_S, scene_of, study_of
 from vsgdesign.report.explore.state import state_of
+from vsgdesign.report.explore.wire import MOST, thinned
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import load_study

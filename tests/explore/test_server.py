@@ -17,10 +17,9 @@ import numpy as np
 import pytest
 
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.report.explore.answer import Answer
-from vsgdesign.report.explore.security import BODY_LIMIT
 from vsgdesign.report.explore.server import ALWAYS, PAGE, ExplorerServer, Opening, page_files
 from vsgdesign.report.explore.state import StateError
+from vsgdesign.report.explore.wire import BODY_LIMIT, Answer
 
 _FAULTS = [{"field": "scr", "value": 0, "limit": "0.1 to 1000", "unit": "", "text": "scr = 0: outside"}]
 

@@ -20,7 +20,6 @@ from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.ready import NOTHING, Ready, read_tables
 from vsgdesign.errors import StudyError
 from vsgdesign.report.explore import session as session_module
-from vsgdesign.report.explore.answer import Answer, as_bytes
 from vsgdesign.report.explore.fields import changed_study
 from vsgdesign.report.explore.linear import linear_answer
 from vsgdesign.report.explore.live import simulated
@@ -28,6 +27,7 @@ from vsgdesign.report.explore.maps import map_axes
 from vsgdesign.report.explore.scene import scene_of, study_of
 from vsgdesign.report.explore.session import Session, start_of
 from vsgdesign.report.explore.state import StateError, state_of
+from vsgdesign.report.explore.wire import Answer, as_bytes
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.grid import Place

@@ -1,7 +1,8 @@
 """Many disturbances on many cores, with the same verdicts whatever the number of workers.
 
-Those that can are lanes of one loop. Of a plant of equal units every unit is judged as a converter that stands alone,
-and the plant by its worst unit.
+Each run of a converter or of a plant that can is a lane of one loop, and the verdicts are those of
+:mod:`vsgdesign.simulation.survival.running`. Of a plant of equal units every unit is judged as a converter that stands
+alone, and the plant by its worst unit.
 """
 
 from __future__ import annotations

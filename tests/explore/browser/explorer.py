@@ -16,9 +16,9 @@ import numpy as np
 
 from tests.explore.browser.chromium import Page
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.report.explore.answer import Answer
 from vsgdesign.report.explore.server import ExplorerServer, Opening
 from vsgdesign.report.explore.session import Session, never
+from vsgdesign.report.explore.wire import Answer
 from vsgdesign.study.parameters import load_study
 
 KINDS = ("linear", "emt", "map")

@@ -11,8 +11,8 @@ import pytest
 from tests.explore.browser.chromium import Chromium
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.report.explore.live import simulated
-from vsgdesign.report.explore.page_cases import PageCase, can_be_replayed, recorded
 from vsgdesign.report.explore.page_file import joined_modules, page_of_session
+from vsgdesign.report.explore.page_starts import PageCase, can_be_replayed, recorded
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import Session
 from vsgdesign.report.page.blocks import Page, Table, words

@@ -11,9 +11,16 @@ from typing import Any, NamedTuple
 
 from vsgdesign.campaigns.compliance.applies import NEEDS
 from vsgdesign.campaigns.compliance.envelopes import ENVELOPES
-from vsgdesign.campaigns.compliance.expanding import MOST_TESTS, axes_of, combinations, size_in_words, size_of
 from vsgdesign.campaigns.compliance.measures import MEASURES, Measure, Parameter
-from vsgdesign.campaigns.compliance.reading_events import LONGEST_S, read_events
+from vsgdesign.campaigns.compliance.reading_tests import (
+    LONGEST_S,
+    MOST_TESTS,
+    axes_of,
+    combinations,
+    read_events,
+    size_in_words,
+    size_of,
+)
 from vsgdesign.campaigns.compliance.suite import CONFIDENCES, ENVELOPE, USER, Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import Fault, StudyError, did_you_mean, nearest
 from vsgdesign.study.parameters.event import BASIS

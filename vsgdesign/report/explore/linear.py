@@ -23,9 +23,9 @@ from vsgdesign.linear.stability.loops import FullOrderLoop
 from vsgdesign.linear.stability.margins import MARGINS, eigenvalues_of, margins_named
 from vsgdesign.linear.stability.step_responses import full_order_settling, full_order_step, reduced_step
 from vsgdesign.metrics.modes import least_damping, taken
-from vsgdesign.report.explore.answer import Answer
 from vsgdesign.report.explore.scene import Scene, Shown, scene_of
 from vsgdesign.report.explore.state import State
+from vsgdesign.report.explore.wire import Answer
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

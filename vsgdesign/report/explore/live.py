@@ -17,7 +17,6 @@ from vsgdesign.errors import SimulationDivergedError, VsgDesignError
 from vsgdesign.metrics.events import MEASURED, TOO_SHORT, EventMetrics
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import loads_of
-from vsgdesign.report.explore.answer import Answer, emt_of_rows, thinned
 from vsgdesign.report.explore.dc_side import curves_of_dc, levels_of
 from vsgdesign.report.explore.scene import (
     LEAD_S,
@@ -31,6 +30,7 @@ from vsgdesign.report.explore.scene import (
     study_of,
 )
 from vsgdesign.report.explore.state import State
+from vsgdesign.report.explore.wire import Answer, emt_of_rows, thinned
 from vsgdesign.report.explore.words import SETTLED, asked_of, verdict
 from vsgdesign.simulation.every_sample import signals_at_pcc, with_every_sample
 from vsgdesign.simulation.expected_rests import expected_rests_of
@@ -70,7 +70,7 @@ def emt_answer(
 
     ``study`` has the state's changes already. Times count from the event. None: a newer request made this one ``stale``
     meanwhile. A controller that cannot be simulated has words in place of curves; nothing is raised for it. ``places``:
-    the shown controllers of a part of the answer (:func:`vsgdesign.report.explore.answer.joined_emt`), None for all.
+    the shown controllers of a part of the answer (:func:`vsgdesign.report.explore.wire.joined_emt`), None for all.
     """
     scene = scene_of(study, ready, state)
     places = [k for k in range(len(scene.shown)) if places is None or k in places]

@@ -17,7 +17,6 @@ from vsgdesign.linear.stability.differential import asked_apart, differential_mo
 from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
 from vsgdesign.linear.stability.step_responses import full_order_settling
 from vsgdesign.metrics.modes import least_damping
-from vsgdesign.report.explore.answer import Answer
 from vsgdesign.report.explore.scene import (
     Shown,
     at_source,
@@ -30,6 +29,7 @@ from vsgdesign.report.explore.scene import (
     told_spec,
 )
 from vsgdesign.report.explore.state import State
+from vsgdesign.report.explore.wire import Answer
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, REACTIVE, STEP, LaneCases, LaneEvents
 from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.run import run_lanes

@@ -37,9 +37,8 @@ from vsgdesign.report.explore.lattice import (
     shown_in,
 )
 from vsgdesign.report.explore.live import asked_of_steps, bands, told_note
-from vsgdesign.report.explore.page_cases import PageCase
 from vsgdesign.report.explore.page_runs import page_runs
-from vsgdesign.report.explore.page_starts import CellStarts, joined, starts_of
+from vsgdesign.report.explore.page_starts import CellStarts, PageCase, joined, starts_of
 from vsgdesign.report.explore.scene import scene_of
 from vsgdesign.report.explore.server import PAGE
 from vsgdesign.report.explore.session import SWITCHED, Session

@@ -31,8 +31,7 @@ from vsgdesign.linear.stability.loci import RANKED, quantity_of
 from vsgdesign.report.explore.dc_side import page_of_dc
 from vsgdesign.report.explore.lattice import Columns, Lattice, Texts
 from vsgdesign.report.explore.live import NOTHING
-from vsgdesign.report.explore.page_cases import PageCase, cases_document
-from vsgdesign.report.explore.page_starts import AtRest, CellStarts, at_rest
+from vsgdesign.report.explore.page_starts import AtRest, CellStarts, PageCase, at_rest, cases_document
 from vsgdesign.report.explore.page_verdicts import (
     common_of_verdicts,
     function_spec,

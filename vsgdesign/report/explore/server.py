@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.errors import VsgDesignError
-from vsgdesign.report.explore.answer import as_bytes
-from vsgdesign.report.explore.security import HOST, POLICY, Gate, RefusedError, body_length, wish_of
+from vsgdesign.report.explore.wire import HOST, POLICY, Gate, RefusedError, as_bytes, body_length, wish_of
 
 if TYPE_CHECKING:
     from vsgdesign.report.explore.session import Session

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.report.explore.answer import Answer
 from vsgdesign.report.explore.state import State, StateError, defaults, faults_of, state_of
+from vsgdesign.report.explore.wire import Answer
 from vsgdesign.study.parameters.network import only_a_grid
 from vsgdesign.study.parameters.study import Study
 
@@ -228,7 +228,7 @@ class Session:
         apart = [process for process in self._apart if process.alive]
         if apart and not stale():
             from vsgdesign.execution.workers import ask_all
-            from vsgdesign.report.explore.answer import joined_emt
+            from vsgdesign.report.explore.wire import joined_emt
 
             count = max(min(len(apart), len(state.controllers)), 1)
             places = [range(k, len(state.controllers), count) for k in range(count)]

@@ -55,7 +55,7 @@ def new(sheet_file: str | None, out: str, impedance_file: str | None, as_json: b
     """
     from vsgdesign.artifacts.files import check_new, write_new_text
     from vsgdesign.study.datasheet import read_sheet
-    from vsgdesign.verbs.pipeline.new import checked_text, new_document, new_lines
+    from vsgdesign.verbs.pipeline.inputs import checked_text, new_document, new_lines
 
     if loose := click.get_current_context().args:
         raise click.UsageError(f"{shlex.join(loose)} belongs to an option. {_what_to_type(loose[0])}")
@@ -192,7 +192,7 @@ def grid(
     [grid] and [specification] of a study. What the file does not say of a source is asked for by its name.
     """
     from vsgdesign.verbs.pipeline.grid import grid_document, report_grid
-    from vsgdesign.verbs.pipeline.grid_asked import asked_of
+    from vsgdesign.verbs.pipeline.inputs import asked_of
 
     asked = asked_of(
         bus=bus,

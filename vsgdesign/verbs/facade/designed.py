@@ -36,13 +36,13 @@ class NewStudy(Shown):
 
     def sentences(self) -> Sequence[str]:
         """What ``vsgdesign new`` prints."""
-        from vsgdesign.verbs.pipeline.new import new_lines
+        from vsgdesign.verbs.pipeline.inputs import new_lines
 
         return new_lines(self.datasheet, self.file)
 
     def to_dict(self) -> dict[str, Any]:
         """What ``vsgdesign new --json`` prints."""
-        from vsgdesign.verbs.pipeline.new import new_document
+        from vsgdesign.verbs.pipeline.inputs import new_document
 
         return plain(new_document(self.datasheet, self.file))
 
@@ -51,7 +51,7 @@ def new(sheet: str | Path, out: str | Path = "study.toml", *, impedance: str | P
     """Writes the study of a datasheet (.csv or .toml). ``impedance``: the CSV file of the grid's impedance as it was
     measured over frequency. An existing file is left unchanged and raises ArtifactError; faults of the files raise
     StudyError."""
-    from vsgdesign.verbs.pipeline.new import new_study
+    from vsgdesign.verbs.pipeline.inputs import new_study
 
     return NewStudy(Path(out), new_study(sheet, out, impedance))
 
@@ -240,7 +240,7 @@ def grid_of_network(
     Raises StudyError, which names each source that the file does not describe, and InfeasibleStudyError.
     """
     from vsgdesign.verbs.pipeline.grid import grid_of_network as found
-    from vsgdesign.verbs.pipeline.grid_asked import asked_of
+    from vsgdesign.verbs.pipeline.inputs import asked_of
 
     none = None, None
     asked = asked_of(

@@ -13,8 +13,8 @@ from vsgdesign.execution.executors import known_here_alone, worker_count, worker
 from vsgdesign.execution.jobs import begun
 from vsgdesign.execution.progress import Progress
 from vsgdesign.report.explore.lattice import PART_LATTICE
-from vsgdesign.report.explore.page_cases import PageCase
 from vsgdesign.report.explore.page_file import live_page
+from vsgdesign.report.explore.page_starts import PageCase
 from vsgdesign.report.page.live import StaticPage
 from vsgdesign.study.parameters import Study
 from vsgdesign.study.parameters.study import ControllerSpec

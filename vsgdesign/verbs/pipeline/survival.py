@@ -22,7 +22,7 @@ from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 from vsgdesign.verbs.pipeline.one_unit import as_unit
 
 if TYPE_CHECKING:  # the simulation is loaded by who measures
-    from vsgdesign.report.explore.page_cases import PageCase
+    from vsgdesign.report.explore.page_starts import PageCase
     from vsgdesign.simulation.survival import CaseResult, Subject, SurvivalCase
 
 VERB = "vsgdesign survive"
@@ -115,7 +115,7 @@ _SHOWN = 12
 
 def lost_cases(subjects: Mapping[str, Subject], results: Mapping[str, Sequence[CaseResult]]) -> list[PageCase]:
     """The first lost cases that the page can replay, as it shows them."""
-    from vsgdesign.report.explore.page_cases import PageCase, can_be_replayed
+    from vsgdesign.report.explore.page_starts import PageCase, can_be_replayed
     from vsgdesign.report.survival import lost_label
     from vsgdesign.simulation.survival.running import study_of_case
 

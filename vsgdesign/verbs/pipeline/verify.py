@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # the simulation is loaded by who verifies
 
     from vsgdesign.campaigns.verification.blocks import Shard, VerificationJob
     from vsgdesign.campaigns.verification.summary import Summary
-    from vsgdesign.report.explore.page_cases import PageCase
+    from vsgdesign.report.explore.page_starts import PageCase
 
 VERB = "vsgdesign verify"
 SHARD = "vsgdesign verify --shard"
@@ -362,7 +362,7 @@ _REPLAYED = 12
 def _replayed(document: Mapping[str, Any], folder: Path, job: VerificationJob) -> list[PageCase]:
     """The first of the worst cases and of those that were found, as the page shows them."""
     from vsgdesign.report.explore.live import NOTHING
-    from vsgdesign.report.explore.page_cases import PageCase, can_be_replayed
+    from vsgdesign.report.explore.page_starts import PageCase, can_be_replayed
     from vsgdesign.report.verification.page import case_label
     from vsgdesign.study.parameters import load_study
 

@@ -1,15 +1,17 @@
-"""From a converter's datasheet to the text of a study, checked by the study's own reader before it is written."""
+"""What a study begins from: the text that a datasheet becomes, and what is asked of a network model."""
 
 from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from vsgdesign.artifacts.files import check_new, write_new_text
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.datasheet import (
     Datasheet,
     Sheet,
@@ -20,7 +22,10 @@ from vsgdesign.study.datasheet import (
     study_text,
     with_impedance,
 )
+from vsgdesign.study.networks.model import Given
 from vsgdesign.study.parameters import study_from_text
+from vsgdesign.study.parameters.units import UnitError, parse_quantity
+from vsgdesign.verbs.pipeline.grid import N_1, Asked
 
 
 def checked_text(sheet: Sheet, origin: str, impedance: str | Path | None = None) -> tuple[Datasheet, str]:
@@ -73,3 +78,65 @@ def new_lines(converter: Datasheet, path: str | Path) -> list[str]:
     if converter.unused:
         lines.append("not used: " + ", ".join(converter.unused))
     return [*lines, f"next: vsgdesign run {shlex.quote(str(path))}"]
+
+
+Quantity = float | str
+Pair = tuple[Quantity | None, Quantity | None]
+
+
+def asked_of(
+    *,
+    bus: str,
+    S: Quantity,
+    outages: str = N_1,
+    source: Pair = (None, None),
+    machine: Pair = (None, None),
+    named: Mapping[str, tuple[Quantity, Quantity] | None] | None = None,
+    loads: bool = False,
+    frequency: Quantity | None = None,
+) -> Asked:
+    """Checks everything that is asked. ``source``: short-circuit power and X/R of each slack bus; ``machine``:
+    sub-transient reactance in pu and X/R of each machine; ``named``: short-circuit power and X/R by name. Raises
+    StudyError with every fault."""
+    faults: list[Fault] = []
+
+    def positive(field: str, value: Quantity, dimension: str) -> float:
+        try:
+            number = parse_quantity(value, dimension)
+            if number > 0.0:
+                return number
+            problem = "must be positive"
+        except UnitError as error:
+            problem = str(error)
+        faults.append(Fault(field, f'"{value}"', problem))
+        return 1.0
+
+    def pair(fields: tuple[str, str], values: Pair, dimension: str) -> tuple[float, float] | None:
+        given = [value for value in values if value is not None]
+        if len(given) == 1:
+            missing = fields[values.index(None)]
+            faults.append(Fault(missing, "", "is missing", f"Give {fields[0]} and {fields[1]} together."))
+        if len(given) < 2:
+            return None
+        return positive(fields[0], given[0], dimension), positive(fields[1], given[1], "1")
+
+    def of_name(name: str, told: tuple[Quantity, Quantity] | None) -> tuple[float, float] | None:
+        if told is None:
+            return None
+        return positive(f"source {name}", told[0], "VA"), positive(f"source {name}, X/R", told[1], "1")
+
+    asked = Asked(
+        bus=bus,
+        S=positive("s", S, "VA"),
+        outages=outages,
+        given=Given(
+            source=pair(("source-s", "source-x-over-r"), source, "VA"),
+            machine=pair(("machine-x", "machine-x-over-r"), machine, "1"),
+            named=tuple((name, of_name(name, told)) for name, told in (named or {}).items()),
+        ),
+        loads=loads,
+        f_n=None if frequency is None else positive("frequency", frequency, "Hz"),
+    )
+    if faults:
+        raise StudyError("grid", faults)
+    return asked
