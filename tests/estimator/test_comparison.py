@@ -32,12 +32,13 @@ from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.estimator.figures import comparison_figures, stress_figures
 from vsgdesign.report.estimator.page import (
     comparison_conclusion,
+    comparison_page,
     delay_table,
     stress_answer,
     stress_conclusion,
-    write_comparison_page,
-    write_stress_page,
+    stress_page,
 )
+from vsgdesign.report.page.html import print_html
 from vsgdesign.study.parameters import Study, load_study, study_from_text
 from vsgdesign.study.parameters.background import draw_background
 from vsgdesign.study.parameters.grid import Grid
@@ -212,7 +213,7 @@ def test_probes_do_not_care_for_phase_and_harmonics() -> None:
 
 def test_pages_and_figures(tmp_path: Path) -> None:
     figures = write_all(comparison_figures(compared()), tmp_path)
-    page = write_comparison_page("A study", compared(), figures, tmp_path / "a.html").read_text()
+    page = print_html(comparison_page("A study", compared(), figures), tmp_path / "a.html").read_text()
     assert {figure.name for figure in figures} == {
         "estimator_accuracy",
         "estimator_disturbance",
@@ -229,7 +230,7 @@ def test_pages_and_figures(tmp_path: Path) -> None:
         assert row[3].startswith("✓" if max(delays) < math.inf else "✗")
     assert "> T" in {row[0]: row for row in delay_table(compared()).rows}["Constant guess"]
     figures = write_all(stress_figures(stressed()), tmp_path)
-    page = write_stress_page("A study", stressed(), figures, tmp_path / "b.html").read_text()
+    page = print_html(stress_page("A study", stressed(), figures), tmp_path / "b.html").read_text()
     assert "Requirements for an estimator in the field" in page
     parts = re.split(r"<h2[^>]*>", page)[1:]
     assert all(re.search(r"<(table|figure|ol|ul|p)\b", part) for part in parts)  # no heading without a part

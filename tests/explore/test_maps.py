@@ -114,8 +114,8 @@ def test_a_map_without_a_table_says_why() -> None:
 @pytest.mark.parametrize("name", ["structures", "published", "inertia", "laboratory"])
 def test_figures_and_axes_of_any_study(name: str) -> None:
     study = load_study(f"studies/{name}/study.toml")
-    assert [row["name"] for row in figures_of(study, NOTHING)] == list(FIGURES)
-    for row in figures_of(study, NOTHING):
+    assert [row["name"] for row in figures_of(study)] == list(FIGURES)
+    for row in figures_of(study):
         assert row["low"] < row["high"]
         assert row["better"] in ("high", "low")
     at = defaults(study)

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.report.drawing.quantities import GAIN_UNITS
 from vsgdesign.report.explore.fields import STUDY_FIELDS, changed_study, fields_of, gains_of, quantities_of
@@ -86,7 +85,7 @@ def test_controllers_are_in_the_order_of_the_study() -> None:
 
 def test_fields_are_those_of_the_reader(study: Study) -> None:
     asked = quantities_of(study)
-    fields = {row["path"]: row for row in fields_of(study, NOTHING)}
+    fields = {row["path"]: row for row in fields_of(study)}
     shown = {one.path: one for one in STUDY_FIELDS if one.path in fields}
     assert {"power_loops.tau_P", "converter.current_limit_pu", "power_loops.settling_time"} <= shown.keys()
     for path, one in shown.items():
@@ -127,7 +126,7 @@ def test_faults_are_in_the_units_of_the_fields(study: Study) -> None:
     """Before: a field in kW, in per cent or in ms named limits in per unit or in s."""
     document = {"P_pu": 3.0, "Q_pu": -3.0, "error_R": -1.5, "error_X": 20, "silent_s": -0.5, "V_g_pu": 9}
     found = faults(state_of, document, study)
-    for field in fields_of(study, NOTHING):
+    for field in fields_of(study):
         if field["path"] in document:
             one = found[field["path"]]
             shown = document[field["path"]] * field.get("scale", 1.0)

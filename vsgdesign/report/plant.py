@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import mark_events, time_unit
 from vsgdesign.report.page.blocks import HEADLINE, SOURCE, Block, Box, Heading, Page, Table, Where, drawings, words
-from vsgdesign.report.page.html import print_html
 from vsgdesign.report.page.network import network_block
 from vsgdesign.report.scenario.tables import DC_HEAD, DC_NOTE, dc_cut, dc_row
 from vsgdesign.report.stability import tables as made
@@ -149,13 +147,6 @@ _PANEL_IN, _GAP_IN, _COLUMNS = 1.05, 0.14, 1500
 
 _ALIKE = 0.6
 """A unit is named as the one to change where it has this share of a mode."""
-
-
-def write_plant_page(
-    result: PlantResult, figures: Sequence[WrittenFigure], out: Path, margins: StabilityResult | None = None
-) -> Path:
-    """Writes the page of a run."""
-    return print_html(plant_page(result, figures, margins), out)
 
 
 def plant_page(

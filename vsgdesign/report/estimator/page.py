@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -40,10 +39,9 @@ from vsgdesign.report.page.blocks import (
     without_empty,
     words,
 )
-from vsgdesign.report.page.html import print_html
 
 
-def write_comparison_page(study: str, found: Comparison, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+def comparison_page(study: str, found: Comparison, figures: Sequence[WrittenFigure]) -> Page:
     """The page of the comparison: error and bound, disturbance, delay."""
     blocks = [
         *opening(comparison_headline(found), [comparison_answer(found)], figures, "estimator_accuracy"),
@@ -57,10 +55,10 @@ def write_comparison_page(study: str, found: Comparison, figures: Sequence[Writt
         delay_table(found),
         *drawings(figures, 3),
     ]
-    return write_page("Impedance estimators compared", study, blocks, found.weights, out_path)
+    return _page("Impedance estimators compared", study, blocks, found.weights)
 
 
-def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure], out_path: Path) -> Path:
+def stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure]) -> Page:
     """The page of the stress test: the error under everything that can disturb an estimator in the field."""
     blocks = [
         *opening(stress_headline(found), [stress_answer(found)], figures, "estimator_stress"),
@@ -70,12 +68,10 @@ def write_stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure
         Heading("Errors", numbered=True),
         *(stress_table(found, k) for k in range(len(found.results))),
     ]
-    return write_page("Impedance estimators under stress", study, blocks, found.weights, out_path)
+    return _page("Impedance estimators under stress", study, blocks, found.weights)
 
 
-def write_field_training_page(
-    study: str, trained: TrainedFieldNetwork, figures: Sequence[WrittenFigure], out_path: Path
-) -> Path:
+def field_training_page(study: str, trained: TrainedFieldNetwork, figures: Sequence[WrittenFigure]) -> Page:
     """The page of a training: the verdict, the three ways by kind of change, and the loss."""
     blocks = [
         *opening(training_headline(trained), [training_answer(trained)], figures, "after_a_change"),
@@ -89,15 +85,13 @@ def write_field_training_page(
         runs_table(trained),
         *drawings(figures, 3),
     ]
-    return write_page(
-        "The network of the field estimator", study, blocks, {"This network": trained.weights.hash}, out_path
-    )
+    return _page("The network of the field estimator", study, blocks, {"This network": trained.weights.hash})
 
 
-def write_page(title: str, study: str, blocks: Sequence[Block], weights: Mapping[str, str], out_path: Path) -> Path:
+def _page(title: str, study: str, blocks: Sequence[Block], weights: Mapping[str, str]) -> Page:
     """A page of the estimator, whose last line names the weights of its networks."""
     named = [part for name, hash in weights.items() for part in (f"{name}: weights ", Span(hash[:16], code=True), ". ")]
-    return print_html(Page(title, [words(study), *blocks], tuple(named)), out_path)
+    return Page(title, [words(study), *blocks], tuple(named))
 
 
 def _in_words(sentences: Sequence[str]) -> list[Block]:

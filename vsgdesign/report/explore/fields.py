@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import StudyError
@@ -131,7 +130,7 @@ STUDY_FIELDS = (
 """Fields of a study that the page may change, in the order in which it shows them."""
 
 
-def fields_of(study: Study, ready: Ready) -> list[dict[str, Any]]:  # noqa: ARG001 - as the session calls it
+def fields_of(study: Study) -> list[dict[str, Any]]:
     """All fields for the page: path, label, unit, least and largest value, slider, step, present value and group.
 
     Values are in the unit. ``scale`` is the shown value over that of the state (a path of a study file is sent as a

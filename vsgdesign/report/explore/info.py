@@ -17,7 +17,7 @@ from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.explore.dc_side import signals_of
 from vsgdesign.report.explore.fields import fields_of, gains_of
 from vsgdesign.report.explore.maps import figures_of, map_axes, map_cells, map_figures
-from vsgdesign.report.explore.scene import shown_of
+from vsgdesign.report.explore.scene import events_of, shown_of
 from vsgdesign.report.explore.state import defaults, state_of
 from vsgdesign.study.parameters.study import Study
 
@@ -31,8 +31,6 @@ ROOM = 1.4
 
 def study_info(study: Study, ready: Ready, colours: Mapping[str, str]) -> dict[str, Any]:
     """The document of ``GET study``."""
-    from vsgdesign.report.explore.scene import events_of
-
     scr, x_over_r = map_axes(study)
     promises = {figure.name: (figure.promise, figure.scale) for figure in map_figures(study)}
     gates = {name: None if value is None else value / scale for name, (value, scale) in promises.items()}
@@ -42,10 +40,10 @@ def study_info(study: Study, ready: Ready, colours: Mapping[str, str]) -> dict[s
             {"name": spec.name, "colour": colours[spec.name], "structure": spec.target.structure, "own": False}
             for spec in study.controllers
         ],
-        "fields": fields_of(study, ready),
+        "fields": fields_of(study),
         "gains": gains_of(),
-        "figures": figures_of(study, ready),
-        "events": events_of(study),
+        "figures": figures_of(study),
+        "events": events_of(),
         "defaults": defaults(study),
         "map": {"scr": list(scr), "x_over_r": list(x_over_r)},
         "nodes": _nodes(study, ready),

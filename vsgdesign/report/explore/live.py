@@ -24,13 +24,12 @@ from vsgdesign.report.explore.scene import (
     Shown,
     after_s,
     event_s,
-    events_of,
     length_s,
     scene_of,
     study_of,
 )
 from vsgdesign.report.explore.state import State
-from vsgdesign.report.explore.wire import Answer, emt_of_rows, thinned
+from vsgdesign.report.explore.wire import Answer, emt_of_rows, never, thinned
 from vsgdesign.report.explore.words import SETTLED, asked_of, verdict
 from vsgdesign.simulation.every_sample import signals_at_pcc, with_every_sample
 from vsgdesign.simulation.expected_rests import expected_rests_of
@@ -44,19 +43,12 @@ from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.study import Study
 
-__all__ = ["emt_answer", "events_of"]
-
 SIGNALS = ("P", "Q", "i_s_pu", "omega_hz", "v_pu")
 """Curves of each controller: P and Q at the control point in per unit of S_rated, the converter's current and the
 voltage at the control point in per unit of the rated peak, and the converter's frequency in Hz."""
 
 _NOT_SIMULATED = "not simulated"
 _TOLD = "Its own estimator does not run here: it is told the grid with the errors and the silence that are set."
-
-
-def never() -> bool:
-    """Nothing overtakes this answer."""
-    return False
 
 
 def emt_answer(

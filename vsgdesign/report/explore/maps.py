@@ -143,7 +143,7 @@ def map_figures(study: Study) -> tuple[MapFigure, ...]:
     )
 
 
-def figures_of(study: Study, ready: Ready) -> list[dict[str, Any]]:  # noqa: ARG001 - as the session calls it
+def figures_of(study: Study) -> list[dict[str, Any]]:
     """The figures of the map for the page."""
     return [figure.document() for figure in map_figures(study)]
 

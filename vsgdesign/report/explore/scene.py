@@ -218,7 +218,7 @@ STEP_NAME = "{} by {} {}"
 """The same of a step of another set point: its label, its size and the unit."""
 
 
-def events_of(study: Study) -> list[dict[str, Any]]:  # noqa: ARG001 - as the session calls it
+def events_of() -> list[dict[str, Any]]:
     """The kinds of events with the limits of their sizes, as the page lists them."""
     names = ("label", "unit", "low", "high", "step", "value")
     steps = {

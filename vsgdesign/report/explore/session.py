@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.report.explore.state import State, StateError, defaults, faults_of, state_of
-from vsgdesign.report.explore.wire import Answer
+from vsgdesign.report.explore.wire import Answer, never
 from vsgdesign.study.parameters.network import only_a_grid
 from vsgdesign.study.parameters.study import Study
 
@@ -33,11 +33,6 @@ AVERAGED, SWITCHED = "averaged", "pwm"
 COMPILING = "Compiling once: the simulation follows in a moment."
 PATIENCE_S = 2.0
 """How long a request for EMT waits for the compiler before it says so."""
-
-
-def never() -> bool:
-    """No newer request comes."""
-    return False
 
 
 class Session:

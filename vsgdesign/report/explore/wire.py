@@ -138,6 +138,11 @@ LENGTH_BYTES = 4
 """Bytes before the header; they contain its length."""
 
 
+def never() -> bool:
+    """Nothing overtakes this answer."""
+    return False
+
+
 @dataclass(frozen=True)
 class Answer:
     """What a session says about one state."""

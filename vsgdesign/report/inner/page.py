@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy as np
 from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.metrics.met import MARGIN_ROOM, score_met
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.files import write_figure
 from vsgdesign.report.drawing.quantities import number, plain, plain_quantity
 from vsgdesign.report.page.blocks import (
     BULLETS,
@@ -26,7 +24,6 @@ from vsgdesign.report.page.blocks import (
     drawings,
     words,
 )
-from vsgdesign.report.page.html import print_html
 from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.study.parameters.inner_loops import ENOUGH_SAMPLING
 
@@ -35,12 +32,6 @@ _SHOWN = 7
 
 if TYPE_CHECKING:
     from vsgdesign.design.inner import InnerScore
-
-
-def write_inner_figures(score: InnerScore, folder: Path) -> list[WrittenFigure]:
-    """Draw every figure into ``folder`` (made if missing), as SVG and as PNG (200 dpi)."""
-    folder.mkdir(parents=True, exist_ok=True)
-    return [write_figure(figure, folder) for figure in inner_figures(score)]
 
 
 def inner_figures(score: InnerScore) -> Iterator[NamedFigure]:
@@ -133,7 +124,8 @@ def inner_tables(document: dict[str, Any], on: Where = Where.PAGE) -> tuple[Tabl
 def inner_page(document: dict[str, Any], figures: Sequence[WrittenFigure] = (), file: str | None = None) -> Page:
     """The page: the answer, what is kept and where, the gains, and each requirement over the grids.
 
-    ``file`` is where a verb keeps gains that it designed, for the terminal.
+    ``document`` is results.json of the verb ``inner``. ``file`` is where a verb keeps gains that it designed, for the
+    terminal.
     """
     study = document["study"]
     promises, gains = inner_tables(document, Where.BOTH)
@@ -227,11 +219,6 @@ def _some(count: int) -> list[int]:
     """About seven indices from the first to the last."""
     step = max((count - 1) // (_SHOWN - 1), 1)
     return sorted({*range(0, count, step), count - 1})
-
-
-def write_inner_page(document: dict[str, Any], figures: Sequence[WrittenFigure], out_path: Path) -> Path:
-    """Write the page from results.json, with the SVG text of the figures as it is in the files."""
-    return print_html(inner_page(document, figures), out_path)
 
 
 PROMISES: dict[str, tuple[str, str]] = {

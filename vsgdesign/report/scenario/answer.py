@@ -107,9 +107,7 @@ def _overshoot(own: Sequence[StepOutcome]) -> Cell:
     asked = [one for one in own if one.overshoot_judged]
     if not asked:
         return _none(own)
-    worst = max(
-        asked, key=lambda one: math.inf if one.unstable else one.overshoot_pct - (one.target_overshoot_pct or 0)
-    )
+    worst = max(asked, key=_beyond)
     limit = f"≤ {percent(worst.target_overshoot_pct)} %"
     return counted([one.stays_below for one in asked], f"{overshoot_words(worst)}, asked {limit}{_left(own, asked)}")
 

@@ -21,6 +21,7 @@ from vsgdesign.report.drawing.style import BAND, LABEL_PT, LIMITS_BAND, REFERENC
 from vsgdesign.report.drawing.time_axis import short_name, symbols
 from vsgdesign.report.scenario.bode_figures import bode_figures
 from vsgdesign.report.scenario.field_figures import field_figures
+from vsgdesign.report.scenario.outcomes import ends_of_stretches
 from vsgdesign.report.scenario.schedule_figures import estimate_figures, schedule_figures
 from vsgdesign.report.scenario.signals import Signal, events_of, signals
 from vsgdesign.simulation.scenario import ScenarioResult
@@ -125,10 +126,7 @@ def signal_figure(result: ScenarioResult, signal: Signal) -> NamedFigure:
 
 def choose_zooms(result: ScenarioResult, signal: Signal) -> tuple[EventZoom, ...]:
     """The signal's own reference steps first, then the events that move it most, in order of time."""
-    duration = result.study.simulation.duration
-    starts = sorted({event.t_s for event in result.study.events})
-    ends = dict(zip(starts, [*starts[1:], duration], strict=False))
-    ranked = []
+    ends, ranked = ends_of_stretches(result.study), []
     for event in {event.t_s: event for event in result.study.events}.values():
         is_step = any(
             (metrics := events_of(controller, signal.metrics_name or "").get(event.t_s)) is not None

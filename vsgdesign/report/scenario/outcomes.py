@@ -17,6 +17,7 @@ from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, qu
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.simulation.scenario.promises import Promises, given_up, not_promised, promises_of
+from vsgdesign.study.parameters.study import Study
 
 _AT_REST = 0.02
 """Drift over the last cycle before a step, relative to the step, up to which the signal was at rest."""
@@ -224,11 +225,15 @@ def coupling(rest: Rest) -> float | None:
     return point.B * point.C / diagonal if diagonal != 0.0 else None
 
 
+def ends_of_stretches(study: Study) -> dict[float, float]:
+    """By the instant of each event the end of the stretch that it begins, s: the next event, or the end of the run."""
+    starts = sorted({event.t_s for event in study.events})
+    return dict(zip(starts, [*starts[1:], study.simulation.duration], strict=False))
+
+
 def step_outcomes(result: ScenarioResult) -> list[StepOutcome]:
     """Every reference step of every controller."""
-    starts = sorted({event.t_s for event in result.study.events})
-    ends = dict(zip(starts, [*starts[1:], result.study.simulation.duration], strict=False))
-    outcomes = []
+    ends, outcomes = ends_of_stretches(result.study), []
     for controller in result.controllers:
         for metrics in controller.events:
             if metrics.kind == "step":

@@ -17,6 +17,7 @@ from vsgdesign.report.scenario.outcomes import (
     StepOutcome,
     UncoupledResponse,
     coupling,
+    ends_of_stretches,
     notes_on_noise,
     rest_noise,
     uncertainty,
@@ -287,8 +288,7 @@ def _met(outcome: StepOutcome, met: bool, judged: bool) -> str:
 def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table:
     """Figures of every event of one controller, on the mean over whole cycles, which is judged, and on the
     instantaneous signal."""
-    starts = sorted({event.t_s for event in result.study.events})
-    ends = dict(zip(starts, [*starts[1:], result.study.simulation.duration], strict=False))
+    ends = ends_of_stretches(result.study)
     largest = max((abs(event.raw.peak_deviation or 0.0) for event in controller.events), default=1.0)
     factor, prefix = prefix_for(largest)
     rows, noisy = [], any(event.noise is not None for event in controller.events)

@@ -18,6 +18,7 @@ from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import MOST, Frame, Panel, Surface, groups, map_figure, surface_figure
 from vsgdesign.report.drawing.quantities import GAIN_UNITS, merged, plain
 from vsgdesign.report.drawing.time_axis import symbols
+from vsgdesign.report.stability.tables import MODEL_NAMES
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.study.parameters.stability import Gates
@@ -30,7 +31,6 @@ CIRCLES = (
     "ask for the grid, so the cell is shown and counts for no worst case."
 )
 
-MODEL_NAMES = {"reduced": "reduced", "full_order": "full order"}
 _MOST_COLUMNS = 3
 PART = 3
 

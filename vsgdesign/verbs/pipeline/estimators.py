@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # the estimator's room is loaded by who trains
     from vsgdesign.estimator.recipes import WindowRecipe
     from vsgdesign.estimator.stress import Stress
     from vsgdesign.estimator.trained import TrainedEstimator, TrainedFieldNetwork
+    from vsgdesign.report.page.blocks import Page
     from vsgdesign.simulation.scenario.judging import Judgement
 
 
@@ -148,11 +149,12 @@ def train_weights_file(
         document = _trained_document(study, recipe, trained)
         if folder is not None:
             from vsgdesign.report.drawing.files import write_all
-            from vsgdesign.report.estimator.page import write_field_training_page
+            from vsgdesign.report.estimator.page import field_training_page
             from vsgdesign.report.estimator.training import field_training_figures
+            from vsgdesign.report.page.html import print_html
 
             figures = write_all(field_training_figures(trained), folder / "figures")
-            write_field_training_page(study.title, trained, figures, folder / "report.html")
+            print_html(field_training_page(study.title, trained, figures), folder / "report.html")
             named = {"study": study.name, "study_hash": study.hash, "figures": [figure.name for figure in figures]}
             write_record(folder, named | document, _TRAIN)
         network.file.write(trained.weights, out)
@@ -300,7 +302,7 @@ class _Kind(NamedTuple):
     find: Callable[..., Any]
     document: Callable[[Any], dict[str, Any]]
     figures: Callable[[Any], Any]
-    write_page: Callable[..., Any]
+    page: Callable[..., Page]
 
 
 def report_comparison(study: Study, out: str | Path, **asked: Unpack[Asked]) -> dict[str, Any]:
@@ -313,7 +315,7 @@ def report_comparison(study: Study, out: str | Path, **asked: Unpack[Asked]) -> 
     from vsgdesign.estimator.comparison import compare_methods
     from vsgdesign.estimator.methods import ComparisonSettings
     from vsgdesign.report.estimator.figures import comparison_figures
-    from vsgdesign.report.estimator.page import write_comparison_page
+    from vsgdesign.report.estimator.page import comparison_page
 
     def document(found: Comparison) -> dict[str, Any]:
         return {
@@ -326,7 +328,7 @@ def report_comparison(study: Study, out: str | Path, **asked: Unpack[Asked]) -> 
         }
 
     verb = "vsgdesign estimator compare"
-    kind = _Kind(verb, compare_methods, document, comparison_figures, write_comparison_page)
+    kind = _Kind(verb, compare_methods, document, comparison_figures, comparison_page)
     return _report(kind, study, out, asked.get("settings") or ComparisonSettings(), asked)
 
 
@@ -335,7 +337,7 @@ def report_stress(study: Study, out: str | Path, **asked: Unpack[Asked]) -> dict
     from vsgdesign.estimator.methods import nominal_settings
     from vsgdesign.estimator.stress import STRESS_SETTINGS, stress_methods
     from vsgdesign.report.estimator.figures import stress_figures
-    from vsgdesign.report.estimator.page import write_stress_page
+    from vsgdesign.report.estimator.page import stress_page
 
     def document(found: Stress) -> dict[str, Any]:
         names = ("name", "unit", "values")
@@ -345,13 +347,14 @@ def report_stress(study: Study, out: str | Path, **asked: Unpack[Asked]) -> dict
         ]
         return {"methods": found.methods, "axes": axes}
 
-    kind = _Kind("vsgdesign estimator stress", stress_methods, document, stress_figures, write_stress_page)
+    kind = _Kind("vsgdesign estimator stress", stress_methods, document, stress_figures, stress_page)
     return _report(kind, study, out, nominal_settings(asked.get("settings") or STRESS_SETTINGS), asked)
 
 
 def _report(kind: _Kind, study: Study, out: str | Path, settings: ComparisonSettings, asked: Asked) -> dict[str, Any]:
     from vsgdesign.estimator.methods import runnable_settings
     from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.page.html import print_html
 
     tell = asked.get("progress") or silent
     inputs = [*study.input_files, *asked.get("weights", ()), *asked.get("recipes", ())]
@@ -361,7 +364,7 @@ def _report(kind: _Kind, study: Study, out: str | Path, settings: ComparisonSett
         made = _networks(study, asked, tell)
         found: Any = kind.find(study, made, settings, progress=tell)
         figures = write_all(kind.figures(found), folder / "figures")
-        kind.write_page(study.title, found, figures, folder / "report.html")
+        print_html(kind.page(study.title, found, figures), folder / "report.html")
         whole = {"study": study.name, "study_hash": study.hash, "weights": found.weights}
         whole |= {"networks": {name: network_document(one) for name, one in made.items()}}
         whole |= {"settings": vars(found.settings), "left_out": found.left_out} | kind.document(found)

@@ -143,16 +143,18 @@ def report_inner_loops(
 
     The folder appears when everything is done. Raises ArtifactError.
     """
-    from vsgdesign.report.inner.page import write_inner_figures, write_inner_page
+    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.inner.page import inner_figures, inner_page
+    from vsgdesign.report.page.html import print_html
 
     tell = progress or silent
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
         found = assess_inner_loops(study, what_if=what_if, remedies=remedies, progress=progress)
         tell("draw figures", 0.0)
-        figures = write_inner_figures(found.score, folder / "figures")
+        figures = write_all(inner_figures(found.score), folder / "figures")
         tell("draw figures", 1.0)
         document = inner_document(found)
-        write_inner_page(document, figures, folder / "report.html")
+        print_html(inner_page(document, figures), folder / "report.html")
         write_table(folder / "inner.csv", *_rows(found))
         write_record(folder, document | {"provenance": provenance()}, VERB)
     return found

@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from vsgdesign.artifacts import provenance, room_for, staged_folder, write_csv, write_npz, write_record
+from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
@@ -21,7 +21,7 @@ from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
 from vsgdesign.verbs.pipeline.making import Made, made, nothing_to_make
 from vsgdesign.verbs.pipeline.results import results_document
-from vsgdesign.verbs.pipeline.run import export_tables, write_asked_comtrade
+from vsgdesign.verbs.pipeline.run import export_tables, write_series
 from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
 _OF_UNIT = ("operating_points", "gains", "promises", "controllers")
@@ -57,18 +57,11 @@ def run_plant_study(
         result = run_plant(study, ready, warn=warn, progress=lambda name, t_s: tell(f"simulate {name}", t_s / duration))
         timing["simulate"] = time.perf_counter() - begin
         for controller in result.controllers:
+            name = controller.spec.name
             for unit, one in zip(controller.timeline.plant.units, controller.units, strict=True):
-                name = f"{controller.spec.name}.{unit.name}"
-                write_npz(folder / f"{name}.npz", one.series)
-                write_csv(folder / f"{name}.csv", one.series, study.simulation.csv_interval)
-                write_asked_comtrade(study, folder / name, one.series, comtrade)
-                if one.estimates is not None:
-                    write_csv(folder / f"{name}.estimates.csv", one.estimates.series(), 0.0)
+                write_series(study, folder, f"{name}.{unit.name}", one.series, one.estimates, comtrade)
             for inverter, series in controller.inverters:
-                name = f"{controller.spec.name}.{inverter}"
-                write_npz(folder / f"{name}.npz", series)
-                write_csv(folder / f"{name}.csv", series, study.simulation.csv_interval)
-                write_asked_comtrade(study, folder / name, series, comtrade)
+                write_series(study, folder, f"{name}.{inverter}", series, comtrade=comtrade)
         more = _report(result, folder, have.verified(), tell, warn) if report else {}
         document = plant_document(result, timing) | more
         return result, write_record(folder, document, verb)
@@ -100,7 +93,8 @@ def _report(
 ) -> dict[str, Any]:
     """Figures, page, tables and their C. Returns what results.json has of the margins."""
     from vsgdesign.report.drawing.files import write_all
-    from vsgdesign.report.plant import plant_figures, write_plant_page
+    from vsgdesign.report.page.html import print_html
+    from vsgdesign.report.plant import plant_figures, plant_page
     from vsgdesign.verbs.pipeline.margins import assess_study, stability_document
 
     study, margins = result.study, None
@@ -112,7 +106,7 @@ def _report(
         margins = assess_study(own, ready, evidence=False, several=len(first.plant.units) > 1, progress=tell)
     tell("draw figures", 0.0)
     figures = write_all(plant_figures(result), folder / "figures")
-    write_plant_page(result, figures, folder / "report.html", margins)
+    print_html(plant_page(result, figures, margins), folder / "report.html")
     tell("draw figures", 1.0)
     if margins is None:
         return {}

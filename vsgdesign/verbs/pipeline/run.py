@@ -29,6 +29,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification.registry import needs_network, samples_itself, why_no_c
+from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.lanes.beforehand import told_beforehand
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 from vsgdesign.study.parameters import Study
@@ -179,17 +180,26 @@ def _write_made(ready: Ready, folder: Path, proofs: Mapping[str, ProofFile] = Ma
         write_network_weights(ready.network, folder / "estimator.weights.json")
 
 
-def write_asked_comtrade(
-    study: Study, place: Path, series: Mapping[str, NDArray[np.float64]], form: str | None
+def write_series(
+    study: Study,
+    folder: Path,
+    name: str,
+    series: Mapping[str, NDArray[np.float64]],
+    estimates: EstimateLog | None = None,
+    comtrade: str | None = None,
 ) -> None:
-    """The series of one controller as COMTRADE if a form is asked for: the record is about the first event."""
-    if form is None:
-        return
-    from vsgdesign.artifacts.comtrade import write_comtrade
+    """The time series of a controller as NAME.npz and NAME.csv, what its estimator answered as NAME.estimates.csv and,
+    in the form ``comtrade`` if one is given, all series as COMTRADE: the record is about the first event."""
+    write_npz(folder / f"{name}.npz", series)
+    write_csv(folder / f"{name}.csv", series, study.simulation.csv_interval)
+    if estimates is not None:
+        write_csv(folder / f"{name}.estimates.csv", estimates.series(), 0.0)
+    if comtrade is not None:
+        from vsgdesign.artifacts.comtrade import write_comtrade
 
-    first = min((event.t_s for event in study.events), default=0.0)
-    f_n = study.converter.omega_n / (2.0 * math.pi)
-    write_comtrade(place, series, form, f_n=f_n, station=study.name, trigger_s=first)
+        first = min((event.t_s for event in study.events), default=0.0)
+        f_n = study.converter.omega_n / (2.0 * math.pi)
+        write_comtrade(folder / name, series, comtrade, f_n=f_n, station=study.name, trigger_s=first)
 
 
 def _write(
@@ -212,11 +222,8 @@ def _write(
     begin = time.perf_counter()
     for done, controller in enumerate(result.controllers):
         tell("write time series", done / len(result.controllers))
-        write_npz(folder / f"{controller.spec.name}.npz", controller.series)
-        write_csv(folder / f"{controller.spec.name}.csv", controller.series, study.simulation.csv_interval)
-        write_asked_comtrade(study, folder / controller.spec.name, controller.series, shown.comtrade)
-        if controller.estimates is not None:
-            write_csv(folder / f"{controller.spec.name}.estimates.csv", controller.estimates.series(), 0.0)
+        name, series = controller.spec.name, controller.series
+        write_series(study, folder, name, series, controller.estimates, shown.comtrade)
     tell("write time series", 1.0)
     timing["write"] = time.perf_counter() - begin
     inner, jumps = _inner_loops(study), None
