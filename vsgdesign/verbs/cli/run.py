@@ -19,6 +19,7 @@ from vsgdesign.verbs.cli.common import (
     JSON,
     STUDY,
     WORKERS,
+    echo_aside,
     exit_code,
     going_on,
     keeping,
@@ -113,10 +114,6 @@ def _warn(text: str) -> None:
     click.echo(f"warning: {text}", err=True)
 
 
-def _say(text: str) -> None:
-    click.echo(text, err=True)
-
-
 def _run(
     study_file: str,
     out: str | None,
@@ -145,7 +142,7 @@ def _run(
     if what == "-quick":
         study, left_out = what_is_there(study)
         for sentence in left_out:
-            _say(sentence)
+            echo_aside(sentence)
     folder = Path("out") / f"{study.name}{what}" if out is None else Path(out)
     if study.plant is not None:
         _run_plant(study, folder, bridge, as_json, comtrade, report=report, workers=workers)
@@ -172,7 +169,7 @@ def _run(
                 workers=workers,
                 progress=tell,
                 warn=_warn,
-                say=_say,
+                say=echo_aside,
                 done=done,
                 told=Told(left_out, comtrade, full_order),
             )
@@ -223,7 +220,7 @@ def _run_plant(
                 workers=workers,
                 progress=tell,
                 warn=_warn,
-                say=_say if report else None,
+                say=echo_aside if report else None,
                 comtrade=comtrade,
             )
         if as_json:

@@ -21,8 +21,9 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.journal import begins_again, kept_elsewhere, work_folder
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.export.unit import controller_named
 from vsgdesign.report.page.live import StaticPage
-from vsgdesign.study.parameters.study import ControllerSpec, Study
+from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
 from vsgdesign.verbs.pipeline.study_tables import CELLS
 
@@ -61,7 +62,7 @@ def build_table_file(
     and ArtifactError if the file cannot be written or would replace anything but a gain table.
     """
     out = Path(out)
-    spec = _controller(study, controller)
+    spec = controller_named(study, controller)
     study = study.with_limit_of(spec)
     if study.specification is None:
         advice = "Add one: it gives the requirements of the table and their box."
@@ -104,7 +105,7 @@ def prove_table_file(
         return {}
     from vsgdesign.verbs.pipeline.full_order import with_full_order
 
-    spec, place = _controller(study, controller), proof_of(out)
+    spec, place = controller_named(study, controller), proof_of(out)
     PROOF_FILE.check_target(place)
     own, built = study.with_limit_of(spec), TABLE_FILE.read(out)
     table, proof = with_full_order(own, spec, built, seconds, workers=workers, progress=progress)
@@ -112,16 +113,6 @@ def prove_table_file(
     if proof is not None:
         PROOF_FILE.write(proof, place)
     return full_order_summary(table)
-
-
-def _controller(study: Study, name: str | None) -> ControllerSpec:
-    if name is None:
-        return study.controllers[-1]
-    found = next((spec for spec in study.controllers if spec.name == name), None)
-    if found is None:
-        known = ", ".join(spec.name for spec in study.controllers)
-        raise StudyError(study.name, [Fault("controller", f'"{name}"', "unknown", f"The study has: {known}.")])
-    return found
 
 
 def _built_document(built: BuiltTable, out: Path) -> dict[str, Any]:
