@@ -17,7 +17,7 @@ from vsgdesign.report.drawing.figure_types import NamedFigure
 from vsgdesign.report.drawing.run_figure import Row, RunFigure, View, legend, run_figure
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, REFERENCE, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
-from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of
+from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of, valid_at_rest
 from vsgdesign.report.scenario.schedule_figures import change_zooms
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 from vsgdesign.simulation.scenario.judging import same_with_truth
@@ -160,10 +160,7 @@ def _error_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
                 color=COLOURS[index % len(COLOURS)],
             )
             label = "_nolegend_"
-        rows = np.zeros(len(answers.t_s), dtype=bool)
-        for rest in rests_of(result):
-            rows |= answers.rows(rest.begin_s, rest.end_s)
-        chosen = rows & answers.valid
+        chosen = valid_at_rest(result, answers)
         if chosen.any():
             shares = [100.0 * float(np.mean(inside_ellipse(answers, level)[chosen])) for level in _LEVELS]
             right.plot(100.0 * _LEVELS, shares, marker="o", markersize=2.0, **line_style(index))

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.errors import share_percent
 from vsgdesign.metrics import cycle_mean
@@ -74,6 +75,14 @@ def rests_of(result: ScenarioResult) -> tuple[Rest, ...]:
     )
 
 
+def valid_at_rest(result: ScenarioResult, answers: Answers) -> NDArray[np.bool_]:
+    """Which answers are valid and belong to a rest."""
+    at_rest = np.zeros(len(answers.t_s), dtype=bool)
+    for rest in rests_of(result):
+        at_rest |= answers.rows(rest.begin_s, rest.end_s)
+    return at_rest & answers.valid
+
+
 def answers_table(result: ScenarioResult, controller: ControllerResult) -> Table:
     """Accuracy and coverage of each rest, and what the probe costs there."""
     answers, truth = field_answers(result, controller), same_with_truth(result, controller)
@@ -121,10 +130,7 @@ def answers_text(result: ScenarioResult, controller: ControllerResult) -> str:
     for change in (t_s for t_s, _ in result.timeline.grids if t_s > 0.0):
         until = min([t for t in instants if t > change + 1e-9] + [duration])
         found.append(time_to_stay(answers, change, until))
-    at_rest = np.zeros(len(answers.t_s), dtype=bool)
-    for rest in rests_of(result):
-        at_rest |= answers.rows(rest.begin_s, rest.end_s)
-    chosen = at_rest & answers.valid
+    chosen = valid_at_rest(result, answers)
     text = f"{controller.spec.name} is lent nothing by the simulator: it hears its own probe in its own sensors."
     if chosen.any():
         most, held = float(np.percentile(answers.error[chosen], 95.0)), coverage(answers, chosen)

@@ -23,7 +23,7 @@ from vsgdesign.verbs.cli.common import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vsgdesign.export import Exported, Unit
+    from vsgdesign.export import Exported, ExportedC, Unit
     from vsgdesign.study.parameters.study import Study
 
 CONTROLLER = click.option(
@@ -155,12 +155,7 @@ def c(
         with results_at(out):
             unit, of = unit_asked(file, study_file, controller, rate)
             made = export_unit_c(unit, out, inputs=(file, *of.input_files))
-            if as_json:
-                print_json({"folder": str(made.folder)} | made.manifest)
-                return
-            files = counted(len(made.manifest["files"]), "file")
-            click.echo(f"{made.folder}: {files} of controller {unit.controller} of study {of.name}")
-            click.echo(f"next: make -C {made.folder} test")
+            _show(made, f"controller {unit.controller} of study {of.name}", as_json, f"make -C {made.folder} test")
         return
     study = None if study_file is None else load(study_file, plants="as one unit")
     changes: dict[str, Any] = {} if rate is None else {"rate": rate}
@@ -176,12 +171,17 @@ def c(
             estimator=estimator,
             **changes,
         )
-        if as_json:
-            print_json({"folder": str(made.folder)} | made.manifest)
-            return
-        files = counted(len(made.manifest["files"]), "file")
-        click.echo(f"{made.folder}: {files} of table {made.manifest['table']['name']}")
-        click.echo(f"next: make -C {made.folder} test")
+        _show(made, f"table {made.manifest['table']['name']}", as_json, f"make -C {made.folder} test")
+
+
+def _show(made: Exported | ExportedC, of: str, as_json: bool, following: str = "") -> None:
+    """What was written, and the command that follows; or its manifest as JSON."""
+    if as_json:
+        print_json({"folder": str(made.folder)} | made.manifest)
+        return
+    click.echo(f"{made.folder}: {counted(len(made.manifest['files']), 'file')} of {of}")
+    if following:
+        click.echo(f"next: {following}")
 
 
 @export.command()
@@ -223,11 +223,7 @@ def _wrap(
         made = write(unit, out, inputs=(file, *study.input_files))
         for sentence in made.said:
             echo_aside(sentence)
-        if as_json:
-            print_json({"folder": str(made.folder)} | made.manifest)
-            return
-        files = counted(len(made.manifest["files"]), "file")
-        click.echo(f"{made.folder}: {files} of controller {unit.controller} of study {study.name}")
+        _show(made, f"controller {unit.controller} of study {study.name}", as_json)
 
 
 @export.command()

@@ -99,22 +99,17 @@ def assess_inner_loops(
     tell, several = progress or silent, study.plant is not None and len(study.plant.units) > 1
     study = as_unit(study, VERB)
     request = asked_of(study)
-    converter, filter_ = study.converter, study.filter
+    converter, filter_, T = study.converter, study.filter, request.settling_time
     box = GridBox(request.scr, request.x_over_r, request.scr_basis)
+    judged = converter, filter_, study.inner_gains, study.omega_t, box
     tell("score the inner loops", 0.0)
-    score = score_inner_loops(
-        converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
-    )
-    check = check_full_order(
-        converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
-    )
-    passive = passive_band(
-        converter, filter_, study.inner_gains, study.omega_t, box, settling_time=request.settling_time
-    )
+    score = score_inner_loops(*judged, settling_time=T)
+    check = check_full_order(*judged, settling_time=T)
+    passive = passive_band(*judged, settling_time=T)
     spec, apart = study.specification, ()
-    decay = (0.0 if spec is None else spec.differential_decay) or several * settled_decay(request.settling_time)
+    decay = (0.0 if spec is None else spec.differential_decay) or several * settled_decay(T)
     if decay > 0.0:
-        apart = check_apart(converter, filter_, study.inner_gains, study.omega_t, box, decay=decay)
+        apart = check_apart(*judged, decay=decay)
     tell("score the inner loops", 1.0)
     found = phase_jumps(study, remedies=remedies, progress=progress) if jumps else None
     alternatives = None
@@ -126,7 +121,7 @@ def assess_inner_loops(
                 box,
                 study.inner_gains,
                 study.omega_t,
-                settling_time=request.settling_time,
+                settling_time=T,
                 seed=request.seed,
                 progress=progress,
                 decay_apart=decay,
