@@ -16,7 +16,7 @@ def filled(form: str, *values: object) -> Markup:
     first, *pieces = _pieces(form)
     parts = [first]
     for piece, value in zip(pieces, values, strict=True):
-        parts += (escape(value), piece)
+        parts += (value if type(value) is Markup else escape(value), piece)
     return Markup("".join(parts))
 
 

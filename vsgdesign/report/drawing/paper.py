@@ -103,13 +103,14 @@ def save(sheets: Sequence[Sheet], path: str | Path, title: str) -> Path:
         pdf.page_mode = PageMode.USE_OUTLINES
     for bold in (False, True):
         pdf.add_font(_FAMILY, "B" if bold else "", _font_file(bold))
+    codes: dict[tuple[str, bool], str] = {}
     for sheet in sheets:
         pdf.add_page(format=(sheet.width, sheet.height))
         for text, y in sheet.marks:
             pdf.set_xy(0.0, y)
             pdf.start_section(text)
         for part in sheet.parts:
-            _draw(pdf, part)
+            _draw(pdf, part, codes)
     path = Path(path)
     path.write_bytes(bytes(pdf.output()))
     return path
@@ -201,9 +202,10 @@ def _colour(text: str) -> Any:
     return color_from_hex_string(text)
 
 
-def _draw(pdf: FPDF, part: Part | Picture) -> None:
+def _draw(pdf: FPDF, part: Part | Picture, codes: dict[tuple[str, bool], str]) -> None:
+    """``codes``: texts with their weights as the document has them so far."""
     if isinstance(part, Words):
-        _words(pdf, part)
+        _words(pdf, part, codes)
     elif isinstance(part, Picture):
         pdf.image(part.file, part.x, part.y, part.width, part.height)
     elif isinstance(part, Area):
@@ -228,15 +230,26 @@ def _path(pdf: FPDF, points: Array, end: str) -> None:
     pdf._out(form % tuple(upwards.ravel().tolist()))
 
 
-def _words(pdf: FPDF, part: Words) -> None:
+def _words(pdf: FPDF, part: Words, codes: dict[tuple[str, bool], str]) -> None:
     x, y, text = part.x, part.y, _drawable(part.text, part.bold)
     pdf.set_font(_FAMILY, "B" if part.bold else "", part.size)
-    pdf.set_text_color(_colour(part.colour))
+    font: Any = pdf.current_font
+    colour = _colour(part.colour)
+    pdf.set_text_color(colour)
     back = {START: 0.0, MIDDLE: 0.5, END: 1.0}[part.anchor]
     if back:
         back *= text_width(text, part.size, part.bold)
-    if not part.upright:
-        pdf.text(x - back, y, text)
+    if part.upright:
+        with pdf.rotation(90.0, x, y):
+            pdf.text(x - back, y, text)
         return
-    with pdf.rotation(90.0, x, y):
-        pdf.text(x - back, y, text)
+    # What the library writes for a text, which it else encodes letter by letter each time that it comes.
+    if not pdf.current_font_is_set_on_page:
+        pdf._out(pdf._set_font_for_page(font, pdf.font_size_pt))
+    code = codes.get((text, part.bold))
+    if code is None:
+        code = codes[text, part.bold] = font.encode_text(text)
+    shown = f"BT {x - back:.2f} {pdf.h - y:.2f} Td {code} ET"
+    if pdf.fill_color != colour:
+        shown = f"q {colour.serialize().lower()} {shown} Q"
+    pdf._out(shown)
