@@ -133,17 +133,15 @@ def many_steady_states(
     gains: PowerLoopGains,
     phase: Array | float = 0.0,
     *,
-    free_of_limits: bool = False,
     circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None = None,
     links: Sequence[DcLink] | None = None,
 ) -> ManyStates:
     """The states that one control period only rotates by ω_g·T_s, with the source's phasor at ``phase`` (rad).
 
     The fields of ``lanes`` and ``gains`` are numbers or (N,), and they broadcast. The bridge is averaged. A lane
-    without a steady state has its reason in ``fault`` and does not affect the others. With ``free_of_limits``, a
-    current above the limit is no fault, and the caller judges it. The limit of the bridge voltage always counts.
-    ``circuit``, with equal axes, takes the place of the filter and of all that is connected to it: one for a lane
-    alone, or one for each lane, all with the same states. ``links``: the dc link of each lane; None: that of the study.
+    without a steady state has its reason in ``fault`` and does not affect the others. ``circuit``, with equal axes,
+    takes the place of the filter and of all that is connected to it: one for a lane alone, or one for each lane, all
+    with the same states. ``links``: the dc link of each lane; None: that of the study.
     """
     lanes, gains = lanes_of(study, lanes, gains)
     paths = paths_of(study, lanes, circuit)
@@ -151,7 +149,7 @@ def many_steady_states(
     def solve(lanes: Lanes) -> tuple[ManyStates, None]:
         held = clamped_lanes(study, links, lanes, gains)
         V, delta = points_of(paths, held, gains)
-        return states_at(study, paths, held, gains, V, delta, phase, free_of_limits, links=links), None
+        return states_at(study, paths, held, gains, V, delta, phase, links=links), None
 
     return with_voltage_droop(study, links, lanes, solve)[0]
 
@@ -323,13 +321,12 @@ def states_at(
     V: Array,
     delta: Array,
     phase: Array | float,
-    free_of_limits: bool,
     fault: NDArray[np.int64] | None = None,
     links: Sequence[DcLink] | None = None,
 ) -> ManyStates:
     """The steady states with the given V and δ. V is NaN in lanes without a steady state."""
     with np.errstate(invalid="ignore"):
-        return _states_of(study, paths, lanes, gains, V, delta, phase, free_of_limits, fault, links)
+        return _states_of(study, paths, lanes, gains, V, delta, phase, fault, links)
 
 
 def _states_of(
@@ -340,7 +337,6 @@ def _states_of(
     V: Array,
     delta: Array,
     phase: Array | float,
-    free_of_limits: bool,
     fault: NDArray[np.int64] | None,
     links: Sequence[DcLink] | None,
 ) -> ManyStates:
@@ -418,15 +414,14 @@ def _states_of(
         _mark(found, np.isnan(v_dc), DC_SOURCE)
         v_max = linear_modulation_limit(v_dc, c.zero_sequence)
     _mark(found, np.abs(v_b) > v_max, BRIDGE_VOLTAGE)
-    if not free_of_limits:
-        _mark(found, np.abs(i_s) > settings.i_max_pk, CURRENT)
-        law, estimate = study.limiter.law, GridEstimate(R_g=lanes.R_g, L_g=lanes.L_g)
-        sample = law.limit(memory, view, estimate, lanes.refs, gains, settings)
-        _mark(found, np.asarray(sample.limited) > 0.0, LIMITER_ACTS)
-        # One that limits the voltage or the frequency of the power loops moves an integrator that should rest.
-        moved, _ = law.move(memory, sample, view, paths.omega_g, IntegratorSteps(0.0, 0.0, 0.0), settings)
-        for step in moved:
-            _mark(found, np.asarray(step) != 0.0, LIMITER_PULLS)
+    _mark(found, np.abs(i_s) > settings.i_max_pk, CURRENT)
+    law, estimate = study.limiter.law, GridEstimate(R_g=lanes.R_g, L_g=lanes.L_g)
+    sample = law.limit(memory, view, estimate, lanes.refs, gains, settings)
+    _mark(found, np.asarray(sample.limited) > 0.0, LIMITER_ACTS)
+    # One that limits the voltage or the frequency of the power loops moves an integrator that should rest.
+    moved, _ = law.move(memory, sample, view, paths.omega_g, IntegratorSteps(0.0, 0.0, 0.0), settings)
+    for step in moved:
+        _mark(found, np.asarray(step) != 0.0, LIMITER_PULLS)
     return ManyStates(
         plant=np.stack([part for row in plant for part in (row.real, row.imag)]),
         controller=state,

@@ -55,7 +55,6 @@ def many_rests_with_measured_gains(
     gains_of: GainsOfMany,
     phase: Array | float = 0.0,
     *,
-    free_of_limits: bool = False,
     circuit: TwoAxisCircuit | Sequence[TwoAxisCircuit] | None = None,
     links: Sequence[DcLink] | None = None,
 ) -> tuple[ManyStates, PowerLoopGains]:
@@ -69,7 +68,7 @@ def many_rests_with_measured_gains(
     lanes, _ = lanes_of(study, lanes, PowerLoopGains(0.0, 0.0, 0.0, 0.0))
     paths = paths_of(study, lanes, circuit)
     return with_voltage_droop(
-        study, links, lanes, lambda shifted: _rests(study, shifted, gains_of, phase, free_of_limits, paths, links)
+        study, links, lanes, lambda shifted: _rests(study, shifted, gains_of, phase, paths, links)
     )
 
 
@@ -78,7 +77,6 @@ def _rests(
     lanes: Lanes,
     gains_of: GainsOfMany,
     phase: Array | float,
-    free_of_limits: bool,
     paths: Paths,
     links: Sequence[DcLink] | None,
 ) -> tuple[ManyStates, PowerLoopGains]:
@@ -135,7 +133,7 @@ def _rests(
     V[fault > 0] = np.nan
     found = PowerLoopGains(*gains)
     lanes = clamped_lanes(study, links, lanes, found)
-    return states_at(study, paths, lanes, found, V, delta, phase, free_of_limits, fault, links), found
+    return states_at(study, paths, lanes, found, V, delta, phase, fault, links), found
 
 
 def _secant(at: Array, change: Array, at_last: Array, change_last: Array, scale: Array) -> Array:

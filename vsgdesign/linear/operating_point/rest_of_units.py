@@ -25,7 +25,7 @@ from vsgdesign.linear.operating_point.circuit_of_units import (
     names_of_states,
     wiring_of,
 )
-from vsgdesign.linear.operating_point.clock_of_units import Clock, clock_of_study
+from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
 from vsgdesign.linear.operating_point.flow_of_units import InverterAsked, Situation, UnitAsked, power_flow
 from vsgdesign.linear.operating_point.full_order import (
     controller_of,
@@ -115,16 +115,15 @@ class PlantMap:
     z are the circuit's states q (d, q in turn), then for each unit its controller's, and the bridge voltage that acts.
     """
 
-    def __init__(self, situation: Situation, names: tuple[str, ...] | None = None, clock: Clock | None = None) -> None:
-        """``names``: the circuit's states of a run. ``clock``: another one than that of the study."""
+    def __init__(self, situation: Situation) -> None:
         study, self.situation = situation.study, situation
         wiring = wiring_of(study)
         self.plant = wiring.plant
         converters = [one.name for one in wiring.plant.converters]
         self.network: UnitsCircuit = circuit_of_units(
-            wiring, situation.topology, names or names_of_states(wiring.plant, [situation.topology])
+            wiring, situation.topology, names_of_states(wiring.plant, [situation.topology])
         )
-        self.clock = clock or clock_of_study(study)
+        self.clock = clock_of_study(study)
         others = [one.inverter for one in situation.inverters]
         self.maps: tuple[ControllerMap, ...] = (
             *(controller_of(one.study) for one in situation.units),
@@ -296,12 +295,10 @@ def _lanes(unit: UnitAsked, grid: Grid, V_rms: float, omega: float) -> Lanes:
     return Lanes.at(grid, GridSource(V_rms, omega), unit.refs)
 
 
-def rest_of_units(
-    situation: Situation, names: tuple[str, ...] | None = None, clock: Clock | None = None
-) -> UnitsAtRest:
+def rest_of_units(situation: Situation) -> UnitsAtRest:
     """The steady state of a plant, with its droops and limits. Raises InfeasibleStudyError where there is none, with
     the unit that cannot have its powers, and with the share of the set points that there is."""
-    model = PlantMap(situation, names, clock)
+    model = PlantMap(situation)
     flow = power_flow(situation)
     plant, omega = situation.study.plant, situation.omega
     z = np.zeros(len(model.kept))

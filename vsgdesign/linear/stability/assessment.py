@@ -131,7 +131,7 @@ class ControllerAssessment:
 
 
 def assess(
-    study: Study, spec: ControllerSpec, ready: Ready = NOTHING, progress: Progress | None = None, seed: int = 0
+    study: Study, spec: ControllerSpec, ready: Ready = NOTHING, progress: Progress | None = None
 ) -> ControllerAssessment:
     """Assess one controller over the study's [stability] axes and at its grids.
 
@@ -156,7 +156,7 @@ def assess(
     tell(spec.name, 0.55)
     errors = estimate_error_map(study, law, axes.scr, [ratio], axes.errors, P, Q, "full_order") if scheduled else None
     tell(spec.name, 0.7)
-    between_grids, between = _between_nodes(study, law, P, Q, seed)
+    between_grids, between = _between_nodes(study, law, P, Q)
     tell(spec.name, 0.8)
     focus = _focus_cells(study, law, P, Q)
     tell(spec.name, 0.9)
@@ -190,10 +190,10 @@ def _limit(study: Study, law: GainLaw, grid: Grid, P: float, Q: float) -> float 
         return None
 
 
-def _between_nodes(study: Study, law: GainLaw, P: float, Q: float, seed: int) -> tuple[Array, MarginTable]:
+def _between_nodes(study: Study, law: GainLaw, P: float, Q: float) -> tuple[Array, MarginTable]:
     """Random grids, log-uniform over the box of the axes, because a map may hide something between its nodes."""
     axes = study.stability
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     low = np.log([axes.scr[0], axes.x_over_r[0]])
     high = np.log([axes.scr[-1], axes.x_over_r[-1]])
     points = np.exp(rng.uniform(low, high, (_BETWEEN_POINTS, 2)))

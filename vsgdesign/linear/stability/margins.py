@@ -74,14 +74,14 @@ def frequency_grid(T_s: float | None = None, points: int = DEFAULT_POINTS) -> Ar
     return np.geomspace(1e-3, high, points)
 
 
-def reduced_margins(model: CoupledModel, omega: Array | None = None) -> MarginTable:
+def reduced_margins(model: CoupledModel) -> MarginTable:
     """Modes and margins of the coupled reduced model."""
-    return _table(eigenvalues_of(model), margins_named(model, MARGINS, omega))
+    return _table(eigenvalues_of(model), margins_named(model, MARGINS))
 
 
-def full_order_margins(model: FullOrderModel, omega: Array | None = None) -> MarginTable:
+def full_order_margins(model: FullOrderModel) -> MarginTable:
     """Modes and margins of the full-order sampled-data model."""
-    return _table(eigenvalues_of(model), margins_named(model, MARGINS, omega))
+    return _table(eigenvalues_of(model), margins_named(model, MARGINS))
 
 
 def eigenvalues_of(model: CoupledModel | FullOrderModel) -> Complex:

@@ -299,12 +299,11 @@ def load_words(load: Load, base: Base) -> str:
     return "load " + ", ".join(parts)
 
 
-def fault_words(fault: Fault, unit: str = "ohm") -> str:
-    """``three-phase fault at the PCC, 0.1 ohm``. ``unit``: of its resistance, ohm or pu."""
+def fault_words(fault: Fault) -> str:
+    """``three-phase fault at the PCC, 0.1 ohm``."""
     what = "three-phase fault" if fault.kind == THREE_PHASE else f"fault from phase {' to '.join(fault.phases)}"
     where = "at the PCC" if fault.at == 0.0 else f"behind {100.0 * fault.at:.4g} % of the grid's impedance"
-    R = format_quantity(fault.R, "ohm") if unit == "ohm" else f"{fault.R:.4g} pu"
-    return f"{what} {where}, {'bolted' if fault.R == 0.0 else R}"
+    return f"{what} {where}, {'bolted' if fault.R == 0.0 else format_quantity(fault.R, 'ohm')}"
 
 
 def sag_words(sag: Sag | str) -> str:
