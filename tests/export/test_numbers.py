@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.export.exchange import written
-from vsgdesign.export.field import converter_constants
-from vsgdesign.export.numbers import converter_numbers
+from vsgdesign.export.field import converter_constants, converter_numbers
 from vsgdesign.runtime import load_scheduler
 from vsgdesign.study.parameters import load_study
 

@@ -5,10 +5,10 @@ from vsgdesign.export.c_content import initialiser
 from vsgdesign.export.cigre import export_dll
 from vsgdesign.export.compiled import CompiledC, compile_c
 from vsgdesign.export.every_kind import export_all
+from vsgdesign.export.field import converter_numbers
 from vsgdesign.export.firmware import export_firmware
 from vsgdesign.export.fmu import export_fmu
 from vsgdesign.export.modelica import export_modelica
-from vsgdesign.export.numbers import converter_numbers
 from vsgdesign.export.plecs import export_plecs
 from vsgdesign.export.simulink import export_simulink
 from vsgdesign.export.sunspec import export_sunspec

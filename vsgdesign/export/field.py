@@ -1,4 +1,6 @@
-"""The field estimator as C: its functions, its settings, and what the templates say of them."""
+"""The field estimator as C: its functions, its settings, and what the templates say of them. And every number of the
+records that run on a converter: name, unit, meaning and start value.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.codegen import CText, c_functions
+from vsgdesign.codegen.described import DescribedNumber, described_numbers
 from vsgdesign.codegen.vector_math import SINGLE
-from vsgdesign.equations.controller import ControllerSettings
+from vsgdesign.equations.controller import ControllerOutput, ControllerSettings, ControllerState, Measurement
 from vsgdesign.equations.field import (
     FieldAnswer,
     FieldSettings,
@@ -27,11 +30,17 @@ from vsgdesign.equations.field.lock_in import probe_offset
 from vsgdesign.equations.field.tracks import Track
 from vsgdesign.equations.frames import rotate
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.equations.power_loops import References
+from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.scheduler_data import SchedulerInput, SchedulerLimits, SchedulerState
+from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.identification.field import FieldNetwork
+from vsgdesign.runtime.power_controller import state_at_set_points
+from vsgdesign.runtime.scheduler import Scheduler
+from vsgdesign.runtime.updating import first_state
 
 if TYPE_CHECKING:
     from vsgdesign.study.parameters.study import Study
+
 
 WAITING = 8
 """Samples that may come in while a cycle is being concluded in a slower task."""
@@ -111,3 +120,31 @@ def converter_constants(
         network,
         network_sha256,
     )
+
+
+def converter_numbers(scheduler: Scheduler, converter: ConverterConstants) -> dict[str, list[DescribedNumber]]:
+    """The numbers of each record that runs on a converter, by the name of the record, in SI or as their units say.
+
+    A state's start values are those with which the converter begins: at rest at its set points, with the gains of the
+    scheduler's first place, and with an estimator that knows nothing. Inputs and outputs have none.
+    """
+    refs, settings, field = converter.references, converter.controller_settings, converter.field_settings
+    first = first_state(scheduler.lookup, scheduler.settings)
+    records: tuple[tuple[Any, Any], ...] = (
+        (Measurement, None),
+        (References, refs),
+        (PowerLoopGains, first.gains),
+        (InnerLoopGains, converter.inner_gains),
+        (ControllerSettings, settings),
+        (ControllerState, state_at_set_points(refs, first.gains)),
+        (ControllerOutput, None),
+        (GridWatch, GridWatch(0.0, 0.0, refs.omega_0)),
+        (SchedulerLimits, scheduler.settings.limits),
+        (SchedulerInput, None),
+        (SchedulerState, first),
+        (FieldSettings, field),
+        (LockIn, first_lock_in(field, field.omega_n)),
+        (FieldTrack, first_track(field)),
+        (FieldAnswer, None),
+    )
+    return {record.__name__: described_numbers(record, start) for record, start in records}

@@ -1,7 +1,7 @@
 """Ports, parameters and state of an exported controller: one list, out of the records that run on a converter.
 
 Every wrapper is printed from this list. A port takes its unit and its meaning from the record of the equations in which
-its number is (:mod:`vsgdesign.export.numbers`); the records of this module hold what only a wrapper has.
+its number is (:mod:`vsgdesign.export.field`); the records of this module hold what only a wrapper has.
 """
 
 from __future__ import annotations
