@@ -13,7 +13,7 @@ from tests.export.live_grid import LiveGrid
 from vsgdesign.export import compile_c
 from vsgdesign.export.c_code import export_c
 from vsgdesign.export.c_content import Origin
-from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED, VALID, WAITS, CompiledConverter
+from vsgdesign.export.compiled import OPEN, PROBE_OFF, TRIPPED, VALID, WAITS, CompiledConverter
 from vsgdesign.export.field import converter_constants
 from vsgdesign.runtime import load_scheduler
 from vsgdesign.study.parameters import Grid, study_from_text

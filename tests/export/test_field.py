@@ -33,8 +33,7 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.export import CompiledC, compile_c, export_c_files
 from vsgdesign.export.c_code import export_c
 from vsgdesign.export.c_content import Origin
-from vsgdesign.export.compiled import STRICT, run_compiler
-from vsgdesign.export.compiled_field import OPEN, PROBE_OFF, TRIPPED
+from vsgdesign.export.compiled import OPEN, PROBE_OFF, STRICT, TRIPPED, run_compiler
 from vsgdesign.export.field import converter_constants
 from vsgdesign.identification.field import FieldNetwork, field_network
 from vsgdesign.runtime import load_scheduler

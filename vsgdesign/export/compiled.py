@@ -1,24 +1,26 @@
-"""Exported C, compiled and called from Python for software in the loop. It needs a C compiler and the package cffi."""
+"""Exported C, compiled and called from Python for software in the loop: the scheduler, the controller, and the field
+estimator with the converter as a whole. It needs a C compiler and the package cffi.
+"""
 
 from __future__ import annotations
 
+import math
 import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vsgdesign.equations.controller import ControllerOutput, ControllerSettings, Measurement
-from vsgdesign.equations.field import FieldSettings
+from vsgdesign.equations.field import FieldAnswer, FieldSettings
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import NO_NOTCH, NotchConstants, PowerLoopGains, References
 from vsgdesign.equations.scheduler_data import TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED, SchedulerState
 from vsgdesign.errors import ArtifactError
-from vsgdesign.export.compiled_field import CompiledConverter, CompiledField
 from vsgdesign.runtime.updating import Answer, Covariance
 
 SOURCES = ("vsg.c", "vsg_data.c", "vsg_power.c", "vsg_control.c", "vsg_math.c", "vsg_selftest.c")
@@ -82,10 +84,8 @@ def _evaluated(text: str) -> str:
     import re
 
     def product(match: re.Match[str]) -> str:
-        value = 1
-        for factor in re.findall(r"\d+", match[1]):
-            value *= int(factor)
-        return f"[{value}]"
+        factors = map(int, re.findall(r"\d+", match[1]))
+        return f"[{math.prod(factors)}]"
 
     return re.sub(r"\[([\d\sU*()]+)\]", product, text)
 
@@ -103,7 +103,7 @@ class CompiledC:
     @property
     def gains(self) -> PowerLoopGains:
         """The present gains."""
-        return _gains(self._scheduler.gains)
+        return _read(PowerLoopGains, self._scheduler.gains)
 
     @property
     def grid(self) -> tuple[float, float]:
@@ -136,23 +136,23 @@ class CompiledC:
         """Gains from an estimate, with its covariance if it is known."""
         if covariance is None and not changed:
             self.library.vsg_update_estimate(self._scheduler, R_g, L_g, P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer)
-            return self._read()
+            return _answer_of(self._answer)
         known = self.ffi.NULL if covariance is None else self.ffi.new("vsg_covariance_t *", list(covariance))
         self.library.vsg_update_estimate_with(
             self._scheduler, R_g, L_g, known, int(changed), P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer
         )
-        return self._read()
+        return _answer_of(self._answer)
 
     def hold(self, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
         """An update without an estimate."""
         self.library.vsg_hold(self._scheduler, P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer)
-        return self._read()
+        return _answer_of(self._answer)
 
     def update(self, v: Any, i: Any, P: float, Q: float, V_rms: float, ticks: int) -> Answer:
         """Gains from a window."""
         samples = [self._array(values) for values in (v, i)]
         self.library.vsg_update(self._scheduler, *samples, P, Q, V_rms, ticks & 0xFFFFFFFF, self._answer)
-        return self._read()
+        return _answer_of(self._answer)
 
     def estimate(self, v: Any, i: Any) -> tuple[float, float, int]:
         """R_g, L_g and the reason of a window."""
@@ -207,10 +207,6 @@ class CompiledC:
     def _array(self, values: Any) -> Any:
         array = np.ascontiguousarray(values, dtype=np.float64 if self.double else np.float32).ravel()
         return self.ffi.from_buffer("vsg_real_t[]", array)
-
-    def _read(self) -> Answer:
-        a = self._answer
-        return Answer(_gains(a.gains), int(a.status), int(a.reason), float(a.scr), float(a.r_over_x))
 
 
 class CompiledPower:
@@ -267,7 +263,7 @@ class CompiledControl:
     def step(self, measured: Measurement) -> ControllerOutput:
         """One sample. ``used`` says whether the measurement was taken, or left out as implausible."""
         self.used = bool(self._library.vsg_control_step(self.data, self._of("measurement", measured), self._output))
-        return ControllerOutput(*(float(getattr(self._output, name)) for name in ControllerOutput._fields))
+        return _read(ControllerOutput, self._output)
 
     def grid_watch(self) -> Any:
         """What follows the grid's voltage behind an open breaker: ``vsg_grid_watch_t``."""
@@ -297,5 +293,118 @@ def _numbers(record: Any) -> list[Any]:
     return [value for value in nested if value != []]
 
 
-def _gains(values: Any) -> PowerLoopGains:
-    return PowerLoopGains(*(float(getattr(values, name)) for name in PowerLoopGains._fields))
+def _read(record: Any, data: Any) -> Any:
+    """A NamedTuple of numbers out of the struct of the same name."""
+    return record(*(float(getattr(data, name)) for name in record._fields))
+
+
+def _answer_of(a: Any) -> Answer:
+    """The answer of a scheduler."""
+    return Answer(_read(PowerLoopGains, a.gains), int(a.status), int(a.reason), float(a.scr), float(a.r_over_x))
+
+
+TRIPPED, OPEN, PROBE_OFF = 1, 2, 4
+"""What a sample is told: the bridge does not switch, the breaker is open, no probe is to be sent."""
+
+VALID, DOUBT, LIMITED, SPOILT, WAITS, NO_PROBE = 1, 2, 4, 8, 16, 32
+"""Bits of :attr:`CompiledConverter.status`."""
+
+
+class SentProbe(NamedTuple):
+    """What is added to V (rms V) and θ (rad), and the probe as it is sent, u e^{jθ'} over the rated voltage."""
+
+    V: float
+    theta: float
+    alpha: float
+    beta: float
+
+
+class CompiledField:
+    """The field estimator of the compiled C. ``data`` is its struct, which may be read and written."""
+
+    def __init__(self, made: CompiledC, settings: FieldSettings, omega: float) -> None:
+        self._ffi, self._library = made.ffi, made.library
+        self.data, self._settings = (
+            made.ffi.new("vsg_field_t *"),
+            made.ffi.new("vsg_field_settings_t *", list(settings)),
+        )
+        self._sent, self._answer = made.ffi.new("vsg_field_sent_t *"), made.ffi.new("vsg_field_answer_t *")
+        self._measured = made.ffi.new("vsg_measurement_t *")
+        self._library.vsg_field_init(self.data, self._settings, omega)
+
+    @property
+    def bytes(self) -> int:
+        """Size of its state."""
+        return int(self._ffi.sizeof("vsg_field_t"))
+
+    def probe(self, V_rms: float, theta: float, V_n: float, inputs: int = 0) -> SentProbe:
+        """The probe of the coming sample at the voltage V_rms (rms V) and the angle θ of the power loops."""
+        self._library.vsg_field_probe(self.data, inputs, V_rms, theta, V_n, self._sent)
+        return SentProbe(*(float(getattr(self._sent, name)) for name in SentProbe._fields))
+
+    def listen(
+        self,
+        v: complex,
+        i: complex,
+        sent: complex,
+        omega: float,
+        *,
+        used: bool = True,
+        limited: bool = False,
+        inputs: int = 0,
+    ) -> bool:
+        """One sample of the capacitor's voltage and the grid current (α + jβ, V and A peak), and what was sent (over
+        the rated voltage). Whether a cycle waits to be concluded."""
+        m, s = self._measured, self._sent
+        m.v_alpha, m.v_beta, m.i_g_alpha, m.i_g_beta = v.real, v.imag, i.real, i.imag
+        s.alpha, s.beta = sent.real, sent.imag
+        return bool(self._library.vsg_field_listen(self.data, m, used, s, limited, inputs, omega))
+
+    def conclude(self) -> FieldAnswer | None:
+        """The answer of a closed cycle; None if no cycle waits."""
+        if not self._library.vsg_field_conclude(self.data, self._answer):
+            return None
+        return _read(FieldAnswer, self._answer)
+
+
+class CompiledConverter:
+    """Controller, field estimator and scheduler of the compiled C in order. ``data`` is their struct."""
+
+    def __init__(self, made: CompiledC) -> None:
+        self._ffi, self._library = made.ffi, made.library
+        self.data = made.ffi.new("vsg_converter_t *")
+        self._measured, self._output = made.ffi.new("vsg_measurement_t *"), made.ffi.new("vsg_controller_output_t *")
+        self._answer, self._watch = made.ffi.new("vsg_answer_t *"), made.ffi.new("vsg_grid_watch_t *")
+        self._library.vsg_converter_init(self.data)
+        self._library.vsg_grid_watch_init(self._watch, made.ffi.addressof(self.data.control.refs))
+
+    @property
+    def estimate(self) -> FieldAnswer:
+        """The answer of the last cycle."""
+        return _read(FieldAnswer, self.data.estimate)
+
+    def status(self, inputs: int = 0) -> int:
+        """Bits of VALID, DOUBT and so on."""
+        return int(self._library.vsg_converter_status(self.data, inputs))
+
+    def synchronise(self, v_alpha: float, v_beta: float, measured: Measurement) -> bool:
+        """The grid's voltage behind the open breaker (V peak); whether the breaker may close."""
+        given = self._given(measured)
+        control = self._ffi.addressof(self.data.control)
+        return bool(self._library.vsg_control_synchronise(control, self._watch, v_alpha, v_beta, given))
+
+    def sample(self, measured: Measurement, inputs: int = 0) -> tuple[ControllerOutput, bool]:
+        """One sample. Its output, and whether a cycle waits for :meth:`cycle`."""
+        due = self._library.vsg_converter_sample(self.data, self._given(measured), inputs, self._output)
+        return _read(ControllerOutput, self._output), bool(due)
+
+    def cycle(self, ticks: int) -> Answer | None:
+        """The scheduler's answer to a cycle; None if no cycle waits."""
+        if not self._library.vsg_converter_cycle(self.data, ticks & 0xFFFFFFFF, self._answer):
+            return None
+        return _answer_of(self._answer)
+
+    def _given(self, measured: Measurement) -> Any:
+        for name, value in zip(Measurement._fields, measured, strict=True):
+            setattr(self._measured, name, value)
+        return self._measured
