@@ -26,7 +26,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.linear.stability.differential import differential_modes
+from vsgdesign.linear.stability.modes_of_units import differential_modes
 from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.units.scenario import run_plant

@@ -24,7 +24,7 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.design.table import build_table
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.full_order import Cell, steady_cells
-from vsgdesign.linear.stability.differential import differential_modes
+from vsgdesign.linear.stability.modes_of_units import differential_modes
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.grid import Place

@@ -17,8 +17,8 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.dc_rest import links_at_rest
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order, steady_cells
-from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loops import FullOrderLoop
+from vsgdesign.linear.stability.modes_of_units import differential_modes
 from vsgdesign.linear.stability.step_responses import sampled_steps
 from vsgdesign.metrics.margins import disk_margin_per_frequency
 from vsgdesign.metrics.modes import least_damping, to_continuous

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.linear.stability.assessment import ControllerAssessment
-from vsgdesign.linear.stability.differential import DifferentialWorst
 from vsgdesign.linear.stability.maps import MarginMap
+from vsgdesign.linear.stability.modes_of_units import DifferentialWorst
 from vsgdesign.linear.stability.verdict import Verdict
 from vsgdesign.simulation.evidence import StepEvidence
 from vsgdesign.study.parameters.study import Study

@@ -18,8 +18,8 @@ from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import CircuitError, InfeasibleStudyError, SimulationDivergedError, StudyError, VsgDesignError
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.linear.stability.differential import differential_modes
 from vsgdesign.linear.stability.loops import network_frequency_perturbation
+from vsgdesign.linear.stability.modes_of_units import differential_modes
 from vsgdesign.metrics.step_response import unwrapped
 from vsgdesign.metrics.survival import BLOCKED, DIVERGED, NO_REST, NOT_AT_REST, Survival
 from vsgdesign.simulation.between_rows import RowsAsked, between_rows, taken_of_log

@@ -28,7 +28,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.full_order import steady_cells
-from vsgdesign.linear.stability.differential import differential_modes
+from vsgdesign.linear.stability.modes_of_units import differential_modes
 from vsgdesign.metrics.modes import least_damping
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.specification import decaying_time

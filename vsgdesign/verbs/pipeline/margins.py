@@ -27,7 +27,7 @@ from vsgdesign.linear.stability.assessment import (
     map_rows,
     view_rows,
 )
-from vsgdesign.linear.stability.differential import DifferentialWorst, worst_differential
+from vsgdesign.linear.stability.modes_of_units import DifferentialWorst, worst_differential
 from vsgdesign.linear.stability.verdict import clause_matrix, left_out, worst_cases
 from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.report.drawing.figure_types import ExplorerFile
