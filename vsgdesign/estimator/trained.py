@@ -158,7 +158,7 @@ def train_on_cycles(
     cycles: FieldCycles, recipe: FieldRecipe, size: Mapping[str, int], seed: int, progress: Progress
 ) -> TrainedFieldNetwork:
     """Trains the field estimator's network and judges the three ways on the test runs. ``size`` has ``hidden``."""
-    from vsgdesign.estimator.field_training import FieldTrainingSettings, train_layers
+    from vsgdesign.estimator.training import FieldTrainingSettings, train_layers
 
     settings = FieldTrainingSettings(
         hidden=size["hidden"], epochs=recipe.epochs, weight=recipe.weight, weighted=recipe.weighted

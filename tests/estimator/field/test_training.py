@@ -12,7 +12,7 @@ from tests.estimator.field.made_up import PER_RUN, made_up_cycles, told_cycles
 from vsgdesign.equations.field.fusion import posterior_distance
 from vsgdesign.errors import StudyError
 from vsgdesign.estimator.data_set import FieldCycles
-from vsgdesign.estimator.field_training import FieldTraining, FieldTrainingSettings, evaluate, train_layers
+from vsgdesign.estimator.training import FieldTraining, FieldTrainingSettings, evaluate, train_layers
 
 SETTINGS = FieldTrainingSettings(hidden=8, epochs=40, batch=128, rate=2e-2, decay=0.01)
 
