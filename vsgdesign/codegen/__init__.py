@@ -21,6 +21,6 @@ refused with file, line and what to write instead.
 """
 
 from vsgdesign.codegen.c99 import TYPES, CText, c_functions
-from vsgdesign.codegen.source import UntranslatableError
+from vsgdesign.codegen.language import UntranslatableError
 
 __all__ = ["TYPES", "CText", "UntranslatableError", "c_functions"]

@@ -21,9 +21,8 @@ from vsgdesign.codegen.expressions import (
     kind_of,
     operation,
 )
-from vsgdesign.codegen.language import KEYWORDS
+from vsgdesign.codegen.language import KEYWORDS, Source
 from vsgdesign.codegen.records import SCALARS, Record, leaves
-from vsgdesign.codegen.source import Source
 
 if TYPE_CHECKING:
     from vsgdesign.codegen.reader import Library

@@ -28,10 +28,9 @@ from vsgdesign.codegen.expressions import (
     kind_of,
     names_in,
 )
-from vsgdesign.codegen.language import KEYWORDS
+from vsgdesign.codegen.language import KEYWORDS, UntranslatableError
 from vsgdesign.codegen.reader import Library
 from vsgdesign.codegen.records import kind_of_field
-from vsgdesign.codegen.source import UntranslatableError
 
 WIDTH = 120
 

@@ -23,8 +23,8 @@ from vsgdesign.codegen.expressions import (
     Variable,
     kind_of,
 )
+from vsgdesign.codegen.language import UntranslatableError
 from vsgdesign.codegen.reader import Library
-from vsgdesign.codegen.source import UntranslatableError
 
 _PRECEDENCE = {"select": 1, "or": 2, "and": 3, "==": 4, "!=": 4, "<": 5, ">": 5, "<=": 5, ">=": 5}
 _PRECEDENCE |= {"+": 6, "-": 6, "*": 7, "/": 7, "neg": 8, "not": 8}

@@ -32,9 +32,8 @@ from vsgdesign.codegen.expressions import (
     kind_of,
     operation,
 )
-from vsgdesign.codegen.language import FUNCTIONS, instead_of
+from vsgdesign.codegen.language import FUNCTIONS, instead_of, integrates
 from vsgdesign.codegen.records import SCALARS, Changed, Record, is_record, known, leaves
-from vsgdesign.codegen.source import integrates
 
 _signature = functools.cache(inspect.signature)
 

@@ -23,9 +23,8 @@ from vsgdesign.codegen.expressions import (
     kind_of,
     operation,
 )
-from vsgdesign.codegen.language import COMPARISONS, OPERATORS, REFUSED, instead_of
+from vsgdesign.codegen.language import COMPARISONS, OPERATORS, REFUSED, UntranslatableError, instead_of
 from vsgdesign.codegen.records import SCALARS, Changed, Record, is_record, known
-from vsgdesign.codegen.source import UntranslatableError
 
 
 @dataclass(frozen=True)

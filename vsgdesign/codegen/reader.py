@@ -38,8 +38,8 @@ from vsgdesign.codegen.expressions import (
     names_in,
     parts,
 )
+from vsgdesign.codegen.language import Source, UntranslatableError, documented_results, integrates, marked, source_of
 from vsgdesign.codegen.records import SCALARS, Kinds, Record, is_record, known, leaves
-from vsgdesign.codegen.source import Source, UntranslatableError, documented_results, integrates, marked, source_of
 
 
 class Library:

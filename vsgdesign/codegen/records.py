@@ -21,7 +21,7 @@ from vsgdesign.codegen.expressions import (
     Operation,
     Variable,
 )
-from vsgdesign.codegen.source import marked
+from vsgdesign.codegen.language import marked
 
 SCALARS = (Number, Variable, Field, Operation, Invocation, Numbers)
 
