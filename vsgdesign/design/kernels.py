@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.codegen.blocks import Writer
+from vsgdesign.codegen.blocks import Traced, Writer, chosen, expression, larger, root
 from vsgdesign.codegen.llvm import Loop, LoopSpec, best_lanes, compiled_loop, empty_rows
-from vsgdesign.codegen.traced import Traced, chosen, expression, larger, root
 from vsgdesign.metrics.step_response import SETTLING_BAND
 
 Array = NDArray[np.float64]

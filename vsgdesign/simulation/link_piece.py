@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.codegen.blocks import Writer
+from vsgdesign.codegen.blocks import Traced, Writer, chosen, expression
 from vsgdesign.codegen.flat import Block
-from vsgdesign.codegen.traced import Traced, chosen, expression
 from vsgdesign.equations.dc_link import DcSettings
 from vsgdesign.linear.model.dc_link import Edge, Interval, SourceLaw, link_over
 from vsgdesign.simulation.axes import Axes
