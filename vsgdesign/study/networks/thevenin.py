@@ -1,4 +1,5 @@
-"""The impedance of a network at a bus from its Y matrix: with everything in, with elements out, and over frequency.
+"""A network from its file, and its impedance at a bus from its Y matrix: with everything in, with elements out, and
+over frequency.
 
 Sources are short circuits behind their impedances, converters are open, and a load is left out or an impedance. At
 another frequency a reactance goes with it and a capacitance against it, and resistances stay as they are.
@@ -6,12 +7,43 @@ another frequency a reactance goes with it and a capacitance against it, and res
 
 from __future__ import annotations
 
+import importlib.util
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.study.networks.model import Branch, Network
+
+
+def read_network(path: str | Path) -> Network:
+    """The network of a file of pandapower (``.json``), or of anything that pypowsybl reads.
+
+    Raises StudyError for a file that is not there or cannot be read, and InfeasibleStudyError where the library is
+    missing.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise StudyError(str(path), [Fault("network", "", "no such file", "Give the file of a network.")])
+    if path.suffix.lower() == ".json":
+        _require("pandapower", path)
+        from vsgdesign.study.networks.pandapower_file import read_pandapower
+
+        return read_pandapower(path)
+    _require("pypowsybl", path)
+    from vsgdesign.study.networks.powsybl_file import read_powsybl
+
+    return read_powsybl(path)
+
+
+def _require(library: str, path: Path) -> None:
+    if importlib.util.find_spec(library) is None:
+        raise InfeasibleStudyError(
+            f'"{path}" is read by {library}, which is not installed: pip install "vsgdesign[networks]" brings it.'
+        )
+
 
 Array = NDArray[np.float64]
 

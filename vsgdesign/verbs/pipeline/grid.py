@@ -22,7 +22,6 @@ from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.study.datasheet.study_text import nodes
 from vsgdesign.study.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.networks.model import S_BASE, Given, Network, check_network, part_of, with_sources
-from vsgdesign.study.networks.opening import read_network
 from vsgdesign.study.networks.thevenin import (
     STRONG,
     WEAK,
@@ -30,6 +29,7 @@ from vsgdesign.study.networks.thevenin import (
     first_resonance,
     has_capacitance,
     over_frequency,
+    read_network,
 )
 from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.study.parameters.loading import merged_document
