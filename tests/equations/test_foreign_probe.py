@@ -9,8 +9,7 @@ import pytest
 
 from vsgdesign.equations.field import TRACK
 from vsgdesign.equations.field.sign_code import SignCode, code_moved, foreign_with, no_foreign, towards
-from vsgdesign.equations.field.tracks import Lines
-from vsgdesign.equations.field.windows import no_window
+from vsgdesign.equations.field.tracks import Lines, no_window
 
 CYCLES, R, X, NOISE = 400, 0.1, 0.3, 2e-4
 PHASES = (0.7, -1.9)

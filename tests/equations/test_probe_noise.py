@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.equations.test_field_recursions import OMEGA, T_S, V_BASE, Z_BASE, Line, floats, run
-from vsgdesign.equations.field import TRACK, sign_code, windows
+from vsgdesign.equations.field import TRACK, sign_code, tracks
 from vsgdesign.equations.field.cycle import LARGER_BY, whole_over_grid
 from vsgdesign.equations.field.deciding import FRESH_UNTIL
 from vsgdesign.equations.field.measuring import FAST_MEMORY
@@ -36,11 +36,11 @@ def probe_now(amplitudes: tuple[float, float], line: float) -> Any:
     """u of every sample, with the product's lines, signs and changes, where the ripple of P limits it."""
     half: Any = np.exp(0.5j * PHI)
     whole: Any = np.exp(1j * PHI)
-    first_re, first_im, second_re, second_im = windows.lines_at(half.real, half.imag, whole.real, whole.imag, line)
+    first_re, first_im, second_re, second_im = tracks.lines_at(half.real, half.imag, whole.real, whole.imag, line)
     share, b_1, b_2, cycles = sign_code.RIPPLE_SHARE, 0.0, 0.0, []
     for m, sign in enumerate(signs()):
-        b_1 = towards(b_1, windows.SIGN_1 * sign, share * windows.SIZE_1 * amplitudes[0], 1.0)
-        b_2 = towards(b_2, windows.SIGN_2 * sign, share * windows.SIZE_2 * amplitudes[1], 1.0)
+        b_1 = towards(b_1, tracks.SIGN_1 * sign, share * tracks.SIZE_1 * amplitudes[0], 1.0)
+        b_2 = towards(b_2, tracks.SIGN_2 * sign, share * tracks.SIZE_2 * amplitudes[1], 1.0)
         cycles.append((-1.0) ** m * (b_1 * (first_re + 1j * first_im) + b_2 * (second_re + 1j * second_im)))
     return np.concatenate(cycles)
 
@@ -80,7 +80,7 @@ def test_no_pair_moves_the_power_at_rest_as_the_first_did(R: float, X: float) ->
 
 def test_no_two_pairs_have_a_line_in_common() -> None:
     """Half-integer multiples of one frequency are orthogonal over a cycle."""
-    lines = [line for first in PAIRS for line in (first, windows.second_line(first))]
+    lines = [line for first in PAIRS for line in (first, tracks.second_line(first))]
     assert len(set(lines)) == 2 * len(PAIRS)
     assert all(line % 1.0 == 0.5 for line in lines)
 
@@ -99,9 +99,9 @@ def test_every_pair_finds_the_grid(pair: int) -> None:
     """The trapezoidal rule of the oracle is wrong by (ω T_s)²/12 at a line: 0.3 % at 5.5 times 50 Hz. The probe is zero
     where a cycle begins."""
     settings = floats(field_settings(T_s=T_S, omega_n=OMEGA, V_base=V_BASE, Z_base=Z_BASE, pair=pair))
-    ones = windows.lines_at(1.0, 0.0, 1.0, 0.0, settings.line)
-    assert windows.SIGN_1 * ones[0] + windows.SIGN_2 * ones[2] == 0.0
-    lines = windows.lines_at(math.cos(0.2), math.sin(0.2), math.cos(0.4), math.sin(0.4), settings.line)
+    ones = tracks.lines_at(1.0, 0.0, 1.0, 0.0, settings.line)
+    assert tracks.SIGN_1 * ones[0] + tracks.SIGN_2 * ones[2] == 0.0
+    lines = tracks.lines_at(math.cos(0.2), math.sin(0.2), math.cos(0.4), math.sin(0.4), settings.line)
     np.testing.assert_allclose(complex(*lines[:2]), np.exp(0.4j * LINES[pair - 1][0]), rtol=1e-14)
     np.testing.assert_allclose(complex(*lines[2:]), np.exp(0.4j * LINES[pair - 1][1]), rtol=1e-14)
     answer = run(Line(0.1, 0.3), 14, settings=settings)[2][-1]
@@ -124,7 +124,7 @@ def test_the_lines_carry_more_information_within_the_same_limits() -> None:
     at once. Where voltage or power limit them, their rms values over the changes are those of such lines."""
     at_once = signs()
     sent = slow(at_once)
-    both = (windows.SIZE_1**2 + windows.SIZE_2**2) / 2.0
+    both = (tracks.SIZE_1**2 + tracks.SIZE_2**2) / 2.0
     before, now = (float(np.mean(np.convolve(c, [1.0, 3.0, 3.0, 1.0], "valid") ** 2)) for c in (at_once, sent))
     assert both * now > 1.7 * before
     rms = math.sqrt(np.mean(sent[5:] ** 2))

@@ -14,16 +14,20 @@ from vsgdesign.equations.field.measuring import AGAIN, happening_of, measured
 from vsgdesign.equations.field.noise import Noise, noise_of_probe
 from vsgdesign.equations.field.sign_code import Response, code_moved, foreign_with, line_amplitude, response_of, towards
 from vsgdesign.equations.field.state import FieldTrack, first_track, grid_sigma
-from vsgdesign.equations.field.tracks import CALIBRATION, Fit, LineTrack, fit_of, wider_by
-from vsgdesign.equations.field.windows import (
+from vsgdesign.equations.field.tracks import (
+    CALIBRATION,
     SIGN_1,
     SIGN_2,
     SIZE_1,
     SIZE_2,
+    Fit,
+    LineTrack,
     current_at_the_end,
+    fit_of,
     lines_at,
     shifted,
     third_difference,
+    wider_by,
     windows_of_cycle,
 )
 from vsgdesign.equations.frames import rotate, rotate_back

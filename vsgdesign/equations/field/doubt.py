@@ -9,8 +9,7 @@ import numpy as np
 from vsgdesign.equations.field.data import FieldSettings
 from vsgdesign.equations.field.grid_phasor import GridPhasor
 from vsgdesign.equations.field.noise import Squares, left_over, no_squares
-from vsgdesign.equations.field.tracks import Fit, distance
-from vsgdesign.equations.field.windows import Window
+from vsgdesign.equations.field.tracks import Fit, Window, distance
 
 FREQUENCY_UNSURE = 4e-4
 """How much less sure the turned-on reference becomes in a cycle, pu."""

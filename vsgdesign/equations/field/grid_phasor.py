@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.field.data import DOUBT, TRACK
-from vsgdesign.equations.field.tracks import Fit
-from vsgdesign.equations.field.windows import Window, residual
+from vsgdesign.equations.field.tracks import Fit, Window, residual
 from vsgdesign.equations.frames import rotate, rotate_back
 
 SLIP_SHARE = 0.15

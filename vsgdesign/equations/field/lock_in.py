@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.field.data import FieldSettings, LineSums, LockIn
-from vsgdesign.equations.field.windows import SIGN_1, SIGN_2, lines_at
+from vsgdesign.equations.field.tracks import SIGN_1, SIGN_2, lines_at
 from vsgdesign.equations.frames import rotate_back
 from vsgdesign.equations.integration import TURN, advanced
 

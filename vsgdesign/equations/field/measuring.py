@@ -14,8 +14,7 @@ from vsgdesign.equations.field.doubt import NEAR, Doubt, distance_of, doubt_begu
 from vsgdesign.equations.field.grid_phasor import GridPhasor, phasor_moved, resynchronised, without_last
 from vsgdesign.equations.field.noise import DIFFERENCE_GAIN, Noise, noise_with, residuals_with
 from vsgdesign.equations.field.state import FastTrack, FieldTrack, grid_sigma, no_fast
-from vsgdesign.equations.field.tracks import Fit, Track, fit_of, taken, with_gain
-from vsgdesign.equations.field.windows import Window, residual
+from vsgdesign.equations.field.tracks import Fit, Track, Window, fit_of, residual, taken, with_gain
 
 LOUD = 25.0
 """Square of a residual over its variance that contradicts an impedance."""

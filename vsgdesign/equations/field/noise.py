@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.field.windows import Window, instrumented
+from vsgdesign.equations.field.tracks import Window, instrumented
 
 DIFFERENCE_GAIN = 0.3125
 """Variance of the third difference over that of a cycle, for white noise: (1 + 9 + 9 + 1)/64."""

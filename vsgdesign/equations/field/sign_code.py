@@ -10,8 +10,7 @@ import numpy as np
 
 from vsgdesign.equations.field.data import DOUBT, FieldSettings
 from vsgdesign.equations.field.noise import CHIP_CYCLES
-from vsgdesign.equations.field.tracks import Lines, LineTrack
-from vsgdesign.equations.field.windows import Window, residual
+from vsgdesign.equations.field.tracks import Lines, LineTrack, Window, residual
 from vsgdesign.equations.frames import rotate_back
 
 REST_CYCLES = 60.0

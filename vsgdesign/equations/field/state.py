@@ -12,8 +12,7 @@ from vsgdesign.equations.field.doubt import Doubt, no_doubt
 from vsgdesign.equations.field.grid_phasor import GridPhasor, first_grid_phasor
 from vsgdesign.equations.field.noise import Noise, Residuals, first_noise, no_residuals
 from vsgdesign.equations.field.sign_code import Foreign, Response, SignCode, first_code, no_foreign, no_response
-from vsgdesign.equations.field.tracks import Fit, Track, no_fit, no_track
-from vsgdesign.equations.field.windows import History, no_history
+from vsgdesign.equations.field.tracks import Fit, History, Track, no_fit, no_history, no_track
 
 
 class FastTrack(NamedTuple):
