@@ -26,7 +26,7 @@ from vsgdesign.equations.frames import rms_to_peak, rotate_back
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.linear.operating_point.many import Lanes, many_steady_states
-from vsgdesign.linear.operating_point.plants import plant_steps
+from vsgdesign.linear.operating_point.plant import plant_steps
 from vsgdesign.study.parameters import Study, load_study
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.sampled_path import SampledPath, Transition, droop_step, sampled_path, source_response
 from vsgdesign.linear.operating_point.many import Lanes, lanes_of, paths_of, points_of
-from vsgdesign.linear.operating_point.plants import plant_steps
+from vsgdesign.linear.operating_point.plant import plant_steps
 from vsgdesign.study.parameters import Study
 
 COUNT = 40

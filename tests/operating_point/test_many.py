@@ -30,7 +30,7 @@ from vsgdesign.linear.operating_point.many import (
     many_steady_states,
 )
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains, rest_with_measured_gains
-from vsgdesign.linear.operating_point.plants import plant_steps
+from vsgdesign.linear.operating_point.plant import plant_steps
 from vsgdesign.linear.operating_point.sampled import steady_state
 from vsgdesign.linear.stability.loci import modes
 from vsgdesign.runtime.closed_form import closed_form_schedule

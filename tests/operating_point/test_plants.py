@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import lc_study, lcl_study
-from vsgdesign.linear.operating_point.plant import averaged_steps, plant_step
-from vsgdesign.linear.operating_point.plants import plant_steps
+from vsgdesign.linear.operating_point.plant import averaged_steps, plant_step, plant_steps
 from vsgdesign.study.parameters.grid import Grid
 
 STUDIES = {"LC": lc_study("1 s"), "LCL": lcl_study("1 s")}

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.simulation.studies import lc_study
-from vsgdesign.linear.operating_point.plant import plant_step
-from vsgdesign.linear.operating_point.plants import state_matrices
+from vsgdesign.linear.operating_point.plant import plant_step, state_matrices
 from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.page.terminal import print_terminal
 from vsgdesign.report.scenario.page import limits_of_validity, terminal_blocks

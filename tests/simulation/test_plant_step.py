@@ -11,8 +11,7 @@ from scipy.linalg import expm
 from tests.simulation.studies import GAINS, lc_study
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.plant import plant_step
-from vsgdesign.linear.operating_point.plants import state_matrices
+from vsgdesign.linear.operating_point.plant import plant_step, state_matrices
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.circuit_sample import Coefficients, polynomial
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsgdesign.codegen.llvm import Program
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
+from vsgdesign.linear.operating_point.plant import PlantSteps, plant_steps
 from vsgdesign.simulation.axes import FALLING, PEAK, RISING
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.grid_slopes import GridSlopes, grid_slopes

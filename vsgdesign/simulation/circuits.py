@@ -19,8 +19,7 @@ from vsgdesign.linear.operating_point.network import (
     network_circuit,
     states_of_networks,
 )
-from vsgdesign.linear.operating_point.plant import PlantStep, TwoAxisCircuit, plant_step, two_axes
-from vsgdesign.linear.operating_point.plants import PlantSteps
+from vsgdesign.linear.operating_point.plant import PlantStep, PlantSteps, TwoAxisCircuit, plant_step, two_axes
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, steady_state
 from vsgdesign.simulation.axes import Axes
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.plants import state_matrices
+from vsgdesign.linear.operating_point.plant import state_matrices
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.study.parameters.study import Study

@@ -16,7 +16,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import ANGLE_DAMPED
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.linear.operating_point.full_order import Cell
-from vsgdesign.linear.operating_point.plants import state_matrices
+from vsgdesign.linear.operating_point.plant import state_matrices
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import GridSource, Place

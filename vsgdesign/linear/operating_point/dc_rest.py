@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.dc_source_interface import Decay
 from vsgdesign.equations.frames import SPACE_VECTOR_POWER, clarke
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.plants import state_matrices
+from vsgdesign.linear.operating_point.plant import state_matrices
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.study import Study
 

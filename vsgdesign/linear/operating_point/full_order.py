@@ -27,7 +27,7 @@ from vsgdesign.linear.model.full_order import (
 )
 from vsgdesign.linear.operating_point.dc_rest import power_of_plant, series_of
 from vsgdesign.linear.operating_point.many import Lanes, ManyStates, clamped_lanes, lanes_of, many_steady_states
-from vsgdesign.linear.operating_point.plants import state_matrices
+from vsgdesign.linear.operating_point.plant import state_matrices
 from vsgdesign.linear.operating_point.sampled import SampledState, cold_start, fault_of_rest
 from vsgdesign.metrics.modes import Eigen, eigen
 from vsgdesign.study.parameters.dc_link import DcLink

@@ -24,8 +24,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.linear.operating_point.dc_rest import bridge_power, links_at_rest, power_of_plant
 from vsgdesign.linear.operating_point.equilibrium import points_with_droop
 from vsgdesign.linear.operating_point.network import NetworkCircuit
-from vsgdesign.linear.operating_point.plant import TwoAxisCircuit, plant_step
-from vsgdesign.linear.operating_point.plants import PlantSteps, plant_steps
+from vsgdesign.linear.operating_point.plant import PlantSteps, TwoAxisCircuit, plant_step, plant_steps
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import Study

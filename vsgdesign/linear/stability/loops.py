@@ -21,8 +21,7 @@ from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS, PARAMETERS
 from vsgdesign.linear.operating_point import OperatingPoint
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.operating_point.plant import plant_step
-from vsgdesign.linear.operating_point.plants import state_matrices
+from vsgdesign.linear.operating_point.plant import plant_step, state_matrices
 from vsgdesign.metrics.modes import partial_fractions
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS, CoupledModel
 from vsgdesign.linear.model.full_order import INPUTS as FULL_INPUTS
 from vsgdesign.linear.model.full_order import OUTPUTS as FULL_OUTPUTS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.operating_point.plants import transitions
+from vsgdesign.linear.operating_point.plant import transitions
 from vsgdesign.metrics.modes import Eigen, partial_fractions, taken
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, settling_times, step_response
 

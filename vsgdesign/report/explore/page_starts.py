@@ -28,7 +28,7 @@ from vsgdesign.errors import VsgDesignError
 from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.linear.operating_point.many import Lanes, ManyStates, many_steady_states
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
-from vsgdesign.linear.operating_point.plants import plant_steps
+from vsgdesign.linear.operating_point.plant import plant_steps
 from vsgdesign.report.explore.saving import WithoutEvent, saved_without_event
 from vsgdesign.report.explore.scene import Scene, joined_cells, references_of, scenes_of, study_of
 from vsgdesign.report.explore.state import State

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.linear.operating_point.circuit_of_units import Topology, UnitsCircuit, Wiring, circuit_of_units
 from vsgdesign.linear.operating_point.clock_of_units import Clock
-from vsgdesign.linear.operating_point.plants import less_one
+from vsgdesign.linear.operating_point.plant import less_one
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuit_program import SAME_INSTANT
 from vsgdesign.simulation.units.timeline import PlantTimeline
