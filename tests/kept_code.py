@@ -194,7 +194,6 @@ def keep_machine_code(store: Store, patch: pytest.MonkeyPatch) -> None:
 
 def keep_compiled_c(store: Store, patch: pytest.MonkeyPatch) -> None:
     """What a C compiler or make makes for an export is that of the last time, if all files and options are."""
-    from vsgdesign.export import compiled, wrapping
+    from vsgdesign.export import compiled
 
-    for module in (compiled, wrapping):
-        patch.setattr(module, "subprocess", KeptCompilers(store))
+    patch.setattr(compiled, "subprocess", KeptCompilers(store))

@@ -7,7 +7,6 @@ import hashlib
 import os
 import re
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -22,6 +21,7 @@ from vsgdesign.artifacts.folders import check_folder_target, staged_folder, writ
 from vsgdesign.codegen.described import ascii_text
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.c_code import MANIFEST, render_unit
+from vsgdesign.export.compiled import run_compiler
 from vsgdesign.export.port_records import VARIANTS, PortList
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import WORDS, lists_of, unit_hash
@@ -252,7 +252,7 @@ class Builder:
         seen = own / "exports.map"
         seen.write_text(f"{{ global: {exports}; local: *; }};\n", encoding="ascii")
         end = ["-static-libgcc"] if "mingw" in compiler else [f"-Wl,--version-script={seen}", "-lm"]
-        _run([compiler, "-shared", "-s", *made, *self._objects[key], "-o", str(out), *end])
+        run_compiler([compiler, "-shared", "-s", *made, *self._objects[key], "-o", str(out), *end])
         return out.read_bytes()
 
     def libraries(
@@ -283,11 +283,5 @@ def _compiled(compiler: str, folder: Path, names: Sequence[str], flags: Sequence
         for name, place in zip(names, made, strict=True)
     ]
     with ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1)) as pool:
-        list(pool.map(_run, commands))
+        list(pool.map(run_compiler, commands))
     return made
-
-
-def _run(command: Sequence[str]) -> None:
-    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=False)
-    if done.returncode != 0:
-        raise ArtifactError(f"{command[0]} failed with {done.returncode}:\n{done.stderr.strip()[:2000]}")
