@@ -84,12 +84,9 @@ def runnable_settings(study: Study, settings: ComparisonSettings) -> tuple[Compa
     A step from or to a grid that is left out begins or ends at the nearest SCR that is not. Raises
     InfeasibleStudyError where no grid is left.
     """
-    reasons = {
-        scr: why_not(study, replace(settings, scr=(scr,)).recipe(), settings.seed)
-        for scr in sorted({*settings.scr, *(scr for pair in settings.grid_steps for scr in pair)})
-    }
-    kept = [scr for scr, reason in reasons.items() if not reason]
-    left_out = tuple(_sentence(f"SCR {scr:g}", reason) for scr, reason in reasons.items() if reason)
+    asked = sorted({*settings.scr, *(scr for pair in settings.grid_steps for scr in pair)})
+    recipes = {scr: replace(settings, scr=(scr,)).recipe() for scr in asked}
+    kept, left_out = runnable_values(study, recipes, "SCR", settings.seed)
     if not any(scr in kept for scr in settings.scr):
         raise InfeasibleStudyError(
             f"none of the comparison's grids can be run with P = {settings.P_pu:g} pu, Q = {settings.Q_pu:g} pu and "
@@ -105,12 +102,8 @@ def runnable_values(
 ) -> tuple[tuple[float, ...], tuple[str, ...]]:
     """Of recipes by the value that each stands for, the values that can be run, and a sentence on each other."""
     reasons = {value: why_not(study, recipe, seed) for value, recipe in recipes.items()}
-    left_out = (_sentence(f"{what} {value:g}", reason) for value, reason in reasons.items() if reason)
+    left_out = (f"{what} {value:g} is left out: {reason}." for value, reason in reasons.items() if reason)
     return tuple(value for value, reason in reasons.items() if not reason), tuple(left_out)
-
-
-def _sentence(what: str, reason: str) -> str:
-    return f"{what} is left out: {reason}."
 
 
 def nominal_settings(settings: ComparisonSettings) -> ComparisonSettings:
