@@ -1,8 +1,11 @@
 """A function as one straight line: every call inlined, every NamedTuple taken apart, every operation bound once.
 
-What is left are scalars and the operations of :data:`OPERATIONS`. Sines, exponentials and the like become the plain
-functions of :mod:`vsgdesign.codegen.vector_math`, so that running a block in plain Python and running it as machine
-code give the same numbers.
+What is left are scalars and operations: ``+``, ``-``, ``*``, ``/``, ``neg``, ``abs``, ``sqrt``, ``floor``, ``max``,
+``min``, ``select``, ``and``, ``or``, ``not``, the comparisons, ``bitand``, ``bitor`` and ``read``. ``max`` and ``min``
+give NaN where either is NaN. Counts are whole numbers among the others; ``bitand`` and ``bitor`` are for them. ``read``
+takes a number of a row that is known. Sines, exponentials and the like become the plain functions of
+:mod:`vsgdesign.codegen.vector_math`, so that running a block in plain Python and running it as machine code give the
+same numbers.
 """
 
 from __future__ import annotations
@@ -15,7 +18,6 @@ from typing import Any
 
 from vsgdesign.codegen.expressions import (
     ADVANCED,
-    BITS,
     COMPARISONS,
     FLAG,
     Build,
@@ -35,28 +37,6 @@ from vsgdesign.codegen.expressions import (
 )
 from vsgdesign.codegen.reader import Library
 from vsgdesign.codegen.vector_math import PLAIN
-
-OPERATIONS = (
-    "+",
-    "-",
-    "*",
-    "/",
-    "neg",
-    "abs",
-    "sqrt",
-    "floor",
-    "max",
-    "min",
-    "select",
-    "and",
-    "or",
-    "not",
-    *BITS.values(),
-    "read",
-    *COMPARISONS,
-)
-"""What a block is made of. ``max`` and ``min`` give NaN where either is NaN. Counts are whole numbers among the others;
-``bitand`` and ``bitor`` are for them. ``read`` takes a number of a row that is known."""
 
 PACKED, TAKEN = "packed", "taken"
 """Operations of blocks that do the same for several at once: numbers side by side, and one of them. Machine code of a
