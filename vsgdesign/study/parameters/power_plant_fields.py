@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vsgdesign.identification.field import PAIRS
 from vsgdesign.study.parameters.fields import (
@@ -33,9 +33,6 @@ from vsgdesign.study.parameters.network_fields import (
     NetworkFields,
     SeriesFields,
 )
-
-if TYPE_CHECKING:
-    pass
 
 MOST_UNITS = 32
 TOGETHER, SPREAD = "together", "spread"
