@@ -234,6 +234,8 @@ def test_every_assumption_is_said() -> None:
         ({"rating": math.nan}, "is not a number with a unit"),
         ({"rating": math.inf}, "is not a number with a unit"),
         ({"rating": True}, "is not a value"),
+        ({"rating": ["5 kVA", "6 kVA"]}, "is a list of 2. Give one value, for example 250 kVA."),
+        ({"scr": [2, 5, 10]}, "is a list of 3. Give one value, or both ends of a range, for example 1.5 to 20."),
         ({"rating": None}, "rating: missing. Give it, for example rating = 250 kVA."),
         ({"C": "60 F"}, "Did you mean 60 uF?"),
         ({"C": "60 mH"}, "is not a unit of this field"),

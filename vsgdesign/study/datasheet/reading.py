@@ -344,7 +344,9 @@ class Rows:
         if ranged and isinstance(value, list) and len(value) in (1, 2) and not any(isinstance(v, bool) for v in value):
             value = " to ".join(str(item) for item in value)
         if isinstance(value, bool) or not isinstance(value, int | float | str):
-            self.fault(name, "is not a value", f"Write for example {BY_NAME[name].example}.")
+            problem = f"is a list of {len(value)}" if isinstance(value, list) else "is not a value"
+            asked = "one value, or both ends of a range" if ranged else "one value"
+            self.fault(name, problem, f"Give {asked}, for example {BY_NAME[name].example}.")
             return None
         try:
             return read_amount(value, bases, unit=entry.unit, decimal_comma=self.sheet.decimal_comma, ranged=ranged)
