@@ -154,6 +154,7 @@ def test_a_run_of_a_plant_has_a_page(tmp_path: Path) -> None:
     assert apart["real"] < 0.0
     slowest = -max(rest["modes"][0]["real"] for rest in found["controllers"]["fixed"]["rests"])
     assert slowest > 0.0, "this plant is stable, and a decay is then positive on the page"
+    assert "fixed: whether it settles is not known; the slowest" in page
     assert f"the slowest decay of all rests is {number(slowest)} 1/s" in page
     assert f"the slowest mode decays with {number(slowest)} 1/s" in page
     report = ["report", str(file), "--out", str(tmp_path / "margins")]

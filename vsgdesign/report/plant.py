@@ -195,7 +195,9 @@ def headline(result: PlantResult) -> str:
     said = []
     for one in result.controllers:
         known = [rest for rest in one.rests if rest.modes]
-        text = f"{one.spec.name}: {one.outcome.status} at the end"
+        status = one.outcome.status
+        end = "whether it settles is not known" if status == "not known" else f"{status} at the end"
+        text = f"{one.spec.name}: {end}"
         if known:
             worst = max(known, key=lambda rest: rest.modes[0].s.real)
             rate = worst.modes[0].s.real
@@ -280,8 +282,8 @@ def steps(result: PlantResult) -> list[Block]:
     return found or [words("No unit has a step of its set points.")]
 
 
-_PANELS = (("P_pcc", "P (kW)", 1e3), ("Q_pcc", "Q (kvar)", 1e3), ("V_rms", "V (V)", 1.0))
-_LINKS = ("v_dc", "v_dc (V)", 1.0)
+_PANELS = (("P_pcc", "P [kW]", 1e3), ("Q_pcc", "Q [kvar]", 1e3), ("V_rms", "V [V]", 1.0))
+_LINKS = ("v_dc", "v_dc [V]", 1.0)
 """The panel of the dc links, where a unit has one that is not ideal."""
 
 
@@ -315,7 +317,7 @@ def _figure(study: Study, one: PlantController) -> NamedFigure:
             panel.tick_params(labelbottom=k + 1 == len(panels))
             lines, texts = (lines, texts) if k else panel.get_legend_handles_labels()
         if panel is not None:
-            panel.set_xlabel(f"t ({unit.symbol})")
+            panel.set_xlabel(f"Time [{unit.symbol}]")
             columns = min(len(names), 8)
             figure.legend(lines[::-1], texts[::-1], ncols=columns, loc="upper right", bbox_to_anchor=(0.985, 0.995))
     links = ", its voltage reference, and the voltage of its dc link" if linked else ", and its voltage reference"
