@@ -224,7 +224,7 @@ def _overloaded_island(study: Study, state: _State, limit_pu: float) -> str | No
     def current(share: float) -> float:
         return abs(sum(admittances(share))) * c.V_min_pu
 
-    best = _least_at(current, 1.0 - ISLAND_F, 1.0 + ISLAND_F)
+    best = _least_at(current, 1.0 - ISLAND_F, 1.0 + ISLAND_F, enough=_EXACT * limit_pu)
     needed, f_n_hz = current(best), c.omega_n / (2.0 * math.pi)
     if needed <= _EXACT * limit_pu:
         return None
@@ -240,10 +240,13 @@ def _overloaded_island(study: Study, state: _State, limit_pu: float) -> str | No
     )
 
 
-def _least_at(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function is least between two numbers."""
+def _least_at(function: Callable[[float], float], low: float, high: float, enough: float) -> float:
+    """Where a function is least between two numbers, or where it is at most ``enough``."""
     at = np.linspace(low, high, 121).tolist()
-    k = min(range(len(at)), key=lambda j: function(at[j]))
+    values = [function(one) for one in at]
+    k = int(np.argmin(values))
+    if values[k] <= enough:
+        return at[k]
     from scipy.optimize import minimize_scalar
 
     bounds = at[max(k - 1, 0)], at[min(k + 1, len(at) - 1)]
