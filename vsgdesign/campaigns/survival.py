@@ -47,11 +47,11 @@ from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, Lan
 from vsgdesign.simulation.lanes.results import JUDGED, STATUSES, LaneResults
 from vsgdesign.simulation.lanes.run import run_told
 from vsgdesign.simulation.lanes.telling import telling
-from vsgdesign.simulation.lanes.told import ToldGrids
 from vsgdesign.simulation.lanes.units import Plants, run_plants
 from vsgdesign.simulation.survival.cases import SurvivalCase
 from vsgdesign.simulation.survival.running import CaseResult, Subject, record_of, rest_of, run_case, with_protection
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.simulation.told import ToldGrids
 from vsgdesign.simulation.units.run import simulate_plant
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline
 from vsgdesign.simulation.units.unit_result import as_simulation

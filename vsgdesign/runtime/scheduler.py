@@ -78,6 +78,10 @@ class Scheduler:
         """The state after the last update."""
         return self._state
 
+    def go_on(self, state: SchedulerState) -> None:
+        """Goes on from a state of another scheduler of the same table and settings."""
+        self._state = state
+
     @property
     def grid(self) -> tuple[float, float]:
         """R_g (Ω) and L_g (H) of the place for which the present gains are made."""

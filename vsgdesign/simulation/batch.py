@@ -292,6 +292,11 @@ class Batch(Numbers):
             into.rows[:, first:last] = log.rows[:, rows, : into.rows.shape[2]][:, : last - first]
         return done
 
+    @property
+    def any_found(self) -> bool:
+        """Whether any run has found an instant in the last sample."""
+        return bool(self.rows[:, self.place["seek.found"]].any())
+
     def found(self, run: int) -> float:
         """Whether a run has found an instant in the last sample, after which the loop has ended: 0, 1, or STANDS."""
         group, lane = self.lane(run)

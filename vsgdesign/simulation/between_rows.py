@@ -119,4 +119,4 @@ def _loop(lanes: int, vectors: int) -> Loop:
         vectors=vectors,
         strict=True,
     )
-    return compiled_loop(spec, quickly=True)
+    return compiled_loop(spec)

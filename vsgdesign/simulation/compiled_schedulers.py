@@ -40,26 +40,31 @@ class CompiledSchedulers:
 
 @functools.lru_cache(maxsize=16)
 def _update(lookup: GainLookup) -> Loop:
-    return _compiled(told_and_updated, {"table": lookup.table, "law": lookup.functions})
+    return compiled_once(told_and_updated, {"table": lookup.table, "law": lookup.functions})
 
 
 @functools.lru_cache(maxsize=16)
 def _beginning(lookup: GainLookup, nearest: bool) -> Loop:
-    return _compiled(begun, {"table": lookup.table, "law": lookup.functions, "nearest": nearest})
+    return compiled_once(begun, {"table": lookup.table, "law": lookup.functions, "nearest": nearest})
 
 
-def _compiled(function: Any, fixed: dict[str, Any]) -> Loop:
-    """One sample of a loop: the inputs are rows, and the outputs are logged."""
+def compiled_once(function: Any, fixed: dict[str, Any], lanes: int | None = None, vectors: int = 1) -> Loop:
+    """A function as one sample of a loop: the inputs are rows, its ``limits`` are uniform, and the outputs are logged.
+    ``lanes`` as :func:`vsgdesign.codegen.llvm.best_lanes` where nothing else is said."""
     block = flat_block(function, fixed=fixed)
     limits = tuple(name for name in block.inputs if name.startswith("limits."))
     rows = [name for name in block.inputs if name not in limits]
     outputs = tuple(name for name, _ in block.outputs)
     # A loop moves at least one number; this one is read no more.
-    spec = LoopSpec(
-        (block,), ((rows[0], outputs[0]),), tuple(rows[1:]), limits, logged=outputs, lanes=best_lanes(), strict=True
-    )
+    state, width = ((rows[0], outputs[0]),), lanes or best_lanes()
+    spec = LoopSpec((block,), state, tuple(rows[1:]), limits, logged=outputs, lanes=width, vectors=vectors, strict=True)
     # It runs once in some hundred samples: what compiling quickly saves is worth many calls.
     return compiled_loop(spec, quickly=True)
+
+
+def uniform_of(loop: Loop, limits: SchedulerLimits) -> Array:
+    """The limits as such a loop takes them."""
+    return np.array([float(getattr(limits, name.removeprefix("limits."))) for name in loop.spec.uniform])
 
 
 def _run(loop: Loop, limits: SchedulerLimits, values: dict[str, Any]) -> dict[str, Array]:
@@ -71,8 +76,7 @@ def _run(loop: Loop, limits: SchedulerLimits, values: dict[str, Any]) -> dict[st
     for at, name in enumerate(spec.rows):
         padded[:count], padded[count:] = values[name], values[name][-1] if count else 0.0
         rows[:, at] = padded.reshape(groups, spec.width)
-    uniform = np.array([float(getattr(limits, name.removeprefix("limits."))) for name in spec.uniform])
-    loop(0, 1, rows, uniform, log=log, every=1)
+    loop(0, 1, rows, uniform_of(loop, limits), log=log, every=1)
     return {name: log[:, 0, at].reshape(-1)[:count] for at, name in enumerate(spec.logged)}
 
 

@@ -14,9 +14,10 @@ from vsgdesign.linear.stability.cells import GainLaw
 from vsgdesign.linear.stability.safe_place import closed_form_place
 from vsgdesign.runtime.guards import SchedulerSettings, settings_of
 from vsgdesign.runtime.of_study import follows_measured
+from vsgdesign.runtime.scheduler import Scheduler
 from vsgdesign.simulation.estimated import EstimatedScheduler
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.following import KnownGridScheduler, MeasuredPowers, ScheduledAnswers
+from vsgdesign.simulation.following import KnownFirst, KnownGridScheduler, MeasuredPowers, ScheduledAnswers
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.timeline import Timeline
@@ -25,12 +26,13 @@ from vsgdesign.study.parameters.study import UPDATE_PERIOD, ControllerSpec, Stud
 
 
 def feed_of(
-    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready
+    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready, known: KnownFirst | None = None
 ) -> EstimatedScheduler | FieldScheduler | OnlineScheduler | tuple[GainChange, ...]:
     """The gains that a run of a controller is given, or the scheduler that is asked for them. ``study`` has the
-    controller's current limit. Raises InfeasibleStudyError where there are no gains on a grid of the scenario."""
+    controller's current limit. ``known``: first gains of this controller of this converter that are known, which get
+    those of this run. Raises InfeasibleStudyError where there are no gains on a grid of the scenario."""
     if spec.estimate == "truth":
-        return gain_feed(study, spec, timeline, ready)
+        return gain_feed(study, spec, timeline, ready, known)
     kind = FieldScheduler if estimator_kind(spec.estimate).by_sample else EstimatedScheduler
     return kind(study, spec, ready)
 
@@ -54,13 +56,14 @@ def knowledge_of(spec: ControllerSpec, timeline: Timeline) -> GridEstimate | Non
 
 
 def gain_feed(
-    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready = NOTHING
+    study: Study, spec: ControllerSpec, timeline: Timeline, ready: Ready = NOTHING, known: KnownFirst | None = None
 ) -> tuple[GainChange, ...] | OnlineScheduler:
     """The gains of a run for a controller without an estimator: changes that are known beforehand, or a scheduler that
     follows the grid that it is told and the measured values. Raises InfeasibleStudyError if there are no gains."""
     knowledge = knowledge_of(spec, timeline)
     if knowledge is not None:
-        return LateSchedule(study, spec, told_of(study, knowledge, timeline), ready, safe=safe_grid(study, spec, ready))
+        told, safe = told_of(study, knowledge, timeline), safe_grid(study, spec, ready)
+        return LateSchedule(study, spec, told, ready, safe=safe, known=known)
     if follows_measured(spec):
         return KnownGridScheduler(study, spec, timeline, ready)
     return gain_changes(study, spec, timeline)
@@ -140,10 +143,11 @@ class LateSchedule:
         *,
         safe: Grid | None = None,
         stale_s: float = STALE_S,
+        known: KnownFirst | None = None,
     ) -> None:
         if not told or told[0][0] > 0.0 or told[0][1] is None:
             raise ValueError("told: the first entry must be a grid, at or before t = 0.")
-        self._answers = ScheduledAnswers(study, spec, ready)
+        self._answers, self._known = ScheduledAnswers(study, spec, ready), known
         self._spec = spec
         self._take(told)
         self._first: Grid = told[0][1]
@@ -173,6 +177,16 @@ class LateSchedule:
         return self._period
 
     @property
+    def told(self) -> Told:
+        """What it is told over the run."""
+        return tuple(zip(self._starts, self._grids, strict=True))
+
+    @property
+    def runtime(self) -> Scheduler | None:
+        """The scheduler of a table; None for a closed form."""
+        return self._answers.runtime
+
+    @property
     def answers_after(self) -> tuple[float, ...] | None:
         """The instants (s) after which the next update may give other gains than the one before; None: every update
         may. What a closed form is told is known beforehand, and so is when it is stale."""
@@ -189,7 +203,7 @@ class LateSchedule:
     def first_gains(self) -> PowerLoopGains:
         """Gains of the first grid that is told, in the steady state on the true one."""
         self._last = self._first
-        return self._answers.first(self._first)
+        return self._answers.first(self._first, before=self._known)
 
     def update(self, window: MeasuredPowers) -> PowerLoopGains | None:
         """Gains for what is told; an answer that coincides with the update is seen by the next one."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from typing import Protocol
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.scheduler_data import LIMITED
+from vsgdesign.equations.scheduler_data import LIMITED, SchedulerState
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification import Estimator
 from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
@@ -19,6 +20,10 @@ from vsgdesign.simulation.strictly import strict_scheduler_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+KnownFirst = dict[Hashable, tuple[PowerLoopGains, SchedulerState | None]]
+"""First gains of one controller of one converter, and the state of its table's scheduler that goes on from there: by
+the grid that it is told, and where it begins."""
 
 
 class MeasuredPowers(Protocol):
@@ -87,22 +92,35 @@ class ScheduledAnswers:
             self._grid = Grid(*self._runtime.grid)
         return self._grid
 
-    def first(self, told: Grid | None = None, *, known: bool = True) -> PowerLoopGains:
+    def first(
+        self, told: Grid | None = None, *, known: bool = True, before: KnownFirst | None = None
+    ) -> PowerLoopGains:
         """Gains at the start: of the known grid, in the steady state that they are part of; without load for a cold
         start.
 
         ``told`` is the grid that the controller takes the true one for; None: it knows the true one. A table begins
         where its updates would hold it: at the nearest place of its box. With ``known`` false it begins at its safe
-        place, whatever the grid is. Raises InfeasibleStudyError where there is no steady state, or a closed form has no
-        gains.
+        place, whatever the grid is. ``before``: what is known of runs before, which gets what this one adds. Raises
+        InfeasibleStudyError where there is no steady state, or a closed form has no gains.
         """
+        timeline, before = build_timeline(self._study), {} if before is None else before
+        begins = connection_at(timeline, 0.0), timeline.source_at(0.0), timeline.references_at(0.0)
+        asked = told, known, self._study.simulation.start, *begins
+        if asked not in before:
+            gains = self._first(timeline, told, known)
+            before[asked] = gains, None if self._runtime is None else self._runtime.present
+        gains, state = before[asked]
+        self._grid = timeline.grid_at(0.0) if told is None else told
+        if self._runtime is not None and state is not None:
+            self._runtime.go_on(state)
+        return gains
+
+    def _first(self, timeline: Timeline, told: Grid | None, known: bool) -> PowerLoopGains:
         study, spec = self._study, self._spec
-        timeline = build_timeline(study)
         true, source = timeline.grid_at(0.0), timeline.source_at(0.0)
         grid = true if told is None else told
-        self._grid = grid
         if self._runtime is not None and not known:
-            self._runtime = Scheduler(self._runtime.lookup, self._runtime.settings)
+            self._runtime = type(self._runtime)(self._runtime.lookup, self._runtime.settings)
         elif self._runtime is not None:
             try:
                 self._runtime.start(grid.R_g, grid.L_g, nearest=True)

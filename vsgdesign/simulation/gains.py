@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.power_loops import PowerLoopGains, References
+from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification import Probe
+from vsgdesign.runtime.floats import on_floats
 from vsgdesign.runtime.of_study import follows_measured, schedule_of
 from vsgdesign.runtime.schedule import Schedule
 from vsgdesign.simulation.field_observer import FieldMemory
@@ -23,6 +24,8 @@ from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
+
+_gain_transfer = on_floats(gain_transfer)
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,11 @@ class RunFeed:
         """The grid that the gains of a sample are for; None where nothing says which."""
         del sample
         return None
+
+    def leave_updates(self) -> int:
+        """Leaves the updates to whoever makes those of all runs side by side, who puts what they give into ``changes``.
+        Returns after how many samples there is one; 0: there is none that it can leave."""
+        return 0
 
     def update(
         self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
@@ -147,3 +155,12 @@ def _gains(schedule: Schedule, grid: Grid, where: str) -> PowerLoopGains:
         return schedule.gains(grid.R_g, grid.L_g)
     except NoOperatingPointError as error:
         raise InfeasibleStudyError(f"{where}: {error}") from error
+
+
+def with_gains(
+    state: ControllerState, refs: References, before: PowerLoopGains, after: PowerLoopGains
+) -> ControllerState:
+    """The state with other gains; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
+    if after is before:
+        return state
+    return state._replace(omega_i=_gain_transfer(state.omega_i, refs, before, after))

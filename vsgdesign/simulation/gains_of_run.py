@@ -84,6 +84,7 @@ class OnlineGains(RunFeed):
         self._limited_before = 0
         self._wanted = wanted_of(scheduler)
         self._powers_alone: bool = getattr(scheduler, "powers_alone", False)
+        self._left = False
 
     def wanted(self) -> Probe | None:
         return self._wanted
@@ -95,7 +96,13 @@ class OnlineGains(RunFeed):
     def cuts(self, samples: int) -> set[int]:
         return set(range(self._period, samples + 1, self._period))
 
+    def leave_updates(self) -> int:
+        self._left = self._powers_alone
+        return self._period if self._left else 0
+
     def quiet(self, samples: int) -> set[int]:
+        if self._left:
+            return self.cuts(samples)
         instants: Sequence[float] | None = getattr(self._scheduler, "answers_after", None)
         if instants is None or not self._powers_alone or self.probe_hold is not None:
             return set()
@@ -110,7 +117,7 @@ class OnlineGains(RunFeed):
     def update(
         self, sample: int, present: PowerLoopGains, state: ControllerState, refs: References, log: Array, log_every: int
     ) -> PowerLoopGains:
-        if sample == 0 or sample % self._period:
+        if sample == 0 or sample % self._period or self._left:
             return present
         if self._powers_alone:
             answer = self._scheduler.update(self._powers(sample, state))  # type: ignore[arg-type]

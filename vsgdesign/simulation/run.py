@@ -33,13 +33,14 @@ from vsgdesign.simulation.run_kind import TAKEN_COLUMNS
 from vsgdesign.simulation.run_state import RunState
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.simulation.twin import TwinRun, Twins
+from vsgdesign.simulation.updates_together import UpdatesTogether, updates_of
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 
 _SHORT = 50_000
-"""Samples. For as many it does not pay to compile the loop with effort: that takes 0.02 to 0.05 s longer and saves 0.02
-microseconds a sample, or 0.2 with sensors. The bits are the same."""
+"""Samples of all runs of a loop. For as many it does not pay to compile the loop with effort: that takes 0.02 to 0.05 s
+longer and saves 0.02 microseconds a sample, or 0.2 with sensors. The bits are the same."""
 
 _PART = 1024
 """So many rows of several runs are logged before the log is written anew: a part stays in the processor's memory."""
@@ -151,10 +152,12 @@ def simulated(of: RunOf, *, bridge: str | None = None, progress: Progress | None
     return simulation_of(run)
 
 
-def simulated_together(asked: Sequence[RunOf]) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
+def simulated_together(
+    asked: Sequence[RunOf], rooms: Rooms | None = None
+) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
     """Runs of one controller of one converter, with an averaged bridge: each as :func:`simulated` gives it alone, to
     the same bits, or the error that it raises, with its place among those asked for. Those of one kind go side by side.
-    The order is that in which they end."""
+    The order is that in which they end. ``rooms``: memory that those of other controllers have left."""
     groups: dict[Hashable, list[tuple[int, RunState]]] = {}
     for number, of in enumerate(asked):
         try:
@@ -163,13 +166,13 @@ def simulated_together(asked: Sequence[RunOf]) -> Iterator[tuple[int, Simulation
             yield number, error
         else:
             groups.setdefault(number if run.goes_alone else run.like, []).append((number, run))
-    most, rooms = side_by_side(strict=True).lanes, Rooms()
+    most, rooms, known = side_by_side(strict=True).lanes, rooms or Rooms(), KnownStarts()
     for group in groups.values():
         group.sort(key=lambda one: one[1].samples)  # a run waits for the longest of its group
         while group:
             count = next(n for n in range(min(most, len(group)), 0, -1) if _fits([run for _, run in group[:n]]))
             some, group[:] = group[:count], group[count:]
-            yield from _of_group(some, rooms)
+            yield from _of_group(some, rooms, known)
 
 
 def _fits(runs: Sequence[RunState]) -> bool:
@@ -177,9 +180,11 @@ def _fits(runs: Sequence[RunState]) -> bool:
     return len(runs) == 1 or len(runs) * max(run.samples for run in runs) <= _LOGGED_TOGETHER
 
 
-def _of_group(group: list[tuple[int, RunState]], rooms: Rooms) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
+def _of_group(
+    group: list[tuple[int, RunState]], rooms: Rooms, known: KnownStarts
+) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
     try:
-        run_together([run for _, run in group], switched=False, rooms=rooms)
+        run_together([run for _, run in group], switched=False, rooms=rooms, known=known)
     except VsgDesignError as error:
         if len(group) == 1:
             yield group[0][0], error
@@ -189,7 +194,7 @@ def _of_group(group: list[tuple[int, RunState]], rooms: Rooms) -> Iterator[tuple
         rest = [(number, RunState(run.of)) for number, run in group if number not in lost]
         for some in [rest] if lost else [[one] for one in rest]:  # where none is found, something else is in the way
             if some:
-                yield from _of_group(some, rooms)
+                yield from _of_group(some, rooms, known)
         return
     for number, run in group:
         yield number, _diverged(run) or simulation_of(run)
@@ -222,19 +227,28 @@ def check_run(
 
 
 def run_together(
-    runs: Sequence[RunState], *, switched: bool, progress: Progress | None = None, rooms: Rooms | None = None
+    runs: Sequence[RunState],
+    *,
+    switched: bool,
+    progress: Progress | None = None,
+    rooms: Rooms | None = None,
+    known: KnownStarts | None = None,
 ) -> None:
     """Takes runs of one kind to their ends, side by side: in groups of as many as a register holds, because the loop of
-    a group ends where one of its runs has found an instant. More than one have no field estimators."""
+    a group ends where one of its runs has found an instant. More than one have no field estimators. ``known``: starts
+    of this controller that are known, which get those of these runs: many tests begin on the same grid at the same
+    powers."""
     if len(runs) > (most := side_by_side(strict=True).lanes):
         for some in (runs[k : k + most] for k in range(0, len(runs), most)):
-            run_together(some, switched=switched, progress=progress, rooms=rooms)
+            run_together(some, switched=switched, progress=progress, rooms=rooms, known=known)
         return
-    batch = begin_together(runs, switched, rooms)
+    batch = begin_together(runs, switched, rooms, known)
     batch.follow(*program_of(runs))
-    twins, begin = Twins(runs[0], batch), 0
+    twins, updates, begin = Twins(runs[0], batch), updates_of(runs, batch), 0
     while begin >= 0:  # from the instants that are found on, the runs have other events
-        begin = _spells(runs, batch, twins, begin, progress)
+        begin = _spells(runs, batch, twins, updates, begin, progress)
+    if updates is not None:
+        updates.hand_over()
     for run in runs:
         if run.divergence is None:
             run.finish()
@@ -243,16 +257,28 @@ def run_together(
     runs[0].twins = twins.finish()
 
 
-def _spells(runs: Sequence[RunState], batch: Batch, twins: Twins, begin: int, progress: Progress | None) -> int:
+def _spells(
+    runs: Sequence[RunState],
+    batch: Batch,
+    twins: Twins,
+    updates: UpdatesTogether | None,
+    begin: int,
+    progress: Progress | None,
+) -> int:
     """Takes the runs from a sample on to their ends, or to the sample before which one of them has found an instant.
     Returns this sample; -1 at their ends."""
     due: dict[int, list[RunState]] = {}
     for run in runs:
         for mark in run.own_stops:
             due.setdefault(mark, []).append(run)
+    if updates is not None:
+        updates.hear()
+        due = {mark: [] for mark in updates.marks(max(due))} | due
     with interrupts_deferred() as deliver:
         for some in _in_spells(sorted({begin, *(mark for mark in due if mark >= begin)})):
             for first, following in some:
+                if updates is not None:
+                    updates.make(first)
                 done, changed = _through(runs, due, batch, twins, first, following)
                 if changed:
                     return done
@@ -270,8 +296,8 @@ def _through(
     """Takes the runs through a stretch, with whatever is ``due`` before and after it. Returns the sample before which
     they are, and whether one of them has found an instant there."""
     twin = twins.begin(first)
-    for run in runs:
-        run.log.make_room(first, following)
+    if runs[0].of.every_sample is not None:
+        runs[0].log.make_room(first, following)
     for run in due.get(first, ()):
         run.before(first)
     if twin is not None:
@@ -325,13 +351,11 @@ def simulation_of(run: RunState) -> Simulation:
 
 
 class Rooms:
-    """What runs side by side leave to later ones of the same controller. Memory for their logs, where these have been
-    dropped: the system fills new memory with zeros first, which takes longer than a run writes its log. And the states
-    in which they began: many tests begin on the same grid at the same powers."""
+    """Memory that runs side by side leave to the logs of later ones, where theirs have been dropped: the system fills
+    new memory with zeros first, which takes longer than a run writes its log."""
 
     def __init__(self) -> None:
         self._rooms: list[Array] = []
-        self.starts: KnownStarts = {}
 
     def room(self, *shape: int) -> Array:
         """An array of this shape with anything in it."""
@@ -356,7 +380,9 @@ _OF_LIST = sys.getrefcount(_LISTED[0])
 """What the count is of an object that a list alone has."""
 
 
-def begin_together(runs: Sequence[RunState], switched: bool, rooms: Rooms | None = None) -> Batch:
+def begin_together(
+    runs: Sequence[RunState], switched: bool, rooms: Rooms | None = None, known: KnownStarts | None = None
+) -> Batch:
     """The runs at their starts."""
     study, first = runs[0].study, runs[0]
     circuits = _circuits_of(runs, switched=switched)
@@ -369,7 +395,7 @@ def begin_together(runs: Sequence[RunState], switched: bool, rooms: Rooms | None
     kind = kind._replace(sensors=sensors, field=memory is not None, seeks=seeks, taken=taken)
     samples = max(run.samples for run in runs)
     build = ALONE if len(runs) == 1 else side_by_side(strict=True)._replace(vectors=1)
-    build = build._replace(quickly=samples <= _SHORT or len(runs) > 1)
+    build = build._replace(quickly=samples * len(runs) <= _SHORT)
     shared = {} if memory is None else {"allowed": memory.allowed}
     batch = Batch(kind, study, len(runs), build, logged=log_names(kind), shared=shared)
     if seen is not None and taken:
@@ -378,7 +404,6 @@ def begin_together(runs: Sequence[RunState], switched: bool, rooms: Rooms | None
     batch.log(*_logs(batch, samples, every, first.of, rooms or Rooms()))
     if first.of.rows is not None:
         batch.between = BetweenRows(study, first.of.rows, samples, batch.build.lanes, batch.build.vectors)
-    known = rooms.starts if rooms is not None and len(runs) > 1 else {}
     for number, run in enumerate(runs):
         start = start_of(run.study, run.timeline, circuits, run.feed.first(), known)
         run.begin(batch, number, start, circuits)
@@ -425,6 +450,8 @@ def program_of(runs: Sequence[RunState]) -> tuple[ProgramWriter, list[CutSample]
 def _fed(runs: Sequence[RunState], batch: Batch, first: int, count: int, *, anew: bool = False) -> Array | None:
     """What the runs are given over a stretch, (G, count, n, L), or over a sample that is computed anew; None:
     nothing."""
+    if not any(run.is_fed for run in runs):
+        return None
     found = [run.fed(first, count, anew=anew) for run in runs]
     added = any(rows is not None for rows, _, _ in found)
     if not added and not batch.kind.sensors:
@@ -454,7 +481,7 @@ def _advance(
         begun, done = done, done + batch.advance(done, end, rest)
         if twin is not None and not twin.lost:
             twin.follow(begun, done, rest)
-        if batch.kind.seeks:
+        if batch.kind.seeks and (batch.any_found or any(run.looks_at(done - 1) for run in runs)):
             given = functools.partial(_fed, runs, batch, done - 1, 1, anew=True)
             found = [run.look(done - 1, given) for run in runs]
             changed = any(found)

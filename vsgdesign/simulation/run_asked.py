@@ -46,6 +46,9 @@ class RunOf:
     """When the run may end, s, with the instants found so far; None: at the end of the study."""
     rows: RowsAsked | None = None
     """What rows of a log of every sample have to say of the samples between them; None: nothing."""
+    together: bool = False
+    """Whether the scheduler of its gain table, if it has one, is that of all runs side by side. Its updates are then
+    machine code, with the sines of :mod:`vsgdesign.codegen.vector_math`: gains differ in their last bits."""
 
 
 @dataclass(frozen=True)

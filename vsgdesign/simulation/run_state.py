@@ -14,7 +14,7 @@ from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate
-from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
+from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.sampled import SampledState
@@ -25,8 +25,9 @@ from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, C
 from vsgdesign.simulation.circuits import Circuits, connection_at, states_of_timelines
 from vsgdesign.simulation.clearing import SLACK, SampleOfFault
 from vsgdesign.simulation.dc_start import BLOCKS_AT, blocked, dc_at_start, dc_changed
+from vsgdesign.simulation.feeds import LateSchedule
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.gains import gain_changes
+from vsgdesign.simulation.gains import gain_changes, with_gains
 from vsgdesign.simulation.online import Hears
 from vsgdesign.simulation.outcome import Divergence, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
@@ -41,7 +42,7 @@ from vsgdesign.simulation.timeline import build_timeline
 
 Array = NDArray[np.float64]
 
-_gain_transfer, _relay_sees = on_floats(gain_transfer), on_floats(relay_sees)
+_relay_sees = on_floats(relay_sees)
 
 
 _AHEAD = 31
@@ -65,6 +66,8 @@ class RunState:
         self.feed = feed_of_run(of, self.timeline)
         if self.study is not of.study:
             self._follow_feed()
+        self.late = self._late()
+        """The schedule of a table whose updates are those of all runs side by side; None: the run makes its own."""
         self.kept = round(self.study.simulation.log_interval / self.T_s)
         self.log_every = math.gcd(self.kept, self.feed.log_samples)  # a scheduler's samples are taken from the log
         self.divergence: Divergence | None = None
@@ -74,6 +77,18 @@ class RunState:
         """Wall time inside the compiled loop."""
         self.twins: tuple[Twin, ...] = ()
         """What became of the twins that were asked for."""
+
+    def _late(self) -> LateSchedule | None:
+        schedule, beside = self.of.schedule, self.of.together and not self.goes_alone
+        if not beside or not isinstance(schedule, LateSchedule) or schedule.runtime is None:
+            return None
+        return schedule if self.feed.leave_updates() else None
+
+    def _late(self) -> LateSchedule | None:
+        schedule, beside = self.of.schedule, self.of.together and not self.goes_alone
+        if not beside or not isinstance(schedule, LateSchedule) or schedule.runtime is None:
+            return None
+        return schedule if self.feed.leave_updates() else None
 
     @property
     def goes_alone(self) -> bool:
@@ -89,7 +104,7 @@ class RunState:
         """What runs of one converter and controller have in common that can go side by side."""
         adds = adds_to_source(self.timeline)
         states = states_of_timelines([self.timeline])
-        return self.search.seeks, states, adds, self.kept, self.log_every, self.of.rows
+        return self.search.seeks, states, adds, self.kept, self.log_every, self.of.rows, self.late is None
 
     def begin(self, batch: Batch, number: int, start: SampledState, circuits: Circuits) -> None:
         """Puts the run, which is the ``number``-th of a batch, at its start."""
@@ -273,6 +288,10 @@ class RunState:
         rows, apart = (self.log.length, self.kept // self.log_every) if seen is None else (seen.length, 1)
         return self.divergence is not None and rows <= apart
 
+    def looks_at(self, sample: int) -> bool:
+        """Whether it looks at the interval of a sample whatever the loop has found there."""
+        return self._before is not None and sample == self._begun
+
     def look(self, sample: int, fed: Callable[[], Array | None]) -> bool:
         """Takes up the instants in the interval of a sample that has been computed, if there are any. ``fed``: what the
         batch is given in it. Returns whether the run goes on with other events than before."""
@@ -374,6 +393,8 @@ class RunState:
         self.feed.follow(self.timeline, changes)
 
     def _added_source(self) -> AddedSource:
+        self.is_fed = self._sensors is not None or adds_to_source(self.timeline)
+        """Whether the run is given anything sample by sample."""
         return AddedSource(self.study, self.timeline, self._circuits, switched=self._batch.kind.in_pieces)
 
     def write(self, writer: ProgramWriter) -> list[CutSample]:
@@ -470,12 +491,3 @@ class RunState:
         if known is not record and known != record:
             self._put[name] = record
             self._now[name][:] = record
-
-
-def with_gains(
-    state: ControllerState, refs: References, before: PowerLoopGains, after: PowerLoopGains
-) -> ControllerState:
-    """The state with other gains; the frequency at which the integrator would rest stays (:eq:`gain-transfer`)."""
-    if after is before:
-        return state
-    return state._replace(omega_i=_gain_transfer(state.omega_i, refs, before, after))

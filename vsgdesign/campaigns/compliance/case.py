@@ -16,6 +16,7 @@ from vsgdesign.campaigns.verification.case_study import base_document, controlle
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.simulation.clearing import MOST_CYCLES, cleared_events, clearings
+from vsgdesign.simulation.following import KnownFirst
 from vsgdesign.simulation.lanes.telling import learns, told_controller
 from vsgdesign.simulation.reclosing import closings_of
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
@@ -71,6 +72,11 @@ class Subject:
     @cached_property
     def rests(self) -> KnownRests:
         """Those to which its tests have led: many lead to the same one."""
+        return {}
+
+    @cached_property
+    def first_gains(self) -> KnownFirst:
+        """Those with which its tests have begun: many begin on the same grid at the same powers."""
         return {}
 
     @property

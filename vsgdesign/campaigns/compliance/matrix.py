@@ -26,6 +26,7 @@ from vsgdesign.campaigns.compliance.suite import OURS, Criterion, Source, Suite,
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.survival import SURVIVED
+from vsgdesign.simulation.run import Rooms
 
 
 class Judged(NamedTuple):
@@ -41,9 +42,11 @@ def judged_test(subject: Subject, suite: Suite, test: SuiteTest) -> Judged:
     return judged
 
 
-def judged_tests(subject: Subject, asked: Sequence[tuple[Suite, SuiteTest]]) -> Iterator[tuple[int, Judged]]:
+def judged_tests(
+    subject: Subject, asked: Sequence[tuple[Suite, SuiteTest]], rooms: Rooms | None = None
+) -> Iterator[tuple[int, Judged]]:
     """Tests of one controller, each as :func:`judged_test` gives it, with its place among those asked for. The order is
-    that in which their runs end."""
+    that in which their runs end. ``rooms`` as in :func:`vsgdesign.simulation.run.simulated_together`."""
     run: list[int] = []
     for place, (suite, test) in enumerate(asked):
         why = not_applicable(subject, test)
@@ -55,7 +58,7 @@ def judged_tests(subject: Subject, asked: Sequence[tuple[Suite, SuiteTest]]) -> 
             yield place, Judged(_row(subject, suite, test, IMPOSSIBLE, why), None)
             continue
         run.append(place)
-    for number, found in run_tests(subject, [asked[place][1] for place in run]):
+    for number, found in run_tests(subject, [asked[place][1] for place in run], rooms):
         suite, test = asked[run[number]]
         if isinstance(found, TestRun):
             yield run[number], judge(subject, suite, found)

@@ -25,7 +25,7 @@ from vsgdesign.metrics.survival import BLOCKED, DIVERGED, NO_REST, NOT_AT_REST, 
 from vsgdesign.simulation.between_rows import RowsAsked, between_rows, taken_of_log
 from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.run import Simulation, simulated, simulated_together
+from vsgdesign.simulation.run import Rooms, Simulation, simulated, simulated_together
 from vsgdesign.simulation.run_asked import RunOf
 from vsgdesign.simulation.scenario.controllers import told_if_blocked
 from vsgdesign.simulation.survival.scenario import judge_scenario
@@ -71,10 +71,11 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
 
 
 def run_tests(
-    subject: Subject, tests: Sequence[SuiteTest]
+    subject: Subject, tests: Sequence[SuiteTest], rooms: Rooms | None = None
 ) -> Iterator[tuple[int, TestRun | StudyError | CircuitError]]:
     """The runs of tests with a controller, side by side where they can be: each as :func:`run_test` gives it, or the
-    error that it raises, with its place among the tests. The order is that in which they end."""
+    error that it raises, with its place among the tests. The order is that in which they end. ``rooms`` as in
+    :func:`vsgdesign.simulation.run.simulated_together`."""
     begun: list[tuple[int, Study, RunOf]] = []
     for place, test in enumerate(tests):
         try:
@@ -86,7 +87,7 @@ def run_tests(
             begun.append((place, asked, _run_of(subject, asked, ends)))
         except VsgDesignError as error:
             yield place, _test_run(subject, test, asked, error)
-    for number, outcome in simulated_together([of for _, _, of in begun]):
+    for number, outcome in simulated_together([of for _, _, of in begun], rooms):
         place, asked, _ = begun[number]
         yield place, _test_run(subject, tests[place], asked, outcome)
 
@@ -135,9 +136,9 @@ def run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | None
 
 def _run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | None) -> RunOf:
     spec = asked.controllers[0]
-    feed = feed_of(asked, spec, build_timeline(asked), subject.ready)
+    feed = feed_of(asked, spec, build_timeline(asked), subject.ready, subject.first_gains)
     rows = rows_of_trace(asked, subject.row_samples, subject.lead_s)
-    return RunOf(asked, feed, finds=spec, ends=ends, rows=rows)
+    return RunOf(asked, feed, finds=spec, ends=ends, rows=rows, together=True)
 
 
 def closed_test(subject: Subject, test: SuiteTest) -> SuiteTest:

@@ -24,11 +24,12 @@ from vsgdesign.runtime.many import ManySchedulers
 from vsgdesign.runtime.of_study import ControllerGains, follows_measured, gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation.compiled_schedulers import CompiledSchedulers
-from vsgdesign.simulation.feeds import STALE_S, safe_grid
+from vsgdesign.simulation.feeds import STALE_S, Told, safe_grid, told_of
 from vsgdesign.simulation.gains_of_run import whole_multiple
-from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.simulation.lanes.told import ToldGrids, ToldNow, told_grids
-from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.simulation.lanes.cases import LaneCases, study_of_case
+from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.simulation.told import ToldGrids, ToldNow
+from vsgdesign.study.parameters.grid import Grid, GridEstimate
 from vsgdesign.study.parameters.study import UPDATE_PERIOD, ControllerSpec, Study
 
 Array = NDArray[np.float64]
@@ -381,3 +382,42 @@ def _changes(law: ControllerGains, found: list[tuple[Whole, Whole, Array, Array]
     order = np.lexsort((sample, lane))
     order = order[np.take(good, order)]
     return KnownChanges(lane[order], sample[order], PowerLoopGains(*(g[order] for g in gains)), R_g[order], L_g[order])
+
+
+def told_grids(study: Study, cases: LaneCases) -> ToldGrids:
+    """What the controllers of the cases are told.
+
+    An estimate is R_g (1 + error_R) and L_g (1 + error_X) at all times. From a change of the grid or its source on
+    there is none for ``silent_s``; if the next change comes before it, the silence goes on from there.
+    """
+    if cases.networks is not None and max(map(len, cases.networks), default=0) > 1:
+        return ToldGrids.of([_told_with_network(study, cases, k) for k in range(len(cases))])
+    events, count = cases.events, len(cases)
+    error_R, error_L = 1.0 + cases.error_R, 1.0 + cases.error_X
+    shape = count, 2 + 2 * events.count
+    starts, R_told, L_told = np.full(shape, np.inf), np.full(shape, np.nan), np.full(shape, np.nan)
+    starts[:, 0], R_told[:, 0], L_told[:, 0] = -np.inf, cases.R_g * error_R, cases.L_g * error_L
+    of_grid = np.isfinite(events.R_g) | np.isfinite(events.V_g_rms) | np.isfinite(events.omega_g)
+    of_grid |= events.phase_jump != 0.0
+    changes = np.where(of_grid, events.t_s, np.inf)
+    following = np.full((count, events.count), np.inf)
+    for k in range(events.count - 2, -1, -1):
+        following[:, k] = np.minimum(changes[:, k + 1], following[:, k + 1])
+    R_g, L_g = cases.R_g, cases.L_g
+    for k in range(events.count):
+        changed = np.isfinite(events.R_g[:, k])
+        R_g, L_g = np.where(changed, events.R_g[:, k], R_g), np.where(changed, events.L_g[:, k], L_g)
+        answer = changes[:, k] + cases.silent_s
+        answer = np.where(answer < following[:, k], answer, np.inf)
+        starts[:, 1 + 2 * k], starts[:, 2 + 2 * k] = changes[:, k], answer
+        R_told[:, 2 + 2 * k], L_told[:, 2 + 2 * k] = R_g * error_R, L_g * error_L
+    order = np.argsort(starts, axis=1, kind="stable")
+    return ToldGrids(*(np.take_along_axis(values, order, axis=1) for values in (starts, R_told, L_told)))
+
+
+def _told_with_network(study: Study, cases: LaneCases, k: int) -> Told:
+    """What one controller is told where load, fault or breaker change."""
+    errors = float(cases.error_R[k]), float(cases.error_X[k])
+    knows = GridEstimate(error_R=errors[0], error_X=errors[1], silent_s=float(cases.silent_s[k]))
+    own = study_of_case(study, cases, k, 1)
+    return told_of(own, knows, build_timeline(own))

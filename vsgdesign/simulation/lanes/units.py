@@ -46,12 +46,12 @@ from vsgdesign.simulation.lanes.rests import Rests, curve_of_rest
 from vsgdesign.simulation.lanes.results import BLOCKED, JUDGED, NO_REST, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.run import drive, judge_part
 from vsgdesign.simulation.lanes.telling import telling
-from vsgdesign.simulation.lanes.told import ToldGrids
 from vsgdesign.simulation.loop import kind_of
 from vsgdesign.simulation.run_kind import DISTURBANCE, LARGEST_DEGREE
 from vsgdesign.simulation.run_kind import STEP as STEP_WATCHED
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.timeline import Timeline
+from vsgdesign.simulation.told import ToldGrids
 from vsgdesign.simulation.units.body import PlantKind
 from vsgdesign.simulation.units.crossing import switched
 from vsgdesign.simulation.units.inverters import terminals_at_rest

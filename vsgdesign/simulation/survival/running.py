@@ -294,7 +294,7 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
         P=np.ascontiguousarray(simulation.column("P") - P_moved),
         Q=np.ascontiguousarray(simulation.column("Q") - Q_moved),
         delta=simulation.column("theta") - simulation.timeline.source_phase(t_s, _SAME_INSTANT * study.converter.T_s),
-        i_s_pu=np.hypot(log[:, 0], log[:, 1]) / study.converter.I_rated_pk,
+        i_s_pu=np.sqrt(log[:, 0] * log[:, 0] + log[:, 1] * log[:, 1]) / study.converter.I_rated_pk,
         limited=np.diff(counted, prepend=counted[:1]) / every,
         diverged=simulation.divergence is not None,
     )

@@ -25,11 +25,10 @@ from vsgdesign.simulation.added_source import SensorsOfRun, sensors_of
 from vsgdesign.simulation.circuit_program import ProgramWriter
 from vsgdesign.simulation.dc_start import blocked, dc_changed, rows_before_block
 from vsgdesign.simulation.field_observer import goes_on
-from vsgdesign.simulation.gains import GainChange
+from vsgdesign.simulation.gains import GainChange, with_gains
 from vsgdesign.simulation.loop import LOG_COLUMNS, kind_of, spans_of
 from vsgdesign.simulation.outcome import BOUND_PU, Divergence, outside
 from vsgdesign.simulation.run_kind import Kind
-from vsgdesign.simulation.run_state import with_gains
 from vsgdesign.simulation.units.added import AddedToPlant, adds
 from vsgdesign.simulation.units.body import (
     AXES,

@@ -1,4 +1,4 @@
-"""What the controllers of many runs are told of their grids over time: late, and wrong."""
+"""What controllers of runs side by side are told of their grids."""
 
 from __future__ import annotations
 
@@ -8,11 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.simulation.feeds import Told, told_of
-from vsgdesign.simulation.lanes.cases import LaneCases, study_of_case
-from vsgdesign.simulation.timeline import build_timeline
-from vsgdesign.study.parameters.grid import GridEstimate
-from vsgdesign.study.parameters.study import Study
+from vsgdesign.simulation.feeds import Told
 
 Array = NDArray[np.float64]
 
@@ -77,17 +73,18 @@ class ToldNow:
         self.silent_since = np.full(len(self.R_g), np.nan)
         """s, (N,); NaN where a grid is told."""
 
-    def move_to(self, now_s: float) -> None:
-        """Moves on to an instant of the run."""
-        told = self._told
+    def move_to(self, now_s: float) -> bool:
+        """Moves on to an instant of the run. Returns whether anything else is told then."""
+        told, moved = self._told, False
         while len(lanes := np.flatnonzero(self._next <= now_s)):
-            column = self._column[lanes] + 1
+            column, moved = self._column[lanes] + 1, True
             start, self._column[lanes] = self._next[lanes], column
             self._next[lanes] = told.starts[lanes, column + 1]
             self.R_g[lanes], self.L_g[lanes] = told.R_g[lanes, column], told.L_g[lanes, column]
             since = self.silent_since[lanes]
             since = np.where(np.isnan(since), start, since)
             self.silent_since[lanes] = np.where(told.silent[lanes, column], since, np.nan)
+        return moved
 
     @property
     def silent(self) -> NDArray[np.bool_]:
@@ -100,42 +97,3 @@ class ToldNow:
         for name in ("_column", "_next", "R_g", "L_g", "silent_since"):
             setattr(some, name, getattr(self, name)[chosen])
         return some
-
-
-def told_grids(study: Study, cases: LaneCases) -> ToldGrids:
-    """What the controllers of the cases are told.
-
-    An estimate is R_g (1 + error_R) and L_g (1 + error_X) at all times. From a change of the grid or its source on
-    there is none for ``silent_s``; if the next change comes before it, the silence goes on from there.
-    """
-    if cases.networks is not None and max(map(len, cases.networks), default=0) > 1:
-        return ToldGrids.of([_told_with_network(study, cases, k) for k in range(len(cases))])
-    events, count = cases.events, len(cases)
-    error_R, error_L = 1.0 + cases.error_R, 1.0 + cases.error_X
-    shape = count, 2 + 2 * events.count
-    starts, R_told, L_told = np.full(shape, np.inf), np.full(shape, np.nan), np.full(shape, np.nan)
-    starts[:, 0], R_told[:, 0], L_told[:, 0] = -np.inf, cases.R_g * error_R, cases.L_g * error_L
-    of_grid = np.isfinite(events.R_g) | np.isfinite(events.V_g_rms) | np.isfinite(events.omega_g)
-    of_grid |= events.phase_jump != 0.0
-    changes = np.where(of_grid, events.t_s, np.inf)
-    following = np.full((count, events.count), np.inf)
-    for k in range(events.count - 2, -1, -1):
-        following[:, k] = np.minimum(changes[:, k + 1], following[:, k + 1])
-    R_g, L_g = cases.R_g, cases.L_g
-    for k in range(events.count):
-        changed = np.isfinite(events.R_g[:, k])
-        R_g, L_g = np.where(changed, events.R_g[:, k], R_g), np.where(changed, events.L_g[:, k], L_g)
-        answer = changes[:, k] + cases.silent_s
-        answer = np.where(answer < following[:, k], answer, np.inf)
-        starts[:, 1 + 2 * k], starts[:, 2 + 2 * k] = changes[:, k], answer
-        R_told[:, 2 + 2 * k], L_told[:, 2 + 2 * k] = R_g * error_R, L_g * error_L
-    order = np.argsort(starts, axis=1, kind="stable")
-    return ToldGrids(*(np.take_along_axis(values, order, axis=1) for values in (starts, R_told, L_told)))
-
-
-def _told_with_network(study: Study, cases: LaneCases, k: int) -> Told:
-    """What one controller is told where load, fault or breaker change."""
-    errors = float(cases.error_R[k]), float(cases.error_X[k])
-    knows = GridEstimate(error_R=errors[0], error_X=errors[1], silent_s=float(cases.silent_s[k]))
-    own = study_of_case(study, cases, k, 1)
-    return told_of(own, knows, build_timeline(own))
