@@ -55,9 +55,6 @@ _SHARES = (0.95, 0.85, 0.7, 0.5)
 _BUDGET = 1_500_000
 """Number of boxes after which the proof is given up and called gridded: about fifteen seconds on two cores."""
 
-_SLOWEST = 60
-"""Of the slowest cells at points, from how many a slower one is looked for."""
-
 _ATTEMPTS = 12
 """Number of functions that are tried on boxes."""
 
@@ -345,9 +342,7 @@ def _unstable(system: System, motion: Motion, name: str, points: Array, seed: in
         return None
     rng = np.random.default_rng(seed)
     points, A = system.matrices(points)
-    worst, _ = worst_points(
-        system, motion.region, lambda _, A: np.linalg.eigvals(A).real.max(axis=1), points, A, rng, kept=_SLOWEST
-    )
+    worst, _ = worst_points(system, motion.region, lambda _, A: np.linalg.eigvals(A).real.max(axis=1), points, A, rng)
     found = _slowest(system, motion, name, *system.matrices(worst))
     return found if isinstance(found, Counterexample) else None
 
