@@ -343,8 +343,9 @@ def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, dema
     since = since[first:]
     if not len(since):
         return None
-    P, Q = cycle_mean(record.P, cycle)[first:], cycle_mean(record.Q, cycle)[first:]
-    error = np.maximum(np.abs(P - rest.P), np.abs(Q - rest.Q)) / demand.S_rated
+    error, other = (_beyond(one, cycle, first, at) for one, at in ((record.P, rest.P), (record.Q, rest.Q)))
+    np.maximum(error, other, out=error)
+    error /= demand.S_rated
     if demand.share_inside >= 1.0:
         return settling_time(since, error, demand.band)
     late = int(np.searchsorted(since, demand.deadline_s))
@@ -352,6 +353,13 @@ def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, dema
         return None
     reached = settling_time(since[:late], error[:late], demand.band) if late else 0.0
     return demand.deadline_s if reached is None else reached
+
+
+def _beyond(values: Array, cycle: int, first: int, rest: float) -> Array:
+    """How far the means over a cycle are from a rest, from a row on."""
+    away = cycle_mean(values, cycle)[first:]
+    away -= rest
+    return np.abs(away, out=away)
 
 
 def _swing(delta: Array, starts: NDArray[np.intp], rest: float, ended: bool) -> tuple[float, bool]:
@@ -413,7 +421,8 @@ def _check(record: SurvivalRecord, events_s: Sequence[float], cleared_s: float, 
         faults.append("record: it has fewer than two rows.")
     else:
         steps = np.diff(record.t_s)
-        if not (steps.min() > 0.0 and np.abs(steps - steps[0]).max() <= 1e-6 * steps[0]):
+        least, most, first = steps.min(), steps.max(), steps[0]
+        if not (least > 0.0 and max(most - first, first - least) <= 1e-6 * first):
             faults.append("t_s: the rows must be equally spaced and ascending. Resample the record.")
     if not events_s or list(events_s) != sorted(events_s) or not np.isfinite(events_s).all():
         faults.append(f"events_s = {list(events_s)}: there must be at least one event, in ascending order.")
