@@ -104,8 +104,8 @@ def test_a_terminal_obeys_no_title(tmp_path: Path) -> None:
     done = call("simulate", path, "--out", tmp_path / "out")
     assert "\ufffd]0;mine\ufffd\ufffd31m" in done.stdout
     assert not set(done.stdout) & set("\x1b\x07\x9b")
-    (tmp_path / "out.toml").write_text('"\\u001b[31m" = 1\n', encoding="utf-8")
-    assert "\ufffd[31m: unknown field" in failure(2, "validate", tmp_path / "out.toml")
+    (tmp_path / "out.toml").write_text('[study]\n"\\u001b[31m" = 1\n', encoding="utf-8")
+    assert "study.\ufffd[31m: unknown field" in failure(2, "validate", tmp_path / "out.toml")
 
 
 def test_a_key_of_many_parts_is_refused_before_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
