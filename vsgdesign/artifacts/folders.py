@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -60,12 +60,21 @@ def room_for(
         yield
 
 
-def write_record(folder: Path, document: dict[str, Any], kind: str, record: str = RESULTS) -> dict[str, Any]:
+def write_record(
+    folder: Path,
+    document: dict[str, Any],
+    kind: str,
+    record: str = RESULTS,
+    *,
+    known: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
     """Write a document with the list of every other file of the folder and its SHA-256, and with its own hash.
 
-    Returns the whole document; what is not finite is null in the file alone.
+    ``known``: those of files that are as :func:`hashes_of` has found them. Returns the whole document; what is not
+    finite is null in the file alone.
     """
-    files = {name: file_hash(folder / name) for name in sorted(_files(folder)) if name != record}
+    found, names = dict(known or {}), [name for name in sorted(_files(folder)) if name != record]
+    files = {name: found.get(name) or file_hash(folder / name) for name in names}
     whole = {"kind": kind} | document | {"files": files}
     written = plain(whole)
     written["sha256"] = content_hash(written)
@@ -151,6 +160,11 @@ def _files(folder: Path) -> Iterator[str]:
         links = [name for name in folders if (Path(parent) / name).is_symlink()]
         for name in sorted([*files, *links]):
             yield (Path(parent) / name).relative_to(folder).as_posix()
+
+
+def hashes_of(folder: str, part: str) -> dict[str, str]:
+    """SHA-256 of each file below a part of a folder, by its name in the folder."""
+    return {name: file_hash(Path(folder) / name) for name in _files(Path(folder)) if name.startswith(f"{part}/")}
 
 
 def file_hash(path: Path) -> str:

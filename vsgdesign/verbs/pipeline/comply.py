@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.files import plain, write_text
+from vsgdesign.artifacts.folders import hashes_of
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
@@ -118,11 +119,13 @@ def comply_study(
             document |= {"provenance": provenance()}
             chosen = _rows_with_case(document, asked.cases)
             here = None if cluster is not None else executor  # workers elsewhere do not reach the folder
+            hashes = begun(here, hashes_of, str(folder), "traces")
             cases = begun(here, _write_cases, job, chosen, str(folder), os.path.realpath(out))
             _write_report(folder, document, here)
             cases()
+            known_hashes = hashes()
         timing = {"prepare": ready_s, "runs": run_s, "report": time.perf_counter() - begin - ready_s - run_s}
-        return write_record(folder, plain(document | {"timing_s": timing}), VERB)
+        return write_record(folder, plain(document | {"timing_s": timing}), VERB, known=known_hashes)
 
 
 def suites_of(names: Iterable[str]) -> tuple[Suite, ...]:
