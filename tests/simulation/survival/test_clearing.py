@@ -51,14 +51,23 @@ def test_nothing_survived_is_zero() -> None:
     assert found.bounded.all()
 
 
-def test_a_cell_without_a_verdict_has_no_time_and_is_tried_once() -> None:
-    tried: list[int] = []
+def test_a_length_beyond_a_loss_is_tried_within_the_shorter_half_alone() -> None:
+    faults_of, tried = lost_within(((0.16, 9.0),), ((0.8, 0.9), (2.5, 9.0)))
+    found = critical_clearing_times(faults_of, 2)
+    assert found.longest_s == pytest.approx([0.16, 2.5], abs=0.005)
+    half = len(LENGTHS_S) // 2
+    assert max(length for cell, length in tried if cell == 0) == LENGTHS_S[half - 1]
+    assert [length for cell, length in tried if cell == 1][: len(LENGTHS_S)] == list(LENGTHS_S)
+
+
+def test_a_cell_without_a_verdict_has_no_time_and_is_not_tried_again() -> None:
+    tried: list[tuple[int, float]] = []
 
     def faults_of(index: NDArray[np.intp], length_s: Array) -> Verdicts:
-        tried.extend(index.tolist())
+        tried.extend(zip(index.tolist(), length_s.tolist(), strict=True))
         return Verdicts(index != 0, np.zeros(len(index), dtype=bool) | (length_s < 0.1))
 
     found = critical_clearing_times(faults_of, 2)
     assert np.isnan(found.longest_s[0])
     assert found.longest_s[1] == pytest.approx(0.1, abs=0.005)
-    assert tried.count(0) == 1
+    assert [length for cell, length in tried if cell == 0] == list(LENGTHS_S[: len(LENGTHS_S) // 2])
