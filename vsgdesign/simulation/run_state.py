@@ -163,7 +163,8 @@ class RunState:
         cuts = {0, samples} | self._added.marks(samples)
         cuts |= set() if self._held is None else self._held.cuts(samples)
         cuts |= {math.ceil(t_s / self.T_s - 1e-6) for t_s, _ in self.timeline.references}
-        self._quiet = {k for k in self.feed.quiet(samples) - cuts if not self._added.adds(k)}
+        quiet = self.feed.quiet(samples) - cuts
+        self._quiet = quiet if self.late is not None else {k for k in quiet if not self._added.adds(k)}
         return sorted(k for k in cuts | self.feed.cuts(samples) if 0 <= k <= samples)
 
     def stops(self, marks: list[int]) -> list[int]:
