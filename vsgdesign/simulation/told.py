@@ -70,12 +70,16 @@ class ToldNow:
         self._next = told.starts[:, 1].copy()
         self.R_g, self.L_g = told.R_g[:, 0].copy(), told.L_g[:, 0].copy()
         """Ω and H, (N,). NaN: nothing is told."""
+        self._earliest = -np.inf
+        """Nothing else is told before this instant."""
         self.silent_since = np.full(len(self.R_g), np.nan)
         """s, (N,); NaN where a grid is told."""
 
     def move_to(self, now_s: float) -> bool:
         """Moves on to an instant of the run. Returns whether anything else is told then."""
         told, moved = self._told, False
+        if now_s < self._earliest:
+            return False
         while len(lanes := np.flatnonzero(self._next <= now_s)):
             column, moved = self._column[lanes] + 1, True
             start, self._column[lanes] = self._next[lanes], column
@@ -84,6 +88,7 @@ class ToldNow:
             since = self.silent_since[lanes]
             since = np.where(np.isnan(since), start, since)
             self.silent_since[lanes] = np.where(told.silent[lanes, column], since, np.nan)
+        self._earliest = float(self._next.min(initial=np.inf))
         return moved
 
     @property
