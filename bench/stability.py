@@ -19,7 +19,7 @@ from vsgdesign.linear.stability.cells import CellSet, cells_under, full_order_ce
 from vsgdesign.linear.stability.loops import ReducedLoop, output_admittance
 from vsgdesign.linear.stability.maps import margin_map
 from vsgdesign.linear.stability.margins import frequency_grid
-from vsgdesign.metrics.margins import disk_margin
+from vsgdesign.metrics.margins import disk_margin_steps, refined
 from vsgdesign.metrics.modes import participation_factors
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.study.parameters import Study, study_from_text
@@ -94,7 +94,7 @@ def one_disk_margin() -> tuple[Callable[[], object], Callable[[], object]]:
 
     def ours() -> object:
         loop = ReducedLoop(model)
-        return disk_margin(loop.on(omega), omega, loop.at)
+        return refined([disk_margin_steps(loop.on(omega), omega, loop.at)])
 
     return ours, lambda: control.disk_margins(control.ss(A_K, b, -c, np.zeros((2, 2))), omega, skew=0.0)
 

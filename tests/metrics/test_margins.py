@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from vsgdesign.metrics.margins import (
     SensitivityAt,
-    disk_margin,
     disk_margin_per_frequency,
+    disk_margin_steps,
     guaranteed_margins,
     largest_singular_value,
-    loop_margins,
-    peak_sensitivity,
+    loop_margins_steps,
+    peak_sensitivity_steps,
+    refined,
 )
 
 Array = NDArray[np.float64]
@@ -106,8 +107,8 @@ def on_grid(at: SensitivityAt, count: int, omega: Array) -> Complex:
 @pytest.mark.parametrize(
     ("find", "value", "sign"),
     [
-        (disk_margin, disk_margin_per_frequency, -1.0),
-        (peak_sensitivity, largest_singular_value, 1.0),
+        (disk_margin_steps, disk_margin_per_frequency, -1.0),
+        (peak_sensitivity_steps, largest_singular_value, 1.0),
     ],
 )
 def test_refined_peaks(find, value, sign: float) -> None:
@@ -115,7 +116,7 @@ def test_refined_peaks(find, value, sign: float) -> None:
     count, omega = 25, np.geomspace(1e-2, 1e3, 200)
     at, _ = sensitivities(np.random.default_rng(4), count)
     S = on_grid(at, count, omega)
-    peak = find(S, omega, at)
+    peak = refined([find(S, omega, at)])[0]
     grid = sign * value(S)
     assert np.all(sign * peak.value >= grid.max(axis=1) - 1e-12)
     for k in range(count):
@@ -145,7 +146,7 @@ def test_an_extreme_at_the_edge_of_the_grid() -> None:
         return np.eye(2) * (1.0 + 1.0 / w)[:, None, None] + 0j
 
     S = on_grid(at, 1, omega)
-    peak = peak_sensitivity(S, omega, at)
+    peak = refined([peak_sensitivity_steps(S, omega, at)])[0]
     assert peak.value[0] == pytest.approx(2.0, rel=1e-9)
     assert peak.omega[0] == pytest.approx(1.0, rel=1e-6)
 
@@ -168,7 +169,7 @@ def test_crossings_on_paper() -> None:
     omega = np.geomspace(1e-3, 1e3, 300)
     for k in (0.3, 1.0, 1.7):
         at = third_order_loop(k)
-        margins = loop_margins(on_grid(at, 1, omega), omega, at, 0)
+        margins = refined([loop_margins_steps(on_grid(at, 1, omega), omega, at, 0)])[0]
         assert margins.gain_margin_db[0] == pytest.approx(20.0 * np.log10(2.0 / k), rel=1e-10)
         assert margins.gain_crossing_rad_s[0] == pytest.approx(1.0, rel=1e-10)
         w = float(margins.phase_crossing_rad_s[0])
@@ -177,7 +178,7 @@ def test_crossings_on_paper() -> None:
         assert margins.phase_margin_deg[0] == pytest.approx(phase, rel=1e-9)
         assert margins.delay_margin_s[0] == pytest.approx(np.radians(phase) / w, rel=1e-9)
         assert margins.delay_crossing_rad_s[0] == pytest.approx(w, rel=1e-12)
-        nothing = loop_margins(on_grid(at, 1, omega), omega, at, 1)
+        nothing = refined([loop_margins_steps(on_grid(at, 1, omega), omega, at, 1)])[0]
         for name in ("gain_margin_db", "phase_margin_deg", "delay_margin_s"):
             assert getattr(nothing, name)[0] == np.inf, name
         for name in ("gain_crossing_rad_s", "phase_crossing_rad_s", "delay_crossing_rad_s"):
@@ -195,7 +196,7 @@ def test_gain_may_fall_too() -> None:
             S[:, 0, 0], S[:, 1, 1] = 1.0 / (1.0 + k * (s + 1.0) ** 2 / s**3), 1.0
             return S
 
-        margins = loop_margins(on_grid(at, 1, omega), omega, at, 0)
+        margins = refined([loop_margins_steps(on_grid(at, 1, omega), omega, at, 0)])[0]
         assert margins.gain_margin_db[0] == pytest.approx(20.0 * np.log10(2.0 * k), rel=1e-10)
         assert margins.gain_crossing_rad_s[0] == pytest.approx(1.0, rel=1e-10)
 
@@ -221,7 +222,7 @@ def test_a_pair_of_crossings_between_grid_points() -> None:
     for points in (60, 200, 500):
         omega = np.geomspace(1e-3, 1e4, points)
         assert not np.any((omega > ends[0]) & (omega < ends[1]))
-        margins = loop_margins(on_grid(at, 1, omega), omega, at, 0)
+        margins = refined([loop_margins_steps(on_grid(at, 1, omega), omega, at, 0)])[0]
         assert margins.phase_margin_deg[0] == pytest.approx(expected, rel=1e-5), points
 
 
@@ -240,11 +241,11 @@ def test_the_second_peak_of_the_grid_may_be_the_first() -> None:
     S = on_grid(at, 1, omega)
     grid = largest_singular_value(S)[0]
     assert grid[np.abs(np.log(omega / 50.0)) < 0.3].max() < 0.8 * grid.max()
-    peak = peak_sensitivity(S, omega, at)
+    peak = refined([peak_sensitivity_steps(S, omega, at)])[0]
     assert peak.value[0] == pytest.approx(expected, rel=1e-6)
     # Cells may have grids of their own.
     own = np.stack([omega, omega * 1.01])
-    both = peak_sensitivity(np.stack([at(np.zeros(1, dtype=np.intp), w) for w in own]), own, at)
+    both = refined([peak_sensitivity_steps(np.stack([at(np.zeros(1, dtype=np.intp), w) for w in own]), own, at)])[0]
     np.testing.assert_allclose(both.value, expected, rtol=1e-6)
 
 
@@ -256,6 +257,6 @@ def test_no_cells() -> None:
     def at(_: NDArray[np.intp], w: Array) -> Complex:
         return np.empty((len(w), 2, 2), complex)
 
-    assert disk_margin(S, omega, at).value.shape == (0,)
-    assert peak_sensitivity(S, omega, at).value.shape == (0,)
-    assert loop_margins(S, omega, at, 0).phase_margin_deg.shape == (0,)
+    asked = [disk_margin_steps(S, omega, at), peak_sensitivity_steps(S, omega, at), loop_margins_steps(S, omega, at, 0)]
+    disk, peak, loop = refined(asked)
+    assert disk.value.shape == peak.value.shape == loop.phase_margin_deg.shape == (0,)

@@ -86,27 +86,8 @@ def largest_singular_value(S: Complex) -> Array:
     return np.sqrt(0.5 * (total + np.sqrt(np.maximum(total * total - 4.0 * determinant, 0.0))))
 
 
-def disk_margin(S_grid: Complex, omega: Array, at: SensitivityAt) -> PeakTable:
-    """Smallest disk margin over frequency of N cells, from S on a grid (N, F, 2, 2), then refined."""
-    return refined([disk_margin_steps(S_grid, omega, at)])[0]
-
-
-def peak_sensitivity(S_grid: Complex, omega: Array, at: SensitivityAt) -> PeakTable:
-    """M_s = max σ_max(S) over frequency of N cells."""
-    return refined([peak_sensitivity_steps(S_grid, omega, at)])[0]
-
-
-def loop_margins(S_grid: Complex, omega: Array, at: SensitivityAt, loop: int) -> LoopMarginTable:
-    """Gain, phase and delay margins of one loop (0: P, 1: Q) with the other closed.
-
-    The loop is L = 1/S_ii − 1. Crossings are bracketed on the grid and then bisected. If the loop only comes close to
-    a crossing on the grid, a pair of crossings is searched between the points.
-    """
-    return refined([loop_margins_steps(S_grid, omega, at, loop)])[0]
-
-
 def disk_margin_steps(S_grid: Complex, omega: Array, at: SensitivityAt) -> Steps:
-    """:func:`disk_margin` for :func:`refined`."""
+    """Steps to the smallest disk margin over frequency of N cells, from S on a grid (N, F, 2, 2): a PeakTable."""
     values = -disk_margin_per_frequency(S_grid)
     grid = _per_cell(omega, values)
     highest, where = yield from _highest(values, grid, at, lambda S, _: -disk_margin_per_frequency(S))
@@ -114,14 +95,18 @@ def disk_margin_steps(S_grid: Complex, omega: Array, at: SensitivityAt) -> Steps
 
 
 def peak_sensitivity_steps(S_grid: Complex, omega: Array, at: SensitivityAt) -> Steps:
-    """:func:`peak_sensitivity` for :func:`refined`."""
+    """Steps to M_s = max σ_max(S) over frequency of N cells: a PeakTable."""
     values = largest_singular_value(S_grid)
     grid = _per_cell(omega, values)
     return PeakTable(*(yield from _highest(values, grid, at, lambda S, _: largest_singular_value(S))))
 
 
 def loop_margins_steps(S_grid: Complex, omega: Array, at: SensitivityAt, loop: int) -> Steps:
-    """:func:`loop_margins` for :func:`refined`."""
+    """Steps to the gain, phase and delay margins of one loop (0: P, 1: Q) with the other closed: a LoopMarginTable.
+
+    The loop is L = 1/S_ii − 1. Crossings are bracketed on the grid and then bisected. If the loop only comes close to
+    a crossing on the grid, a pair of crossings is searched between the points.
+    """
 
     def gain(S: Complex) -> Complex:
         return _loop_gain(S[:, loop, loop])
