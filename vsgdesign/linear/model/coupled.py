@@ -7,7 +7,7 @@ Generated from the power-loop and power-flow equations by automatic differentiat
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -60,13 +60,12 @@ class CoupledModel:
 
 
 PLANT = ("delta", "V", "V_g", "R", "X")
-MATRICES = tuple(field.name for field in fields(CoupledModel))[1:]
 
 
 @functools.cache
 def coupled_function(filter_P: bool, filter_Q: bool, coupling: bool = True, yields: bool = False) -> ca.Function:
-    """(PLANT, PowerLoopGains, Lags) → MATRICES of one cell, dense, for numbers or symbols; without a transient
-    impedance the first eight, of which the others are copies.
+    """(PLANT, PowerLoopGains, Lags) → the matrices of one cell in the order of CoupledModel, dense, for numbers or
+    symbols; without a transient impedance the first eight, of which the others are copies.
 
     ``filter_P``, ``filter_Q``: whether that power filter is a state; its time constant is unused where it is not.
     ``yields``: whether there is a transient impedance.
