@@ -123,21 +123,12 @@ class SwingLoops:
         return turning, -self.law.g * self.pull(at.phi) / self.kept - self.gains.K_ip * used
 
     def slope(self, delta: float, speed: float) -> float:
-        """dW/dt in rad²/s³ (:eq:`swing-falls`)."""
+        """dW/dt in rad²/s³ (:eq:`swing-falls`) of the function W (:eq:`swing-function`)."""
         at = self.limited(delta)
         _, shaping = self.errors(at, speed)
         d_delta, d_speed = self.rates(delta, speed)
         force = self.law.g * self.pull(at.phi) + self.gains.K_ip * shaping
         return self.kept * speed * d_speed + force * d_delta
-
-    def potential(self, deltas: Array) -> Array:
-        """U of :eq:`swing-function` at rising angles, in rad²/s², zero at the first: by the trapezoidal rule."""
-        force = []
-        for delta in deltas:
-            at = self.limited(float(delta))
-            force.append(self.law.g * self.pull(at.phi) + self.gains.K_ip * self.errors(at, 0.0)[1])
-        steps = 0.5 * (np.array(force[1:]) + np.array(force[:-1])) * np.diff(deltas)
-        return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 Truth = NDArray[np.bool_]
