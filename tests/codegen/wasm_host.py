@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -12,7 +13,6 @@ from vsgdesign.codegen.llvm_loop import INTEGERS, POINTERS
 from vsgdesign.codegen.loop_call import Loop, Program
 from vsgdesign.codegen.loop_spec import LoopSpec
 from vsgdesign.codegen.wasm import FREE, MEMORY, PAGE, wasm_module
-from vsgdesign.simulation.batch import with_first
 
 MOVED = "rows", "rings", "log", "done"
 """Arrays into which a loop writes."""
@@ -89,7 +89,8 @@ class WasmLoop(Loop):
             if groups is not None and groups < len(rows):
                 program = given.get("program")
                 own |= {name: given[name][:groups] for name in ("rings", "ring_length", "log") if name in given}
-                own |= {} if program is None else {"program": with_first(program, groups)}
+                if program is not None:
+                    own["program"] = replace(program, first=program.first[: groups + 1], done=program.done[:groups])
             return self(begin, end, rows[:groups], uniform, fed=None if fed is None else fed[:groups], **own)
 
         return advance

@@ -341,8 +341,3 @@ class Batch(Numbers):
             given = np.ascontiguousarray(fed[group - first : group - first + 1, :1, :, lane : lane + 1])
         own.loop(k, k + 1, rows, self._uniform(own.spec.uniform), fed=given)
         return rows[0, : len(own.spec.state), 0]
-
-
-def with_first(program: Program, groups: int) -> Program:
-    """The program of the first groups."""
-    return replace(program, first=program.first[: groups + 1], done=program.done[:groups])
