@@ -12,7 +12,7 @@ import numpy as np
 from evidence._field_converters import CONVERTERS, STUDIES
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.compliance.case import FOR_EVER_S, Subject
-from vsgdesign.campaigns.compliance.matrix import judged_test
+from vsgdesign.campaigns.compliance.matrix import judged_tests
 from vsgdesign.campaigns.compliance.measuring import Trace
 from vsgdesign.campaigns.compliance.reading import suite_from_text, suite_named
 from vsgdesign.campaigns.compliance.rows import Check
@@ -78,7 +78,7 @@ def run_task(task: GridCodeTask, folder: str) -> dict[str, Any]:
     """The verdict on a task and its figures, in JSON's types. ``folder`` keeps the tables."""
     test = as_asked(tests()[task.test], task)
     subject = subject_of(task.converter, task.controller, task.told, folder)
-    judged = judged_test(subject, suite_named_once(), test)
+    ((_, judged),) = judged_tests(subject, [(suite_named_once(), test)])
     row = judged.row
     f_hz = subject.study.converter.omega_n / (2.0 * math.pi)
     stricter_s = SETTLING_TIMES * subject.settling_time + GRACE_S

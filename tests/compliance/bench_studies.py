@@ -6,7 +6,8 @@ from typing import Any
 
 from tests.compliance.made_runs import SOURCE
 from vsgdesign.campaigns.compliance.case import Subject
-from vsgdesign.campaigns.compliance.suite import SuiteTest
+from vsgdesign.campaigns.compliance.matrix import Judged, judged_tests
+from vsgdesign.campaigns.compliance.suite import Suite, SuiteTest
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.loading import study_from_text
 from vsgdesign.study.parameters.study import Study
@@ -54,3 +55,9 @@ def suite_test(*events: Event, **given: Any) -> SuiteTest:
     """A test with these events."""
     usual = {"id": "made", "group": "made", "title": "made", "source": SOURCE, "scr": 5.0, "x_over_r": 5.0}
     return SuiteTest(events=events, **(usual | given))
+
+
+def judged_test(subject: Subject, suite: Suite, test: SuiteTest) -> Judged:
+    """One test of one controller: run and judged."""
+    ((_, judged),) = judged_tests(subject, [(suite, test)])
+    return judged

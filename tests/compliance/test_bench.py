@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.compliance.bench_studies import TEXT, subject, suite_test
+from tests.compliance.bench_studies import TEXT, judged_test, subject, suite_test
 from vsgdesign.campaigns.compliance.case import Subject, case_of, case_text
 from vsgdesign.campaigns.compliance.evidence import Evidence, thinned
-from vsgdesign.campaigns.compliance.matrix import judged_test, network_in_words
+from vsgdesign.campaigns.compliance.matrix import network_in_words
 from vsgdesign.campaigns.compliance.reading import SUITES, suite_from_text, suite_named
 from vsgdesign.campaigns.compliance.rows import (
     FAIL,

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.compliance.bench_studies import TEXT, suite_test
+from tests.compliance.bench_studies import TEXT, judged_test, suite_test
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns.compliance.case import Subject, case_of
-from vsgdesign.campaigns.compliance.matrix import judged_test
 from vsgdesign.campaigns.compliance.rows import FAIL, PASS
 from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.campaigns.compliance.suite import OURS, Criterion, Source, Suite

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 
+from tests.compliance.bench_studies import judged_test
 from vsgdesign.campaigns.compliance.case import Subject
-from vsgdesign.campaigns.compliance.matrix import judged_test
 from vsgdesign.campaigns.compliance.reading import suite_from_text
 from vsgdesign.campaigns.compliance.rows import FAIL, Row
 from vsgdesign.study.parameters.loading import study_from_text

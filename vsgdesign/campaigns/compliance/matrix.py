@@ -36,17 +36,12 @@ class Judged(NamedTuple):
     evidence: Evidence | None
 
 
-def judged_test(subject: Subject, suite: Suite, test: SuiteTest) -> Judged:
-    """One test of one controller: run and judged, where it applies and where any converter could pass it."""
-    ((_, judged),) = judged_tests(subject, [(suite, test)])
-    return judged
-
-
 def judged_tests(
     subject: Subject, asked: Sequence[tuple[Suite, SuiteTest]], rooms: Rooms | None = None
 ) -> Iterator[tuple[int, Judged]]:
-    """Tests of one controller, each as :func:`judged_test` gives it, with its place among those asked for. The order is
-    that in which their runs end. ``rooms`` as in :func:`vsgdesign.simulation.run.simulated_together`."""
+    """Tests of one controller, each with its place among those asked for: run and judged, where it applies and where
+    any converter could pass it. The order is that in which their runs end. ``rooms`` as in
+    :func:`vsgdesign.simulation.run.simulated_together`."""
     run: list[int] = []
     for place, (suite, test) in enumerate(asked):
         why = not_applicable(subject, test)
