@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from evidence._field_answers import false_changes, longest_silence, silence
 from evidence._field_converters import Converter, converter_named, events_of, references, resting_currents
 from evidence._field_draws import FieldDraw
 from vsgdesign.errors import InfeasibleStudyError
@@ -18,11 +19,8 @@ from vsgdesign.metrics.answers import (
     VERY_WRONG,
     Answers,
     answers_of,
-    false_changes,
     inside_ellipse,
-    longest_silence,
     share_valid,
-    silence,
     time_to_stay,
     valid_and_wrong,
 )

@@ -11,11 +11,8 @@ from vsgdesign.metrics.answers import (
     Answers,
     answers_of,
     coverage,
-    false_changes,
     inside_ellipse,
-    longest_silence,
     share_valid,
-    silence,
     time_to_stay,
     valid_and_wrong,
 )
@@ -110,28 +107,14 @@ def test_an_answer_across_an_event_counts_up_to_it() -> None:
     assert valid_and_wrong(made(error), 0.0, 2.0, [CHANGE]).seconds == pytest.approx(0.01)
 
 
-def test_silence() -> None:
+def test_the_share_of_time_with_a_valid_answer() -> None:
     valid = np.ones(100, dtype=bool)
     valid[50:55] = False
     valid[60] = False
     answers = made(valid=valid)
-    assert silence(answers, CHANGE, 2.0) == pytest.approx(5 * 0.02 + 0.02)
-    assert longest_silence(answers, CHANGE, 2.0) == pytest.approx(0.1)
-    assert longest_silence(answers, 1.05, 2.0) == pytest.approx(1.12 - 1.05)
     assert share_valid(answers, 0.0, 2.0) == pytest.approx(1.0 - (0.02 + 0.12) / 2.0)  # no answer before 0.02 s
-    assert longest_silence(made(valid=False), 1.0, 2.0) == pytest.approx(1.0)
     with pytest.raises(ValueError, match=r"until_s = 1 s.*begin_s = 1 s"):
-        silence(answers, 1.0, 1.0)
-
-
-def test_false_changes() -> None:
-    changed = np.zeros(100, dtype=bool)
-    changed[[10, 55, 99]] = True  # 0.22, 1.12 and 2.00 s
-    answers = made(changed=changed)
-    assert false_changes(answers, 0.0, 2.01, [CHANGE]) == 1  # 2.00 s is 0.99 s after the change
-    assert false_changes(answers, 0.0, 2.01, [CHANGE], after_s=0.5) == 2
-    assert false_changes(answers, 0.5, 2.01, [CHANGE]) == 0
-    assert false_changes(answers, 0.0, 2.01, []) == 3
+        share_valid(answers, 1.0, 1.0)
 
 
 def test_series_of_inductances() -> None:

@@ -1,4 +1,4 @@
-"""What an estimator said of the grid over time: how wrong, how late, how sure, and how long silent.
+"""What an estimator said of the grid over time: how wrong, how late, and how sure.
 
 An answer acts from its instant until the next answer. It is judged against the grid that holds at its instant. All
 times are those of the run. In polar form an answer has a 95 % band, from the covariance of its R and X.
@@ -26,9 +26,6 @@ WRONG, VERY_WRONG = 0.20, 0.30
 GRACE_S = 0.04
 """For this long after an event, s, an answer that is valid and wrong is not counted: the cycle in which the event
 falls must end before it can be seen at all."""
-
-FALSE_AFTER_S = 1.0
-"""A change that is announced later than this after the last change of the grid's impedance, s, is a false one."""
 
 _SLACK_S = 1e-9
 """Instants are equal up to this, s: they are sums of many sampling periods."""
@@ -76,10 +73,6 @@ class Answers:
     def rows(self, begin_s: float, end_s: float) -> Mask:
         """(n,) which answers act from an instant in [begin_s, end_s)."""
         return (self.t_s >= begin_s - _SLACK_S) & (self.t_s < end_s - _SLACK_S)
-
-    def held_s(self) -> Array:
-        """(n,) how long each answer acts, s: until the next one, the last until the end of the run."""
-        return np.diff(self.t_s, append=max(self.end_s, self.t_s[-1])) if len(self.t_s) else np.zeros(0)
 
 
 def answers_of(
@@ -186,42 +179,12 @@ def valid_and_wrong(
 
 def share_valid(answers: Answers, begin_s: float, until_s: float) -> float:
     """Share of the time between two instants in which a valid answer acts; before the first answer none does."""
-    return _valid_time(answers, begin_s, until_s) / (until_s - begin_s)
-
-
-def silence(answers: Answers, begin_s: float, until_s: float) -> float:
-    """Time between two instants in which no valid answer acts, s."""
-    return until_s - begin_s - _valid_time(answers, begin_s, until_s)
-
-
-def longest_silence(answers: Answers, begin_s: float, until_s: float) -> float:
-    """Longest time without a break in which no valid answer acts, s; it counts from ``begin_s`` on."""
-    longest, quiet = 0.0, begin_s
-    for begin, held, valid in zip(answers.t_s, answers.held_s(), answers.valid, strict=True):
-        if valid and begin + held > begin_s + _SLACK_S and begin < until_s:
-            longest = max(longest, float(begin) - quiet)
-            quiet = float(begin + held)
-    return max(longest, until_s - quiet, 0.0)
-
-
-def false_changes(
-    answers: Answers, begin_s: float, until_s: float, changes_s: Sequence[float], after_s: float = FALSE_AFTER_S
-) -> int:
-    """How many announcements of a change between two instants have no change of the grid's impedance behind them.
-
-    ``changes_s``: the instants at which the impedance changed. An announcement up to ``after_s`` later is a true one.
-    """
-    announced = answers.t_s[answers.rows(begin_s, until_s) & answers.changed]
-    return sum(not any(change < t + _SLACK_S and t - change <= after_s for change in changes_s) for t in announced)
-
-
-def _valid_time(answers: Answers, begin_s: float, until_s: float) -> float:
     if not until_s > begin_s:
         raise ValueError(f"until_s = {until_s:g} s: must be after begin_s = {begin_s:g} s.")
     if not len(answers.t_s):
         return 0.0
     edges = np.append(answers.t_s, max(answers.end_s, answers.t_s[-1]))
-    return float(np.sum(_overlap(edges, begin_s, until_s)[answers.valid]))
+    return float(np.sum(_overlap(edges, begin_s, until_s)[answers.valid])) / (until_s - begin_s)
 
 
 def _overlap(edges: Array, begin_s: float, until_s: float) -> Array:
