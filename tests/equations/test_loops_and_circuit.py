@@ -26,12 +26,21 @@ from vsgdesign.equations.inner_loops import (
     voltage_integrators,
     voltage_loop,
 )
+from vsgdesign.equations.integration import low_pass_share
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 
 COMPONENT = st.floats(-1e3, 1e3)
 CIRCUIT = FilterGrid(L_1=2e-3, R_1=0.05, C=20e-6, R_c=2.0, L_2=0.5e-3, R_2=0.02, R_g=0.8, L_g=5e-3)
 GAINS = InnerLoopGains(K_pv=0.05, K_iv=15.0, K_pc=10.0, K_ic=3e4, K_ff=0.8)
 T_S = 50e-6
+
+
+@given(st.floats(1e-5, 10.0), st.integers(1, 1000))
+def test_a_low_pass_filter_goes_its_way_in_equal_shares(tau: float, samples: int) -> None:
+    """After n samples exp(−n T_s/τ) of the way is left, and without a filter nothing."""
+    left = math.prod([1.0 - low_pass_share(tau, T_S)] * samples)
+    assert left == pytest.approx(math.exp(-samples * T_S / tau), rel=1e-10, abs=1e-300)
+    assert low_pass_share(0.0, T_S) == 1.0
 
 
 @given(COMPONENT, COMPONENT, st.floats(1e-3, 1e3))

@@ -22,7 +22,7 @@ from vsgdesign import equations
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
 from vsgdesign.equations.controller_data import Nothing, flat_settings, flat_state
 from vsgdesign.equations.grid import sag_sequences
-from vsgdesign.equations.integration import advanced
+from vsgdesign.equations.integration import advanced, low_pass_share
 from vsgdesign.equations.limiter_interface import always, no_memory
 from vsgdesign.equations.limiters import CIRCULAR, LIMITERS, LimiterLaw, limiter_named
 from vsgdesign.equations.limiters.balanced_power import negative_sequence_of_loop
@@ -86,7 +86,7 @@ FLAGS = ("zero_sequence", "by_inertia")
 NO_EQUATIONS = (limiter_named, always, no_memory, flat_state, flat_settings, sag_sequences, converter_side)
 """Look a name up, have no numbers, put numbers side by side, or take pairs of numbers."""
 
-CONSTANTS_OF_A_STUDY = (*(limiter.build for limiter in LIMITERS.values()), negative_sequence_of_loop)
+CONSTANTS_OF_A_STUDY = (*(limiter.build for limiter in LIMITERS.values()), negative_sequence_of_loop, low_pass_share)
 """Python's alone: the exported C has their numbers."""
 
 OF_ONE_LIMITER = tuple(

@@ -1,7 +1,8 @@
-"""How an integrator of the controller moves from one sample to the next."""
+"""How an integrator and a low-pass filter of the controller move from one sample to the next."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from vsgdesign.equations.notation import Integrated
@@ -19,6 +20,12 @@ def advanced(x: Any, dx: Any) -> Integrated:
     a lost digit decays.
     """
     return x + dx
+
+
+def low_pass_share(tau: float, T_s: float) -> float:
+    """1 − exp(−T_s/τ): the share of its way that a low-pass filter goes in one sample. ``tau``: time constant, s; zero
+    means no filter, with a share of 1. ``T_s``: sampling period, s."""
+    return 1.0 if tau == 0.0 else -math.expm1(-T_s / tau)
 
 
 def within_a_turn(theta: Any) -> Any:

@@ -37,6 +37,7 @@ from vsgdesign.equations.field.fusion import (
     next_gate,
     step_refuted,
 )
+from vsgdesign.equations.integration import low_pass_share
 from vsgdesign.errors import ArtifactError
 from vsgdesign.identification.interface import Array, Estimate, Installation, Needs, Probe, Samples
 
@@ -172,7 +173,7 @@ def field_settings(
         Z_base=Z_base,
         R_2=R_2 / Z_base,
         X_2=omega_n * L_2 / Z_base,
-        smoothing=-math.expm1(-T_s / LOW_PASS),
+        smoothing=low_pass_share(LOW_PASS, T_s),
         R_first=(R_1 + R_2) / Z_base,
         X_first=omega_n * (L_1 + L_2) / Z_base,
         amplitude_least=0.0002,

@@ -16,6 +16,7 @@ import numpy as np
 from vsgdesign.equations.controller_data import ControllerSettings
 from vsgdesign.equations.frames import instantaneous_power, peak_to_rms, rms_to_peak
 from vsgdesign.equations.inner_loops import limit_length
+from vsgdesign.equations.integration import low_pass_share
 from vsgdesign.equations.limiter_interface import (
     GridEstimate,
     IntegratorSteps,
@@ -345,12 +346,11 @@ def projection_at_rest(view: LimiterView, omega: Any, settings: ControllerSettin
 def projection_constants(ratings: LimiterRatings, values: Mapping[str, float]) -> ProjectionConstants:
     """The constants of a converter from its ratings and the limiter's parameters."""
     T_s, g, V_rated = ratings.T_s, values["frequency_pull"], peak_to_rms(ratings.V_rated_pk)
-    filter_time = values["filter_time"]
     return ProjectionConstants(
         i_soft_pk=values["soft_limit_pu"] * ratings.I_rated_pk,
         Z_v=values["virtual_impedance_pu"] * ratings.Z_base,
-        smoothing_i=1.0 if filter_time == 0.0 else -math.expm1(-T_s / filter_time),
-        share=-math.expm1(-T_s / values["pull_time"]),
+        smoothing_i=low_pass_share(values["filter_time"], T_s),
+        share=low_pass_share(values["pull_time"], T_s),
         g=g,
         largest_pull=2.0 * math.pi * values["largest_rocof"] * T_s / g if g > 0.0 else 0.0,
         omega_low=ratings.omega_0 - 2.0 * math.pi * values["frequency_range"],
@@ -362,7 +362,7 @@ def projection_constants(ratings: LimiterRatings, values: Mapping[str, float]) -
         R_2=ratings.R_2,
         L_2=ratings.L_2,
         beyond_step=T_s / BEYOND_S,
-        back_share=-math.expm1(-T_s / WAY_BACK_S),
+        back_share=low_pass_share(WAY_BACK_S, T_s),
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from vsgdesign.equations.controller_data import ControllerSettings
 from vsgdesign.equations.inner_loops import limit_length
+from vsgdesign.equations.integration import low_pass_share
 from vsgdesign.equations.limiter_interface import (
     GridEstimate,
     IntegratorSteps,
@@ -103,9 +104,8 @@ def threshold_constants(ratings: LimiterRatings, values: Mapping[str, float]) ->
     i_threshold_pk, ratio = values["threshold_pu"] * ratings.I_rated_pk, values["impedance_x_over_r"]
     drop_pk = values["drop_at_limit_pu"] * ratings.V_rated_pk
     per_A = drop_pk / ((ratings.i_max_pk - i_threshold_pk) * ratings.i_max_pk * math.hypot(1.0, ratio))
-    filter_time = values["impedance_filter_time"]
     return ThresholdConstants(
-        smoothing=1.0 if filter_time == 0.0 else -math.expm1(-ratings.T_s / filter_time),
+        smoothing=low_pass_share(values["impedance_filter_time"], ratings.T_s),
         i_threshold_pk=i_threshold_pk,
         R_per_A=per_A,
         X_per_A=ratio * per_A,

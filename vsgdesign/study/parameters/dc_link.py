@@ -14,6 +14,7 @@ from vsgdesign.equations.dc_source_interface import DcRatings, DcSource, SourceL
 from vsgdesign.equations.dc_sources import DC_SOURCES
 from vsgdesign.equations.dc_sources.converter import UNLIMITED_J
 from vsgdesign.equations.frames import SPACE_VECTOR_POWER, linear_modulation_limit, rms_to_peak
+from vsgdesign.equations.integration import low_pass_share
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
@@ -226,7 +227,7 @@ class DcLink:
         return ClampSettings(
             T_s=converter.T_s,
             own=SPACE_VECTOR_POWER * filter_.R_1 * i_pk * i_pk + bled,
-            smoothing=-math.expm1(-converter.T_s / self.droop_time),
+            smoothing=low_pass_share(self.droop_time, converter.T_s),
             hold=self.hold,
         )
 

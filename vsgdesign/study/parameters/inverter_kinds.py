@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.grid_following import FollowingSettings, FollowingState, SetPoints, follow_sample
+from vsgdesign.equations.integration import low_pass_share
 from vsgdesign.equations.registry import Registry
 from vsgdesign.study.parameters.converter import Filter
 from vsgdesign.study.parameters.fields import number, word
@@ -122,10 +123,6 @@ _LEAST_VOLTAGE = 0.1
 """Share of the nominal voltage below which an inverter's references no longer rise."""
 
 
-def _smoothing(time: float, T_s: float) -> float:
-    return 1.0 if time == 0.0 else -math.expm1(-T_s / time)
-
-
 def following_settings(ratings: InverterRatings, given: Mapping[str, Any]) -> FollowingSettings:
     """Constants of a converter that follows, from its fields by attribute."""
     f, T_s, omega = ratings.filter, ratings.T_s, ratings.omega_n
@@ -144,8 +141,8 @@ def following_settings(ratings: InverterRatings, given: Mapping[str, Any]) -> Fo
         K_ic=0.1 * bandwidth * K_pc,
         omega_L=omega * f.L_1,
         omega_C=omega * f.C,
-        smoothing_v=_smoothing(given["feedforward_time"], T_s),
-        smoothing_V=_smoothing(given["voltage_filter"], T_s),
+        smoothing_v=low_pass_share(given["feedforward_time"], T_s),
+        smoothing_V=low_pass_share(given["voltage_filter"], T_s),
         by_power=1.0 if given["keeps"] == POWER else 0.0,
         i_max_pk=given["current_limit_pu"] * ratings.I_rated_pk,
         v_max_pk=ratings.v_max_pk,

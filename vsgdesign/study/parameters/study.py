@@ -11,6 +11,7 @@ import numpy as np
 from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
+from vsgdesign.equations.integration import low_pass_share
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
 from vsgdesign.equations.power_loops import NO_NOTCH, NotchConstants, notch_constants, notch_delay
 from vsgdesign.equations.slow_plant import Lags
@@ -262,8 +263,8 @@ class Study:
         )
         return ControllerSettings(
             T_s=c.T_s,
-            smoothing_P=_smoothing(self.tau_P, c.T_s),
-            smoothing_Q=_smoothing(self.tau_Q, c.T_s),
+            smoothing_P=low_pass_share(self.tau_P, c.T_s),
+            smoothing_Q=low_pass_share(self.tau_Q, c.T_s),
             omega_C=c.omega_n * self.filter.C,
             omega_L=c.omega_n * self.filter.L_1,
             i_max_pk=ratings.i_max_pk,
@@ -279,7 +280,3 @@ class Study:
             notch_back=self.notch.back,
             limiter=self.limiter.constants(ratings, dict(self.limiter_given)),
         )
-
-
-def _smoothing(tau: float, T_s: float) -> float:
-    return 1.0 if tau == 0.0 else float(-np.expm1(-T_s / tau))
