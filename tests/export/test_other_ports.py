@@ -352,6 +352,6 @@ def test_no_wrapper_names_a_port_of_these() -> None:
     room = resources.files("vsgdesign.export")
     texts = {file.name: file.read_text() for file in (room / "templates").iterdir() if file.name.endswith(".j2")}
     texts |= {file.name: file.read_text() for file in room.iterdir() if file.name.endswith(".py")}
-    own = {"vsg_unit.c.j2", "port_records.py", "ports.py", "unit.py", "unit_content.py", "in_the_loop.py"}
+    own = {"vsg_unit.c.j2", "port_records.py", "ports.py", "unit.py", "unit_content.py", "processor.py"}
     named = re.compile(r"v_dc|V_DC|P_dc|P_DC|P_cut|P_CUT|PAR_PAIR|IN_UNITS|\"(pair|units)\"|\.pair\b|on_line")
     assert {name for name, text in texts.items() if named.search(text)} == own
