@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,15 @@ def test_it_answers_until_it_is_closed() -> None:
     assert not process.alive
     assert process.ask(1.0) is None
     process.close()
+
+
+def test_a_call_is_sent_as_it_was_when_it_was_submitted() -> None:
+    held = [1, 2]
+    with worker_processes(1) as pool:
+        pool.submit(time.sleep, 0.05)  # the only worker is busy
+        waiting = pool.submit(len, held)
+        held.clear()
+        assert waiting.result() == 2
 
 
 def test_a_pool_gives_results_and_errors_as_they_were(capfd: pytest.CaptureFixture[str]) -> None:

@@ -72,9 +72,8 @@ class AnsweringProcess:
         """
         return ask_all([(self, question)])[0]
 
-    def outcome(self, question: Any) -> Outcome:
-        """Its answer or its error. Raises WorkerLostError where the process ended before, and what pickle raises."""
-        message = pickle.dumps(question)
+    def outcome(self, message: bytes) -> Outcome:
+        """Its answer to a pickled question, or its error. Raises WorkerLostError where the process ended before."""
         with self._lock:
             found = self._received() if self._send(message) else None
         if found is None:
@@ -155,8 +154,14 @@ class WorkerPool(Executor):
         self._closed = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """As every executor. The result raises WorkerLostError where the process ended."""
-        return self._threads.submit(self._called, partial(fn, *args, **kwargs))
+        """As every executor. The result raises WorkerLostError where the process ended, and what pickle raises."""
+        try:  # at once: what the call holds may change in this thread while another one would pickle it
+            message = pickle.dumps(partial(fn, *args, **kwargs))
+        except Exception as error:  # noqa: BLE001 - of whatever is in the call
+            failed: Future[Any] = Future()
+            failed.set_exception(error)
+            return failed
+        return self._threads.submit(self._called, message)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Ends the processes when what is begun is finished."""
@@ -182,10 +187,10 @@ class WorkerPool(Executor):
                 return self._processes[-1]
             return self._free.pop(0)
 
-    def _called(self, call: Callable[[], Any]) -> Any:
+    def _called(self, message: bytes) -> Any:
         process = self._process()
         try:
-            answer, error = process.outcome(call)
+            answer, error = process.outcome(message)
         finally:
             with self._lock:
                 self._free.append(process)
