@@ -63,6 +63,17 @@ class SuiteJob(Job[int, dict[str, Any]]):
             for k in range(len(self.study.controllers))
         )
 
+    @cached_property
+    def _in_blocks(self) -> list[tuple[int, int, int]]:
+        """The rows in the order of the blocks, controller by controller: more tests of a block go side by side, and
+        more of them begin or end at a rest that is known."""
+        return sorted(self.items, key=lambda one: (one[2], one[0], one[1]))
+
+    def rows(self, whole: dict[str, Any]) -> list[dict[str, Any]]:
+        """The rows of all finished blocks in the order of the matrix."""
+        found = [row for rows in in_order(whole, "rows") for row in rows]
+        return [row for _, row in sorted(zip(self._in_blocks, found, strict=True), key=lambda one: one[0])]
+
     @property
     def blocks(self) -> list[int]:
         """Numbers of all blocks: those of rows, and then one for each map of each controller. A map is begun first,
@@ -84,7 +95,7 @@ class SuiteJob(Job[int, dict[str, Any]]):
     def tests_of(self, number: int) -> tuple[tuple[Suite, SuiteTest, int], ...]:
         """Suite, test and controller of each row of a block."""
         first = number * self.block
-        chosen = self.items[first : first + self.block]
+        chosen = self._in_blocks[first : first + self.block]
         return tuple((self.suites[s], self.suites[s].tests[t], k) for s, t, k in chosen)
 
     @cached_property

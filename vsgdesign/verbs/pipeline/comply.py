@@ -232,7 +232,7 @@ def _document(job: SuiteJob, whole: dict[str, Any], asked: Asked, known: _Known)
     from vsgdesign.campaigns.compliance.rows import identity_of, limits_of, summary_of
     from vsgdesign.report.drawing.style import COLOURS
 
-    study, rows = job.study, [row for rows in in_order(whole, "rows") for row in rows]
+    study, rows = job.study, job.rows(whole)
     figures = figures_of(rows)
     shown = []
     for row in rows:
