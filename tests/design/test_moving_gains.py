@@ -24,12 +24,20 @@ from vsgdesign.certificate.full_order.points import at_rest, rests_at
 from vsgdesign.certificate.full_order.programs import DIMENSIONS
 from vsgdesign.certificate.full_order.search import Found, Problem, beginning, search
 from vsgdesign.certificate.moving import statement
-from vsgdesign.certificate.moving.ball import ball_of, middle_error
 from vsgdesign.certificate.moving.lattice import Sampled
 from vsgdesign.certificate.moving.levels import StepsAtPlaces, common_function, dwell_time, level_set, modal, shortfall
-from vsgdesign.certificate.moving.looking import MovingProblem, with_middle
-from vsgdesign.certificate.moving.places import DROOPS, estimates, feeds, kind_of, loops_at, powers_of, with_estimates
-from vsgdesign.certificate.moving.programs import MovingPrograms
+from vsgdesign.certificate.moving.looking import MovingProblem, MovingPrograms, with_middle
+from vsgdesign.certificate.moving.places import (
+    DROOPS,
+    ball_of,
+    estimates,
+    feeds,
+    kind_of,
+    loops_at,
+    middle_error,
+    powers_of,
+    with_estimates,
+)
 from vsgdesign.certificate.moving.statement import MovingProof, prove_moving
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.region import Region

@@ -14,7 +14,7 @@ from tests.design.test_proof_recheck import drop, left, no_search, with_arrays, 
 from vsgdesign.artifacts.certificate_record import CertificateCell
 from vsgdesign.certificate import Region, moving_proof_file, region_of
 from vsgdesign.certificate.full_order.cells import Arcs
-from vsgdesign.certificate.moving.ball import middle_error
+from vsgdesign.certificate.moving.places import middle_error
 from vsgdesign.certificate.moving.statement import MovingJob, MovingProof
 from vsgdesign.certificate.recheck import checking
 from vsgdesign.certificate.recheck.changing import difference_of, middles_of, reach_of

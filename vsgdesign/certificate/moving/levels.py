@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.certificate.full_order.statement import half_of
 from vsgdesign.certificate.lyapunov import Family, Level, fit, move_factor
-from vsgdesign.certificate.moving.ball import middle_error
-from vsgdesign.certificate.moving.places import MovingLoops, estimates, loops_at, with_estimates
+from vsgdesign.certificate.moving.places import MovingLoops, estimates, loops_at, middle_error, with_estimates
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.certificate.step_terms import STEPS, acting_limits
 from vsgdesign.equations.frames import SQRT_2

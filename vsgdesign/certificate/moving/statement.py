@@ -30,11 +30,10 @@ from vsgdesign.certificate.full_order.statement import (
     inner_hash,
     until_done,
 )
-from vsgdesign.certificate.moving.ball import ball_of, middle_error
 from vsgdesign.certificate.moving.lattice import LatticeJob, Sampled, lattice_of, sampled
 from vsgdesign.certificate.moving.levels import StepsAtPlaces, steps_at
-from vsgdesign.certificate.moving.looking import MovingProblem, with_middle
-from vsgdesign.certificate.moving.programs import MovingPrograms
+from vsgdesign.certificate.moving.looking import MovingProblem, MovingPrograms, with_middle
+from vsgdesign.certificate.moving.places import ball_of, middle_error
 from vsgdesign.certificate.region import Region, nodes, random_points
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.journal import Journal
