@@ -148,7 +148,7 @@ def certificate_record(document: Any) -> CertificateRecord:
         points=sum(counts) if counts else None,
         cell=None if certified else _cell(reader),
         reason=reader.text("reason"),
-        places=_count_of(reader, "places"),
+        places=_places(reader),
         move=_move(reader),
         differential=_part(reader, "differential", certificate_record),
         steps=_part(reader, "steps", step_statement),
@@ -168,11 +168,11 @@ def _static_limits(reader: _Reader) -> StaticLimits | None:
     return StaticLimits(**{name: limits.number(name) for name in known})
 
 
-def _count_of(reader: _Reader, name: str) -> int | None:
-    value = reader.document.get(name)
+def _places(reader: _Reader) -> int | None:
+    value = reader.document.get("places")
     if value is None or (isinstance(value, list) and value):
         return None if value is None else len(value)
-    return reader.fault(name, "must be a list")
+    return reader.fault("places", "must be a list")
 
 
 def _move(reader: _Reader) -> tuple[float, float] | None:

@@ -46,12 +46,10 @@ def staged_folder(
 
 
 @contextmanager
-def room_for(
-    target: str | Path, kind: str, *, inputs: Iterable[str | Path] = (), record: str = RESULTS
-) -> Iterator[None]:
+def room_for(target: str | Path, kind: str, *, inputs: Iterable[str | Path] = ()) -> Iterator[None]:
     """For work that keeps finished parts beside ``target`` before its :func:`staged_folder` begins: refuses what that
     would refuse, and makes missing parents, which are gone again after an error. Raises ArtifactError."""
-    place = check_folder_target(target, kind, inputs, record)
+    place = check_folder_target(target, kind, inputs, RESULTS)
     with ExitStack() as held:
         try:
             held.enter_context(parents_made(place.parent))

@@ -246,15 +246,15 @@ class Counterexample:
         )
 
 
-def growing_mode(A: Array, scale: Array, periods: float = 4.0, count: int = 201) -> tuple[complex, Trajectory]:
-    """The least stable eigenvalue of a scaled A (n, n), and its mode from 1 % of the scale on: a few periods, or a
-    few time constants where it does not swing."""
+def growing_mode(A: Array, scale: Array) -> tuple[complex, Trajectory]:
+    """The least stable eigenvalue of a scaled A (n, n), and its mode from 1 % of the scale on: four periods, or four
+    time constants where it does not swing."""
     values, vectors = np.linalg.eig(A.astype(complex))
     k = int(np.argmax(np.real(values)))
     value, vector = complex(values[k]), vectors[:, k]
     vector = 0.01 * vector / vector[np.argmax(np.abs(vector))]
     swing = abs(value.imag) > 1e-9 * abs(value)
-    length = periods * (2.0 * np.pi / abs(value.imag) if swing else 1.0 / max(abs(value.real), 1e-9))
-    t_s = np.linspace(0.0, length, count)
+    length = 4.0 * (2.0 * np.pi / abs(value.imag) if swing else 1.0 / max(abs(value.real), 1e-9))
+    t_s = np.linspace(0.0, length, 201)
     growth: Any = np.exp(value * t_s)[:, None] * vector
     return value, Trajectory(t_s, growth.real * scale)

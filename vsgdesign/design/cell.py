@@ -222,13 +222,13 @@ def _solve_with_cuts(
     return solutions
 
 
-def _worst_scenarios(e: Evaluation, design: int = 0) -> list[int]:
-    """The worst scenario of every figure, in order."""
+def _worst_scenarios(e: Evaluation) -> list[int]:
+    """The worst scenario of every figure of one design, in order."""
     names = ("overshoot_P", "settling_P", "overshoot_Q", "settling_Q")
-    index = [int(np.argmax(e[name][design])) for name in names]
-    index += [int(np.argmin(e["disk_margin"][design])), int(np.argmin(e.damping_ratio[design]))]
+    index = [int(np.argmax(e[name][0])) for name in names]
+    index += [int(np.argmin(e["disk_margin"][0])), int(np.argmin(e.damping_ratio[0]))]
     if e.differential is not None:
-        index.append(int(np.argmax(e.differential[design])))
+        index.append(int(np.argmax(e.differential[0])))
     return list(dict.fromkeys(index))
 
 

@@ -126,14 +126,14 @@ def coverage(answers: Answers, rows: Mask, level: float = 0.95) -> float:
     return float(np.mean(inside_ellipse(answers, level)[chosen])) if chosen.any() else math.nan
 
 
-def time_to_stay(answers: Answers, change_s: float, until_s: float, within: float = FOUND) -> float:
+def time_to_stay(answers: Answers, change_s: float, until_s: float) -> float:
     """Time from a change of the grid until it is found for good, s; infinite where it is not found until ``until_s``.
 
-    It ends with the first valid answer whose error is at most ``within`` and after which no valid answer has a larger
+    It ends with the first valid answer whose error is at most ``FOUND`` and after which no valid answer has a larger
     error until ``until_s``. Answers that are not valid neither find the grid nor lose it.
     """
     rows = np.flatnonzero(answers.rows(change_s, until_s) & answers.valid)
-    off = np.flatnonzero(~(answers.error[rows] <= within))
+    off = np.flatnonzero(~(answers.error[rows] <= FOUND))
     first = int(off[-1]) + 1 if off.size else 0
     return float(answers.t_s[rows[first]] - change_s) if first < len(rows) else math.inf
 
@@ -155,11 +155,10 @@ def valid_and_wrong(
     events_s: Sequence[float],
     *,
     above: float = WRONG,
-    grace_s: float = GRACE_S,
 ) -> Wrong:
     """For how long valid answers were off by more than ``above`` between two instants, and the largest error of one.
 
-    Time up to ``grace_s`` after each of the events is left out of both. An answer that acts across an event counts up
+    Time up to ``GRACE_S`` after each of the events is left out of both. An answer that acts across an event counts up
     to the event, and the rest of it lies within the grace.
     """
     edges = np.append(answers.t_s, max(answers.end_s, answers.t_s[-1])) if len(answers.t_s) else np.zeros(1)
@@ -167,7 +166,7 @@ def valid_and_wrong(
     last = begin_s
     for event_s in sorted(events_s):
         # Graces that follow one another closely overlap: each counts from the end of the one before.
-        start, last = max(event_s, last), max(event_s + grace_s, last)
+        start, last = max(event_s, last), max(event_s + GRACE_S, last)
         counted = counted - _overlap(edges, max(start, begin_s), min(last, until_s))
     in_force = answers.valid & (counted > _SLACK_S)
     error = answers.error
