@@ -194,7 +194,7 @@ def test_cells_are_proved_and_a_rate_beyond_the_decay_is_not() -> None:
         left = search(problem, waiting, found, most_looks=60)
         if proved:
             assert not left
-            assert found.unproved == 0.0
+            assert not found.left
         else:
             assert found.proved == 0.0
 

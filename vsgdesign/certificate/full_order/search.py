@@ -96,12 +96,6 @@ class Found:
     values: int = 0
     looked: int = 0
 
-    @property
-    def unproved(self) -> float:
-        """Share of the boxes' volume, of what is not empty."""
-        left = sum(float(waiting.boxes.share.sum()) for waiting, _ in self.left)
-        return left / max(self.proved + left, 1e-300)
-
 
 def beginning(problem: Problem) -> list[Waiting]:
     """All of the region."""
