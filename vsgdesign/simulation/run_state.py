@@ -84,12 +84,6 @@ class RunState:
             return None
         return schedule if self.feed.leave_updates() else None
 
-    def _late(self) -> LateSchedule | None:
-        schedule, beside = self.of.schedule, self.of.together and not self.goes_alone
-        if not beside or not isinstance(schedule, LateSchedule) or schedule.runtime is None:
-            return None
-        return schedule if self.feed.leave_updates() else None
-
     @property
     def goes_alone(self) -> bool:
         """Whether the run has something that one of several side by side cannot have, or that would change its bits
