@@ -20,7 +20,6 @@ from vsgdesign.identification import Probe
 from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.between_rows import BetweenRows
-from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, KnownStarts, start_of
 from vsgdesign.simulation.every_sample import BLOCK, EverySample, rings_of_taken
 from vsgdesign.simulation.field_feed import FieldScheduler
@@ -30,7 +29,7 @@ from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence
 from vsgdesign.simulation.run_asked import RunOf, Twin
 from vsgdesign.simulation.run_kind import TAKEN_COLUMNS
-from vsgdesign.simulation.run_state import RunState
+from vsgdesign.simulation.run_state import RunState, program_of
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.simulation.twin import TwinRun, Twins
 from vsgdesign.simulation.updates_together import UpdatesTogether, updates_of
@@ -439,12 +438,6 @@ def _logs(batch: Batch, samples: int, every: int, of: RunOf, rooms: Rooms) -> li
         return [main]
     more = log_names(batch.kind, states_logged=True)
     return [Log(np.empty((groups, states, len(more), width)), more, end=states, into=main), main]
-
-
-def program_of(runs: Sequence[RunState]) -> tuple[ProgramWriter, list[CutSample]]:
-    """What circuits and sources do in the runs."""
-    writer = ProgramWriter()
-    return writer, [one for run in runs for one in run.write(writer)]
 
 
 def _fed(runs: Sequence[RunState], batch: Batch, first: int, count: int, *, anew: bool = False) -> Array | None:

@@ -374,8 +374,7 @@ class RunState:
         self._stops, self._since, self._fed = None, sample, (-1, 0, None)
         self._follow_feed()
         self._added = self._added_source()
-        writer = ProgramWriter()
-        self._batch.follow_anew(self._number, writer, self.write(writer), sample)
+        self._batch.follow_anew(self._number, *program_of([self]), sample)
 
     def _follow_feed(self) -> None:
         """Gains and figures follow what has been found."""
@@ -392,13 +391,9 @@ class RunState:
         """Whether the run is given anything sample by sample."""
         return AddedSource(self.study, self.timeline, self._circuits, switched=self._batch.kind.in_pieces)
 
-    def write(self, writer: ProgramWriter) -> list[CutSample]:
-        """Writes what circuit and source do in the run, and what it looks for. Returns the samples in whose intervals
-        events fall."""
+    def write(self, writer: ProgramWriter) -> None:
+        """Writes what happens in the run besides its circuit: to what it looks for, its dc link and its phasors."""
         batch, number, spans = self._batch, self._number, self._batch.spans
-        segments = segments_of_timelines([self.timeline], self._circuits.place)
-        circuit = CircuitProgram(self.study, batch.kind, spans, writer, segments, self._circuits, first=number)
-        circuit.write()
         for one in self.search.records(self.timeline, self._circuits) if batch.kind.seeks else ():
             writer.put([number], [one.sample], spans[one.name].start, one.values[None])
         for event in self.study.events:
@@ -408,7 +403,6 @@ class RunState:
                     writer.put([number], sample, spans[name].start, values[None])
         marks = self.marks()[:-1]
         writer.put(np.full(len(marks), number), marks, spans["source"].start, self.phasors(marks))
-        return circuit.cut
 
     def finish(self) -> None:
         """Hands over the last window."""
@@ -486,3 +480,15 @@ class RunState:
         if known is not record and known != record:
             self._put[name] = record
             self._now[name][:] = record
+
+
+def program_of(runs: Sequence[RunState]) -> tuple[ProgramWriter, list[CutSample]]:
+    """What happens in runs of a batch that follow each other, and the samples in whose intervals events fall."""
+    first, writer = runs[0], ProgramWriter()
+    batch, circuits = first._batch, first._circuits
+    segments = segments_of_timelines([run.timeline for run in runs], circuits.place)
+    circuit = CircuitProgram(first.study, batch.kind, batch.spans, writer, segments, circuits, first=first._number)
+    circuit.write()
+    for run in runs:
+        run.write(writer)
+    return writer, circuit.cut

@@ -39,10 +39,10 @@ from vsgdesign.simulation.every_sample import with_every_sample
 from vsgdesign.simulation.feeds import LateSchedule, feed_of
 from vsgdesign.simulation.following import KnownGridScheduler
 from vsgdesign.simulation.loop import log_names, spec_of
-from vsgdesign.simulation.run import begin_together, program_of
+from vsgdesign.simulation.run import begin_together
 from vsgdesign.simulation.run_asked import RunOf
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE
-from vsgdesign.simulation.run_state import RunState
+from vsgdesign.simulation.run_state import RunState, program_of
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.grid import Grid
