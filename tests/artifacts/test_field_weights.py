@@ -12,7 +12,7 @@ import pytest
 
 from tests.artifacts.field_networks import random_field_weights
 from tests.artifacts.networks import random_weights
-from vsgdesign.artifacts.field_weights import read_field_weights, weights_document, write_field_weights
+from vsgdesign.artifacts.field_weights import FIELD_WEIGHTS_FILE, read_field_weights, weights_document
 from vsgdesign.artifacts.guarded_file import content_hash
 from vsgdesign.artifacts.network_weights import read_network_weights, write_network_weights
 from vsgdesign.equations.field import FieldFeatures
@@ -22,7 +22,7 @@ from vsgdesign.identification.field import field_network
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    write_field_weights(random_field_weights(), tmp_path / "field.json")
+    FIELD_WEIGHTS_FILE.write(random_field_weights(), tmp_path / "field.json")
     return tmp_path / "field.json"
 
 
@@ -33,7 +33,7 @@ def test_round_trip(file: Path) -> None:
     assert np.array_equal(back.layers.W_2, weights.layers.W_2)
     assert not back.layers.W_2.flags.writeable
     first = file.read_bytes()
-    write_field_weights(back, file)
+    FIELD_WEIGHTS_FILE.write(back, file)
     assert file.read_bytes() == first
 
 
@@ -98,7 +98,7 @@ def test_the_two_kinds_of_weights_are_not_mistaken(tmp_path: Path, file: Path) -
     with pytest.raises(ArtifactError, match="not a trained network"):
         read_network_weights(file)
     with pytest.raises(ArtifactError, match="left untouched"):
-        write_field_weights(random_field_weights(), tmp_path / "windows.json")
+        FIELD_WEIGHTS_FILE.write(random_field_weights(), tmp_path / "windows.json")
 
 
 def test_packaged_weights_fit_the_recursions() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.artifacts.field_networks import random_field_weights
 from tests.simulation.studies import lc_study
-from vsgdesign.artifacts.field_weights import FieldWeights, write_field_weights
+from vsgdesign.artifacts.field_weights import FIELD_WEIGHTS_FILE, FieldWeights
 from vsgdesign.equations.field import FieldAnswer, FieldFeatures
 from vsgdesign.equations.field.fusion import FIRST_GATE, LONG_AGO
 from vsgdesign.errors import ArtifactError, StudyError
@@ -47,7 +47,7 @@ def doubling(confident: float = 0.15) -> FieldWeights:
 
 def answers(folder: Path, weights: FieldWeights, estimate: str = "field_network") -> tuple[Study, list[FieldAnswer]]:
     """Answers of a run with a jump of the grid."""
-    write_field_weights(weights, folder / "w.json")
+    FIELD_WEIGHTS_FILE.write(weights, folder / "w.json")
     study = lc_study("0.7 s", JUMP + FOLLOWING.format(estimate=estimate, weights=folder / "w.json"))
     feed = FieldScheduler(study, study.controllers[-1])
     simulate(study, feed, bridge="averaged")

@@ -83,14 +83,6 @@ def weights_document(weights: FieldWeights) -> dict[str, Any]:
     return {"kind": KIND, "schema": SCHEMA, "layers": layers, "gate": weights.gate._asdict()} | plain(values)
 
 
-def write_field_weights(weights: FieldWeights, path: str | Path) -> None:
-    """The weights as JSON with their sha256: equal weights give equal bytes. Whole or not at all.
-
-    Raises ArtifactError with every fault where they are no weights.
-    """
-    FIELD_WEIGHTS_FILE.write(weights, path)
-
-
 def read_field_weights(path: str | Path | None = None) -> FieldWeights:
     """Weights from their file; the packaged ones without a path.
 
