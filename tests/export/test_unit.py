@@ -29,7 +29,7 @@ from vsgdesign.export.unit_content import lists_of
 from vsgdesign.runtime.scheduler import Scheduler
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.following import ScheduledAnswers
+from vsgdesign.simulation.following import KnownFirst, ScheduledAnswers
 from vsgdesign.simulation.shipped import ShippedScheduler, true_grid
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Grid, Study
@@ -106,8 +106,10 @@ class UnitsAnswers(ScheduledAnswers):
         self._first_gains = unit.gains
         self._runtime = Scheduler(unit.scheduler.lookup, unit.scheduler.settings)
 
-    def first(self, told: Grid | None = None, *, known: bool = True) -> PowerLoopGains:
-        del told, known
+    def first(
+        self, told: Grid | None = None, *, known: bool = True, before: KnownFirst | None = None
+    ) -> PowerLoopGains:
+        del told, known, before
         return self._first_gains
 
 
