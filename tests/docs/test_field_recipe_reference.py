@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 from vsgdesign.errors import StudyError
-from vsgdesign.estimator.recipe_fields import Spread, check_recipe, one_of, rules_of
+from vsgdesign.estimator.recipe_fields import check_recipe
 from vsgdesign.estimator.recipes import FIELD, FIELD_RECIPES, FieldRecipe
 from vsgdesign.study.parameters.estimator import FIELD_RECIPES as NAMES
+from vsgdesign.study.parameters.fields import at, fields_of
+from vsgdesign.study.parameters.spreads import Spread, one_of
 
-FIELD_FIELDS = rules_of(FieldRecipe)
+FIELD_FIELDS = {one.name: one for one in fields_of(FieldRecipe)}
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "estimator.md"
 
 
@@ -41,7 +43,7 @@ def test_kind_limits_and_default(name: str) -> None:
     if rule.words:
         assert tuple(re.findall(r"`(\w+)`", limits)) == rule.words
     elif rule.kind in ("spread", "number", "whole number"):
-        assert [float(part) for part in limits.split(" to ")] == [rule.low, rule.high]
+        assert [float(part) for part in limits.split(" to ")] == [at(rule.low, {}), at(rule.high, {})]
     if isinstance(value, Spread):
         assert default.split() == [value.kind, *(f"{one:g}" for one in value.values)]
     elif rule.kind in ("number", "whole number"):
@@ -57,7 +59,8 @@ LIMITED = [name for name, rule in FIELD_FIELDS.items() if rule.kind in ("spread"
 def test_what_is_beyond_a_limit_is_refused(name: str) -> None:
     rule = FIELD_FIELDS[name]
     made = one_of if rule.kind == "spread" else int if rule.kind == "whole number" else float
-    beyond = 1 if rule.kind == "whole number" else 1e-6 * max(abs(rule.low), abs(rule.high))
-    for value in (rule.low - beyond, rule.high + beyond):
-        with pytest.raises(StudyError, match=f"{name} = .*: must be .*from .* to "):
+    low, high = at(rule.low, {}), at(rule.high, {})
+    beyond = 1 if rule.kind == "whole number" else 1e-6 * max(abs(low), abs(high))
+    for value in (low - beyond, high + beyond):
+        with pytest.raises(StudyError, match=f"{name} = .*: (outside|must be a whole number from) .* to "):
             check_recipe(replace(FIELD, **{name: made(value)}))

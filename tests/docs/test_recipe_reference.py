@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 from vsgdesign.errors import StudyError
-from vsgdesign.estimator.recipe_fields import FieldRule, Spread, check_recipe, one_of, rules_of
+from vsgdesign.estimator.recipe_fields import check_recipe
 from vsgdesign.estimator.recipes import CONTINUOUS, WINDOW_RECIPES, WindowRecipe
 from vsgdesign.study.parameters.estimator import RECIPES as NAMES
+from vsgdesign.study.parameters.fields import Field, at, fields_of
+from vsgdesign.study.parameters.spreads import Spread, one_of
 
-FIELDS = rules_of(WindowRecipe)
+FIELDS = {one.name: one for one in fields_of(WindowRecipe)}
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "windows.md"
 
 
@@ -31,7 +33,7 @@ def test_page_and_reader_name_the_same_fields() -> None:
     assert set(NAMES) == set(WINDOW_RECIPES.packaged) == set(re.findall(r"`(\w+)`", page()["base"][1]))
 
 
-def kind_on_page(rule: FieldRule) -> str:
+def kind_on_page(rule: Field) -> str:
     unit = {"1": "–"}.get(rule.unit, rule.unit)
     return {"spread": f"spread, {unit}", "number": unit}.get(rule.kind, rule.kind)
 
@@ -44,9 +46,9 @@ def test_kind_limits_and_default(name: str) -> None:
     if rule.words:
         assert tuple(re.findall(r"`(\w+)`", limits)) == rule.words
     if rule.kind in ("spread", "number", "whole number"):
-        assert [float(part) for part in limits.split(" to ")] == [rule.low, rule.high]
+        assert [float(part) for part in limits.split(" to ")] == [at(rule.low, {}), at(rule.high, {})]
     value = getattr(CONTINUOUS, name)
-    if rule.or_zero:
+    if rule.zero:
         assert (value, default) == (0, "of the converter")
     elif isinstance(value, Spread):
         assert default.split() == [value.kind, *(f"{one:g}" for one in value.values)] or (
@@ -63,12 +65,13 @@ LIMITED = [name for name, rule in FIELDS.items() if rule.kind in ("spread", "num
 def test_limits_hold_at_both_ends(name: str, tmp_path: Path) -> None:
     rule = FIELDS[name]
     made = one_of if rule.kind == "spread" else int if rule.kind == "whole number" else float
-    beyond = 1 if rule.kind == "whole number" else 1e-6 * max(abs(rule.low), abs(rule.high))
+    low, high = at(rule.low, {}), at(rule.high, {})
+    beyond = 1 if rule.kind == "whole number" else 1e-6 * max(abs(low), abs(high))
     partner = {"after": 1} if name == "before" else {"before": 1} if name == "after" else {}
-    for value in (rule.low, rule.high):
+    for value in (low, high):
         check_recipe(replace(CONTINUOUS, **partner | {name: made(value)}))
-    for value in (-1 if rule.or_zero else rule.low - beyond, rule.high + beyond):
-        with pytest.raises(StudyError, match=f"{name} = .*: must be .*from .* to "):
+    for value in (-1 if rule.zero else low - beyond, high + beyond):
+        with pytest.raises(StudyError, match=f"{name} = .*: (outside|must be a whole number from) .* to "):
             check_recipe(replace(CONTINUOUS, **partner | {name: made(value)}))
     path = tmp_path / "r.toml"
     for text in ("nan", "inf", "true", '"3 furlongs"', "[1]", "{}"):

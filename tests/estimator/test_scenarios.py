@@ -11,13 +11,13 @@ import pytest
 
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.estimator.data_set import REASONS, read_data_set
-from vsgdesign.estimator.recipe_fields import log_uniform, one_of, uniform
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WIDE
 from vsgdesign.estimator.scenarios import check_draws, describe_draws, draw_scenario, why_not
 from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.operating_point.sampled import steady_state
 from vsgdesign.study.parameters import Study, study_from_text
+from vsgdesign.study.parameters.spreads import log_uniform, one_of, uniform
 
 TEXT = """
 base = "case:{case}"

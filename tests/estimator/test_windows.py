@@ -15,10 +15,10 @@ from tests.simulation.studies import lc_study, lcl_study
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, StudyError
 from vsgdesign.estimator import specification
 from vsgdesign.estimator.data_set import DataSet, read_data_set
-from vsgdesign.estimator.recipe_fields import log_uniform, one_of, uniform
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED
 from vsgdesign.estimator.specification import WINDOW_NETWORK, WORK, generate
 from vsgdesign.execution.journal import kept_count, kept_folder
+from vsgdesign.study.parameters.spreads import log_uniform, one_of, uniform
 
 STUDY = lc_study("1 s")
 SMALL = replace(CONTINUOUS, name="small", bridge="averaged", scenarios=6, before=1, after=2, channels="alpha_beta")
@@ -225,7 +225,7 @@ def test_a_recipe_that_no_grid_carries_is_refused() -> None:
         ({"seed": -1}, "seed = -1: must be a whole number"),
         ({"seed": True}, "seed = True"),
         ({"workers": 0}, "workers = 0"),
-        ({"recipe": replace(SMALL, scr=uniform(9.0, 2.0))}, r"scr = uniform \[9.0, 2.0\]: needs \[low, high\]"),
+        ({"recipe": replace(SMALL, scr=uniform(9.0, 2.0))}, r"scr.uniform = \[9.0, 2.0\]: the range is reversed"),
     ],
 )
 def test_bad_input_is_named(change: dict[str, Any], problem: str) -> None:

@@ -33,11 +33,11 @@ from vsgdesign.estimator.methods import (
     window_of,
     with_sensors,
 )
-from vsgdesign.estimator.recipe_fields import one_of
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe
 from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.identification.interface import ProbeLines
 from vsgdesign.identification.two_windows import TwoWindows
+from vsgdesign.study.parameters.spreads import one_of
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

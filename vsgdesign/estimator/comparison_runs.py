@@ -13,7 +13,6 @@ from vsgdesign.equations.field import FieldAnswer
 from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.estimator.bound import SensorNoise, sensor_noise
-from vsgdesign.estimator.recipe_fields import Spread
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.estimator.scenarios import Scenario, draw_scenario
 from vsgdesign.estimator.windows import (
@@ -32,6 +31,7 @@ from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.grid import Grid, SourceComponent
 from vsgdesign.study.parameters.sensors import draw_sensors
+from vsgdesign.study.parameters.spreads import Spread
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 LINE_ORDERS = (1.5, 2.5)

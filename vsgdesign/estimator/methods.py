@@ -14,13 +14,14 @@ from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError
 from vsgdesign.estimator.comparison_runs import Record
-from vsgdesign.estimator.recipe_fields import check_recipe, one_of
+from vsgdesign.estimator.recipe_fields import check_recipe
 from vsgdesign.estimator.recipes import PUBLISHED, WindowRecipe, with_sampling
 from vsgdesign.estimator.scenarios import why_not
 from vsgdesign.identification import ESTIMATORS, GUESS_SCR, Estimator, EstimatorKind, Installation, Samples
 from vsgdesign.identification.interface import Array
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.grid import Grid, Place
+from vsgdesign.study.parameters.spreads import one_of
 from vsgdesign.study.parameters.study import Study
 
 BEFORE, AFTER = 10, 40

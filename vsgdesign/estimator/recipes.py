@@ -6,18 +6,21 @@ Each has its packaged recipes and a library that reads others from files.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from dataclasses import replace
+from typing import ClassVar
 
 from vsgdesign.equations.field.fusion import GateLimits
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.estimator.recipe_fields import FieldRule, Library, Recipe, Spread, log_uniform, one_of, uniform
+from vsgdesign.estimator.recipe_fields import Library, Recipe
 from vsgdesign.identification.interface import CHANNELS
 from vsgdesign.identification.sampling import EXACT, LEAST_PER_CYCLE, MOST_CYCLES, NEAR, choose_window
 from vsgdesign.study.parameters.converter import Converter
+from vsgdesign.study.parameters.fields import flag, number, section, spread, texts, whole, word
+from vsgdesign.study.parameters.spreads import Spread, log_uniform, one_of, uniform
 
 _NOMINAL, _NONE = one_of(1.0), one_of(0.0)
+_CONVERTER = "it follows from the converter"
 _DEGREE = 0.017453292519943295
 
 BACKGROUNDS = ("clean", "measured", "dirty")
@@ -25,7 +28,7 @@ SENSORS = ("ideal", "typical", "dirty")
 """Packaged levels of a study's [background] and [sensors]."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@section
 class WindowRecipe(Recipe):
     """One data set. A scenario is one run: at rest, then a change, with windows before and after it.
 
@@ -34,56 +37,56 @@ class WindowRecipe(Recipe):
 
     counted: ClassVar[str] = "scenarios"
 
-    scr: Annotated[Spread, FieldRule("spread", 0.05, 1e4)]
-    x_over_r: Annotated[Spread, FieldRule("spread", 1e-3, 1e4)]
-    P_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
+    scr: Spread = spread("1", 0.05, 1e4)
+    x_over_r: Spread = spread("1", 1e-3, 1e4)
+    P_pu: Spread = spread("1", -2.0, 2.0)
     """Active power at the start; the references are set so that droop does not move it."""
-    Q_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
-    P_step_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
-    Q_step_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
+    Q_pu: Spread = spread("1", -2.0, 2.0)
+    P_step_pu: Spread = spread("1", -2.0, 2.0)
+    Q_step_pu: Spread = spread("1", -2.0, 2.0)
     """What is added to the references when the change comes."""
-    scenarios: Annotated[int, FieldRule("whole number", 1, 10**6)]
-    before: Annotated[int, FieldRule("whole number", 0, 1000)]
-    after: Annotated[int, FieldRule("whole number", 0, 1000)]
+    scenarios: int = whole(1, 10**6)
+    before: int = whole(0, 1000)
+    after: int = whole(0, 1000)
     """Windows kept before and after the change."""
-    every: Annotated[int, FieldRule("whole number", 1, 1000)] = 1
+    every: int = whole(1, 1000, default=1)
     """Of the windows after the change, one of ``every`` is kept, so that they cover the transient."""
-    settle: Annotated[int, FieldRule("whole number", 0, 1000)] = 2
+    settle: int = whole(0, 1000, default=2)
     """Windows left out at the start, where the ripple of a switched bridge settles."""
-    skip: Annotated[int, FieldRule("whole number", 0, 1000)] = 1
+    skip: int = whole(0, 1000, default=1)
     """Windows left out right after the change, where the inner loops still move."""
-    grid_step_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.0
+    grid_step_share: float = number("1", 0.0, 1.0, default=0.0)
     """Share of the scenarios whose change is a change of grid, drawn anew from the same ranges."""
-    grid_step_ratio: Annotated[float, FieldRule("number", 1.0, 1000.0)] = 5.0
+    grid_step_ratio: float = number("1", 1.0, 1000.0, default=5.0)
     """Largest ratio of the two grids' SCR."""
-    scr_basis: Annotated[str, FieldRule("word", words=tuple(SCR_BASES))] = "reactance"
-    within_V_limits: Annotated[bool, FieldRule("true or false")] = False
+    scr_basis: str = word(tuple(SCR_BASES), default="reactance")
+    within_V_limits: bool = flag(default=False)
     """Draw again what leaves the study's V_min_pu to V_max_pu at rest, before or after the change."""
-    V_g_pu: Annotated[Spread, FieldRule("spread", 0.1, 2.0)] = _NOMINAL
-    f_g_pu: Annotated[Spread, FieldRule("spread", 0.5, 1.5)] = _NOMINAL
-    phase: Annotated[Spread, FieldRule("spread", -100.0, 100.0, "rad")] = _NONE
+    V_g_pu: Spread = spread("1", 0.1, 2.0, default=_NOMINAL)
+    f_g_pu: Spread = spread("1", 0.5, 1.5, default=_NOMINAL)
+    phase: Spread = spread("rad", -100.0, 100.0, default=_NONE)
     """Phase of the grid at the first sample, rad, beside the published one (zero crossing of phase A)."""
-    noise_v: Annotated[Spread, FieldRule("spread", 0.0, 1.0)] = _NONE
-    noise_i: Annotated[Spread, FieldRule("spread", 0.0, 1.0)] = _NONE
+    noise_v: Spread = spread("1", 0.0, 1.0, default=_NONE)
+    noise_i: Spread = spread("1", 0.0, 1.0, default=_NONE)
     """Standard deviation of each sample, relative to the rated peak."""
-    adc_bits: Annotated[int, FieldRule("whole number", 0, 32)] = 0
+    adc_bits: int = whole(0, 32, default=0)
     """0: not quantised."""
-    adc_range_pu: Annotated[float, FieldRule("number", 0.1, 100.0)] = 3.0
+    adc_range_pu: float = number("1", 0.1, 100.0, default=3.0)
     """Full scale of the converters is ± this, of the rated peak; what is beyond is clipped."""
-    harmonic_5: Annotated[Spread, FieldRule("spread", 0.0, 0.5)] = _NONE
-    harmonic_7: Annotated[Spread, FieldRule("spread", 0.0, 0.5)] = _NONE
+    harmonic_5: Spread = spread("1", 0.0, 0.5, default=_NONE)
+    harmonic_7: Spread = spread("1", 0.0, 0.5, default=_NONE)
     """Background voltage of the grid relative to its fundamental, at a random angle."""
-    bridge: Annotated[str, FieldRule("word", words=("averaged", "pwm"))] = "pwm"
-    channels: Annotated[str, FieldRule("word", words=tuple(CHANNELS))] = "phase_a"
-    sample_interval: Annotated[float, FieldRule("number", 1e-6, 0.1, "s", or_zero=True)] = 0.0
-    samples: Annotated[int, FieldRule("whole number", 4, 10**4, or_zero=True)] = 0
-    cycles: Annotated[int, FieldRule("whole number", 1, 1000, or_zero=True)] = 0
+    bridge: str = word(("averaged", "pwm"), default="pwm")
+    channels: str = word(tuple(CHANNELS), default="phase_a")
+    sample_interval: float = number("s", 1e-6, 0.1, default=0.0, zero=_CONVERTER)
+    samples: int = whole(4, 10**4, default=0, zero=_CONVERTER)
+    cycles: int = whole(1, 1000, default=0, zero=_CONVERTER)
     """Spacing of the samples (s), their number, and the nominal cycles of a window. What is 0 follows from the
     converter (:func:`vsgdesign.estimator.recipes.with_sampling`): the published window is 100 samples every 200 µs,
     one cycle of 50 Hz."""
-    hidden: Annotated[int, FieldRule("whole number", 1, 64)] = 8
-    components: Annotated[int, FieldRule("whole number", 0, 1000)] = 6
-    starts: Annotated[int, FieldRule("whole number", 1, 100)] = 4
+    hidden: int = whole(1, 64, default=8)
+    components: int = whole(0, 1000, default=6)
+    starts: int = whole(1, 100, default=4)
     """The network that learns these windows: tanh units, principal components of its inputs (0: all above the noise)
     and the largest number of starts. [estimator] of a study overrides the recipe."""
 
@@ -102,12 +105,11 @@ class WindowRecipe(Recipe):
         """Every window begins at the same phase of a grid of nominal frequency: the published signal."""
         return self.phase == _NONE and self.f_g_pu == _NOMINAL
 
-    def faults(self) -> list[Fault]:
-        """Those of every field, and where no window is kept."""
-        faults = super().faults()
-        if self.before + self.after < 1:
-            faults.append(Fault("before", "0", "no window is kept", "Keep at least one, before or after the change."))
-        return faults
+    def misfits(self) -> list[Fault]:
+        """One where no window is kept."""
+        if self.before + self.after >= 1:
+            return []
+        return [Fault("before", "0", "no window is kept", "Keep at least one, before or after the change.")]
 
 
 PUBLISHED = WindowRecipe(
@@ -147,7 +149,7 @@ WIDE = replace(
 More windows are left out than in the published recipes: designed inner loops may ring for a tenth of a second."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@section
 class FieldRecipe(Recipe):
     """Runs in a disturbed grid, each with some changes, and the network that learns them.
 
@@ -157,49 +159,49 @@ class FieldRecipe(Recipe):
 
     counted: ClassVar[str] = "runs"
 
-    runs: Annotated[int, FieldRule("whole number", 1, 10**5)]
-    converters: Annotated[tuple[str, ...], FieldRule("texts")] = ()
+    runs: int = whole(1, 10**5)
+    converters: tuple[str, ...] = texts(default=())
     """Further converters, "case:NAME" or study files, beside the study's own; runs take them in turn."""
-    scr: Annotated[Spread, FieldRule("spread", 0.05, 1e4)]
-    x_over_r: Annotated[Spread, FieldRule("spread", 1e-3, 1e4)]
-    scr_basis: Annotated[str, FieldRule("word", words=tuple(SCR_BASES))] = "impedance"
-    P_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
-    Q_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
+    scr: Spread = spread("1", 0.05, 1e4)
+    x_over_r: Spread = spread("1", 1e-3, 1e4)
+    scr_basis: str = word(tuple(SCR_BASES), default="impedance")
+    P_pu: Spread = spread("1", -2.0, 2.0)
+    Q_pu: Spread = spread("1", -2.0, 2.0)
     """Powers at the start; the references are set so that droop does not move them."""
-    V_g_pu: Annotated[Spread, FieldRule("spread", 0.5, 1.5)]
-    f_g_pu: Annotated[Spread, FieldRule("spread", 0.9, 1.1)]
-    largest_current_pu: Annotated[float, FieldRule("number", 0.1, 2.0)] = 0.95
+    V_g_pu: Spread = spread("1", 0.5, 1.5)
+    f_g_pu: Spread = spread("1", 0.9, 1.1)
+    largest_current_pu: float = number("1", 0.1, 2.0, default=0.95)
     """Largest current of the bridge at rest, before and after every change; what exceeds it is drawn again."""
-    changes: Annotated[int, FieldRule("whole number", 1, 20)] = 2
-    first: Annotated[float, FieldRule("number", 0.5, 10.0, "s")] = 1.4
-    between: Annotated[float, FieldRule("number", 0.3, 10.0, "s")] = 1.0
+    changes: int = whole(1, 20, default=2)
+    first: float = number("s", 0.5, 10.0, default=1.4)
+    between: float = number("s", 0.3, 10.0, default=1.0)
     """Changes of a run, the time of the first one, s, and the time from one to the next. Each comes up to a cycle
     later, at random, so that it falls anywhere within a cycle."""
-    learn: Annotated[float, FieldRule("number", 0.1, 5.0, "s")] = 0.4
+    learn: float = number("s", 0.1, 5.0, default=0.4)
     """Time at the start of a run that is left out, s."""
-    jump_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.35
-    jump_and_step_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.25
-    grid_step_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.25
-    power_step_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.1
-    near_share: Annotated[float, FieldRule("number", 0.0, 1.0)] = 0.4
+    jump_share: float = number("1", 0.0, 1.0, default=0.35)
+    jump_and_step_share: float = number("1", 0.0, 1.0, default=0.25)
+    grid_step_share: float = number("1", 0.0, 1.0, default=0.25)
+    power_step_share: float = number("1", 0.0, 1.0, default=0.1)
+    near_share: float = number("1", 0.0, 1.0, default=0.4)
     """Share of the jumps whose new SCR is within a factor of 2 of the old one; the others are drawn from ``scr``."""
-    V_step_pu: Annotated[Spread, FieldRule("spread", -0.5, 0.5)]
-    phase_step: Annotated[Spread, FieldRule("spread", -3.2, 3.2, "rad")]
-    f_step_pu: Annotated[Spread, FieldRule("spread", -0.05, 0.05)]
-    P_step_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
-    Q_step_pu: Annotated[Spread, FieldRule("spread", -2.0, 2.0)]
-    background: Annotated[str, FieldRule("word", words=BACKGROUNDS)] = "dirty"
-    sensors: Annotated[str, FieldRule("word", words=SENSORS)] = "dirty"
-    bridge: Annotated[str, FieldRule("word", words=("averaged", "pwm"))] = "pwm"
-    hidden: Annotated[int, FieldRule("whole number", 1, 64)] = 24
-    epochs: Annotated[int, FieldRule("whole number", 1, 10**4)] = 80
-    weight: Annotated[float, FieldRule("number", 1.0, 100.0)] = 7.0
-    weighted: Annotated[float, FieldRule("number", 0.02, 10.0, "s")] = 0.35
+    V_step_pu: Spread = spread("1", -0.5, 0.5)
+    phase_step: Spread = spread("rad", -3.2, 3.2)
+    f_step_pu: Spread = spread("1", -0.05, 0.05)
+    P_step_pu: Spread = spread("1", -2.0, 2.0)
+    Q_step_pu: Spread = spread("1", -2.0, 2.0)
+    background: str = word(BACKGROUNDS, default="dirty")
+    sensors: str = word(SENSORS, default="dirty")
+    bridge: str = word(("averaged", "pwm"), default="pwm")
+    hidden: int = whole(1, 64, default=24)
+    epochs: int = whole(1, 10**4, default=80)
+    weight: float = number("1", 1.0, 100.0, default=7.0)
+    weighted: float = number("s", 0.02, 10.0, default=0.35)
     """Cycles within ``weighted`` s after a change count ``weight`` times in the training."""
-    first_cycle: Annotated[int, FieldRule("whole number", 1, 25)] = 4
-    first_cycle_refuted: Annotated[int, FieldRule("whole number", 1, 25)] = 2
-    last_cycle: Annotated[int, FieldRule("whole number", 1, 1000)] = 50
-    confident: Annotated[float, FieldRule("number", 0.01, 1.0)] = 0.15
+    first_cycle: int = whole(1, 25, default=4)
+    first_cycle_refuted: int = whole(1, 25, default=2)
+    last_cycle: int = whole(1, 1000, default=50)
+    confident: float = number("1", 0.01, 1.0, default=0.15)
     """The gate: cycles after an event flag between which the network may speak, and the relative standard deviation
     below which it does."""
 
@@ -218,9 +220,9 @@ class FieldRecipe(Recipe):
         """Length of a run, s."""
         return self.first + self.changes * self.between
 
-    def faults(self) -> list[Fault]:
-        """Those of every field, and of fields that do not fit each other."""
-        faults = super().faults()
+    def misfits(self) -> list[Fault]:
+        """A fault of the shares, of the times and of the cycles that do not fit each other."""
+        faults = []
         names = ("jump_share", "jump_and_step_share", "grid_step_share", "power_step_share")
         shares = {name: getattr(self, name) for name in names}
         if sum(shares.values()) > 1.0 + 1e-9:

@@ -21,9 +21,9 @@ from vsgdesign.estimator.methods import (
     runnable_settings,
     runnable_values,
 )
-from vsgdesign.estimator.recipe_fields import one_of
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.study.parameters.spreads import one_of
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

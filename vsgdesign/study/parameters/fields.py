@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar, dataclass_transform
 
 from vsgdesign.study.parameters.reader import REQUIRED, TableReader
+from vsgdesign.study.parameters.spreads import KINDS, Spread, one_of
 
 SEEDS = 2**31 - 1
 """Largest seed."""
@@ -55,8 +56,9 @@ class Field:
     """One field of a table of a study file."""
 
     kind: str
-    """``number``, ``range`` (a number or [low, high]), ``numbers``, ``whole number``, ``whole range`` (of them),
-    ``word``, ``true or false``, ``text``, ``name`` (of a file), ``names``, ``table`` or ``tables``."""
+    """``number``, ``range`` (a number or [low, high]), ``spread``, ``numbers``, ``whole number``, ``whole range`` (of
+    them), ``word``, ``true or false``, ``text``, ``texts`` (any number of them), ``name`` (of a file), ``names``,
+    ``table`` or ``tables``."""
     name: str = ""
     attribute: str = ""
     """The attribute that it becomes."""
@@ -81,6 +83,8 @@ class Field:
     """Whether a list must increase."""
     hint: str = ""
     """What to do with a value beyond the limits."""
+    zero: str = ""
+    """What 0 stands for, where it is allowed beside the limits."""
     counts: tuple[int, ...] = ()
     example: str = ""
     """Of a list of names: how many there may be, and what it may look like."""
@@ -136,6 +140,11 @@ def drawn(unit: str, low: Limit, high: Limit, *, default: Any = REQUIRED, **more
     return _specifier(Field(kind="range", unit=unit, low=low, high=high, default=default, **more))
 
 
+def spread(unit: str, low: Limit, high: Limit, *, default: Any = REQUIRED, **more: Any) -> Any:
+    """A :class:`vsgdesign.study.parameters.spreads.Spread`: what a quantity is drawn from, of values within limits."""
+    return _specifier(Field(kind="spread", unit=unit, low=low, high=high, default=default, **more))
+
+
 def numbers(unit: str, low: Limit, high: Limit, *, default: Any = REQUIRED, **more: Any) -> Any:
     """A list of quantities that increase."""
     return _specifier(Field(kind="numbers", unit=unit, low=low, high=high, default=default, **more))
@@ -166,6 +175,11 @@ def text(*, default: Any = REQUIRED, kind: str = "text", **more: Any) -> Any:
     return _specifier(Field(kind=kind, default=default, **more))
 
 
+def texts(*, default: Any = REQUIRED, **more: Any) -> Any:
+    """A list of any number of texts."""
+    return _specifier(Field(kind="texts", default=default, **more))
+
+
 def names(counts: tuple[int, ...], example: str, *, default: Any = REQUIRED, **more: Any) -> Any:
     """A list of texts. ``counts``: how many there may be; ``example``: of such a list, for messages."""
     return _specifier(Field(kind="names", counts=counts, example=example, default=default, **more))
@@ -179,7 +193,20 @@ def subtable(of: Any, *, kind: str = "table", default: Any = None, **more: Any) 
 @dataclass_transform(
     kw_only_default=True,
     frozen_default=True,
-    field_specifiers=(dataclasses.field, number, drawn, numbers, whole, word, flag, text, names, subtable),
+    field_specifiers=(
+        dataclasses.field,
+        number,
+        drawn,
+        spread,
+        numbers,
+        whole,
+        word,
+        flag,
+        text,
+        texts,
+        names,
+        subtable,
+    ),
 )
 def section(cls: type[T]) -> type[T]:
     """A frozen dataclass whose attributes are given by name and may be fields of a study."""
@@ -239,13 +266,13 @@ def take(table: TableReader, one: Field, scope: Scope, default: Any) -> Any:
     """The value of a field, as a table gives it, in the unit of the document; its faults are collected there."""
     low, high = at(one.low, scope), at(one.high, scope)
     if one.kind == "number":
-        return table.quantity(one.name, one.unit, low, high, default=default, hint=one.hint)
-    if one.kind == "range":
-        return _range(table, one, low, high, default)
+        return table.quantity(one.name, one.unit, low, high, default, one.hint, one.zero)
+    if one.kind in ("range", "spread"):
+        return (_range if one.kind == "range" else _spread)(table, one, low, high, default)
     if one.kind == "numbers":
         return table.quantities(one.name, one.unit, low, high, default, one.increasing)
     if one.kind == "whole number":
-        return table.integer(one.name, int(low), int(high), default=default)
+        return table.integer(one.name, int(low), int(high), default, one.zero)
     if one.kind == "whole range":
         return _whole_range(table, one, int(low), int(high), default)
     if one.kind == "word":
@@ -256,6 +283,8 @@ def take(table: TableReader, one: Field, scope: Scope, default: Any) -> Any:
         return table.identifier(one.name, default=default)
     if one.kind == "text":
         return table.text(one.name, default=default)
+    if one.kind == "texts":
+        return table.texts(one.name, default=default)
     if one.kind == "names":
         return table.names(one.name, one.counts, one.example)
     child = table.child(one.name)
@@ -277,6 +306,25 @@ def _range(table: TableReader, one: Field, low: float, high: float, default: Any
         problem, advice = "the range is reversed", "Give the lower end first."
     table.fault(one.name, raw, problem, advice)
     return faulty
+
+
+def _spread(table: TableReader, one: Field, low: float, high: float, default: Any) -> Any:
+    """A number, or a table with one of the kinds of a spread."""
+    given = table.table.get(one.name)
+    if not isinstance(given, dict):
+        value = table.quantity(one.name, one.unit, low, high, default, one.hint)
+        return one_of(value) if isinstance(value, float) else value
+    inner, kind = TableReader(given, table.name(one.name), table.faults), next(iter(given), "")
+    table.skip(one.name)
+    if len(given) != 1 or kind not in KINDS or not isinstance(given[kind], list):
+        table.fault(one.name, given, f"expected a number or {{ {' | '.join(KINDS)} = [...] }}")
+        return default
+    if kind == "one_of":
+        return Spread(kind, inner.quantities(kind, one.unit, low, high, (math.nan,), increasing=False))
+    ends = _range(inner, replace(one, name=kind), low, high, None)
+    if kind == "log_uniform" and ends[0] <= 0.0:
+        inner.fault(kind, given[kind], "a logarithmic range must be positive")
+    return Spread(kind, ends)
 
 
 def _whole_range(table: TableReader, one: Field, low: int, high: int, default: Any) -> Any:
@@ -351,6 +399,6 @@ def document(record: Any, *names: str) -> dict[str, Any]:
         elif isinstance(one.scale, float) and one.scale != 1.0:
             value = value / one.scale
         elif dataclasses.is_dataclass(value):
-            value = document(value)
+            value = value.document() if isinstance(value, Spread) else document(value)
         found[one.name] = list(value) if isinstance(value, tuple) else value
     return found

@@ -73,13 +73,14 @@ class TableReader:
         high: float = math.inf,
         default: Any = REQUIRED,
         hint: str = "",
+        zero: str = "",
     ) -> Any:
-        """A quantity in SI within [low, high]."""
-        value = self._quantity(field, dimension, low, high, default, hint)
+        """A quantity in SI within [low, high]. ``zero``: what 0 stands for, where it is allowed beside them."""
+        value = self._quantity(field, dimension, low, high, default, hint, zero)
         self._asked[self.name(field)] = Asked(dimension, low, high, value, self.has(field))
         return value
 
-    def _quantity(self, field: str, dimension: str, low: float, high: float, default: Any, hint: str) -> Any:
+    def _quantity(self, field: str, dimension: str, low: float, high: float, default: Any, hint: str, zero: str) -> Any:
         asked = "a number"
         if dimension != "1":
             asked = f'a quantity in {dimension}; for example {field} = "… {dimension}"'
@@ -94,12 +95,13 @@ class TableReader:
         # A limit is NaN where the field that it follows from is itself faulty: then it is no limit.
         low = -math.inf if math.isnan(low) else low
         high = math.inf if math.isnan(high) else high
-        if not low <= value <= high:
+        if not low <= value <= high and not (zero and value == 0.0):
             limits = f"outside {format_quantity(low, dimension)} to {format_quantity(high, dimension)}"
             if math.isinf(high):
                 limits = f"below {format_quantity(low, dimension)}"
             as_read = f" (read as {format_quantity(value, dimension)})" if dimension != "1" else ""
-            self.fault(field, raw, limits + as_read, hint or "Check the unit: a bare number is SI.")
+            advice = hint or ("Check the unit: a bare number is SI." if not zero else f"Or give 0: {zero}.")
+            self.fault(field, raw, limits + as_read, advice)
             return math.nan
         return value
 
@@ -140,18 +142,30 @@ class TableReader:
             return None
         return tuple(str(item) for item in items)
 
-    def integer(self, field: str, low: int, high: int, default: Any = REQUIRED) -> Any:
-        """A whole number within [low, high]."""
-        value = self._integer(field, low, high, default)
+    def texts(self, field: str, default: Any = REQUIRED) -> Any:
+        """A list of any number of texts."""
+        raw = self._raw(field, default, "a list of texts")
+        if raw is _MISSING:
+            return () if default is REQUIRED else default
+        if not isinstance(raw, list) or not all(isinstance(item, str) for item in raw):
+            self.fault(field, raw, "must be a list of texts")
+            return ()
+        return tuple(raw)
+
+    def integer(self, field: str, low: int, high: int, default: Any = REQUIRED, zero: str = "") -> Any:
+        """A whole number within [low, high]. ``zero``: what 0 stands for, where it is allowed beside them."""
+        value = self._integer(field, low, high, default, zero)
         self._asked[self.name(field)] = Asked("1", low, high, value, self.has(field))
         return value
 
-    def _integer(self, field: str, low: int, high: int, default: Any) -> Any:
+    def _integer(self, field: str, low: int, high: int, default: Any, zero: str) -> Any:
         raw = self._raw(field, default, f"a whole number from {low} to {high}")
         if raw is _MISSING:
             return low if default is REQUIRED else default
-        if isinstance(raw, bool) or not isinstance(raw, int) or not low <= raw <= high:
-            self.fault(field, raw, f"must be a whole number from {low} to {high}")
+        whole = isinstance(raw, int) and not isinstance(raw, bool)
+        if not whole or not (low <= raw <= high or (zero and raw == 0)):
+            advice = f"Or give 0: {zero}." if zero else ""
+            self.fault(field, raw, f"must be a whole number from {low} to {high}", advice)
             return low
         return raw
 
