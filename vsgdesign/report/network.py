@@ -8,6 +8,7 @@ from typing import Any
 
 from vsgdesign.errors import counted
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.look import round_numbers
 from vsgdesign.report.drawing.quantities import DASH, plain, plain_quantity
 from vsgdesign.report.drawing.style import (
     COLOURS,
@@ -200,7 +201,7 @@ def _few_ticks(interval: tuple[float, float]) -> Any:
 
     low, high = sorted(interval)
     steps = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
-    ticks = [m * 10.0**e for e in range(-4, 6) for m in steps if low <= m * 10.0**e <= high]
+    ticks = round_numbers(low, high, steps)
     coarse = [one for one in ticks if f"{one:.0e}"[0] in "125" and f"{one:e}"[1:4] == ".00"]
     return FixedLocator(coarse if len(coarse) >= 3 else ticks[:: max(1, len(ticks) // 6)])
 

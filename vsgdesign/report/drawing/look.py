@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -221,6 +222,23 @@ def decades(axis: Any, most: int = 12) -> None:
     axis.set_major_locator(LogLocator(numticks=most))
     axis.set_major_formatter(Labels(power_of_ten))
     axis.set_minor_locator(NullLocator())
+
+
+def round_decades(axis: Any, text: Callable[[float], str], steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """These steps of every decade on a logarithmic axis: over few decades they read more easily than powers of ten."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    from vsgdesign.report.drawing.ticks import Labels
+
+    axis.set_major_locator(LogLocator(subs=steps))
+    axis.set_major_formatter(Labels(text))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def round_numbers(low: float, high: float, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> list[float]:
+    """These steps of every decade from ``low`` to ``high``, both above zero."""
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    return [m * 10.0**d for d in powers for m in steps if low <= m * 10.0**d <= high]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from vsgdesign.report.drawing.look import (
     colour_bar,
     draw_cells,
     legend_patches,
+    round_numbers,
     scale_between,
 )
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, look, new_figure, text_width
@@ -227,9 +228,7 @@ def surface_scale(values: Array) -> Scale:
     if scale.ticks:
         return scale
     if scale.log:
-        decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-        round_numbers = [m * 10.0**d for d in decades for m in (1.0, 2.0, 5.0)]
-        inside = [t for t in round_numbers if low <= t <= high]
+        inside = round_numbers(low, high)
         return replace(scale, ticks=tuple(inside if len(inside) > 1 else np.geomspace(low, high, 4)))
     return replace(scale, ticks=tuple(float(t) for t in MaxNLocator(5).tick_values(low, high) if low <= t <= high))
 

@@ -73,7 +73,7 @@ def _map(
     says: str,
     part: int,
 ) -> NamedFigure:
-    from vsgdesign.report.drawing.look import Cells, gate_scale
+    from vsgdesign.report.drawing.look import Cells, gate_scale, round_numbers
     from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
 
     unstable = ~score.stable
@@ -92,8 +92,8 @@ def _map(
     known = values[np.isfinite(values) & ~unstable]
     high = float(known.max()) if len(known) else 2.0 * target
     low = min(0.0, float(known.min())) if len(known) else 0.0
-    digits = 10.0 ** np.floor(np.log10(target))
-    ticks = [m * digits * d for d in (0.1, 1.0, 10.0) for m in (1.0, 2.0, 5.0)]
+    decade = 10.0 ** np.floor(np.log10(target))
+    ticks = round_numbers(0.09 * decade, 60.0 * decade)
     scale = gate_scale(low, max(high, 1.2 * target), target, (0.0, *ticks), larger_is_better=not at_most)
     asked = f"asked for: {'at most' if at_most else 'at least'} {plain(target)}"
     caption = (

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse, polar_band
 from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.look import round_decades
 from vsgdesign.report.drawing.run_figure import Row, RunFigure, View, legend, run_figure
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, REFERENCE, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols
@@ -98,7 +99,7 @@ def _draw(result: ScenarioResult, answers: Answers, index: int, kind: str, axes:
     high = most * 1.6 if kind == "size" else most + 25.0
     axes.set_ylim(low, high)
     if kind == "size":
-        _plain_ticks(axes)
+        round_decades(axes.yaxis, "{:g}".format)
     colour = COLOURS[index % len(COLOURS)]
     # A band beyond the axes says no more than one up to their edge.
     edges = (np.clip(np.nan_to_num(x, nan=end), low, high) for x, end in ((value - half, low), (value + half, high)))
@@ -120,17 +121,6 @@ def _truth(result: ScenarioResult, edges_s: Array) -> tuple[Array, NDArray[np.co
     times = [begin, *(t_s for t_s in sorted(changes) if begin < t_s < end), end]
     grids = [result.timeline.true_grid_at(t_s) for t_s in times]
     return np.array(times), np.array([complex(grid.R_g, omega_n * grid.L_g) for grid in grids])
-
-
-def _plain_ticks(axes: Any) -> None:
-    """Few decades: 0.3, 1, 3 read more easily than powers of ten."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    from vsgdesign.report.drawing.ticks import Labels
-
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(Labels("{:g}".format))
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 @look()

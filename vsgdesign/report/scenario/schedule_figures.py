@@ -119,17 +119,13 @@ def _step_line(axes: Any, times: Sequence[float], values: Any, view: View, style
 
 def _gain_scale(axes: Any, low: float, high: float) -> None:
     """Logarithmic over a wide range; else linear with some room, so that a constant stands clear of the frame."""
-    from vsgdesign.report.drawing.ticks import Labels, PlainNumbers
+    from vsgdesign.report.drawing.look import round_decades
+    from vsgdesign.report.drawing.ticks import PlainNumbers
 
     if low > 0.0 and high > _LOG_FROM * low:
-        from matplotlib.ticker import LogLocator, NullFormatter
-
         axes.set_yscale("log")
         axes.set_ylim(low / 1.4, high * 1.4)
-        # Few decades: 1, 2, 5 read more easily than a lone power of ten.
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,)))
-        axes.yaxis.set_major_formatter(Labels(_log_tick))
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        round_decades(axes.yaxis, _log_tick, (1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,))
         return
     axes.yaxis.set_major_formatter(PlainNumbers((-3, 4)))
     room = max(0.15 * (high - low), 0.1 * abs(high), 1e-12)

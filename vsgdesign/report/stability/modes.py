@@ -15,7 +15,7 @@ from vsgdesign.linear.stability.assessment import ControllerAssessment, Locus
 from vsgdesign.linear.stability.cells import OUTSIDE
 from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.report.drawing.figure_types import NamedFigure
-from vsgdesign.report.drawing.look import UNSTABLE, colour_bar, edges
+from vsgdesign.report.drawing.look import UNSTABLE, colour_bar, edges, round_decades
 from vsgdesign.report.drawing.panels import groups
 from vsgdesign.report.drawing.quantities import plain, typeset
 from vsgdesign.report.drawing.style import LABEL_PT, PAGE_IN, add_axes, look, new_figure
@@ -182,9 +182,6 @@ def _rays(axes: Any, limits: tuple[float, float, float, float], study: Study) ->
 @look()
 def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigure:
     from matplotlib.lines import Line2D
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    from vsgdesign.report.drawing.ticks import Labels
 
     gates = result.study.stability.gates
     scale = DAMPING.scale(gates)
@@ -233,9 +230,7 @@ def _between_figure(result: StabilityResult, part: Any, name: str) -> NamedFigur
         axes.set_xlim(*(result.study.stability.scr[0] * 0.95, result.study.stability.scr[-1] / 0.95))
         axes.set_ylim(*(result.study.stability.x_over_r[0] * 0.93, result.study.stability.x_over_r[-1] / 0.93))
         for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(Labels(functools.partial(plain, digits=3)))
-            axis.set_minor_formatter(NullFormatter())
+            round_decades(axis, functools.partial(plain, digits=3))
         axes.set_title(symbols(f"{a.spec.name} ({a.spec.kind}), full order"))
         axes.set_xlabel(axis_labels(result.study)[0])
         if k == 0:

@@ -25,7 +25,7 @@ from vsgdesign.artifacts.verification_text import (
     value_text,
 )
 from vsgdesign.report.drawing.figure_types import NamedFigure
-from vsgdesign.report.drawing.look import Scale, bin_axes, blues, oranges, paint
+from vsgdesign.report.drawing.look import Scale, bin_axes, blues, oranges, paint, round_numbers
 from vsgdesign.report.drawing.panels import Scaled, scaled_maps, surface_scale
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import COLOURS, NOTE_COLOUR, PAGE_IN, TEXT_PT, add_axes, look, new_figure
@@ -230,8 +230,7 @@ def _log_ticks(axis: Any, low: float, high: float) -> None:
         axis.set_major_formatter(_tick_text)
         axis.set_minor_locator(NullLocator())
         return
-    inside = [m * 10.0**d for d in range(-3, 5) for m in (1.0, 2.0, 5.0) if low < m * 10.0**d < high]
-    apart = [tick for tick in inside if min(tick / low, high / tick) > 1.25]
+    apart = [tick for tick in round_numbers(low, high) if min(tick / low, high / tick) > 1.25]
     axis.set_major_locator(FixedLocator([low, *apart, high]))
     axis.set_major_formatter(_tick_text)
     axis.set_minor_locator(NullLocator())
