@@ -191,17 +191,6 @@ class Unit:
         return reals | whole | gains | {"x.grid.R_g": "vsg_real_t", "x.grid.L_g": "vsg_real_t"}
 
 
-def controller_named(study: Study, name: str | None) -> ControllerSpec:
-    """A controller of a study by its name; None: the last one. Raises StudyError."""
-    known = {spec.name: spec for spec in study.controllers}
-    spec = study.controllers[-1] if name is None else known.get(name)
-    if spec is None:
-        raise StudyError(
-            study.name, [Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}.")]
-        )
-    return spec
-
-
 def unit_of(study: Study, controller: str | None = None, ready: Ready = NOTHING, **changes: Any) -> Unit:
     """A controller of a study as it is exported; the last one if none is named.
 
@@ -213,7 +202,7 @@ def unit_of(study: Study, controller: str | None = None, ready: Ready = NOTHING,
     from vsgdesign.simulation.timeline import build_timeline
     from vsgdesign.study.parameters.grid import GridSource
 
-    spec = controller_named(study, controller)
+    spec = study.controller_named(controller)
     own, notes = study.with_limit_of(spec), []
     has_field = spec.kind == "scheduled" and samples_itself(spec.estimate)
     if has_field:

@@ -197,6 +197,20 @@ class Study:
         """The study with these events instead of its own; fields as in a study file's [[events]]."""
         return self.with_changes(events=list(events))
 
+    def unknown_controllers(self, *names: str) -> list[Fault]:
+        """A fault for each name that no controller of the study has."""
+        known = [spec.name for spec in self.controllers]
+        advice = f"The study has: {', '.join(known)}."
+        return [Fault("controller", f'"{name}"', "unknown", advice) for name in names if name not in known]
+
+    def controller_named(self, name: str | None) -> ControllerSpec:
+        """The controller of this name; None: the last one. Raises StudyError naming those that there are."""
+        if name is None:
+            return self.controllers[-1]
+        if faults := self.unknown_controllers(name):
+            raise StudyError(self.name, faults)
+        return next(spec for spec in self.controllers if spec.name == name)
+
     def made_strict(self) -> Study:
         """The study with strict runs (``[simulation] strict``)."""
         return replace(self, simulation=replace(self.simulation, strict=True))

@@ -130,7 +130,6 @@ def linear_model(
     and InfeasibleStudyError where there is no rest, there are no gains, or the study is of a plant that is more than
     equal units.
     """
-    from vsgdesign.export.unit import controller_named
     from vsgdesign.linear.stability.cells import cells_under, full_order_cells, reduced_cells
     from vsgdesign.linear.stability.systems import PARTS, system_of
     from vsgdesign.runtime.of_study import gain_law
@@ -141,7 +140,7 @@ def linear_model(
     known_word("part", part, PARTS)
     study = given_study(study, "linear_model")
     own = as_unit(study, "linear_model")
-    spec = controller_named(own, controller)
+    spec = own.controller_named(controller)
     ready = kept_tables(replace(own, controllers=(spec,)), progress=progress).ready
     law = gain_law(own, spec, ready)
     changes: dict[str, Any] = {} if grid is None or isinstance(grid, Grid) else {"grid": grid}

@@ -155,10 +155,7 @@ def suites_of(names: Iterable[str]) -> tuple[Suite, ...]:
 def study_for_suites(study: Study, controllers: Sequence[str] = (), units: int = 1) -> Study:
     """The study with these controllers, or with all, in its own order. ``units``: of its plant, of which it is one.
     Raises StudyError with every reason why it cannot go through a suite."""
-    known, faults = [spec.name for spec in study.controllers], []
-    for name in controllers:
-        if name not in known:
-            faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))
+    faults = study.unknown_controllers(*controllers)
     for name in ("background", "sensors", "replay"):
         if getattr(study, name) is not None:
             problem = "a suite has the source and the ideal sensors that its tests say"

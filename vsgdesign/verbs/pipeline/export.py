@@ -15,7 +15,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.execution.progress import Progress
 from vsgdesign.export.processor import ProcessorRun, processor_in_the_loop
-from vsgdesign.export.unit import OnLine, Unit, controller_named, unit_of
+from vsgdesign.export.unit import OnLine, Unit, unit_of
 from vsgdesign.study.parameters.study import Study
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def unit_of_study(
     from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
     plant, study = study.plant, as_unit(study, "export")
-    spec = controller_named(study, controller)
+    spec = study.controller_named(controller)
     changes = {} if rate is None else {"rate": rate}
     if table is None and spec.kind == "scheduled" and spec.schedule == "table":
         alone = replace(study, controllers=(spec,))
@@ -89,7 +89,7 @@ def run_processor(
 ) -> ProcessorRun:
     """Runs the controller of a study in QEMU, and writes results.json, series.csv, figures and report.html to the
     folder ``out`` if one is given. Raises the errors of :func:`vsgdesign.export.processor.processor_in_the_loop`."""
-    own = study.with_limit_of(controller_named(study, unit.controller))
+    own = study.with_limit_of(study.controller_named(unit.controller))
 
     def run() -> ProcessorRun:
         return processor_in_the_loop(unit, own, core=core, math=math, duration=duration, progress=progress)

@@ -42,7 +42,6 @@ def size_study(
     :func:`vsgdesign.campaigns.sizing.size_dc_side`, of the suites, and ArtifactError.
     """
     from vsgdesign.campaigns.sizing import KINDS, Asked, size_dc_side
-    from vsgdesign.export.unit import controller_named
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.sizing import sizing_page
     from vsgdesign.simulation.lanes.beforehand import told_beforehand
@@ -53,7 +52,7 @@ def size_study(
     if faults:
         raise StudyError(study.name, faults)
     with staged_folder(out, VERB, inputs=study.input_files) as folder:
-        spec = controller_named(study, controller)
+        spec = study.controller_named(controller)
         alone = replace(study, controllers=(spec,))
         ready = Ready(tables=kept_tables(alone, progress=progress, say=say).tables)
         tests = _tests(study, spec, ready, suites)

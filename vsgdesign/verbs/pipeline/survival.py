@@ -180,9 +180,7 @@ def subjects_of(
     faults = _faults_of_study(study)
     if study.plant is not None:
         faults += _faults_of_plant(study, [known[name] for name in wanted if name in known], bridge)
-    for name in wanted:
-        if name not in known:
-            faults.append(Fault("controller", f'"{name}"', "unknown", f"The study has: {', '.join(known)}."))
+    faults += study.unknown_controllers(*wanted)
     for limiter in limiters or ():
         if limiter != NO_LIMITER and limiter not in KNOWN:
             advice = f"There are {', '.join((NO_LIMITER, *KNOWN))}."

@@ -21,7 +21,6 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.execution.executors import executor_of
 from vsgdesign.execution.journal import begins_again, kept_elsewhere, work_folder
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.export.unit import controller_named
 from vsgdesign.report.page.live import StaticPage
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for
@@ -62,7 +61,7 @@ def build_table_file(
     and ArtifactError if the file cannot be written or would replace anything but a gain table.
     """
     out = Path(out)
-    spec = controller_named(study, controller)
+    spec = study.controller_named(controller)
     study = study.with_limit_of(spec)
     if study.specification is None:
         advice = "Add one: it gives the requirements of the table and their box."
@@ -105,7 +104,7 @@ def prove_table_file(
         return {}
     from vsgdesign.verbs.pipeline.full_order import with_full_order
 
-    spec, place = controller_named(study, controller), proof_of(out)
+    spec, place = study.controller_named(controller), proof_of(out)
     PROOF_FILE.check_target(place)
     own, built = study.with_limit_of(spec), TABLE_FILE.read(out)
     table, proof = with_full_order(own, spec, built, seconds, workers=workers, progress=progress)

@@ -170,13 +170,10 @@ def with_table(study: Study, table_file: str | Path, controller: str | None = No
 
 def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False) -> ControllerSpec:
     """The controller that is asked for. Raises StudyError with everything that stands against a verification."""
-    faults = []
-    known = {spec.name: spec for spec in study.controllers}
-    spec = study.controllers[-1] if asked.controller is None else known.get(asked.controller)
-    if spec is None:
-        shown = f'"{asked.controller}"'
-        faults.append(Fault("controller", shown, "unknown", f"The study has: {', '.join(known)}."))
-    elif needs_table_file and spec.schedule == "table" and spec.table_file is None:
+    wanted = study.controllers[-1].name if asked.controller is None else asked.controller
+    faults = study.unknown_controllers(wanted)
+    spec = None if faults else study.controller_named(wanted)
+    if spec is not None and needs_table_file and spec.schedule == "table" and spec.table_file is None:
         advice = 'Build it once with vsgdesign table build, and name it: table = "FILE.json".'
         faults.append(Fault(f"controllers.{spec.name}.table", "", "every shard would design the table again", advice))
     faults += _faults_around(study, spec)
