@@ -40,12 +40,11 @@ from vsgdesign.certificate.full_order.programs import (
     values_program,
 )
 from vsgdesign.certificate.full_order.search import Problem
-from vsgdesign.certificate.moving.places import DROOPS, Ball, kind_of
+from vsgdesign.certificate.moving.places import DROOPS, Ball, kind_of, moved_by_unit
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.region import AtDesignPoint, Region, System
 from vsgdesign.certificate.taylor_kernel import rows
 from vsgdesign.certificate.tracing import Program, Tracer, program_of
-from vsgdesign.equations.power_loops import References, power_loops_about_rest
 from vsgdesign.equations.sampled_path import Phasor, product
 from vsgdesign.errors import InfeasibleStudyError
 
@@ -249,9 +248,8 @@ class MovingPrograms:
         for piece in pieces:
             tracer = Tracer(INPUTS)
             loops = loops_on(system, Chart(system, region, tracer, drawn=False), tracer, piece)
-            found.append(
-                (values_program(tracer, loops, _feeds(loops)), values_program(tracer, loops, _parts(system, loops)))
-            )
+            fed = [-loops.algebra.value(one) for one in moved_by_unit(loops.gains)]
+            found.append((values_program(tracer, loops, fed), values_program(tracer, loops, _parts(system, loops))))
         return cls(tuple(one for one, _ in found), tuple(one for _, one in found))
 
     def arc(self, piece: int, ball: Ball, ratio: bool) -> Program:
@@ -277,12 +275,6 @@ class MovingPrograms:
                 total = total + (n.re * n.re + n.im * n.im)
         difference = f.re * f.re + f.im * f.im - loops.given[0] * total
         return program_of(loops.tracer, [difference, 0.0])
-
-
-def _feeds(loops: Loops) -> list[Any]:
-    none, algebra = References(0.0, 0.0, 0.0, 0.0), loops.algebra
-    columns = [power_loops_about_rest(0.0, 0.0, P, Q, none, loops.gains) for P, Q in ((1.0, 0.0), (0.0, 1.0))]
-    return [-algebra.value(column[row]) for row in range(3) for column in columns]
 
 
 def _parts(system: System, loops: Loops) -> list[Any]:

@@ -60,12 +60,17 @@ def loops_at(study: Study, system: System, points: Array) -> MovingLoops:
     return MovingLoops(points, (*names[:k], MOVED[1], *names[k + 1 :]), A, at)
 
 
+def moved_by_unit(gains: PowerLoopGains) -> list[Any]:
+    """(ω − ω_r, dω_r/dt, dV/dt), each by one unit of P + D_p Δω_r and by one of Q + D_q V: six numbers, arrays or
+    symbols, row by row."""
+    columns = [power_loops_about_rest(0.0, 0.0, P, Q, _NONE, gains) for P, Q in ((1.0, 0.0), (0.0, 1.0))]
+    return [one for row in zip(*columns, strict=True) for one in row]
+
+
 def feeds(gains: PowerLoopGains) -> Array:
     """−(ω − ω_r, dω_r/dt, dV/dt) of one unit of P + D_p Δω_r and of Q + D_q V, (…, 3, 2) in SI (:eq:`moving-feeds`)."""
-    columns = [power_loops_about_rest(0.0, 0.0, P, Q, _NONE, gains) for P, Q in ((1.0, 0.0), (0.0, 1.0))]
-    rows = [np.stack(np.broadcast_arrays(*(-column[i] for column in columns)), axis=-1) for i in range(3)]
-    found: Any = np.stack(np.broadcast_arrays(*rows), axis=-2)
-    return found
+    found = -np.stack(np.broadcast_arrays(*moved_by_unit(gains)), axis=-1)
+    return found.reshape(*found.shape[:-1], 3, 2)
 
 
 def powers_of(loops: MovingLoops, T_s: float) -> Array:
