@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from vsgdesign.certificate import region_of
+from vsgdesign.certificate import largest_rate, region_of
 from vsgdesign.certificate.boxes import whole_region
 from vsgdesign.certificate.lyapunov import Family, residual
 from vsgdesign.certificate.proof import Outcome
@@ -311,3 +311,25 @@ def test_a_region_with_a_grid_that_has_no_gains_is_refused(study: Study) -> None
     region = Region((0.85, 3.0), (5.0, 10.0), (-500.0, 500.0), (0.0, 100.0))
     with pytest.raises(InfeasibleStudyError, match="no gains for an estimate of R_g"):
         certify(study, spec, region, fresh=200, nodes_per_axis=3)
+
+
+@pytest.mark.parametrize("decay", [0.9, 4.0])
+def test_the_largest_rate_is_where_the_decay_ends(
+    study: Study, angle_damped: Certificate, monkeypatch: pytest.MonkeyPatch, decay: float
+) -> None:
+    """With a decay of 5/(1 + r) that is known, r is 5/decay − 1; only the last certificate may look on boxes."""
+    asked: list[dict[str, Any]] = []
+
+    def known(_study: Study, _spec: ControllerSpec, region: Region, **options: Any) -> Certificate:
+        asked.append(options)
+        return replace(angle_damped, region=region, decay=5.0 / (1.0 + region.rate))
+
+    monkeypatch.setattr(importlib.import_module("vsgdesign.certificate.certifying"), "certify", known)
+    spec = controller(study, "angle_damped")
+    found = largest_rate(study, spec, PUBLISHED_BOX, decay, budget=7)
+    assert isinstance(found, Certificate)
+    assert 0.95 * (5.0 / decay - 1.0) <= found.region.rate <= 5.0 / decay - 1.0
+    assert [options["budget"] for options in asked[:-1]] == [0] * (len(asked) - 1)
+    assert asked[-1]["budget"] == 7
+    with pytest.raises(InfeasibleStudyError, match="decay = 6 1/s does not hold even on a constant grid"):
+        largest_rate(study, spec, PUBLISHED_BOX, 6.0)
