@@ -14,7 +14,12 @@ import pytest
 
 from vsgdesign import __version__
 from vsgdesign.artifacts import files as files_module
-from vsgdesign.artifacts import provenance, write_json
+from vsgdesign.artifacts import provenance
+
+
+def write_json(path: Path, document: object) -> None:
+    """As results.json is written."""
+    files_module.write_text(path, files_module.json_text(files_module.plain(document)))
 
 
 def refuse(constant: str) -> float:

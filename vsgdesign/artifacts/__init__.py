@@ -1,6 +1,5 @@
 """The files that stages pass on to each other. Each is written completely or not at all."""
 
-from vsgdesign.artifacts.files import write_json
 from vsgdesign.artifacts.folders import room_for, staged_folder, write_record
 from vsgdesign.artifacts.gain_table import GainTable, TableBase, ValidityBox
 from vsgdesign.artifacts.gain_table_file import read_table_file, write_table_file
@@ -17,7 +16,6 @@ __all__ = [
     "room_for",
     "staged_folder",
     "write_csv",
-    "write_json",
     "write_npz",
     "write_record",
     "write_table_file",

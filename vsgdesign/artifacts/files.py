@@ -55,11 +55,6 @@ def check_file_target(target: str | Path, what: str, ours: Callable[[Path], bool
     return place
 
 
-def write_json(path: str | Path, document: Any) -> None:
-    """JSON with sorted structure as given; NaN and infinity become null; whole or not at all."""
-    write_text(path, json_text(plain(document)))
-
-
 def json_text(document: Any) -> str:
     """The text of a document in JSON's types, as every file of ours has it."""
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
