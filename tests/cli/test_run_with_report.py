@@ -48,6 +48,10 @@ def test_page_terminal_and_results_show_the_same_numbers(tmp_path: Path) -> None
     result = call("run", study_file(tmp_path, text), "--bridge", "pwm", "--no-explorer", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    said = "No controller meets its settling time and overshoot on every reference step."
+    assert result.stdout.startswith(f"{said}\n")
+    assert re.search(f"<p[^>]*>{re.escape(said)}</p>", page)
     top = rows_on(tmp_path / "out" / "report.html")
     terminal = [re.split(r"  +", line.strip()) for line in result.stdout.splitlines()]
     for name, controller in results["controllers"].items():

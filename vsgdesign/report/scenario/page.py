@@ -16,6 +16,7 @@ from vsgdesign.report.inner.page import explanation as explanation_of
 from vsgdesign.report.inner.page import headline, inner_tables, what_for
 from vsgdesign.report.page.blocks import (
     BULLETS,
+    HEADLINE,
     SOURCE,
     Block,
     Box,
@@ -128,12 +129,16 @@ def _other_tools(result: ScenarioResult) -> list[Line]:
 
 
 def terminal_blocks(result: ScenarioResult) -> list[Block]:
-    """What a terminal prints: the tables that were designed, the responses, and whether the events were survived."""
+    """What a terminal prints: whether every judged step meets its target, the tables that were designed, the
+    responses, and whether the events were survived."""
+    outcomes = step_outcomes(result)
+    answer = scenario_headline(result, outcomes) if any(outcome.judged for outcome in outcomes) else ""
     limits = [(one.name, one.rate_limit) for one in judge_estimates(result) if one.rate_limit]
     survived = [survival_sentence(c.spec.name, c.survival) for c in result.controllers if c.survival is not None]
     held = [estimate_tables.rate_limit_text(name, *limit) for name, limit in limits]
     responses = tables.responses_table(result)
     found = [
+        words(answer, style=HEADLINE, on=Where.TERMINAL),
         words(*lines_of_tables(result), on=Where.TERMINAL),
         tables.dc_table(result, Where.TERMINAL),
         responses if responses.rows else words(f"{result.study.title}: no event to measure", on=Where.TERMINAL),
@@ -222,7 +227,7 @@ def _scenario(result: ScenarioResult) -> str:
     bridges = " and ".join(sorted({_bridge(controller.bridge) for controller in result.controllers}))
     return (
         f"{plain(study.simulation.duration)} s of electromagnetic-transient simulation with {bridges}, {events}, "
-        f"controller{plural} {names}, on a {plain_quantity(study.converter.S_rated, 'VA')} converter."
+        f"controller{plural} {names}, on a converter of {plain_quantity(study.converter.S_rated, 'VA')}."
     )
 
 
