@@ -236,6 +236,7 @@ def test_every_assumption_is_said() -> None:
         ({"rating": True}, "is not a value"),
         ({"rating": ["5 kVA", "6 kVA"]}, "is a list of 2. Give one value, for example 250 kVA."),
         ({"scr": [2, 5, 10]}, "is a list of 3. Give one value, or both ends of a range, for example 1.5 to 20."),
+        ({"x_over_r": "-1 to 3"}, 'x_over_r = "-1 to 3": outside 0.05 to 100. Check it'),
         ({"rating": None}, "rating: missing. Give it, for example rating = 250 kVA."),
         ({"C": "60 F"}, "Did you mean 60 uF?"),
         ({"C": "60 mH"}, "is not a unit of this field"),

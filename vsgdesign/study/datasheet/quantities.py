@@ -57,7 +57,7 @@ _LEADING = re.compile(r"^\s*(?:(?:approx\.?|approximately|about|ca\.?|typ\.?|max
 _LEAST = re.compile(r"^\s*(?:>=?|≥|at least|not less than|from|min(?:imum)?\b\.?)\s*(?=[\d.,])", re.I)
 _MOST = re.compile(r"^\s*(?:<=?|≤|at most|not more than|up to|max(?:imum)?\b\.?)\s*(?=[\d.,])", re.I)
 _TOLERANCE = re.compile(r"\s*(?:±|\+\s*/?\s*[-−])\s*[\d.,]+\s*%?\s*$")
-_RANGE = re.compile(r"\s*(?:\.{2,3}|…|–|—|\bto\b|\bbis\b|(?<![eE(\s])\s*-(?=\s*[\d.,])|(?<=\w)\s+-\s+(?=\d))\s*", re.I)
+_RANGE = re.compile(r"\s*(?:\.{2,3}|…|–|—|\bto\b|\bbis\b|(?<=[^eE(\s])\s*-(?=\s*[\d.,])|(?<=\w)\s+-\s+(?=\d))\s*", re.I)
 
 
 class AmountError(VsgDesignError):
