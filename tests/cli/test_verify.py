@@ -68,6 +68,7 @@ def test_what_is_printed_is_what_is_kept(verified: tuple[Path, dict[str, Any]]) 
     settling = printed["families"]["step"]["promises"]["settling"]
     assert f"{settling['broken']} of {settling['judged']} steps above 0.4 s" in page
     assert printed["search"] == {"evaluations": 0, "broken": 0, "found": []}
+    assert "search" not in printed["timing_s"]
 
 
 def test_simulate_repeats_the_worst_case(verified: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:

@@ -409,7 +409,8 @@ def _concluded(
     worst = write_worst(CaseFolder(folder / "worst", place / "worst"), job, summary, progress=progress)
     timing["worst"], begin = time.perf_counter() - begin, time.perf_counter()
     searched = write_found(CaseFolder(folder / "search", place / "search"), job, searching(progress or silent))
-    timing["search"] = time.perf_counter() - begin
+    if searched["evaluations"]:
+        timing["search"] = time.perf_counter() - begin
     document = {
         **about,
         **counts_document(job, summary, confidence),
