@@ -190,6 +190,8 @@ def test_the_source_is_shown_where_it_is_not_the_same_in_all_cases() -> None:
     assert table.head[-1] == "f [Hz]"
     assert table.rows[2][-1] == "53.00"
     assert table.rows[0][0] == "1"
+    tiny = [case | {"start": case["start"] | {"P_pu": -4e-6, "Q_pu": -4e-6}} for case in cases]
+    assert cases_table("worst", tiny, made(True)).rows[0][-4:-2] == ("0.00", "0.00")
     assert table.links[0] == cases[0]["study"]
 
 

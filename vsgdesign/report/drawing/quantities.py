@@ -70,10 +70,10 @@ def plain_quantity(value: float, unit: str, digits: int = 4) -> str:
 
 
 def percent(value: float | None, decimals: int = 1) -> str:
-    """Percent with one decimal or more; a dash for None."""
+    """Percent with one decimal or more, without the sign of a zero; a dash for None."""
     if value is None:
         return DASH
-    return _minus(f"{value:.{decimals}f}")
+    return _minus(f"{value:z.{decimals}f}")
 
 
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\d)")

@@ -113,7 +113,7 @@ def _point(study: Study, d: ClosedFormDesign) -> list[str]:
     mark = "" if d.point.V_within_limits else "!"
     return [
         f"{d.point.V_rms / study.converter.V_rated_rms:.3f}{mark}",
-        f"{math.degrees(d.point.delta):.2f}",
+        f"{math.degrees(d.point.delta):z.2f}",
         f"{d.point.A:.5g}",
         f"{d.point.D:.5g}",
         _angle(d.margins_P.phase_margin_deg),

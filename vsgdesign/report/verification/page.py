@@ -271,8 +271,8 @@ def _start_columns(
     columns: list[tuple[str, Callable[[Mapping[str, Any]], str]]] = [
         ("SCR", lambda start: f"{start['scr']:.3g}"),
         ("X/R", lambda start: f"{start['x_over_r']:.3g}"),
-        ("P [pu]", lambda start: f"{start['P_pu']:.2f}"),
-        ("Q [pu]", lambda start: f"{start['Q_pu']:.2f}"),
+        ("P [pu]", lambda start: f"{start['P_pu']:z.2f}"),
+        ("Q [pu]", lambda start: f"{start['Q_pu']:z.2f}"),
     ]
     if len({start["V_g_pu"] for start in starts}) > 1:
         columns.append(("V_g [pu]", lambda start: f"{start['V_g_pu']:.3f}"))
