@@ -290,7 +290,7 @@ def test_a_batch_has_the_links_of_single_runs(control: str, bridge: str, compens
     lowest = []
     for k in range(len(cases)):
         run = run_one(study, spec, NOTHING, cases, k, bridge)
-        figures = dc_figures(own, run.dc_log) if run.dc_log is not None else None
+        figures = dc_figures(own, run.dc_end)
         assert figures is not None
         lowest.append(figures.lowest_v)
     assert np.ptp(lowest) > 1.0

@@ -317,10 +317,12 @@ def test_the_verdict_on_a_unit_that_blocks(tmp_path: Path) -> None:
 
 def test_events_that_move_too_much_energy_are_told_as_for_one_converter(tmp_path: Path) -> None:
     """Two equal units that move alike are one converter on the same short-circuit ratio, and so is what is told of
-    each of them. The run of one converter is another program."""
-    said, told = list[str](), {}
+    each of them, and what is asked of its link up to the block, 0.2 ms after the last row of a log. The run of one
+    converter is another program."""
+    said, told, links = list[str](), {}, {}
     for count in (1, 2):
         text = JUDGED.replace("units = 2", f"units = {count}").replace('"fixed"', '"scheduled"')
+        text = text.replace("survival = true", 'survival = true, log_interval = "5 ms"')
         text += 'phase_jump = "60 deg"\n'
         (tmp_path / f"{count}.toml").write_text(text, encoding="utf-8")
         study = load_study(tmp_path / f"{count}.toml")
@@ -329,9 +331,14 @@ def test_events_that_move_too_much_energy_are_told_as_for_one_converter(tmp_path
         else:
             found = run_plant(study, warn=said.append).controllers[0].units
         told[count] = [one.survival.reason for one in found if one.survival is not None]
+        links[count] = [one.dc for one in found if one.dc is not None]
         assert {one.survival.status for one in found if one.survival is not None} == {"no rest"}
         assert all(f"what is asked for is {told[count][0]}" in str(one.outcome.reason) for one in found)
     assert told[2] == 2 * told[1]
+    for one in links[2]:
+        for name in ("lowest_v", "highest_v", "spare_v", "least_p_w", "most_p_w", "given_j"):
+            assert getattr(one, name) == pytest.approx(getattr(links[1][0], name), rel=1e-9)
+        assert 838.0 < one.highest_v == one.end["v_dc"] < 840.0  # a sample before V_high
     assert "more into the dc link than its source and its capacitor can take" in told[1][0]
     assert said == [f"vsg, {unit}: {told[1][0]}." for unit in ("unit1", "unit2")]
 

@@ -136,7 +136,7 @@ def moved_rest(study: Study, link: DcLink | None, rows: Array) -> MovedRest | No
 
 @dataclass(frozen=True)
 class DcFigures:
-    """What a run asked of its dc link, of every sample up to its last logged one."""
+    """What a run asked of its dc link, of every sample up to its end, or to the one before the bridge blocks."""
 
     lowest_v: float
     highest_v: float
@@ -168,12 +168,12 @@ class DcFigures:
         return f"up to {most} of what was asked for was missing, {energy} in {self.cut_s:.3g} s"
 
 
-def dc_figures(study: Study, rows: Array) -> DcFigures | None:
-    """The figures of ``dc_log``; None where the link is ideal."""
-    if study.dc is None or not len(rows):
+def dc_figures(study: Study, row: Array | None) -> DcFigures | None:
+    """The figures of a run from the last row that counts of ``dc_log``; None where the link is ideal."""
+    if study.dc is None or row is None or not len(row):
         return None
-    last = dict(zip(dc_columns(study), rows[-1].tolist(), strict=True))
-    end = {name: float(values[-1]) for name, values in dc_series(study, rows[-1:]).items() if name not in _SUMS}
+    last = dict(zip(dc_columns(study), row.tolist(), strict=True))
+    end = {name: float(values[0]) for name, values in dc_series(study, row[None]).items() if name not in _SUMS}
     return DcFigures(
         lowest_v=last["lowest"],
         highest_v=last["highest"],

@@ -78,6 +78,8 @@ class Simulation:
     """Where and why the run was broken off; logs end there. None: it went to its end."""
     dc_log: NDArray[np.float64] | None = None
     """The dc link in the rows of ``log``, with :func:`vsgdesign.simulation.dc_start.dc_columns`; None: it is ideal."""
+    dc_end: NDArray[np.float64] | None = None
+    """The same at the last sample of which figures are taken, which may come after the last row."""
     twins: tuple[Twin, ...] = ()
     """The run without a step beside it, for each step for which it was asked for."""
     between: NDArray[np.float64] | None = None
@@ -336,6 +338,7 @@ def simulation_of(run: RunState) -> Simulation:
         log=rows,
         circuit_log=run.log.more[::every].copy(),
         dc_log=None if run.study.dc is None else run.log.dc[::every].copy(),
+        dc_end=None if run.study.dc is None else run.log.dc_end,
         controller_log=run.log.states,
         study=run.study,
         timeline=run.timeline,

@@ -31,6 +31,8 @@ class RunLog:
         self._width = len(log_names(batch.kind))
         self._end_of_more = self._width - (0 if batch.kind.dc is None else len(batch.kind.dc.logged))
         self._every, self.length, self._over = main.every, length, False
+        self.dc_end = self.dc[:0].ravel()
+        """The dc link at the last sample before the end of which anything is logged; nothing where it is ideal."""
 
     @property
     def rows(self) -> Array:
@@ -76,13 +78,19 @@ class RunLog:
         if self._seen is not None and end - log.begin > len(self._last) * log.every:
             if not self._over:  # a run that has diverged may be in a stretch with others
                 self._hand_over(begin)
+                self._keep_link(begin)
             self._batch.log_anew(begin // log.every * log.every)
 
     def end(self, sample: int) -> None:
         """The log ends before a sample."""
         self.length, self._over = min(self.length, -(-sample // self._every)), True
+        self._keep_link(sample)
         if self._seen is not None:
             self._hand_over(sample)
+
+    def _keep_link(self, end: int) -> None:
+        rows = self._last[: -(-(end - self._log.begin) // self._log.every), self._end_of_more : self._width]
+        self.dc_end = rows[-1].copy() if len(rows) else self.dc_end
 
     def _hand_over(self, end: int) -> None:
         """Gives what is logged of the samples before ``end``."""

@@ -275,7 +275,7 @@ def _run_controllers(
             distorted=study.has_components,
             survival=survival,
             found=found_events(study, own_study),
-            dc=None if run.dc_log is None else dc_figures(own_study, run.dc_log),
+            dc=dc_figures(own_study, run.dc_end),
             late_peak_pu=_late_peak_pu(own_study, seen),
         )
         results[spec.name] = with_told(result, told)

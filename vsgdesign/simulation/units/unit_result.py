@@ -68,7 +68,7 @@ def unit_result(
     logged, figures = simulation, None
     if simulation.dc_log is not None:
         whole = len(run.t_s) if blocked is None else max(int(np.searchsorted(run.t_s, blocked.t_s)), 1)
-        figures = dc_figures(own, simulation.dc_log[:whole])
+        figures = dc_figures(own, simulation.dc_log[whole - 1])
         gone = np.arange(len(run.t_s))[:, None] >= whole  # nothing is known of a link behind a blocked bridge
         logged = replace(simulation, dc_log=np.where(gone, np.nan, simulation.dc_log))
     logged = logged.every(every)
