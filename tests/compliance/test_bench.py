@@ -87,7 +87,8 @@ def test_a_trace_is_per_unit_and_keeps_every_peak() -> None:
     assert simulation is not None
     assert np.allclose(np.diff(trace.t_s), 5e-4)
     begin = round(one.lead_s / c.T_s)
-    i_s = np.hypot(simulation.log[:, 0], simulation.log[:, 1]) / c.I_rated_pk
+    i_s = np.hypot(simulation.each("i_s_alpha"), simulation.each("i_s_beta")) / c.I_rated_pk
+    assert len(i_s) == run.study.simulation.duration / c.T_s
     assert trace.i_s_pu[trace.t_s > 0.0].max() == pytest.approx(i_s[begin + 1 :].max(), abs=1e-12)
     assert trace.i_phase_pu.max() <= trace.i_s_pu.max() + 1e-12
     # At rest the dc link gives what the capacitor sends on, and the losses of R_1.

@@ -9,7 +9,6 @@ import numpy as np
 from tests.compliance.bench_studies import subject, suite_test
 from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.metrics.survival import ExpectedRest
-from vsgdesign.simulation.loop import LOG_COLUMNS
 from vsgdesign.simulation.survival.demand import held_fault
 from vsgdesign.study.parameters.event import Event
 
@@ -38,9 +37,10 @@ def test_a_converter_that_its_limiter_holds_must_carry_what_it_can() -> None:
 
     def with_end(name: str, pu: float, base: float) -> str:
         """The same run with another mean at its end."""
-        log = simulation.log.copy()
-        log[-2000:, LOG_COLUMNS.index(name)] = pu * base
-        found = held_fault(run.study, replace(simulation, log=log), asked)
+        assert simulation.seen is not None
+        column = simulation.seen[name].copy()
+        column[-2000:] = pu * base
+        found = held_fault(run.study, replace(simulation, seen={**simulation.seen, name: column}), asked)
         assert found is not None
         return found
 

@@ -90,10 +90,13 @@ def test_P_is_at_the_capacitor_and_P_pcc_behind_the_second_inductance(run: TestR
     assert run.trace is not None
     assert run.simulation is not None
     c, f = run.study.converter, run.study.filter
-    at = int(np.argmin(np.abs(run.simulation.t_s - run.trace.t_s[-1] - subject().lead_s)))
+    at, row = (
+        int(np.argmin(np.abs(t_s - run.trace.t_s[-1] - subject().lead_s)))
+        for t_s in (run.simulation.each_s, run.simulation.t_s)
+    )
     assert record_of(run.study, run.simulation).P[at] / c.S_rated == run.trace.P_pu[-1]
     i_g = np.hypot(run.trace.i_g_alpha_pu[-1], run.trace.i_g_beta_pu[-1]) * c.I_rated_pk
-    P_pcc = signals_at_pcc(run.study, run.simulation).P_pcc[at]
+    P_pcc = signals_at_pcc(run.study, run.simulation).P_pcc[row]
     lost = SPACE_VECTOR_POWER * f.R_2 * i_g**2 / c.S_rated
     assert P_pcc / c.S_rated == pytest.approx(run.trace.P_pu[-1] - lost, abs=1e-5)
     assert lost > 1e-4 or f.R_2 == 0.0

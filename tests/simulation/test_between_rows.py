@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.simulation.test_together import EVENTS, of, study_of
 from vsgdesign.simulation.between_rows import RowsAsked, between_rows, taken_of_log
 from vsgdesign.simulation.energy import dc_energy
-from vsgdesign.simulation.run import Rooms, Simulation, simulated, simulated_together
+from vsgdesign.simulation.loop import SEEN_COLUMNS
+from vsgdesign.simulation.run import Simulation, simulated, simulated_together
 from vsgdesign.simulation.run_asked import RunOf
 
 
@@ -16,7 +19,8 @@ from vsgdesign.simulation.run_asked import RunOf
 def test_rows_have_the_largest_currents_and_the_mean_power_since_the_row_before(asked: RowsAsked) -> None:
     study = study_of(EVENTS["jump between samples"], 0.4)
     run = simulated(of(study))
-    length, phase, power = between_rows(study, run.log, taken_of_log(study, run.log, asked), asked)
+    rows, taken = run.log[asked.first :: asked.every], taken_of_log(study, run.log, asked)
+    length, phase, power = between_rows(study, rows, taken, asked)
     every, T_s = asked.every, study.converter.T_s
     alpha, beta = run.log[:, 0], run.log[:, 1]
     phases = np.abs([alpha * np.cos(turn) + beta * np.sin(turn) for turn in 2.0 * np.pi / 3.0 * np.arange(3)])
@@ -47,13 +51,19 @@ def test_runs_side_by_side_have_the_rows_of_their_logs() -> None:
         np.testing.assert_array_equal(run.between[10 : len(taken)], taken[10:])  # before the first row nothing is asked
 
 
-def test_memory_goes_to_later_runs_when_it_is_dropped() -> None:
-    rooms = Rooms()
-    first = rooms.room(3, 4)
-    kept = first[0, 1:]
-    assert not np.shares_memory(rooms.room(12), kept)
-    place = first.ctypes.data
-    del first
-    assert rooms.room(12).ctypes.data != place  # a part is still looked at
-    del kept
-    assert place in {one.ctypes.data for one in (rooms.room(2, 6), rooms.room(2, 2))}
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_thin_log_has_rows_and_samples_of_the_whole_one(alone: bool) -> None:
+    """To the bit, with instants that the run finds, and beside others as alone."""
+    studies = [study_of(event, 0.13) for event in EVENTS.values()]
+    whole = [RunOf(study, of(study).schedule, finds=study.controllers[0]) for study in studies]
+    thin = [replace(one, rows=RowsAsked(100, 10, thin=True)) for one in whole]
+    found = [*enumerate(map(simulated, thin))] if alone else list(simulated_together(thin))
+    assert len(found) == len(whole) > 1
+    for number, run in found:
+        assert isinstance(run, Simulation)
+        other = simulated(whole[number])
+        np.testing.assert_array_equal(run.log, other.log[::10])
+        np.testing.assert_array_equal(run.t_s, other.t_s[::10])
+        np.testing.assert_array_equal(run.each_s, other.t_s)
+        for name in SEEN_COLUMNS:
+            np.testing.assert_array_equal(run.each(name), other.each(name))

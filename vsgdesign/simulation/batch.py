@@ -20,6 +20,7 @@ from vsgdesign.codegen.records import numbers_of
 from vsgdesign.simulation.between_rows import BetweenRows
 from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.field_feed import probe_of, settings_of_study
+from vsgdesign.simulation.kept_columns import KeptColumns
 from vsgdesign.simulation.loop import ALONE, Build, carrier_values, fed_names, loop_of, spec_of
 from vsgdesign.simulation.numbers_of_runs import Numbers
 from vsgdesign.simulation.run_kind import Kind, names_of
@@ -59,6 +60,15 @@ class Log:
         """For how many samples it has room."""
         return self.rows.shape[1] * self.every
 
+    def hand_on(self, begin: int, end: int) -> None:
+        """Its rows of samples ``begin`` to ``end`` − 1 are new: the log that it writes into gets them."""
+        if (into := self.into) is None:
+            return
+        first, last = -(-begin // into.every), -(-end // into.every)
+        at = range(first * into.every - self.begin, end - self.begin, into.every)
+        rows = slice(at.start // self.every, at.stop // self.every + 1, into.every // self.every)
+        into.rows[:, first:last] = self.rows[:, rows, : into.rows.shape[2]][:, : last - first]
+
 
 class Batch(Numbers):
     """Runs of one kind: G groups of L, of which the first ``count`` are used."""
@@ -86,7 +96,8 @@ class Batch(Numbers):
         self.logs: tuple[Log, ...] = ()
         """In the order of time."""
         self.between: BetweenRows | None = None
-        """Gets every sample that is logged."""
+        self.seen: KeptColumns | None = None
+        """Both get every sample that is logged."""
         self._cyclic, self._cycle = carrier_values(kind.bridge.slopes)
         self.others: dict[tuple[int, int], Array] = {}
         """What is added to the source over the later pieces of a cut interval, (pieces − 1, states), by run and sample.
@@ -190,7 +201,7 @@ class Batch(Numbers):
         other.rows = aligned_zeros(self.rows.shape)
         other.rows[:] = self.rows
         other.program = replace(self.program, done=self.program.done.copy())
-        other._standing, other.between = {}, None
+        other._standing, other.between, other.seen = {}, None, None
         other.log()
         return other
 
@@ -281,15 +292,12 @@ class Batch(Numbers):
                 **given,
             )
         done = self._standing[key](begin, end, fed, groups)
-        if number >= 0 and self.between is not None:
+        if number >= 0:
             log = self.logs[number]
-            self.between.take(begin, log.rows[:, begin - log.begin : begin + done - log.begin])
-        if number >= 0 and (into := self.logs[number].into) is not None:
-            first, last = -(-begin // into.every), -(-(begin + done) // into.every)
-            log = self.logs[number]
-            at = range(first * into.every - log.begin, begin + done - log.begin, into.every)
-            rows = slice(at.start // log.every, at.stop // log.every + 1, into.every // log.every)
-            into.rows[:, first:last] = log.rows[:, rows, : into.rows.shape[2]][:, : last - first]
+            for taker in (self.between, self.seen):
+                if taker is not None:
+                    taker.take(begin, log.rows[:, begin - log.begin : begin + done - log.begin])
+            log.hand_on(begin, begin + done)
         return done
 
     @property

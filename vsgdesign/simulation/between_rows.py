@@ -25,11 +25,14 @@ _COLUMNS = len(PlantState._fields)
 
 
 class RowsAsked(NamedTuple):
-    """Which rows are wanted of a run that logs every sample: from sample ``first`` on, ``every`` samples apart. The
-    bridge is averaged."""
+    """Which rows are wanted of a run: from sample ``first`` on, a whole multiple of ``every``, ``every`` samples apart.
+    The bridge is averaged."""
 
     first: int
     every: int
+    thin: bool = False
+    """Whether the log of the run has these rows alone, from sample 0 on, and beside it a few columns of every sample
+    (:data:`vsgdesign.simulation.loop.SEEN_COLUMNS`); else the study says what is logged."""
 
 
 class Row(NamedTuple):
@@ -88,13 +91,13 @@ def taken_of_log(study: Study, log: Array, asked: RowsAsked) -> Array:
     return found.of(0)
 
 
-def between_rows(study: Study, log: Array, taken: Array, asked: RowsAsked) -> tuple[Array, Array, Array]:
+def between_rows(study: Study, rows: Array, taken: Array, asked: RowsAsked) -> tuple[Array, Array, Array]:
     """Of the samples since the row before, (n,) each: the largest length of the converter current's vector and the
     largest phase current (A peak), and the mean power of the dc link (W). The first row has its own sample, and the
-    second one's power."""
-    first, every = asked
-    length_sq, phase, energy = taken[first // every : (len(log) - 1) // every + 1].T.copy()
-    own = log[first, :2].tolist()
+    second one's power. ``rows``: those that were asked for of the log, (n, 2 or more)."""
+    first, every = asked.first, asked.every
+    length_sq, phase, energy = taken[first // every : first // every + len(rows)].T.copy()
+    own = rows[0, :2].tolist()
     length_sq[0], phase[0] = own[0] * own[0] + own[1] * own[1], max(map(abs, clarke_inverse(*own)))
     before = np.concatenate([[0.0], energy[:-1]])
     before[1::_COUNTED] = 0.0

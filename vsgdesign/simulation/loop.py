@@ -68,6 +68,9 @@ controller measures with its sensors, before its filters. ``limited_samples`` co
 run up to and including this one in which the current limiter acted. ``at_bridge`` is 1 where the bridge's voltage is at
 its limit in this sample, else 0."""
 
+SEEN_COLUMNS = ("i_s_alpha", "i_s_beta", "P", "Q", "V_rms", "theta", "limited_samples")
+"""What is kept of every sample where a log has fewer rows: what the judge of survival looks at."""
+
 SENSED_COLUMNS = ("measured.v_alpha", "measured.v_beta", "measured.i_g_alpha", "measured.i_g_beta")
 """What is kept besides where the sensors are not ideal: what they say of the capacitor node's voltage and of i_g."""
 

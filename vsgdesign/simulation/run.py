@@ -5,10 +5,10 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-import sys
 import time
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,15 @@ from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, KnownStarts, 
 from vsgdesign.simulation.every_sample import BLOCK, EverySample, rings_of_taken
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.loop import ALONE, LOG_COLUMNS, fed_names, kind_of, log_names, side_by_side
+from vsgdesign.simulation.kept_columns import KeptColumns
+from vsgdesign.simulation.loop import (
+    ALONE,
+    LOG_COLUMNS,
+    fed_names,
+    kind_of,
+    log_names,
+    side_by_side,
+)
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import Divergence
 from vsgdesign.simulation.run_asked import RunOf, Twin
@@ -44,8 +52,8 @@ longer and saves 0.02 microseconds a sample, or 0.2 with sensors. The bits are t
 _PART = 1024
 """So many rows of several runs are logged before the log is written anew: a part stays in the processor's memory."""
 
-_LOGGED_TOGETHER = 800_000
-"""So many samples at most do runs side by side log together: they take 0.1 GB."""
+_LOGGED_TOGETHER = 1_600_000
+"""So many samples at most do runs side by side log together: they take 0.1 GB, or 0.2 GB where all of each is kept."""
 
 _SPELL_STRETCHES, _SPELL_SAMPLES = 32, 4096
 """Stretches and samples for which an interrupt may wait."""
@@ -85,6 +93,9 @@ class Simulation:
     between: NDArray[np.float64] | None = None
     """What rows say of the samples between them (:class:`vsgdesign.simulation.between_rows.Row`), where they were asked
     for: those of samples 0, every, 2·every, …"""
+    seen: Mapping[str, NDArray[np.float64]] | None = None
+    """Of every sample, (n,) each, what :data:`vsgdesign.simulation.loop.SEEN_COLUMNS` names, where a log with fewer
+    rows was asked for; else None."""
 
     def to_its_end(self) -> Simulation:
         """The run itself. Raises SimulationDivergedError where it was broken off: for what cannot use a part of it."""
@@ -100,6 +111,17 @@ class Simulation:
     def column(self, name: str) -> NDArray[np.float64]:
         """One logged quantity by name."""
         return self.log[:, LOG_COLUMNS.index(name)]
+
+    def each(self, name: str) -> NDArray[np.float64]:
+        """One quantity at every sample, where these were kept beside a log with fewer rows; else as it is logged."""
+        return self.column(name) if self.seen is None else self.seen[name]
+
+    @cached_property
+    def each_s(self) -> NDArray[np.float64]:
+        """The instants of :meth:`each`, s."""
+        if self.seen is None:
+            return self.t_s
+        return np.arange(len(self.seen["P"]), dtype=float) * self.study.converter.T_s
 
     def every(self, rows: int) -> Simulation:
         """The run with every so-many-th row of its log."""
@@ -153,12 +175,10 @@ def simulated(of: RunOf, *, bridge: str | None = None, progress: Progress | None
     return simulation_of(run)
 
 
-def simulated_together(
-    asked: Sequence[RunOf], rooms: Rooms | None = None
-) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
+def simulated_together(asked: Sequence[RunOf]) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
     """Runs of one controller of one converter, with an averaged bridge: each as :func:`simulated` gives it alone, to
     the same bits, or the error that it raises, with its place among those asked for. Those of one kind go side by side.
-    The order is that in which they end. ``rooms``: memory that those of other controllers have left."""
+    The order is that in which they end."""
     groups: dict[Hashable, list[tuple[int, RunState]]] = {}
     for number, of in enumerate(asked):
         try:
@@ -167,13 +187,13 @@ def simulated_together(
             yield number, error
         else:
             groups.setdefault(number if run.goes_alone else run.like, []).append((number, run))
-    most, rooms, known = side_by_side(strict=True).lanes, rooms or Rooms(), KnownStarts()
+    most, known = side_by_side(strict=True).lanes, KnownStarts()
     for group in groups.values():
         group.sort(key=lambda one: one[1].samples)  # a run waits for the longest of its group
         while group:
             count = next(n for n in range(min(most, len(group)), 0, -1) if _fits([run for _, run in group[:n]]))
             some, group[:] = group[:count], group[count:]
-            yield from _of_group(some, rooms, known)
+            yield from _of_group(some, known)
 
 
 def _fits(runs: Sequence[RunState]) -> bool:
@@ -182,10 +202,10 @@ def _fits(runs: Sequence[RunState]) -> bool:
 
 
 def _of_group(
-    group: list[tuple[int, RunState]], rooms: Rooms, known: KnownStarts
+    group: list[tuple[int, RunState]], known: KnownStarts
 ) -> Iterator[tuple[int, Simulation | VsgDesignError]]:
     try:
-        run_together([run for _, run in group], switched=False, rooms=rooms, known=known)
+        run_together([run for _, run in group], switched=False, known=known)
     except VsgDesignError as error:
         if len(group) == 1:
             yield group[0][0], error
@@ -195,7 +215,7 @@ def _of_group(
         rest = [(number, RunState(run.of)) for number, run in group if number not in lost]
         for some in [rest] if lost else [[one] for one in rest]:  # where none is found, something else is in the way
             if some:
-                yield from _of_group(some, rooms, known)
+                yield from _of_group(some, known)
         return
     for number, run in group:
         yield number, _diverged(run) or simulation_of(run)
@@ -232,7 +252,6 @@ def run_together(
     *,
     switched: bool,
     progress: Progress | None = None,
-    rooms: Rooms | None = None,
     known: KnownStarts | None = None,
 ) -> None:
     """Takes runs of one kind to their ends, side by side: in groups of as many as a register holds, because the loop of
@@ -241,9 +260,9 @@ def run_together(
     powers."""
     if len(runs) > (most := side_by_side(strict=True).lanes):
         for some in (runs[k : k + most] for k in range(0, len(runs), most)):
-            run_together(some, switched=switched, progress=progress, rooms=rooms, known=known)
+            run_together(some, switched=switched, progress=progress, known=known)
         return
-    batch = begin_together(runs, switched, rooms, known)
+    batch = begin_together(runs, switched, known)
     batch.follow(*program_of(runs))
     twins, updates, begin = Twins(runs[0], batch), updates_of(runs, batch), 0
     while begin >= 0:  # from the instants that are found on, the runs have other events
@@ -333,8 +352,11 @@ def simulation_of(run: RunState) -> Simulation:
     rows, every = run.log.rows, run.kept // run.log_every
     in_place = rows.flags.c_contiguous or rows[:, 0].flags.c_contiguous
     rows = rows if every == 1 and in_place else rows[::every].copy()
+    t_s = np.arange(len(rows), dtype=float) * (run.kept * run.T_s)
+    if run.log.seen is not None:  # to the last bit the instants of these samples
+        t_s = np.arange(0, len(rows) * run.kept, run.kept, dtype=float) * run.T_s
     return Simulation(
-        t_s=np.arange(rows.shape[0]) * (run.kept * run.T_s),
+        t_s=t_s,
         log=rows,
         circuit_log=run.log.more[::every].copy(),
         dc_log=None if run.study.dc is None else run.log.dc[::every].copy(),
@@ -349,42 +371,11 @@ def simulation_of(run: RunState) -> Simulation:
         divergence=run.divergence,
         twins=run.twins,
         between=run.between,
+        seen=run.log.seen,
     )
 
 
-class Rooms:
-    """Memory that runs side by side leave to the logs of later ones, where theirs have been dropped: the system fills
-    new memory with zeros first, which takes longer than a run writes its log."""
-
-    def __init__(self) -> None:
-        self._rooms: list[Array] = []
-
-    def room(self, *shape: int) -> Array:
-        """An array of this shape with anything in it."""
-        size = math.prod(shape)
-        found = next((one for one in self._free() if one.size >= size), None)
-        if found is None:
-            self._rooms = [one for one in self._rooms if one.size >= size]
-            # With room for later ones, which may be larger: what nothing is written to takes no memory.
-            found = np.empty(max(size, _LOGGED_TOGETHER * len(LOG_COLUMNS)))
-            self._rooms.append(found)
-        return found[:size].reshape(shape)
-
-    def _free(self) -> Iterator[Array]:
-        """Those of which no array is a part that anything still has."""
-        for place in range(len(self._rooms)):
-            if sys.getrefcount(self._rooms[place]) == _OF_LIST:
-                yield self._rooms[place]
-
-
-_LISTED = [object()]
-_OF_LIST = sys.getrefcount(_LISTED[0])
-"""What the count is of an object that a list alone has."""
-
-
-def begin_together(
-    runs: Sequence[RunState], switched: bool, rooms: Rooms | None = None, known: KnownStarts | None = None
-) -> Batch:
+def begin_together(runs: Sequence[RunState], switched: bool, known: KnownStarts | None = None) -> Batch:
     """The runs at their starts."""
     study, first = runs[0].study, runs[0]
     circuits = _circuits_of(runs, switched=switched)
@@ -403,7 +394,9 @@ def begin_together(
     if seen is not None and taken:
         batch.rings, batch.ring_length = rings_of_taken(seen.per_mean)
     every = math.gcd(*(run.log_every for run in runs))
-    batch.log(*_logs(batch, samples, every, first.of, rooms or Rooms()))
+    batch.log(*_logs(batch, samples, every, first.of))
+    if first.of.rows is not None and first.of.rows.thin:
+        batch.seen = KeptColumns(len(batch), samples, batch.build)
     if first.of.rows is not None:
         batch.between = BetweenRows(study, first.of.rows, samples, batch.build.lanes, batch.build.vectors)
     for number, run in enumerate(runs):
@@ -420,16 +413,18 @@ def _circuits_of(runs: Sequence[RunState], *, switched: bool) -> Circuits:
     return Circuits(study, timelines, runs[0].of.circuit, switched=edged, possible=possible)
 
 
-def _logs(batch: Batch, samples: int, every: int, of: RunOf, rooms: Rooms) -> list[Log]:
+def _logs(batch: Batch, samples: int, every: int, of: RunOf) -> list[Log]:
     """The log of the runs, and before it that of their controllers' states at the first samples. Of a run of which
     every sample is given to something, it is filled from one that is written anew whenever it is full."""
     groups, _, width = batch.rows.shape
     names, states = log_names(batch.kind), min(of.log_states, samples)
-    if len(batch) > 1:
+    thin = of.rows is not None and of.rows.thin
+    if len(batch) > 1 or thin:
         # Each column of each run in one piece: they are looked at one after the other.
-        columns = rooms.room(groups, width, len(names), -(-samples // every))
+        columns = np.empty((groups, width, len(names), -(-samples // every)))
         part = np.empty((groups, _PART, len(names), width))
-        return [Log(part, names, every, into=Log(columns.transpose(0, 3, 2, 1), names, every), again=True)]
+        into = Log(columns.transpose(0, 3, 2, 1), names, every)
+        return [Log(part, names, 1 if thin else every, into=into, again=True)]
     main = Log(np.empty((groups, -(-samples // every), len(names), width)), names, every)
     if of.every_sample is not None:
         spacing = math.gcd(of.every_sample.every, every)

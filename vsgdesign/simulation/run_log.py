@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +25,7 @@ class RunLog:
         group, lane = batch.lane(number)
         self._batch, self._seen, last = batch, seen, batch.logs[-1]
         main = last.into or last
+        self._kept = None if batch.seen is None else batch.seen.of(number)
         self._whole = main.rows[group, :, :, lane]
         self._log = main if last.again else last
         self._last = self._log.rows[group, :, :, lane]
@@ -33,11 +36,18 @@ class RunLog:
         self._every, self.length, self._over = main.every, length, False
         self.dc_end = self.dc[:0].ravel()
         """The dc link at the last sample before the end of which anything is logged; nothing where it is ideal."""
+        self.samples = length * main.every
+        """So many samples the run has at most."""
 
     @property
     def rows(self) -> Array:
         """(n, len(LOG_COLUMNS))."""
         return self._whole[: self.length, : len(LOG_COLUMNS)]
+
+    @property
+    def seen(self) -> Mapping[str, Array] | None:
+        """Some columns of every sample, (samples,) each, where a log with fewer rows was asked for; else None."""
+        return None if self._kept is None else {name: column[: self.samples] for name, column in self._kept.items()}
 
     @property
     def sensed(self) -> Array:
@@ -85,6 +95,7 @@ class RunLog:
         """The log ends before a sample."""
         self.length, self._over = min(self.length, -(-sample // self._every)), True
         self._keep_link(sample)
+        self.samples = min(self.samples, sample)
         if self._seen is not None:
             self._hand_over(sample)
 

@@ -68,7 +68,8 @@ class RunState:
             self._follow_feed()
         self.late = self._late()
         """The schedule of a table whose updates are those of all runs side by side; None: the run makes its own."""
-        self.kept = round(self.study.simulation.log_interval / self.T_s)
+        thin = of.rows if of.rows is not None and of.rows.thin else None
+        self.kept = round(self.study.simulation.log_interval / self.T_s) if thin is None else thin.every
         self.log_every = math.gcd(self.kept, self.feed.log_samples)  # a scheduler's samples are taken from the log
         self.divergence: Divergence | None = None
         self.ended = self._end()
@@ -281,6 +282,8 @@ class RunState:
         """Whether it has diverged before two rows of its log."""
         seen = self.of.every_sample
         rows, apart = (self.log.length, self.kept // self.log_every) if seen is None else (seen.length, 1)
+        if self.log.seen is not None:
+            rows, apart = self.log.samples, 1
         return self.divergence is not None and rows <= apart
 
     def looks_at(self, sample: int) -> bool:

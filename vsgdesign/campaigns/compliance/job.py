@@ -22,7 +22,6 @@ from vsgdesign.campaigns.compliance.suite import Suite, SuiteTest
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.memory import keep_memory
-from vsgdesign.simulation.run import Rooms
 from vsgdesign.study.parameters.study import Study
 
 BLOCK = 144
@@ -147,10 +146,9 @@ def _rows(
     for place, (subject, _, _) in enumerate(asked):
         of_subject.setdefault(id(subject), []).append(place)
     keep_memory()
-    rooms = Rooms()
     for places in of_subject.values():
         subject = asked[places[0]][0]
-        for number, judged in judged_tests(subject, [asked[place][1:] for place in places], rooms):
+        for number, judged in judged_tests(subject, [asked[place][1:] for place in places]):
             _, suite, test = asked[places[number]]
             rows[places[number]] = _written(subject, suite, test, judged, folder, comtrade)
     return {str(block): {"rows": rows}}

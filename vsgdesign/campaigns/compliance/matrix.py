@@ -26,7 +26,6 @@ from vsgdesign.campaigns.compliance.suite import OURS, Criterion, Source, Suite,
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.survival import SURVIVED
-from vsgdesign.simulation.run import Rooms
 
 
 class Judged(NamedTuple):
@@ -36,12 +35,9 @@ class Judged(NamedTuple):
     evidence: Evidence | None
 
 
-def judged_tests(
-    subject: Subject, asked: Sequence[tuple[Suite, SuiteTest]], rooms: Rooms | None = None
-) -> Iterator[tuple[int, Judged]]:
+def judged_tests(subject: Subject, asked: Sequence[tuple[Suite, SuiteTest]]) -> Iterator[tuple[int, Judged]]:
     """Tests of one controller, each with its place among those asked for: run and judged, where it applies and where
-    any converter could pass it. The order is that in which their runs end. ``rooms`` as in
-    :func:`vsgdesign.simulation.run.simulated_together`."""
+    any converter could pass it. The order is that in which their runs end."""
     run: list[int] = []
     for place, (suite, test) in enumerate(asked):
         why = not_applicable(subject, test)
@@ -53,7 +49,7 @@ def judged_tests(
             yield place, Judged(_row(subject, suite, test, IMPOSSIBLE, why), None)
             continue
         run.append(place)
-    for number, found in run_tests(subject, [asked[place][1] for place in run], rooms):
+    for number, found in run_tests(subject, [asked[place][1] for place in run]):
         suite, test = asked[run[number]]
         if isinstance(found, TestRun):
             yield run[number], judge(subject, suite, found)

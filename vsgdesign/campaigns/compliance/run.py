@@ -25,7 +25,7 @@ from vsgdesign.metrics.survival import BLOCKED, DIVERGED, NO_REST, NOT_AT_REST, 
 from vsgdesign.simulation.between_rows import RowsAsked, between_rows, taken_of_log
 from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.feeds import feed_of
-from vsgdesign.simulation.run import Rooms, Simulation, simulated, simulated_together
+from vsgdesign.simulation.run import Simulation, simulated, simulated_together
 from vsgdesign.simulation.run_asked import RunOf
 from vsgdesign.simulation.scenario.controllers import told_if_blocked
 from vsgdesign.simulation.survival.scenario import judge_scenario
@@ -71,11 +71,10 @@ def run_test(subject: Subject, test: SuiteTest) -> TestRun:
 
 
 def run_tests(
-    subject: Subject, tests: Sequence[SuiteTest], rooms: Rooms | None = None
+    subject: Subject, tests: Sequence[SuiteTest]
 ) -> Iterator[tuple[int, TestRun | StudyError | CircuitError]]:
     """The runs of tests with a controller, side by side where they can be: each as :func:`run_test` gives it, or the
-    error that it raises, with its place among the tests. The order is that in which they end. ``rooms`` as in
-    :func:`vsgdesign.simulation.run.simulated_together`."""
+    error that it raises, with its place among the tests. The order is that in which they end."""
     begun: list[tuple[int, Study, RunOf]] = []
     for place, test in enumerate(tests):
         try:
@@ -87,7 +86,7 @@ def run_tests(
             begun.append((place, asked, _run_of(subject, asked, ends)))
         except VsgDesignError as error:
             yield place, _test_run(subject, test, asked, error)
-    for number, outcome in simulated_together([of for _, _, of in begun], rooms):
+    for number, outcome in simulated_together([of for _, _, of in begun]):
         place, asked, _ = begun[number]
         yield place, _test_run(subject, tests[place], asked, outcome)
 
@@ -135,9 +134,12 @@ def run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | None
 
 
 def _run_of(subject: Subject, asked: Study, ends: Callable[[Study], float] | None) -> RunOf:
-    spec = asked.controllers[0]
-    feed = feed_of(asked, spec, build_timeline(asked), subject.ready, subject.first_gains)
-    rows = rows_of_trace(asked, subject.row_samples, subject.lead_s)
+    spec, timeline = asked.controllers[0], build_timeline(asked)
+    feed = feed_of(asked, spec, timeline, subject.ready, subject.first_gains)
+    # What is judged by more than SEEN_COLUMNS of every sample: a dc link, a protection, an island, units of a plant.
+    connected = timeline.network_at(asked.simulation.duration).connected
+    thin = asked.dc is None and asked.protection is None and subject.units == 1 and connected
+    rows = rows_of_trace(asked, subject.row_samples, subject.lead_s)._replace(thin=thin)
     return RunOf(asked, feed, finds=spec, ends=ends, rows=rows, together=True)
 
 
@@ -152,7 +154,7 @@ def closed_test(subject: Subject, test: SuiteTest) -> SuiteTest:
 
 def _trace(subject: Subject, study: Study, simulation: Simulation) -> Trace | None:
     """The trace of a run; None where it diverged before its test began."""
-    if float(simulation.t_s[-1]) <= subject.lead_s:
+    if float(simulation.each_s[-1]) <= subject.lead_s:
         return None
     return trace_of(study, simulation, subject.row_samples, subject.lead_s)
 
@@ -174,25 +176,25 @@ def rows_of_trace(study: Study, every: int, lead_s: float) -> RowsAsked:
 
 
 def trace_of(study: Study, simulation: Simulation, every: int, lead_s: float) -> Trace:
-    """The trace of a run whose log has every sample, with a row for every ``every`` samples.
+    """The trace of a run with a row for every ``every`` samples; its log has every sample, or these rows alone.
 
     Values are those of the row's sample. Peaks are the largest since the row before, and the power of the dc link and
     the share of limited samples are means over this time.
     """
     c, circuit = study.converter, study.circuit()
     asked = rows_of_trace(study, every, lead_s)
-    t = simulation.t_s - lead_s
-    rows = slice(asked.first, None, every)
-    at = simulation.log[rows]
+    apart = round(simulation.interval / c.T_s)
+    rows = slice(asked.first // apart, None, every // apart)
+    t_s, at = simulation.t_s[rows], simulation.log[rows]
     node = [capacitor_node_voltage(at[:, k], at[:, 2 + k], at[:, 4 + k], circuit) for k in (0, 1)]
     V_pk = rms_to_peak(c.V_rated_rms)
     # One instant of rounding later: the row of an event belongs to the source after it.
-    phase = simulation.timeline.source_phase(simulation.t_s[rows] + _SAME_INSTANT * c.T_s)
+    phase = simulation.timeline.source_phase(t_s + _SAME_INSTANT * c.T_s)
     taken = taken_of_log(study, simulation.log, asked) if simulation.between is None else simulation.between
-    i_s, i_phase, P_dc = between_rows(study, simulation.log, taken, asked)
+    i_s, i_phase, P_dc = between_rows(study, at, taken, asked)
     counted = simulation.column("limited_samples")[rows]
     return Trace(
-        t_s=np.round(t[rows], 9) + 0.0,
+        t_s=np.round(t_s - lead_s, 9) + 0.0,
         P_pu=simulation.column("P")[rows] / c.S_rated,
         Q_pu=simulation.column("Q")[rows] / c.S_rated,
         f_hz=simulation.column("omega")[rows] / (2.0 * np.pi),

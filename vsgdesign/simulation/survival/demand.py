@@ -91,9 +91,9 @@ def held_fault(study: Study, simulation: Simulation, asked: ExpectedRest) -> str
     limit_pu = c.current_limit_pu
     if limit_pu is None:
         return None
-    rows = max(round(_LAST_S / simulation.interval), 1)
+    rows = max(round(_LAST_S / float(simulation.each_s[1] - simulation.each_s[0])), 1)
     V_pu, P_pu = (
-        float(np.mean(simulation.column(name)[-rows:])) / base
+        float(np.mean(simulation.each(name)[-rows:])) / base
         for name, base in (("V_rms", c.V_rated_rms), ("P", c.S_rated))
     )
     if not c.V_min_pu <= V_pu <= c.V_max_pu:

@@ -285,16 +285,16 @@ def rest_on(
 def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
     """What the judge sees of a run. Where the charge moves the rest of a clamped converter, P and the Q that belongs to
     it have moved back with it."""
-    log, t_s = simulation.log, simulation.t_s
-    every = max(round(simulation.interval / study.converter.T_s), 1)
-    counted = simulation.column("limited_samples")
+    t_s, i_s = simulation.each_s, [simulation.each(name) for name in ("i_s_alpha", "i_s_beta")]
+    every = max(round(float(t_s[1] - t_s[0]) / study.converter.T_s), 1)
+    counted = simulation.each("limited_samples")
     P_moved, Q_moved = _moved(study, simulation)
     return SurvivalRecord(
         t_s=t_s,
-        P=np.ascontiguousarray(simulation.column("P") - P_moved),
-        Q=np.ascontiguousarray(simulation.column("Q") - Q_moved),
-        delta=simulation.column("theta") - simulation.timeline.source_phase(t_s, _SAME_INSTANT * study.converter.T_s),
-        i_s_pu=np.sqrt(log[:, 0] * log[:, 0] + log[:, 1] * log[:, 1]) / study.converter.I_rated_pk,
+        P=np.ascontiguousarray(simulation.each("P") - P_moved),
+        Q=np.ascontiguousarray(simulation.each("Q") - Q_moved),
+        delta=simulation.each("theta") - simulation.timeline.source_phase(t_s, _SAME_INSTANT * study.converter.T_s),
+        i_s_pu=np.sqrt(i_s[0] * i_s[0] + i_s[1] * i_s[1]) / study.converter.I_rated_pk,
         limited=np.diff(counted, prepend=counted[:1]) / every,
         diverged=simulation.divergence is not None,
     )
