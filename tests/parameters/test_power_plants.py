@@ -77,11 +77,17 @@ def test_a_network_becomes_elements() -> None:
 
 def test_a_case_of_a_unit() -> None:
     own = study_document() | {"filter": study_document()["filter"] | {"L_1": "3 mH"}}
-    plant = plant_of(network(units=[UNIT, {"name": "other", "node": "pcc", "case": own}]))
+    fixed = [
+        {"name": "seen", "kind": "fixed"},
+        {"name": "named", "kind": "fixed", "design_grid": {"scr": 4, "x_over_r": 3}},
+    ]
+    units = [UNIT, {"name": "other", "node": "pcc", "case": own}]
+    plant = plant_of(network(units=units) | {"controllers": fixed})
     case = plant.unit("other").case
     assert case is not None
     assert pytest.approx(3e-3) == case.filter.L_1
     assert plant.unit("one").case is None
+    assert [one.design_grid is None for one in case.controllers] == [True, False]  # None: what the unit sees
 
 
 def test_everything_wrong_is_told_at_once_with_its_name() -> None:

@@ -27,6 +27,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.simulation.feeds import feed_of
+from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.units import PlantRun, plant_timeline, simulate_plant
 from vsgdesign.simulation.wander import Wander
 from vsgdesign.study.parameters import Study, study_from_text
@@ -438,6 +439,27 @@ def test_gains_that_follow_what_a_unit_measures() -> None:
     first, second = simulate_plant(two, feeds).units
     assert len(first.gain_changes) == len(second.gain_changes) > 5
     assert first.gain_changes[-1].gains == pytest.approx(second.gain_changes[-1].gains, rel=1e-9)
+
+
+def test_fixed_gains_are_made_for_the_grid_that_a_unit_sees() -> None:
+    """N units on the short-circuit ratio of all are one converter on the same ratio. A grid that a controller names is
+    kept, and an event changes nothing."""
+    event = '[[events]]\ntime = "5 ms"\ngrid = { scr = 2 }\n'
+
+    def gains(units: int, named: str = "") -> list[PowerLoopGains]:
+        plant = f"{named}[plant]\nunits = {units}\nreactance = 0.06\n"
+        timeline = plant_timeline(plant_study(plant + event))
+        found = zip(timeline.units, timeline.timelines, strict=True)
+        changes = [gain_changes(unit, unit.controllers[0], seen) for unit, seen in found]
+        assert {len(one) for one in changes} == {1}
+        return [one[0].gains for one in changes]
+
+    named = "design_grid = { scr = 4, x_over_r = 3 }\n"
+    (alone,), (at_named,) = gains(1), gains(1, named)
+    for found in gains(3):
+        assert found == pytest.approx(alone, rel=1e-9)
+    assert gains(3, named) == [at_named] * 3
+    assert at_named.K_ip != pytest.approx(alone.K_ip, rel=0.01)
 
 
 @pytest.mark.parametrize("sampling", ["together", "spread"])

@@ -239,6 +239,8 @@ def specs_table(result: HasStudy, specs: Sequence[ControllerSpec]) -> Table:
             how = f"rescheduled {every} from {known_grid(spec)}"
         elif spec.gains is not None:
             how = "given in the study"
+        elif spec.design_grid is None and result.study.plant is not None:
+            how = "closed form for the grid that the unit sees at first"
         else:
             how = f"closed form for {grid_label(result, spec.design_grid or result.study.grid)}"
         target = spec.target

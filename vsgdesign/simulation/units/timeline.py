@@ -18,7 +18,7 @@ from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.grid import SourceComponent
 from vsgdesign.study.parameters.network import PLAIN
 from vsgdesign.study.parameters.network_fields import CLOSED, NOTHING_SAID, OPEN
-from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, behind_its_path
+from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, behind_its_path, with_fixed_gains
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 
@@ -188,7 +188,7 @@ def _alone(study: Study, plant: PowerPlant, k: int, segments: Sequence[PlantSegm
     own = [_as_of_unit(one, unit.name, unit.dc) for one in study.events]
     first, shared = told[0].grid, plant.common_estimate
     base = replace(behind_its_path(study, unit), estimator=study.estimator)
-    return replace(
+    alone = replace(
         with_pair(base, unit.pair, k, neighbours=len(plant.units) > 1) if unit.pair > 0 and not shared else base,
         name=f"{study.name}.{unit.name}",
         plant=None,
@@ -199,3 +199,4 @@ def _alone(study: Study, plant: PowerPlant, k: int, segments: Sequence[PlantSegm
         simulation=replace(study.simulation, P_ref=unit.P_ref, Q_ref=unit.Q_ref),
         events=tuple(sorted((*told[1:], *own), key=lambda one: one.t_s)),
     )
+    return with_fixed_gains(alone)

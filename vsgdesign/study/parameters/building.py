@@ -226,9 +226,8 @@ def build_study(
     events = read_events(root.children("events"), scope, grid, basis, of_grid, source_, network, elements)
     if plant is None:
         check_resonance(filter_, converter, [grid, *(event.grid for event in events if event.grid)], faults)
-    controllers = read_controllers(
-        root, scope, target, grid, basis, converter, filter_, (current_limiter, limiter_given)
-    )
+    limiter, made_for = (current_limiter, limiter_given), grid if plant is None else None
+    controllers = read_controllers(root, scope, target, made_for, basis, converter, filter_, limiter)
     specification_table = root.child("specification")
     specification = read_specification(specification_table, scope, converter, source_, target, basis)
     if specification is not None and specification_table is not None and plant is not None:
@@ -318,7 +317,11 @@ def _case_of_unit(
     study = build_study({**rest, **own}, default_name, "", faults)
     for one in faults:
         table.fault(f"case: {one.field}", None, one.problem, one.advice)
-    return None if faults else study
+    if faults:
+        return None
+    specs = zip(study.controllers, document["controllers"], strict=True)  # their grid is the one that the unit sees
+    own_grid = tuple(one if "design_grid" in given else replace(one, design_grid=None) for one, given in specs)
+    return replace(study, controllers=own_grid)
 
 
 def _read_schema(root: TableReader) -> None:

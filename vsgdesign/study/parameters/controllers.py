@@ -72,7 +72,7 @@ class ControllerSpec:
     design_grid: Grid | None = subtable(
         DESIGN_GRID, default=None, limits="`fixed` only; not with `gains`", shown="the grid at t = 0"
     )
-    """Grid for which the fixed gains are designed."""
+    """Grid for which the fixed gains are designed; in a plant, as the unit sees it."""
     update_period: float | None = number(
         "s", T_S, DURATION, default=None, shown="0.02, as near as T_s allows; with an estimate the window"
     )
@@ -168,13 +168,14 @@ def read_controllers(
     root: TableReader,
     scope: Scope,
     target: ClosedFormTarget,
-    grid: Grid,
+    grid: Grid | None,
     basis: str,
     converter: Converter,
     filter_: Filter,
     limiter: tuple[str, tuple[tuple[str, float], ...]],
 ) -> tuple[ControllerSpec, ...]:
-    """Every controller of a study. ``limiter``: the name of the study's current limiter, and its given parameters."""
+    """Every controller of a study. ``grid``: for which fixed gains are designed that name none; None: what their unit
+    of a plant sees. ``limiter``: the name of the study's current limiter, and its given parameters."""
     specs: list[ControllerSpec] = []
     for table in root.children("controllers"):
         identity = values(picked(ControllerSpec, "name", "kind"), table)
@@ -203,7 +204,7 @@ def read_controllers(
 
 
 def _read_fixed(
-    table: TableReader, spec: ControllerSpec, scope: Scope, grid: Grid, basis: str, converter: Converter
+    table: TableReader, spec: ControllerSpec, scope: Scope, grid: Grid | None, basis: str, converter: Converter
 ) -> ControllerSpec:
     gains_table, grid_table = table.child("gains"), table.child("design_grid")
     gains = None if gains_table is None else read_power_gains(gains_table)

@@ -18,6 +18,7 @@ from vsgdesign.study.parameters.inverter_kinds import InverterKind
 from vsgdesign.study.parameters.network import Load
 
 if TYPE_CHECKING:
+    from vsgdesign.study.parameters.controllers import ControllerSpec
     from vsgdesign.study.parameters.dc_link import DcLink
     from vsgdesign.study.parameters.study import Study
 
@@ -192,6 +193,17 @@ def behind_its_path(study: Study, unit: Unit) -> Study:
     base = unit.case or study
     base = base if base.dc == unit.dc else replace(base, dc=unit.dc)
     return base if unit.R == 0.0 and unit.L == 0.0 else replace(base, filter=with_path(base.filter, unit))
+
+
+def with_fixed_gains(study: Study) -> Study:
+    """A converter of a plant on the grid that it sees at first: fixed gains whose controller names no grid are designed
+    for this one."""
+
+    def own(spec: ControllerSpec) -> ControllerSpec:
+        placed = spec.kind == "scheduled" or spec.gains is not None or spec.design_grid is not None
+        return spec if placed else replace(spec, design_grid=study.grid)
+
+    return replace(study, controllers=tuple(map(own, study.controllers)))
 
 
 def with_path(filter_: Filter, unit: Unit) -> Filter:

@@ -1001,8 +1001,8 @@ def controller(
         `[power_loops]`).
         gains: The gains themselves: the four of the published structure, or all eight (`fixed` only; default
         none).
-        design_grid: Grid for which the fixed gains are designed (`fixed` only; not with `gains`; default the
-        grid at t = 0).
+        design_grid: Grid for which the fixed gains are designed; in a plant, as the unit sees it (`fixed`
+        only; not with `gains`; default the grid at t = 0).
         update_period: `scheduled` only: time between updates, a multiple of T_s (T_s to `duration` in s;
         default 0.02, as near as T_s allows; with an estimate the window).
         schedule: `scheduled` only: where the gains come from; `table` needs a `[specification]` to design one

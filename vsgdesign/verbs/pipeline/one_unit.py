@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
-from vsgdesign.study.parameters.power_plant import behind_its_path, one_converter
+from vsgdesign.study.parameters.power_plant import behind_its_path, one_converter, with_fixed_gains
 from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
 
@@ -92,4 +92,4 @@ def as_one_converter(study: Study) -> Study:
         return study  # load, fault and breaker are behind x_t
 
     simulation = replace(study.simulation, P_ref=unit.P_ref, Q_ref=unit.Q_ref)
-    return replace(behind_its_path(study, unit), plant=None, simulation=simulation)
+    return with_fixed_gains(replace(behind_its_path(study, unit), plant=None, simulation=simulation))
