@@ -16,7 +16,7 @@ from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, 
 from vsgdesign.report.drawing.time_axis import mark_events, time_unit
 from vsgdesign.report.page.blocks import HEADLINE, SOURCE, Block, Box, Heading, Page, Table, Where, drawings, words
 from vsgdesign.report.page.network import network_block
-from vsgdesign.report.scenario.tables import DC_HEAD, DC_NOTE, dc_cut, dc_row
+from vsgdesign.report.scenario.tables import DC_HEAD, DC_NOTE, dc_cut, dc_row, responses
 from vsgdesign.report.stability import tables as made
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.simulation.units.scenario import PlantController, PlantRest, PlantResult
@@ -264,21 +264,10 @@ def steps(result: PlantResult) -> list[Block]:
     """Overshoot and settling time of every step of every unit."""
     found: list[Block] = []
     for one in result.controllers:
-        rows = []
-        for name, unit in zip(units_of(result.study), one.units, strict=True):
-            for event in unit.events:
-                if event.kind != "step":
-                    continue
-                figures = event.so_far or event.cycle_mean
-                overshoot, settled = figures.overshoot_pct, figures.settling_time_s
-                numbers = (
-                    "–" if overshoot is None else plain(overshoot, 3),
-                    "not in time" if settled is None else plain(settled, 3),
-                )
-                rows.append((name, plain(event.t_s, 4), event.name, *numbers, event.status))
-        head = ("unit", "at [s]", "event", "overshoot [%]", "settling time [s]", "status")
-        if rows:
-            found.append(Table(f"{one.spec.name}: steps", head, tuple(rows), 1))
+        units = zip(units_of(result.study), one.units, strict=True)
+        named = [(name, event) for name, unit in units for event in unit.events if event.kind == "step"]
+        if named:
+            found.append(responses(f"{one.spec.name}: steps", "unit", named))
     return found or [words("No unit has a step of its set points.")]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from vsgdesign.metrics import EventMetrics, ResponseMetrics, mean_in_words
 from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, TOO_SHORT
@@ -315,25 +316,28 @@ def metrics_table(result: ScenarioResult, controller: ControllerResult) -> Table
 
 def responses_table(result: ScenarioResult) -> Table:
     """The figures of every step and disturbance for a terminal: of the mean over whole cycles."""
+    title = f"{result.study.title} ({mean_in_words(mean_cycles(result.study))}s)"
+    named = [(one.spec.name, event) for one in result.controllers for event in one.events]
+    return replace(responses(title, "controller", named), on=Where.TERMINAL)
+
+
+def responses(title: str, of: str, named: Sequence[tuple[str, EventMetrics]]) -> Table:
+    """The figures of events, each with the name of what it is an event of; ``of`` says what that is."""
     rows: list[tuple[str, ...]] = []
     reasons: dict[str, list[str]] = {}
-    noisy = any(event.noise is not None for controller in result.controllers for event in controller.events)
-    for controller in result.controllers:
-        name = controller.spec.name
-        for event in controller.events:
-            if event.reason is not None and not event.lost_in_noise:  # a note says it of all
-                reasons.setdefault(event.reason, []).append(f"{name}, {event.t_s:g} s, {event.signal}")
-            figures = event.cycle_mean
-            if event.kind == "disturbance" and figures.settling_time_s == 0.0:
-                continue  # the other signal never left its band: nothing to see
-            rest = [rest_noise(event)] if noisy else []
-            rows.append((name, f"{plain(event.t_s, 5)} s", event.name, event.signal, *_short(event, figures), *rest))
+    noisy = any(event.noise is not None for _, event in named)
+    for name, event in named:
+        if event.reason is not None and not event.lost_in_noise:  # a note says it of all
+            reasons.setdefault(event.reason, []).append(f"{name}, {event.t_s:g} s, {event.signal}")
+        figures = event.cycle_mean
+        if event.kind == "disturbance" and figures.settling_time_s == 0.0:
+            continue  # the other signal never left its band: nothing to see
+        rest = [rest_noise(event)] if noisy else []
+        rows.append((name, f"{plain(event.t_s, 5)} s", event.name, event.signal, *_short(event, figures), *rest))
     more = ["rests in, rms"] if noisy else []
-    head = ("controller", "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current", *more)
+    head = (of, "at", "event", "signal", "overshoot", "settles 2 %", "rise", "peak current", *more)
     notes = tuple(f"{'; '.join(who)}: {reason}" for reason, who in reasons.items())
-    notes = (*notes, *notes_on_noise(event for controller in result.controllers for event in controller.events))
-    title = f"{result.study.title} ({mean_in_words(mean_cycles(result.study))}s)"
-    return Table(title, head, tuple(rows), texts=4, notes=notes, on=Where.TERMINAL)
+    return Table(title, head, tuple(rows), texts=4, notes=(*notes, *notes_on_noise(event for _, event in named)))
 
 
 _NO_TIME = {MEASURED: "not settled", TOO_SHORT: "too short", NO_STEADY_STATE: "no rest"}
