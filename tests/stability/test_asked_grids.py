@@ -126,6 +126,9 @@ def test_without_a_box_the_axes_of_the_study_are_judged_and_the_line_says_where(
     assert said.startswith("fixed does not meet all of its gates. fixed: ")
     assert "SCR 20, X/R 1" in said
     assert "asked" in said
+    # Both models miss the last two; the first is told with its value.
+    also = " Also missed: phase margin, peak sensitivity M_s, damping ratio of all modes."
+    assert said.endswith(f"asked ≥ 0.25.{also}")
     lines = gates_text(result)
     failed = [row for row in result.verdicts if row.verdict == FAIL]
     assert lines[0] == f"gates (ours, no grid code): {11 - len(failed)} pass, {len(failed)} fail"

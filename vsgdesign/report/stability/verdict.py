@@ -129,11 +129,12 @@ def gates_of(result: StabilityResult, name: str) -> list[Verdict]:
 
 
 def stability_headline(result: StabilityResult) -> str:
-    """Which controllers meet all of their gates; of the first that does not, which gate it misses, and where."""
+    """Which controllers meet all of their gates; of the first that does not, which gate it misses, and where, and the
+    names of the others that it misses."""
     names = [a.spec.name for a in result.assessments]
-    missed = {name: missed_gates(gates_of(result, name)) for name in names}
+    missed = {name: _missed(gates_of(result, name)) for name in names}
     good = [name for name in names if all(row.verdict == PASS for row in gates_of(result, name))]
-    first = next((f" {name}: {rows[0]}." for name, rows in missed.items() if rows), "")
+    first = next((f" {name}: {text}" for name, text in missed.items() if text), "")
     if not good and not first:  # a gate that nothing could be held against is not missed
         return f"No gate of {' or '.join(names)} is missed, but {_not_assessed(result, names)}."
     if len(names) == 1:
@@ -143,6 +144,13 @@ def stability_headline(result: StabilityResult) -> str:
     if good == names:
         return "Every controller meets all of its gates."
     return f"All gates are met by {', '.join(good)} only.{first}"
+
+
+def _missed(own: Sequence[Verdict]) -> str:
+    """The first gate that is missed with its value, and the names of the others; empty where all are met."""
+    texts, names = missed_gates(own), list(dict.fromkeys(_short(row.test) for row in own if row.verdict == FAIL))
+    more = f" Also missed: {', '.join(names[1:])}." if names[1:] else ""
+    return f"{texts[0]}.{more}" if texts else ""
 
 
 def _not_assessed(result: StabilityResult, names: Sequence[str]) -> str:
@@ -198,8 +206,12 @@ def _counts(test: str) -> bool:
     return test.endswith(_MODEL) or test.startswith("2 % settling")
 
 
+def _short(test: str) -> str:
+    return test.removesuffix(_MODEL).removesuffix(_REDUCED).removesuffix(", worst cell")
+
+
 def _title(test: str) -> str:
-    short = test.removesuffix(_MODEL).removesuffix(_REDUCED).removesuffix(", worst cell")
+    short = _short(test)
     title = _TITLES.get(short, short)
     return title[0].upper() + title[1:]
 
