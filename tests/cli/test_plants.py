@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tests.simulation.test_plants import STUDY
+import vsgdesign as vd
+from tests.simulation.test_plants import STUDY, plant_of
 from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.drawing.sketch import Stroke, Words
 from vsgdesign.report.page.network import network_sketch
-from vsgdesign.study.parameters import load_study
+from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.study.parameters.power_plant import with_path
 from vsgdesign.verbs.cli.program import main
+from vsgdesign.verbs.pipeline import comparison
 from vsgdesign.verbs.pipeline.one_unit import as_one_converter
 
 PLANT = "[plant]\nunits = 2\nreactance = 0.06\nresistance = 0.01\n"
@@ -127,7 +130,26 @@ def test_a_load_is_behind_the_reactance_of_one_unit(tmp_path: Path) -> None:
     assert found.filter.L_2 > alone.filter.L_2
 
 
-@pytest.mark.parametrize("verb", ["compare"])
+def test_the_gains_of_equal_units_are_compared_on_the_grids_that_one_sees(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[Study] = []
+    monkeypatch.setattr(comparison, "report_comparison", lambda study, *_, **__: given.append(study) or {})
+    monkeypatch.setattr(comparison, "compare_study", lambda study, *_, **__: given.append(study))
+    file = study_file(tmp_path, PLANT + '[specification]\nscr = [3, 9]\nx_over_r = [2, 5]\nP = ["2 kW"]\n')
+    done = CliRunner().invoke(main, ["compare", str(file), "--json"])
+    assert done.exit_code == 0, done.output
+    vd.compare(file)
+    whole = load_study(file)
+    for one in given:
+        assert one.plant is None
+        assert one.filter == with_path(whole.filter, plant_of(whole).units[0])
+        assert one.grid.L_g == pytest.approx(2.0 * whole.grid.L_g, rel=1e-12)
+        assert one.controllers[0].design_grid == one.grid
+    assert len(given) == 2
+
+
+@pytest.mark.parametrize("verb", ["size"])
 def test_other_verbs_refuse_a_plant(tmp_path: Path, verb: str) -> None:
     done = CliRunner().invoke(main, [verb, str(study_file(tmp_path, PLANT)), "--out", str(tmp_path / "out")])
     assert done.exit_code != 0

@@ -216,8 +216,8 @@ def one_converter(study: Study, what: str) -> None:
     if study.plant is not None:
         raise InfeasibleStudyError(
             f"{what} knows one converter on a grid, and this study has a plant of {len(study.plant.units)}: take "
-            "[plant] and the lists of [network] out of the study. vsgdesign run and simulate take it as it is, and of "
-            "equal units table build, margins, certify, verify, survive, comply, inner and explore do the gains."
+            "[plant] and the lists of [network] out of the study. vsgdesign run and simulate take it as it is, and "
+            "table build, margins, certify, compare, verify, survive, comply, inner and explore take equal units."
         )
 
 

@@ -261,7 +261,7 @@ def compare(study_file: str, out: str | None, emt: bool, seed: int, workers: int
     """
     from vsgdesign.verbs.pipeline.comparison import report_comparison
 
-    study = load(study_file, left_tables=True)
+    study = load(study_file, left_tables=True, plants="as one unit")
     folder = Path("out") / f"{study.name}-comparison" if out is None else Path(out)
     found: list[Comparison] = []
     done = found.append

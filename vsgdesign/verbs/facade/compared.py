@@ -70,10 +70,10 @@ def compare(
     :func:`vsgdesign.verbs.pipeline.comparison.report_comparison`.
     """
     from vsgdesign.verbs.pipeline.comparison import compare_study, report_comparison
-    from vsgdesign.verbs.pipeline.one_unit import alone
+    from vsgdesign.verbs.pipeline.one_unit import as_one_converter, as_unit
     from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
 
-    study = with_left_tables(alone(given_study(study, "compare"), "compare"))
+    study = with_left_tables(as_unit(as_one_converter(given_study(study, "compare")), "compare"))
     if out is None:
         ready = study_tables(study, workers=workers, certificates=False, progress=progress).ready
         return ComparedGains(compare_study(study, ready, emt=emt, seed=seed, progress=progress))
