@@ -20,7 +20,7 @@ from vsgdesign.campaigns import phase_jumps
 from vsgdesign.design.inner import designing, search
 from vsgdesign.design.inner.search import Effort
 from vsgdesign.errors import ArtifactError
-from vsgdesign.report.inner.page import headline, inner_page
+from vsgdesign.report.inner.page import explanation, headline, inner_page
 from vsgdesign.report.page.blocks import Box, Words, plain_text
 from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.verbs.pipeline import inner, open_study, opening
@@ -276,5 +276,9 @@ def test_the_answer_names_the_worst_first(kept: Path) -> None:
     assert "off by 20 %" in headline(worse)
     worse["full_order"] = worse["full_order"] | {"stable": analysed - 2}
     assert f"unstable in 2 of {analysed} cells" in headline(worse)
+    whole = good | {"full_order": good["full_order"] | {"cells": analysed}}
+    assert "no operating point" not in explanation(whole)[1]
+    whole["full_order"]["cells"] += 1
+    assert "(1 further cell has no operating point)" in explanation(whole)[1]
     worse["grids"] = {"stable": of - 3, "of": of}
     assert headline(worse) == f"The inner loops are unstable on 3 of {of} grids."

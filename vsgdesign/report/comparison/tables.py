@@ -8,7 +8,7 @@ from vsgdesign.artifacts.definitions import ASKED, DEFINITIONS
 from vsgdesign.design.comparison import CLOSED_FORM, TABLE, Comparison, summary_of
 from vsgdesign.metrics.met import beside_limit, most_overshoot, most_settling_time
 from vsgdesign.report.drawing.quantities import DASH, GAIN_UNITS, number, plain, plain_quantity
-from vsgdesign.report.page.blocks import Table
+from vsgdesign.report.page.blocks import FLAGGED, Table
 from vsgdesign.report.stability.maps import used_gains
 from vsgdesign.study.parameters.specification import UNBOUNDED_H
 
@@ -68,7 +68,7 @@ def promises_table(comparison: Comparison) -> Table:
         f"Overshoot, settling and {ASKED['disk_margin']} are those with ideal inner loops. "
         f"Wrong: the estimate is off by {error_of(comparison)}. Worst over all grids, powers, and (wrong) estimates. "
         "∞: on some grid a loop is unstable or has no gains, "
-        "or a step does not settle. Fixed gains know no estimate. A coloured row does not meet the specification "
+        f"or a step does not settle. Fixed gains know no estimate. {FLAGGED} does not meet the specification "
         "everywhere.",
     )
     return Table("What each keeps", head, tuple(rows), texts=3, groups=groups, notes=notes, flagged=frozenset(flagged))

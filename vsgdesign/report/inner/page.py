@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.artifacts.definitions import DEFINITIONS
+from vsgdesign.errors import counted
 from vsgdesign.metrics.met import MARGIN_ROOM, score_met
 from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import number, plain, plain_quantity
 from vsgdesign.report.page.blocks import (
     BULLETS,
+    FLAGGED,
     Block,
     Box,
     Heading,
@@ -114,7 +116,7 @@ def inner_tables(document: dict[str, Any], on: Where = Where.PAGE) -> tuple[Tabl
         tuple(promise_rows(document)),
         texts=2,
         flagged=missed,
-        notes=("A coloured row is not kept on every grid. The share is the worst value divided by the target.",),
+        notes=(f"{FLAGGED} is not kept on every grid. The share is the worst value divided by the target.",),
         on=on,
     )
     title = "Gains of the inner loops, SI, dq components peak"
@@ -279,10 +281,12 @@ def explanation(document: dict[str, Any]) -> list[str]:
         f"The {name} limits: {number(limiting['value'])}{unit} {place}, where {asked} "
         f"{plain(limiting['target'])}{unit} is asked."
     ]
+    aside = check["cells"] - check["analysed"]
+    others = f" ({counted(aside, 'further cell')} {'has' if aside == 1 else 'have'} no operating point)" if aside else ""
     lines.append(
         f"With closed-form power loops the full-order model is stable in {check['stable']} of {check['analysed']} "
-        f"cells, with a {DEFINITIONS['damping_all_modes'].title} of {number(_or_nan(check['damping']))} or more "
-        f"({check['cells'] - check['analysed']} further cells have no operating point)."
+        f"cells, with a {DEFINITIONS['damping_all_modes'].title} of {number(_or_nan(check['damping']))} or more"
+        f"{others}."
     )
     enough = "at or above" if sampling["ratio"] >= ENOUGH_SAMPLING else "below"
     lines.append(

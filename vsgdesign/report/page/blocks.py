@@ -124,6 +124,9 @@ class Table(Block):
         return len(self.head) > 6
 
 
+FLAGGED = "A coloured row (on a terminal one with a star)"
+"""A flagged row in the words of a note."""
+
 MET, MISSED, UNKNOWN, OPEN, FACT = "met", "missed", "unknown", "open", "fact"
 """Marks of a cell: a target that is met, one that is missed, one that was asked for and cannot be judged, nothing that
 was asked for, and a figure that has no target. Each has its colour and, because colours alone are not enough, its sign
