@@ -211,17 +211,18 @@ class Compared:
         return float(values.max() if figure_of(name).smaller_is_better else values.min())
 
 
-def compare_tables(tables: Sequence[GainTable]) -> list[Compared]:
+def compare_tables(tables: Sequence[GainTable], names: Sequence[str]) -> list[Compared]:
     """Compare tables for the same system on the nodes of the first table, at its design point.
 
-    A table with other nodes is interpolated as in its runtime. Raises ArtifactError if two bases differ.
+    A table with other nodes is interpolated as in its runtime. Raises ArtifactError if two bases differ, with the
+    ``names`` of the tables, such as their files.
     """
     first = tables[0]
-    for other in tables[1:]:
-        faults = base_differences(first.base, other.base, other.name)
+    for other, name in zip(tables[1:], names[1:], strict=True):
+        faults = base_differences(first.base, other.base, name)
         if faults:
             raise ArtifactError(
-                f"{first.name} and {other.name} are for different systems; compare tables of one system.\n"
+                f"{names[0]} and {name} are for different systems; compare tables of one system.\n"
                 + "\n".join(f"  - {fault}" for fault in faults)
             )
     R_g, L_g = table_grids(first)

@@ -231,7 +231,7 @@ def compare(table_files: tuple[str, ...], as_json: bool) -> None:
 
     if len(table_files) < 2:
         raise click.UsageError("give at least two tables to compare")
-    compared = compare_tables([read_table_file(path) for path in table_files])
+    compared = compare_tables([read_table_file(path) for path in table_files], table_files)
     from vsgdesign.report.gain_table.overview import comparison_blocks, comparison_document
     from vsgdesign.report.page.terminal import print_terminal
 

@@ -116,7 +116,7 @@ def compare_tables(*tables: Table) -> ComparedTables:
         raise TypeError("compare_tables takes at least two tables.")
     given = [_given(table) for table in tables]
     names = [str(one) if isinstance(one, str | Path) else table.name for one, table in zip(tables, given, strict=True)]
-    return ComparedTables(compared(given), names)
+    return ComparedTables(compared(given, names), names)
 
 
 @dataclass(frozen=True)
