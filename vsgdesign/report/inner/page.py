@@ -282,7 +282,8 @@ def explanation(document: dict[str, Any]) -> list[str]:
         f"{plain(limiting['target'])}{unit} is asked."
     ]
     aside = check["cells"] - check["analysed"]
-    others = f" ({counted(aside, 'further cell')} {'has' if aside == 1 else 'have'} no operating point)" if aside else ""
+    have = "has" if aside == 1 else "have"
+    others = f" ({counted(aside, 'further cell')} {have} no operating point)" if aside else ""
     lines.append(
         f"With closed-form power loops the full-order model is stable in {check['stable']} of {check['analysed']} "
         f"cells, with a {DEFINITIONS['damping_all_modes'].title} of {number(_or_nan(check['damping']))} or more"
