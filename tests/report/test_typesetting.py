@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import math
 
 import pytest
+from rich.console import Console
 
 from vsgdesign.linear.stability.verdict import _margin
 from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.quantities import merged, typeset
 from vsgdesign.report.drawing.sketch import svg
 from vsgdesign.report.drawing.spark import key
+from vsgdesign.report.page.blocks import Table, Where
 from vsgdesign.report.page.html import environment, with_subscripts
+from vsgdesign.report.page.terminal import print_terminal
 
 
 @pytest.mark.parametrize(
@@ -66,3 +70,14 @@ def test_a_filled_form_escapes_what_is_no_html(value: object, shown: str) -> Non
 def test_a_form_has_a_value_for_each_place(values: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match=r"shorter|longer"):
         filled("{} {}", *values)
+
+
+@pytest.mark.parametrize(("width", "whole"), [(120, True), (52, True), (40, False)])
+def test_a_word_is_broken_only_where_the_words_have_no_room(width: int, whole: bool) -> None:
+    head = ("Structure", *4 * ("kept on all of the grids",))
+    table = Table("", head, (("angle-damped", *"1234"),), flagged=frozenset({0}), on=Where.TERMINAL)
+    out = io.StringIO()
+    print_terminal([table], Console(file=out, width=width))
+    lines = out.getvalue().splitlines()
+    assert all(len(line) <= width for line in lines)
+    assert any("angle-damped" in line for line in lines) is whole

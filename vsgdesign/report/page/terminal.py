@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from vsgdesign.report.drawing.quantities import typeset
 from vsgdesign.report.page.blocks import (
@@ -94,14 +94,15 @@ def _table(console: Console, table: Table) -> None:
     stars = bool(table.flagged)
     columns = [k for k, name in enumerate(table.head) if name not in table.left_out]
     shown, heads = _new_table(), _heads(table)
+    rows = table.rows if table.most is None else table.rows[: table.most]
+    texts = [[typeset(heads[k]), *(_text(row[k]) for row in rows)] for k in columns]
     if stars:
         shown.add_column("")
-    for k in columns:
-        shown.add_column(escape(typeset(heads[k])), justify="left" if k < table.texts else "right", overflow="fold")
-    rows = table.rows if table.most is None else table.rows[: table.most]
-    for k, row in enumerate(rows):
-        cells = [escape(_text(row[n])) for n in columns]
-        shown.add_row(*(["*" if k in table.flagged else ""] if stars else []), *cells)
+    for k, width, text in zip(columns, _widths(texts, console.width - 3 * stars), texts, strict=True):
+        side: Literal["left", "right"] = "left" if k < table.texts else "right"
+        shown.add_column(escape(text[0]), justify=side, overflow="fold", width=width)
+    for k, cells in enumerate(list(zip(*texts, strict=True))[1:]):
+        shown.add_row(*(["*" if k in table.flagged else ""] if stars else []), *map(escape, cells))
     # A line of its own: as a title of a narrow table it would be broken.
     _say(console, typeset(table.title), "italic")
     console.print(shown)
@@ -110,6 +111,20 @@ def _table(console: Console, table: Table) -> None:
         _say(console, f"… and {len(table.rows) - len(rows)} more on the page{reasons}")
     for note in table.notes:
         _say(console, _text(note))
+
+
+def _widths(columns: Sequence[Sequence[str]], room: int) -> list[int | None]:
+    """Widths of columns of texts, the widest made narrower until all have room, but no word of them broken; None for
+    each where that is not possible, or not needed."""
+    widths = [max(len(line) for text in column for line in text.split("\n")) for column in columns]
+    words = [max((len(word) for text in column for word in text.split()), default=0) for column in columns]
+    too_wide = sum(widths) + 2 * len(columns) - room
+    if not 0 < too_wide <= sum(widths) - sum(words):
+        return [None] * len(columns)
+    for _ in range(too_wide):
+        k = max((k for k, width in enumerate(widths) if width > words[k]), key=widths.__getitem__)
+        widths[k] -= 1
+    return list(widths)
 
 
 def _heads(table: Table) -> list[str]:
