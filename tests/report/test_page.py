@@ -175,6 +175,9 @@ def test_the_verdict_counts_and_explains(short):
     outcomes = step_outcomes(short.result)
     text = " ".join(verdict(short.result, outcomes))
     assert text.startswith("No controller meets")
+    name = outcomes[-1].controller.spec.name
+    excused = [replace(one, excuse="outside") if one.controller.spec.name == name else one for one in outcomes]
+    assert verdict(short.result, excused)[0].endswith(f" on every step. No step of {name} is judged.")
     assert "settling time met on 0 and overshoot on 0 of 2 reference steps" in text
     first = outcomes[0]
     assert f"settled after {number(first.settling_time_s)} s" in text

@@ -34,7 +34,7 @@ def verdict(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> list[str
         reason = "No reference step moves its power measurably" if stepped else "No event steps a reference"
         no_step = f"{reason}, so there is no settling time or overshoot to hold to a target."
         return [text for text in (no_step, survival_text(result), _at_limit(result), _stress(result)) if text]
-    paragraphs = [_summary(result, outcomes)]
+    paragraphs = [_summary(result, outcomes) + _unjudged(outcomes)]
     for controller in result.controllers:
         own = [outcome for outcome in outcomes if outcome.controller is controller]
         if own:
@@ -74,6 +74,14 @@ def _summary(result: ScenarioResult, outcomes: Sequence[StepOutcome]) -> str:
     if left:
         return f"Settling time and overshoot are met by {', '.join(good)} only, on every reference step{left}."
     return f"Settling time and overshoot are met on every reference step by {', '.join(good)} only."
+
+
+def _unjudged(outcomes: Sequence[StepOutcome]) -> str:
+    """The controllers of which no step is judged, beside others; empty if there are none."""
+    names = dict.fromkeys(outcome.controller.spec.name for outcome in outcomes)
+    judged = {outcome.controller.spec.name for outcome in outcomes if outcome.judged}
+    silent = [name for name in names if name not in judged]
+    return f" No step of {', '.join(silent)} is judged." if judged and silent else ""
 
 
 def _left_out(outcomes: Sequence[StepOutcome], named: bool) -> str:
