@@ -22,6 +22,7 @@ from vsgdesign.simulation import MeasuredWindow, simulate
 from vsgdesign.simulation.estimated import NO_DESIGN, TRAINED_PHASE, EstimatedScheduler, window_channels
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.simulation.scenario.checking import check_scenario
 from vsgdesign.simulation.scenario.judging import judge_estimates
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.grid import Grid
@@ -96,6 +97,21 @@ def test_a_window_without_an_estimate_holds_the_gains() -> None:
     assert len(run.gain_changes) == 1
     assert np.isnan(log.R_g_hat).all()
     assert np.isfinite(log.series()["status"]).all()
+
+
+def test_a_network_that_was_trained_with_another_bridge_is_told_of() -> None:
+    """A switched bridge biases the samples of its windows, and only a network that was trained so takes it away."""
+    study, ready = study_with(replace(always(0.9, 2.9e-3), recipe={"bridge": "pwm"}))
+    said: list[str] = []
+    run_scenario(study, ready, warn=said.append)
+    (told,) = (text for text in said if "trained with" in text)
+    assert told.startswith(
+        "network: its network was trained with a switched bridge (PWM), and this run has an averaged"
+    )
+    assert told in check_scenario(study, ready)
+    assert not any("trained with" in text for text in check_scenario(study, ready, bridge="pwm"))
+    unknown = Ready(network=always(0.9, 2.9e-3))
+    assert not any("trained with" in text for text in check_scenario(study, unknown))
 
 
 def test_an_estimate_that_has_no_gains_holds_them() -> None:

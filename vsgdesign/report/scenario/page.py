@@ -42,6 +42,7 @@ from vsgdesign.report.scenario.verdict import explanation, placing_text, surviva
 from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
 from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles
+from vsgdesign.simulation.scenario.checking import BRIDGES
 from vsgdesign.simulation.scenario.judging import Judgement, judge_estimates
 from vsgdesign.simulation.scenario.promises import promises_kept
 from vsgdesign.study.parameters.study import Study
@@ -224,15 +225,11 @@ def _scenario(result: ScenarioResult) -> str:
     count = len(study.events)
     events = "no events" if count == 0 else f"{count} event{'s' if count > 1 else ''}"
     plural = "s" if len(result.controllers) > 1 else ""
-    bridges = " and ".join(sorted({_bridge(controller.bridge) for controller in result.controllers}))
+    bridges = " and ".join(sorted({BRIDGES[controller.bridge] for controller in result.controllers}))
     return (
         f"{plain(study.simulation.duration)} s of electromagnetic-transient simulation with {bridges}, {events}, "
         f"controller{plural} {names}, on a converter of {plain_quantity(study.converter.S_rated, 'VA')}."
     )
-
-
-def _bridge(bridge: str) -> str:
-    return "an averaged bridge" if bridge == "averaged" else "a switched bridge (PWM)"
 
 
 def _said_of_link(study: Study) -> str:

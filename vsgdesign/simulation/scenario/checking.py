@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
+from vsgdesign.identification.registry import needs_network
 from vsgdesign.simulation.expected_rests import expected_rests, refuse_impossible
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.gains import GainChange
@@ -13,6 +14,9 @@ from vsgdesign.simulation.rest import WHERE_TO_LOOK, instabilities
 from vsgdesign.simulation.run import check_run
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+BRIDGES = {"averaged": "an averaged bridge", "pwm": "a switched bridge (PWM)"}
+"""The bridge of a run in words."""
 
 
 def check_scenario(study: Study, ready: Ready = NOTHING, *, bridge: str | None = None) -> list[str]:
@@ -33,7 +37,30 @@ def check_scenario(study: Study, ready: Ready = NOTHING, *, bridge: str | None =
             changes = [GainChange(rest.t_s, rest.gains, rest.grid) for rest in found]
             deaf += deaf_in_words(spec, unanswered(own, changes))
         check_run(own, feed, bridge=bridge)
-    return [*unstable, *([WHERE_TO_LOOK] if unstable else []), *deaf]
+    return [
+        *other_bridges(study, study.controllers, ready, bridge),
+        *unstable,
+        *([WHERE_TO_LOOK] if unstable else []),
+        *deaf,
+    ]
+
+
+def other_bridges(study: Study, specs: Sequence[ControllerSpec], ready: Ready, bridge: str | None) -> list[str]:
+    """One sentence on each of these controllers whose network was trained with another bridge than that of the run
+    (None: that of the study). Weights that do not say their bridge are not told of."""
+    used, trained = (
+        bridge or study.simulation.bridge,
+        None if ready.network is None else ready.network.recipe.get("bridge"),
+    )
+    if trained in (None, used):
+        return []
+    return [
+        f"{spec.name}: its network was trained with {BRIDGES[trained]}, and this run has {BRIDGES[used]}. Samples of a "
+        "switched voltage have a bias, so that its estimates may be wrong by more than the grid's impedance. Train it "
+        f'with bridge = "{used}" in its recipe, or simulate with --bridge {trained}.'
+        for spec in specs
+        if needs_network(spec.estimate)
+    ]
 
 
 def deaf_in_words(spec: ControllerSpec, deaf: Mapping[float, str]) -> list[str]:

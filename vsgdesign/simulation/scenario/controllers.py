@@ -50,7 +50,7 @@ from vsgdesign.simulation.outcome import (
 from vsgdesign.simulation.reclosing import reclosed, waits_to_close
 from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.scenario.checking import deaf_in_words
+from vsgdesign.simulation.scenario.checking import deaf_in_words, other_bridges
 from vsgdesign.simulation.search import found_events
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.scenario import judge_scenario
@@ -216,8 +216,9 @@ def _run_controllers(
     feeds = [feed_of(one, spec, timeline, ready) for one, spec in zip(own, specs, strict=True)]
     expected = [_expected(one, timeline, spec, ready) for one, spec in zip(own, specs, strict=True)]
     unstable = [one for spec, found in zip(specs, expected, strict=True) for one in instabilities(study, spec, found)]
-    if warn is not None and unstable:
-        for text in (*(one.message for one in unstable), WHERE_TO_LOOK):
+    if warn is not None:
+        told = [one.message for one in unstable]
+        for text in (*other_bridges(study, specs, ready, bridge), *told, *([WHERE_TO_LOOK] if told else ())):
             warn(text)
     results, unstable, memory = {}, list[Instability](), memory_for(study)
     for asked, spec, feed, found in zip(own, specs, feeds, expected, strict=True):
