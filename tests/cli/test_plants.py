@@ -16,6 +16,7 @@ from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.drawing.sketch import Stroke, Words
 from vsgdesign.report.page.network import network_sketch
 from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.study.parameters.loading import study_from_document
 from vsgdesign.study.parameters.power_plant import with_path
 from vsgdesign.verbs.cli.program import main
 from vsgdesign.verbs.pipeline import comparison
@@ -128,6 +129,10 @@ def test_a_load_is_behind_the_reactance_of_one_unit(tmp_path: Path) -> None:
     assert found.plant is None
     assert found.grid == alone.grid
     assert found.filter.L_2 > alone.filter.L_2
+    assert found.origin is not None
+    again = study_from_document(found.origin.document, found.origin)  # as the cases of comply and verify are made
+    for name in ("plant", "filter", "grid", "dc", "simulation", "controllers", "events"):
+        assert getattr(again, name) == getattr(found, name)
 
 
 def test_the_gains_of_equal_units_are_compared_on_the_grids_that_one_sees(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, replace
+from typing import Any
 
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.parameters import Study
 from vsgdesign.study.parameters.power_plant import behind_its_path, one_converter, with_fixed_gains
+from vsgdesign.study.parameters.study import StudyOrigin
 from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
 
@@ -39,23 +41,30 @@ def written_as_unit(study: Study, what: str) -> Study:
     own, origin = as_unit(study, what), study.origin
     if study.plant is None or origin is None:
         return own
-    document = {key: value for key, value in origin.document.items() if key not in ("plant", "network", "verification")}
+    document = _document_of_unit(own, origin)
+    document.pop("verification", None)
     grid = {key: value for key, value in document["grid"].items() if key not in ("scr", "x_over_r")}
     asked = own.specification
     if asked is not None:
         seen = {"scr": list(asked.scr), "differential_decay": asked.differential_decay}
         document["specification"] = document["specification"] | seen
-    listed = origin.document.get("network", {}).get("units", [{}])  # equal units, of which the first one may have [dc]
-    document |= {"dc": listed[0]["dc"]} if listed and "dc" in listed[0] else {}
-    f, simulation = own.filter, {"P_ref": own.simulation.P_ref, "Q_ref": own.simulation.Q_ref}
     document |= {
-        "filter": {"kind": "LCL" if f.L_2 > 0.0 else "LC"}
-        | {one.name: getattr(f, one.name) for one in fields(f) if one.name[-1] != "2" or f.L_2 > 0.0},
         "grid": grid | {"R_g": own.grid.R_g, "L_g": own.grid.L_g},
-        "simulation": document["simulation"] | simulation,
         "events": [event.document(own.converter) for event in own.events if event.changed or event.grid is not None],
     }
     return replace(own, origin=replace(origin, document=document))
+
+
+def _document_of_unit(own: Study, origin: StudyOrigin) -> dict[str, Any]:
+    """The document of a plant as that of one of its units, on the same grid and with the same events: x_t in its
+    filter, and its dc link and set points."""
+    document = {key: value for key, value in origin.document.items() if key not in ("plant", "network")}
+    listed = origin.document.get("network", {}).get("units", [{}])  # equal units, of which the first one may have [dc]
+    document |= {"dc": listed[0]["dc"]} if listed and "dc" in listed[0] else {}
+    f, simulation = own.filter, {"P_ref": own.simulation.P_ref, "Q_ref": own.simulation.Q_ref}
+    filter_ = {one.name: getattr(f, one.name) for one in fields(f) if one.name[-1] != "2" or f.L_2 > 0.0}
+    filter_ |= {"kind": "LCL" if f.L_2 > 0.0 else "LC"}
+    return document | {"filter": filter_, "simulation": document["simulation"] | simulation}
 
 
 def with_tables_left(study: Study, say: Callable[[str], None] | None = None) -> Study:
@@ -78,8 +87,8 @@ def alone(study: Study, what: str) -> Study:
 
 
 def as_one_converter(study: Study) -> Study:
-    """A plant of one unit with nothing but the grid at its node as one converter, with x_t in its filter; any other
-    study as it is."""
+    """A plant of one unit with nothing but the grid at its node as one converter, with x_t in its filter and in its
+    document; any other study as it is."""
     plant = study.plant
     if plant is None or len(plant.units) != 1 or plant.elements or plant.sources or plant.opened:
         return study
@@ -92,4 +101,7 @@ def as_one_converter(study: Study) -> Study:
         return study  # load, fault and breaker are behind x_t
 
     simulation = replace(study.simulation, P_ref=unit.P_ref, Q_ref=unit.Q_ref)
-    return with_fixed_gains(replace(behind_its_path(study, unit), plant=None, simulation=simulation))
+    own = with_fixed_gains(replace(behind_its_path(study, unit), plant=None, simulation=simulation))
+    if study.origin is None:
+        return own
+    return replace(own, origin=replace(study.origin, document=_document_of_unit(own, study.origin)))
