@@ -17,6 +17,7 @@ from vsgdesign.equations.frames import phase_to_ll, rms_to_peak
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.errors import StudyError
+from vsgdesign.estimator.recipes import WINDOW_RECIPES
 from vsgdesign.study.datasheet import Datasheet, read_sheet, resolve, study_text
 from vsgdesign.study.datasheet.study_text import middle, nodes
 from vsgdesign.study.parameters import Study, study_from_text
@@ -84,6 +85,9 @@ def test_the_estimator_that_is_offered_is_one_that_the_reader_takes() -> None:
     study = study_from_text(text, inner_loops=lambda _: UNTOLD)
     assert study.estimator is not None
     assert study.controllers[0].estimate == "neural"
+    low, high = WINDOW_RECIPES.load("wide").P_pu.values
+    assert f"It learns P from {low:g} to {high:g} pu" in text
+    assert study.simulation.P_ref < low * study.converter.S_rated
 
 
 def states(study: Study) -> list[tuple[float, float, float, float]]:
