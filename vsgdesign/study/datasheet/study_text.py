@@ -118,8 +118,8 @@ schedule = "table"               # designed by `run` or `table build` to the spe
 # estimate = "neural"            # from an estimate of the grid in place of the truth; needs the section below
 
 # A network that estimates the grid, trained in the run: half a minute more, and PyTorch. It is lent the phase of the
-# grid's own voltage, which a simulator has and no converter in the field. It learns P from 0.3 to 0.9 pu: at less, as in
-# the first second of this scenario, its estimates are rough.
+# grid's own voltage, which a simulator has and no converter in the field. It learns P from 0.3 to 0.9 pu: at less, as
+# in the first second of this scenario, its estimates are rough.
 # [estimator]
 # recipe = "wide"
 # grid_phase = true
