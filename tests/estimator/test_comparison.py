@@ -8,13 +8,14 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from tests.artifacts.networks import random_weights
-from tests.cli.small_studies import SMALL
+from tests.cli.small_studies import SMALL, call
 from tests.report.test_answer import rows_on
 from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.errors import ArtifactError
@@ -38,6 +39,7 @@ from vsgdesign.report.estimator.page import (
     stress_conclusion,
     stress_page,
 )
+from vsgdesign.report.page.blocks import Answer, Box, Words, plain_text
 from vsgdesign.report.page.html import print_html
 from vsgdesign.study.parameters import Study, load_study, study_from_text
 from vsgdesign.study.parameters.background import draw_background
@@ -241,6 +243,29 @@ def test_pages_and_figures(tmp_path: Path) -> None:
         assert [cell[0] for cell in row[1:]] == ["✓" if value <= 0.1 else "✗" for value in worst]
         assert all(f"{number(100.0 * v, 2)} %" in cell for v, cell in zip(worst, row[1:], strict=True))
     assert any(sentence.startswith("PRBS, least squares: within 10 %") for sentence in stress_conclusion(stressed()))
+
+
+@pytest.mark.parametrize("verb", ["compare", "stress"])
+def test_the_terminal_has_the_answer_of_the_page(verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: Any = compared() if verb == "compare" else stressed()
+    name, page = {"compare": ("comparison", comparison_page), "stress": ("stress", stress_page)}[verb]
+
+    def made(*_: Any, done: Any, **__: Any) -> dict[str, Any]:
+        done(found)
+        return {"left_out": ["SCR 2 is left out."]}
+
+    monkeypatch.setattr(f"vsgdesign.verbs.pipeline.estimators.report_{name}", made)
+    (tmp_path / "s.toml").write_text(SMALL)
+    lines = call("estimator", verb, tmp_path / "s.toml", "--out", tmp_path / "out").stdout.splitlines()
+    box = page("A study", found, ()).blocks[1]
+    assert isinstance(box, Box)
+    headline, answer = box.blocks
+    assert isinstance(headline, Words)
+    assert isinstance(answer, Answer)
+    assert [lines[0]] == [plain_text(line) for line in headline.lines]
+    shown = {line.strip().partition("  ")[0] for line in lines}
+    assert {row.name for row in answer.rows} <= shown or verb == "stress"  # whose narrow columns break the names
+    assert lines[-2] == "SCR 2 is left out."
 
 
 def test_the_folder_holds_what_was_found(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ from vsgdesign.report.page.blocks import (
     Row,
     Span,
     Table,
+    answered,
     drawings,
     opening,
     without_empty,
@@ -56,6 +57,16 @@ def comparison_page(study: str, found: Comparison, figures: Sequence[WrittenFigu
         *drawings(figures, 3),
     ]
     return _page("Impedance estimators compared", study, blocks, found.weights)
+
+
+def comparison_terminal(found: Comparison) -> list[Block]:
+    """What a terminal prints of a comparison: the answer."""
+    return answered(comparison_headline(found), comparison_answer(found))
+
+
+def stress_terminal(found: Stress) -> list[Block]:
+    """What a terminal prints of a stress test: the answer."""
+    return answered(stress_headline(found), stress_answer(found))
 
 
 def stress_page(study: str, found: Stress, figures: Sequence[WrittenFigure]) -> Page:

@@ -215,6 +215,11 @@ def opening(
     return [Box((words(headline, style=HEADLINE), *answers), anchor="answer"), *drawings(first)]
 
 
+def answered(headline: Line, answer: Answer) -> list[Block]:
+    """The answer of a page on a terminal."""
+    return [words(headline, style=HEADLINE, on=Where.TERMINAL), replace(answer, on=Where.TERMINAL)]
+
+
 @dataclass(frozen=True)
 class Sketches(Block):
     """Sketches side by side, with a title and a caption."""

@@ -13,6 +13,7 @@ from vsgdesign.verbs.cli.common import JSON, STUDY, WORKERS, in_blocks, load, pr
 
 if TYPE_CHECKING:
     from vsgdesign.execution.executors import How
+    from vsgdesign.report.page.blocks import Block
 
 _RECIPE = click.option(
     "--recipe",
@@ -223,9 +224,10 @@ def compare(**asked: Any) -> None:
 
     The report shows the error and its theoretical bound, how much each method disturbs the grid, and its delay.
     """
+    from vsgdesign.report.estimator.page import comparison_terminal
     from vsgdesign.verbs.pipeline.estimators import report_comparison
 
-    _report(report_comparison, **asked)
+    _report(report_comparison, comparison_terminal, **asked)
 
 
 @estimator.command()
@@ -236,13 +238,15 @@ def stress(**asked: Any) -> None:
 
     Frequency, phase, voltage, X/R, SCR, noise or harmonics differ from the training.
     """
+    from vsgdesign.report.estimator.page import stress_terminal
     from vsgdesign.verbs.pipeline.estimators import report_stress
 
-    _report(report_stress, **asked)
+    _report(report_stress, stress_terminal, **asked)
 
 
 def _report(
     make: Callable[..., dict[str, Any]],
+    terminal: Callable[[Any], list[Block]],
     *,
     study_file: str,
     out: str,
@@ -264,12 +268,16 @@ def _report(
         study = replace(study, background=draw_background({}, drawn_from, background))
     if sensors is not None:
         study = replace(study, sensors=draw_sensors({}, drawn_from, sensors))
+    found: list[Any] = []
     with results_at(out):
         with progress(quiet=as_json) as tell:
-            document = make(study, out, seed=drawn_from, progress=tell, **networks)
+            document = make(study, out, seed=drawn_from, progress=tell, done=found.append, **networks)
         if as_json:
             print_json(document)
         else:
+            from vsgdesign.report.page.terminal import print_terminal
+
+            print_terminal([block for one in found for block in terminal(one)])
             for sentence in document["left_out"]:
                 click.echo(sentence)
             click.echo(f"report: {Path(out) / 'report.html'}")
