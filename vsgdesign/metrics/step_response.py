@@ -49,18 +49,20 @@ def no_figures(initial: float, final: float | None = None) -> ResponseMetrics:
     )
 
 
-def cycle_mean(y: Array, samples_per_cycle: int) -> Array:
-    """Mean over the cycle, or the whole cycles, that end at each sample; before the first end, over what there is. The
-    samples of ``y`` are along its last axis."""
+def cycle_mean(y: Array, samples_per_cycle: int, begin: int = 0) -> Array:
+    """Mean over the cycle, or the whole cycles, that end at each sample from sample ``begin`` on; before the first end,
+    over what there is. The samples of ``y`` are along its last axis."""
     if samples_per_cycle <= 1:
-        return y.copy()
+        return y[..., begin:].copy()
     n = min(samples_per_cycle, y.shape[-1])
     # In memory that runs along the samples, wherever those of y lie.
     mean = np.subtract(y, y[..., :1], dtype=float, order="C")
     total = np.cumsum(mean, axis=-1)
-    np.divide(total[..., :n], np.arange(1, n + 1), out=mean[..., :n])
-    np.subtract(total[..., n:], total[..., :-n], out=mean[..., n:])
-    mean[..., n:] /= n
+    whole, mean = max(n, begin), mean[..., begin:]
+    np.divide(total[..., begin:n], np.arange(begin + 1, n + 1), out=mean[..., : whole - begin])
+    rest = mean[..., whole - begin :]
+    np.subtract(total[..., whole:], total[..., whole - n : -n], out=rest)
+    rest /= n
     mean += y[..., :1]
     return mean
 

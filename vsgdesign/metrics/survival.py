@@ -357,7 +357,7 @@ def _recovery(record: SurvivalRecord, cleared_s: float, rest: ExpectedRest, dema
 
 def _beyond(values: Array, cycle: int, first: int, rest: float) -> Array:
     """How far the means over a cycle are from a rest, from a row on."""
-    away = cycle_mean(values, cycle)[first:]
+    away = cycle_mean(values, cycle, first)
     away -= rest
     return np.abs(away, out=away)
 

@@ -288,27 +288,32 @@ def record_of(study: Study, simulation: Simulation) -> SurvivalRecord:
     t_s, i_s = simulation.each_s, [simulation.each(name) for name in ("i_s_alpha", "i_s_beta")]
     every = max(round(float(t_s[1] - t_s[0]) / study.converter.T_s), 1)
     counted = simulation.each("limited_samples")
-    P_moved, Q_moved = _moved(study, simulation)
+    P, Q = (np.ascontiguousarray(simulation.each(name)) for name in ("P", "Q"))
+    if (moved := _moved(study, simulation)) is not None:
+        P, Q = P - moved[0], Q - moved[1]
+    phase = simulation.timeline.source_phase(t_s, _SAME_INSTANT * study.converter.T_s)
+    limited = np.zeros(len(t_s))
+    np.subtract(counted[1:], counted[:-1], out=limited[1:])
     return SurvivalRecord(
         t_s=t_s,
-        P=np.ascontiguousarray(simulation.each("P") - P_moved),
-        Q=np.ascontiguousarray(simulation.each("Q") - Q_moved),
-        delta=simulation.each("theta") - simulation.timeline.source_phase(t_s, _SAME_INSTANT * study.converter.T_s),
+        P=P,
+        Q=Q,
+        delta=np.subtract(simulation.each("theta"), phase, out=phase),
         i_s_pu=np.sqrt(i_s[0] * i_s[0] + i_s[1] * i_s[1]) / study.converter.I_rated_pk,
-        limited=np.diff(counted, prepend=counted[:1]) / every,
+        limited=limited if every == 1 else limited / every,
         diverged=simulation.divergence is not None,
     )
 
 
-def _moved(study: Study, simulation: Simulation) -> tuple[Array | float, Array | float]:
-    """By how much P (W) and Q (var) of the rest have moved with the charge, in each row."""
+def _moved(study: Study, simulation: Simulation) -> tuple[Array, Array] | None:
+    """By how much P (W) and Q (var) of the rest have moved with the charge, in each row; None: they have not."""
     end_s, timeline = float(simulation.t_s[-1]), simulation.timeline
     rows, count = simulation.dc_log, len(simulation.t_s)
     if rows is not None and len(rows) < count:  # the charge moves slowly: each of them counts up to the next one
         rows = rows[np.arange(count) // -(-count // len(rows))]
     moved = None if rows is None else moved_rest(study, timeline.link_at(end_s), rows)
     if moved is None:
-        return 0.0, 0.0
+        return None
     source, grid, load = timeline.source_at(end_s), timeline.grid_at(end_s), timeline.network_at(end_s).load
     lanes = Lanes.at(grid, GridSource(source.V_g_rms, source.omega), timeline.references_at(end_s))
     circuit = circuit_at_rest(study, Connection(grid, Network(load=load)))
