@@ -18,7 +18,7 @@ from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.study.parameters.controllers import mean_time, poles_to_write
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.grid import GridEstimate, GridSource
-from vsgdesign.study.parameters.loading import FILES, study_from_document
+from vsgdesign.study.parameters.loading import study_from_document, with_files
 from vsgdesign.study.parameters.study import ControllerSpec, Study, StudyOrigin
 from vsgdesign.study.parameters.toml_file import toml_text
 
@@ -77,7 +77,8 @@ def base_document(
         raise StudyError(study.name, [fault])
     source, place = dict(origin.document), os.path.abspath(folder)
     document: dict[str, Any] = {key: value for key, value in source.items() if key not in _LEFT_OUT}
-    document = placed_document(place, document, os.path.abspath(origin.folder))
+    if (there := os.path.abspath(origin.folder)) != place:
+        document = with_files(document, lambda name: Path(os.path.relpath(os.path.join(there, name), place)).as_posix())
     document["study"] = {"name": name, "title": title or f"A case of {study.title}"}
     if study.source:
         document["study"]["source"] = study.source
@@ -86,26 +87,6 @@ def base_document(
     if spec.estimate == "truth":
         document.pop("estimator", None)
     return document, StudyOrigin(document, place, name, name)
-
-
-def placed_document(place: str, document: dict[str, Any], folder: str) -> dict[str, Any]:
-    """The document with the files that it names relative to another folder."""
-    if place == folder:
-        return document
-
-    def moved(table: Any, field: str) -> Any:
-        named = table.get(field) if isinstance(table, dict) else None
-        if not isinstance(named, str) or (field == "recipe" and not named.endswith(".toml")):
-            return table
-        return table | {field: Path(os.path.relpath(os.path.join(folder, named), place)).as_posix()}
-
-    for section, field in FILES:
-        tables = document.get(section)
-        if isinstance(tables, list):
-            document[section] = [moved(one, field) for one in tables]
-        elif tables is not None:
-            document[section] = moved(tables, field)
-    return document
 
 
 def inner_loops_document(study: Study) -> dict[str, Any]:

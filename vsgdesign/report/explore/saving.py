@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.gain_table import base_differences, base_of
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.campaigns.verification.case_study import inner_loops_document, placed_document
+from vsgdesign.campaigns.verification.case_study import inner_loops_document
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.report.explore.dc_side import with_written_charge
@@ -17,7 +17,7 @@ from vsgdesign.report.explore.scene import Scene, scene_of, study_of
 from vsgdesign.report.explore.state import OWN, State
 from vsgdesign.simulation.steps import references_at
 from vsgdesign.study.parameters.controllers import mean_time, poles_to_write
-from vsgdesign.study.parameters.loading import study_from_document
+from vsgdesign.study.parameters.loading import study_from_document, with_files
 from vsgdesign.study.parameters.study import Study, StudyOrigin
 from vsgdesign.study.parameters.toml_file import toml_text
 from vsgdesign.study.parameters.units import format_quantity
@@ -94,7 +94,7 @@ def _document(
     first = _first(scene, state)
     run = study_of(scene, ready, state, first)
     document = {name: value for name, value in origin.document.items() if name not in _LEFT_OUT}
-    document = _absolute(document, os.path.abspath(origin.folder))
+    document = with_files(document, lambda name: os.path.abspath(os.path.join(origin.folder, name)))
     name = f"{study.name}-explored"
     document["study"] = {"name": name, "title": f"{study.title}: a state of the explorer"}
     if study.source:
@@ -158,15 +158,6 @@ def _fits(scene: Scene, k: int, run: Study, notes: list[str]) -> bool:
     shown = ", ".join(format_quantity(float(f"{v:.4g}"), unit) for v, unit in zip(needed, ("W", "var"), strict=True))
     notes.append(f"{name} is left out: with its droops it needs other references ({shown}). Save it alone.")
     return False
-
-
-def _absolute(document: dict[str, Any], folder: str) -> dict[str, Any]:
-    """The document with absolute paths of the files that it names."""
-    moved = placed_document(os.path.abspath(os.sep), document, folder)
-    for one in moved.get("controllers", []):
-        if isinstance(one, dict) and isinstance(one.get("table"), str):
-            one["table"] = os.path.join(os.path.abspath(os.sep), one["table"])
-    return moved
 
 
 def _controller(

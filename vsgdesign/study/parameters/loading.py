@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import resources
 from numbers import Integral, Real
@@ -99,7 +99,7 @@ def study_from_document(
     """
     faults: list[Fault] = []
     known = _with_cases(dict(document), Path(origin.folder))
-    placed = _files_in(known, Path(origin.folder))
+    placed = with_files(known, lambda name: str(Path(origin.folder) / name))
     study = build_study(placed, origin.default_name, _hash(known), faults, inner_loops, asked)
     if faults:
         raise StudyError(origin.source, faults)
@@ -151,7 +151,7 @@ def _merge_bases(document: dict[str, Any], folder: Path, source: str, depth: int
         below = _merge_bases(parse_toml(text, base), folder, base, depth - 1)
     else:
         # What a base names is relative to that base; seen from here it is beside the base, too.
-        below = _files_in(_document(folder / base, depth - 1), Path(base).parent)
+        below = with_files(_document(folder / base, depth - 1), lambda name: str(Path(base).parent / name))
     return _merge(below, document)
 
 
@@ -165,14 +165,14 @@ FILES = (
 """Section and field of what names a file, relative to the document that says it. A recipe may be a word instead."""
 
 
-def _files_in(document: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The document with the files that it names looked up in a folder."""
+def with_files(document: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:
+    """A document, or some of its sections, in which ``place`` says of each file that is named where it is."""
 
     def placed(table: Any, field: str) -> Any:
         named = table.get(field) if isinstance(table, dict) else None
         if not isinstance(named, str) or not named.strip() or (field == "recipe" and not named.endswith(".toml")):
             return table
-        return table | {field: str(folder / named)}
+        return table | {field: place(named)}
 
     found = dict(document)
     for section, field in FILES:
@@ -269,7 +269,7 @@ def built(
 ) -> Study:
     """The study of a merged document with changes; the origin that it keeps says what was written, not what was
     filled in. ``asked`` collects every quantity that is read, by its full name. Raises StudyError with every fault."""
-    written = merge(document, _absolute(plain_document(changes)))
+    written = merge(document, with_files(plain_document(changes), os.path.abspath))
     study = study_from_document(complete(written), origin, inner_loops, asked)
     return replace(study, origin=replace(origin, document=written, changed=changed))
 
@@ -343,16 +343,3 @@ def _time_of(event: Mapping[str, Any]) -> float:
         return parse_quantity(event.get("time"), "s")
     except UnitError:
         return 0.0  # the reader says what is wrong with it
-
-
-def _absolute(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Changes with the files that they name made absolute: what is written in Python is relative to where it runs."""
-    found = dict(changes)
-    for section, field in FILES:
-        tables = found.get(section)
-        for table in tables if isinstance(tables, list) else [tables]:
-            if isinstance(table, dict) and isinstance(table.get(field), str):
-                named = table[field]
-                if field != "recipe" or named.endswith(".toml"):
-                    table[field] = os.path.abspath(named)
-    return found
