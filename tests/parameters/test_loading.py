@@ -207,3 +207,17 @@ def test_a_study_of_the_present_folder_has_its_folders_name(tmp_path: Path, monk
     (home / "study.toml").write_text(ON_CASE + REST)
     monkeypatch.chdir(home)
     assert load_study("study.toml").name == load_study(home / "study.toml").name == "bench"
+
+
+def test_the_content_of_a_study_is_what_results_depend_on() -> None:
+    """Names and files are no part of it, nor the order of the set of fields that [verification] gives, which is another
+    in each process: kept work was lost for it."""
+    text = ON_CASE + REST + '[verification]\nscr = [2, 9]\n[study]\nname = "{}"\ntitle = "{}"\n'
+    one, other = (study_from_text(text.format(name, name.upper())) for name in ("first", "second"))
+    assert repr(one.content) == repr(other.content)
+    assert one.verification is not None
+    assert one.verification.given
+    assert one.content.verification is not None
+    assert not one.content.verification.given
+    changed = study_from_text(text.replace("[2, 9]", "[2, 8]").format("first", "FIRST"))
+    assert repr(changed.content) != repr(one.content)

@@ -160,9 +160,8 @@ def _key(stamp: str, case: SurvivalCase) -> str:
 
 def _stamp(subject: Subject) -> str:
     """Everything that a verdict depends on besides the case."""
-    study = replace(subject.study, files=(), name="", title="", source="", hash="")
-    parts = (package_hash(), study, subject.spec, dict(subject.ready.tables), subject.limit_pu, subject.bridge)
-    parts += (subject.room_pu,)
+    parts = (package_hash(), subject.study.content, subject.spec, dict(subject.ready.tables))
+    parts += (subject.limit_pu, subject.bridge, subject.room_pu)
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 

@@ -130,10 +130,7 @@ class SuiteJob(Job[int, dict[str, Any]]):
     @property
     def key(self) -> str:
         """Hash of everything that a row depends on, the source of the package included."""
-        study = replace(self.study, files=(), name="", title="", source="", hash="", origin=None)
-        if study.verification is not None:  # a set, whose order is another in each process
-            study = replace(study, verification=replace(study.verification, given=frozenset()))
-        tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
+        study, tables = self.study.content, {name: table.sha256 for name, table in sorted(self.tables.items())}
         parts = package_hash(), study, tables, self.suites, self.block, self.maps, self.comtrade, self.units
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 

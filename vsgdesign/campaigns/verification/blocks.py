@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -191,12 +191,9 @@ class VerificationJob(jobs.Job[int, Summary]):
     @property
     def description(self) -> str:
         """Everything that a summary depends on, as a text that is the same in every process."""
-        study = replace(self.study, files=(), name="", title="", source="", hash="", origin=None)
-        if study.verification is not None:  # a set, whose order is another in each process, and which was made use of
-            study = replace(study, verification=replace(study.verification, given=frozenset()))
         tables = {name: table.sha256 for name, table in sorted(self.tables.items())}
-        parts = (package_hash(), study, self.spec, tables, self.promises, self.runs, self.bridge, self.block)
-        parts += (self.strict,)
+        parts = (package_hash(), self.study.content, self.spec, tables, self.promises)
+        parts += (self.runs, self.bridge, self.block, self.strict)
         # Twelve digits of every number: what is computed from a study may differ in the last one between machines.
         return _NUMBER.sub(lambda found: f"{float(found[0]):.12g}", repr(parts))
 

@@ -238,6 +238,13 @@ class Study:
         return {"name": self.name, "title": self.title, "source": self.source, "hash": self.hash, "inputs": inputs}
 
     @property
+    def content(self) -> Study:
+        """The study without what no result depends on: its names and files, and the order of a set, which is another in
+        each process."""
+        given = self.verification and replace(self.verification, given=frozenset())
+        return replace(self, files=(), name="", title="", source="", hash="", origin=None, verification=given)
+
+    @property
     def input_files(self) -> tuple[str, ...]:
         """Every file that the study is read from or names: itself, its bases, tables, weights and recipe."""
         named = [controller.table_file for controller in self.controllers]
