@@ -118,6 +118,21 @@ def test_what_the_file_does_not_have_is_asked_for(tmp_path: Path) -> None:
         vd.grid_of_network(path, "Bus 11", "5 MVA", sources={"hydra": None}, **given)
 
 
+def test_a_machine_without_a_rating_is_not_helped_by_its_reactance(tmp_path: Path) -> None:
+    """That is said at once, and not after the reactance is given."""
+
+    def without_rating(net: Any) -> None:
+        pp.create_gen(net, 5, 1.0, name="hydro")
+
+    path = file_of(tmp_path, without_rating)
+    for machine in ({}, {"machine": (0.2, 20.0)}):
+        with pytest.raises(StudyError) as caught:
+            vd.grid_of_network(path, "Bus 11", "5 MVA", source=("5 GVA", 10.0), **machine)
+        (fault,) = caught.value.faults
+        assert fault.problem.endswith("nor its rating")
+        assert fault.advice.startswith('--source "hydro = ')
+
+
 def test_elements_of_one_name_are_told_apart() -> None:
     """Both would be out at once. Their names get the place in the file behind them, and buses have theirs as well."""
     net = cigre()

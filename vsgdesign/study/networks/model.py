@@ -295,7 +295,7 @@ def with_sources(network: Network, given: Given) -> Network:
             kept.append(replace(source, z=(_behind(source.rating / math.hypot(x, x / x_over_r), x_over_r),) * 2))
         else:
             told = f"{source.kind} {source.name}", f'"{network.buses[source.bus].name}"'
-            faults.append(Fault(*told, *_unknown(source, faults, machine_x=given.machine is not None)))
+            faults.append(Fault(*told, *_unknown(source, faults)))
     if faults:
         raise StudyError(network.file, faults)
     return replace(network, sources=tuple(kept))
@@ -305,12 +305,12 @@ def _behind(S_sc: float, x_over_r: float) -> complex:
     return S_BASE / S_sc * complex(1.0, x_over_r) / math.hypot(1.0, x_over_r)
 
 
-def _unknown(source: Source, before: Sequence[Fault], machine_x: bool) -> tuple[str, str]:
+def _unknown(source: Source, before: Sequence[Fault]) -> tuple[str, str]:
     """What is missing of a source and, where nothing like it was missing before, how it is given."""
     if source.kind == SLACK:
         problem = "the file does not give the short-circuit power of the grid behind this bus"
         advice = "Give --source-s and --source-x-over-r."
-    elif source.kind == MACHINE and machine_x:
+    elif source.kind == MACHINE and not source.rating > 0.0:
         problem, advice = "the file gives neither the sub-transient reactance of this machine nor its rating", ""
     elif source.kind == MACHINE:
         problem = "the file does not give the sub-transient reactance of this machine"
