@@ -70,6 +70,17 @@ def test_wrong_usage_is_wrong_input(arguments: list[str], problem: str) -> None:
     assert problem in result.stderr
 
 
+@pytest.mark.parametrize("verb", ["verify", "explore", "pil", "certify", "export fmu"])
+def test_a_table_and_its_study_are_asked_for_in_the_same_words(verb: str, tmp_path: Path) -> None:
+    out = ("--out", tmp_path / "out") if verb.startswith("export") else ()
+    alone = call(*verb.split(), tmp_path / "t.json", *out)
+    assert alone.exit_code == 2
+    assert "If it is a gain table, --study names the study with its converter" in alone.output
+    twice = call(*verb.split(), tmp_path / "s.toml", "--study", tmp_path / "s.toml", *out)
+    assert twice.exit_code == 2
+    assert "--study belongs to a TABLE.json" in twice.output
+
+
 def test_validate(tmp_path: Path) -> None:
     study = study_file(tmp_path)
     result = call("validate", study)

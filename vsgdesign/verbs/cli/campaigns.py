@@ -15,6 +15,7 @@ from vsgdesign.verbs.cli.common import (
     STUDY,
     STUDY_OF_TABLE,
     Real,
+    check_study_of,
     in_blocks,
     keeping,
     kept_words,
@@ -155,11 +156,7 @@ def _check_options(
     merge: tuple[str, ...],
     of_runs: tuple[object, ...],
 ) -> None:
-    if study_file is None and file.lower().endswith(".json"):
-        problem = (
-            f"{file} is no study. If it is a gain table, --study names the study with whose converter it is verified"
-        )
-        raise click.UsageError(problem)
+    check_study_of(file, study_file)
     if merge and sharded:
         raise click.UsageError("--shard runs a part, --merge puts parts together: give one of them")
     if merge and any(value is not None for value in of_runs):

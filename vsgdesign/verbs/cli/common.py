@@ -33,6 +33,19 @@ STUDY_OF_TABLE = click.option(
 STUDY = click.argument("study_file", metavar="STUDY.toml", type=click.Path())
 
 
+def is_table(file: str) -> bool:
+    """Whether a file is taken for a gain table, and not for a study."""
+    return file.lower().endswith(".json")
+
+
+def check_study_of(file: str, study_file: str | None) -> None:
+    """Refuses a table without its study, and a study beside another one, where FILE may be either."""
+    if is_table(file) and study_file is None:
+        raise click.UsageError(f"{file} is no study. If it is a gain table, --study names the study with its converter")
+    if study_file is not None and not is_table(file):
+        raise click.UsageError("--study belongs to a TABLE.json; a study is given alone")
+
+
 class Real(click.FloatRange):
     """A number within limits. NaN, which no comparison finds outside of them, is refused as well."""
 

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vsgdesign.verbs.cli.common import FILE, STUDY_OF_TABLE, Interrupted, load, progress, results_at, verb
+from vsgdesign.verbs.cli.common import (
+    FILE,
+    STUDY_OF_TABLE,
+    Interrupted,
+    check_study_of,
+    load,
+    progress,
+    results_at,
+    verb,
+)
 
 if TYPE_CHECKING:
     from vsgdesign.report.explore.server import ExplorerServer, Opening
@@ -120,8 +129,7 @@ def explore(
 
 
 def _check_options(file: str, study_file: str | None, controller: str | None) -> None:
-    if study_file is None and file.lower().endswith(".json"):
-        raise click.UsageError(f"{file} is a gain table; --study names the study with whose converter it is shown")
+    check_study_of(file, study_file)
     if study_file is None and controller is not None:
         raise click.UsageError("--controller says whose gain table TABLE.json is; a study has its own")
     # A file that is missing is said before a browser opens.

@@ -12,7 +12,9 @@ from vsgdesign.verbs.cli.common import (
     FILE,
     JSON,
     STUDY_OF_TABLE,
+    check_study_of,
     echo_aside,
+    is_table,
     load,
     print_json,
     progress,
@@ -41,11 +43,6 @@ VARIANT = click.option(
 )
 
 
-def is_table(file: str) -> bool:
-    """Whether a file is taken for a gain table, and not for a study."""
-    return file.lower().endswith(".json")
-
-
 def unit_asked(
     file: str, study_file: str | None, controller: str | None, rate: float | None = None
 ) -> tuple[Unit, Study]:
@@ -53,12 +50,8 @@ def unit_asked(
     from vsgdesign.verbs.pipeline.export import unit_of_files
     from vsgdesign.verbs.pipeline.one_unit import as_unit
 
+    check_study_of(file, study_file)
     table = is_table(file)
-    if table and study_file is None:
-        problem = f"{file}: if it is a gain table, --study names the study with whose converter it is exported"
-        raise click.UsageError(problem)
-    if not table and study_file is not None:
-        raise click.UsageError("--study belongs to a TABLE.json; a study is given alone")
     study = load(file if study_file is None else study_file, left_tables=not table, plants="whole")
     alone = as_unit(study, "export")
     with progress(quiet=False) as tell:

@@ -18,6 +18,7 @@ from vsgdesign.verbs.cli.common import (
     STUDY,
     STUDY_OF_TABLE,
     Real,
+    check_study_of,
     echo_aside,
     in_blocks,
     kept_words,
@@ -266,6 +267,7 @@ def certify(
     from vsgdesign.verbs.pipeline.study_tables import study_tables, with_left_tables
     from vsgdesign.verbs.pipeline.verify import with_table
 
+    check_study_of(file, study_file)
     whole = load(file if study_file is None else study_file, plants="whole")
     several = whole.plant is not None and len(whole.plant.units) > 1
     if study_file is not None:
