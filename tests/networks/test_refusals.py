@@ -125,7 +125,8 @@ def test_a_machine_without_a_rating_is_not_helped_by_its_reactance(tmp_path: Pat
         pp.create_gen(net, 5, 1.0, name="hydro")
 
     path = file_of(tmp_path, without_rating)
-    for machine in ({}, {"machine": (0.2, 20.0)}):
+    given: tuple[dict[str, Any], ...] = ({}, {"machine": (0.2, 20.0)})
+    for machine in given:
         with pytest.raises(StudyError) as caught:
             vd.grid_of_network(path, "Bus 11", "5 MVA", source=("5 GVA", 10.0), **machine)
         (fault,) = caught.value.faults
