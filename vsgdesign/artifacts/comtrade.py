@@ -45,12 +45,12 @@ def write_comtrade(
     station: str,
     trigger_s: float,
     units: Mapping[str, str] = UNITS,
-) -> None:
+) -> list[Path]:
     """``path``.cfg and ``path``.dat, or ``path``.cff, with every sample of all series; ``t_s`` gives the sampling rate.
 
     ``form`` is one of :data:`FORMS`, and ``units`` has the unit of every series. What is not finite is missing in
-    the file. ``trigger_s``: the time that the record is about, s. Raises ArtifactError for an unknown form and for
-    fewer than two samples.
+    the file. ``trigger_s``: the time that the record is about, s. Returns what was written. Raises ArtifactError for an
+    unknown form and for fewer than two samples.
     """
     t_s, count = series["t_s"], len(series["t_s"])
     if form not in FORMS:
@@ -74,10 +74,12 @@ def write_comtrade(
     dat = _rows(ticks, [one.counted for one in scaled], form)
     if form == "cff":
         parts = (b"CFG", cfg), (b"INF", b"\r\n"), (b"HDR", b"\r\n"), (b"DAT FLOAT32: %d" % len(dat), dat)
-        Path(f"{path}.cff").write_bytes(b"".join(b"--- file type: %s ---\r\n%s" % part for part in parts))
-        return
-    Path(f"{path}.cfg").write_bytes(cfg)
-    Path(f"{path}.dat").write_bytes(dat)
+        found = {f"{path}.cff": b"".join(b"--- file type: %s ---\r\n%s" % part for part in parts)}
+    else:
+        found = {f"{path}.cfg": cfg, f"{path}.dat": dat}
+    for name, content in found.items():
+        Path(name).write_bytes(content)
+    return list(map(Path, found))
 
 
 def _scaled(values: Array, form: str) -> _Scaled:

@@ -68,8 +68,8 @@ def write_record(
 ) -> dict[str, Any]:
     """Write a document with the list of every other file of the folder and its SHA-256, and with its own hash.
 
-    ``known``: those of files that are as :func:`hashes_of` has found them. Returns the whole document; what is not
-    finite is null in the file alone.
+    ``known``: those of files that whoever wrote them has found. Returns the whole document; what is not finite is null
+    in the file alone.
     """
     found, names = dict(known or {}), [name for name in sorted(_files(folder)) if name != record]
     files = {name: found.get(name) or file_hash(folder / name) for name in names}
@@ -158,11 +158,6 @@ def _files(folder: Path) -> Iterator[str]:
         links = [name for name in folders if (Path(parent) / name).is_symlink()]
         for name in sorted([*files, *links]):
             yield (Path(parent) / name).relative_to(folder).as_posix()
-
-
-def hashes_of(folder: str, part: str) -> dict[str, str]:
-    """SHA-256 of each file below a part of a folder, by its name in the folder."""
-    return {name: file_hash(Path(folder) / name) for name in _files(Path(folder)) if name.startswith(f"{part}/")}
 
 
 def file_hash(path: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import gzip
+import hashlib
 import math
 import re
 import zlib
@@ -105,8 +106,9 @@ def limits_at(t_s: Array, signal: str, times: Array, low: Array, high: Array) ->
     )
 
 
-def write_evidence(path: str | Path, evidence: Evidence) -> None:
-    """One row for each instant of the trace, units in the header. A name that ends in ``.gz`` is compressed."""
+def write_evidence(path: str | Path, evidence: Evidence) -> str:
+    """One row for each instant of the trace, units in the header. A name that ends in ``.gz`` is compressed. Returns
+    the file's SHA-256."""
     columns = {name: getattr(evidence.trace, name) for name in SIGNALS}
     for one in evidence.limits:
         columns |= {f"{one.signal} low": one.low, f"{one.signal} high": one.high}
@@ -115,6 +117,7 @@ def write_evidence(path: str | Path, evidence: Evidence) -> None:
     if str(path).endswith(".gz"):
         content = gzip.compress(content, compresslevel=3, mtime=0)
     Path(path).write_bytes(content)
+    return hashlib.sha256(content).hexdigest()
 
 
 RECORDED = {
@@ -126,7 +129,9 @@ RECORDED = {
 (instantaneous), and what a trace has besides, in SI."""
 
 
-def write_evidence_comtrade(path: str | Path, trace: Trace, form: str, converter: Converter, trigger_s: float) -> None:
+def write_evidence_comtrade(
+    path: str | Path, trace: Trace, form: str, converter: Converter, trigger_s: float
+) -> list[Path]:
     """Every row of a trace, in SI, as COMTRADE of a form (:func:`vsgdesign.artifacts.comtrade.write_comtrade`).
 
     ``trigger_s``: when the first event of the test comes, s.
@@ -139,7 +144,7 @@ def write_evidence_comtrade(path: str | Path, trace: Trace, form: str, converter
     rest = (c.V_dc * trace.v_dc_pu, trace.f_hz, c.V_rated_rms * trace.V_pu, trace.delta_rad, *currents, trace.limited)
     series = {"t_s": trace.t_s} | dict(zip(RECORDED, (*v, *i_g, *powers, *rest), strict=True))
     f_n = c.omega_n / (2.0 * math.pi)
-    write_comtrade(path, series, form, f_n=f_n, station="vsgdesign", trigger_s=trigger_s, units=RECORDED)
+    return write_comtrade(path, series, form, f_n=f_n, station="vsgdesign", trigger_s=trigger_s, units=RECORDED)
 
 
 def read_evidence(path: str | Path, signals: Sequence[str] = SIGNALS) -> Evidence:

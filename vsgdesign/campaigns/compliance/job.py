@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.folders import file_hash
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
@@ -111,8 +112,8 @@ class SuiteJob(Job[int, dict[str, Any]]):
         return found
 
     def run(self, number: int) -> dict[str, Any]:
-        """What a block gives under its number: ``rows``, whose traces are written to the folder of the job, or a
-        ``map``. A map that cannot be drawn is a ``note`` that says why."""
+        """What a block gives under its number: ``rows``, whose traces are written to the folder of the job, with the
+        ``hashes`` of these files, or a ``map``. A map that cannot be drawn is a ``note`` that says why."""
         return self.call(number)()
 
     def call(self, number: int) -> Callable[[], dict[str, Any]]:
@@ -139,6 +140,7 @@ def _rows(
     block: int, asked: Sequence[tuple[Subject, Suite, SuiteTest]], folder: str, comtrade: str | None
 ) -> dict[str, Any]:
     rows: list[dict[str, Any]] = [{} for _ in asked]
+    hashes: dict[str, str] = {}
     of_subject: dict[int, list[int]] = {}
     for place, (subject, _, _) in enumerate(asked):
         of_subject.setdefault(id(subject), []).append(place)
@@ -147,24 +149,31 @@ def _rows(
         subject = asked[places[0]][0]
         for number, judged in judged_tests(subject, [asked[place][1:] for place in places]):
             _, suite, test = asked[places[number]]
-            rows[places[number]] = _written(subject, suite, test, judged, folder, comtrade)
-    return {str(block): {"rows": rows}}
+            rows[places[number]] = _written(subject, suite, test, judged, folder, comtrade, hashes)
+    return {str(block): {"rows": rows, "hashes": hashes}}
 
 
 def _written(
-    subject: Subject, suite: Suite, test: SuiteTest, judged: Judged, folder: str, comtrade: str | None
+    subject: Subject,
+    suite: Suite,
+    test: SuiteTest,
+    judged: Judged,
+    folder: str,
+    comtrade: str | None,
+    hashes: dict[str, str],
 ) -> dict[str, Any]:
-    """A row, whose trace is now in the folder."""
+    """A row, whose trace is now in the folder, and the SHA-256 of its files among the ``hashes``."""
     row = judged.row
     if judged.evidence is not None:
         row = replace(row, csv=csv_path(suite.name, test.id, row.controller))
         path = Path(folder) / str(row.csv)
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_evidence(path, thinned(judged.evidence, _instants(test)))
+        hashes[str(row.csv)] = write_evidence(path, thinned(judged.evidence, _instants(test)))
         if comtrade is not None:
             first = min((event.t_s for event in test.events), default=0.0)
             trace, converter = judged.evidence.trace, subject.study.converter
-            write_evidence_comtrade(path.with_suffix(""), trace, comtrade, converter, first)
+            for one in write_evidence_comtrade(path.with_suffix(""), trace, comtrade, converter, first):
+                hashes[one.relative_to(folder).as_posix()] = file_hash(one)
     found: dict[str, Any] = plain(row)
     return found
 

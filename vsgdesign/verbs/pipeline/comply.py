@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record, write_table_file
 from vsgdesign.artifacts.files import plain, write_text
-from vsgdesign.artifacts.folders import hashes_of
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
@@ -83,7 +82,7 @@ def comply_study(
     other work. Raises StudyError with every fault of the study, the controllers and the suites, ArtifactError and
     WorkerError.
     """
-    from vsgdesign.campaigns.compliance.job import BLOCK, SuiteJob
+    from vsgdesign.campaigns.compliance.job import BLOCK, SuiteJob, in_order
     from vsgdesign.campaigns.compliance.maps import KINDS
     from vsgdesign.execution.executors import executor_of
     from vsgdesign.execution.jobs import begun
@@ -119,13 +118,12 @@ def comply_study(
             document |= {"provenance": provenance()}
             chosen = _rows_with_case(document, asked.cases)
             here = None if cluster is not None else executor  # workers elsewhere do not reach the folder
-            hashes = begun(here, hashes_of, str(folder), "traces")
             cases = begun(here, _write_cases, job, chosen, str(folder), os.path.realpath(out))
             _write_report(folder, document, here)
             cases()
-            known_hashes = hashes()
+        hashes = {name: found for some in in_order(journal.whole, "hashes") for name, found in some.items()}
         timing = {"prepare": ready_s, "runs": run_s, "report": time.perf_counter() - begin - ready_s - run_s}
-        return write_record(folder, plain(document | {"timing_s": timing}), VERB, known=known_hashes)
+        return write_record(folder, plain(document | {"timing_s": timing}), VERB, known=hashes)
 
 
 def suites_of(names: Iterable[str]) -> tuple[Suite, ...]:
