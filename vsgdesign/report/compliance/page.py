@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -56,13 +56,18 @@ PAGE, PDF = "report.html", "report.pdf"
 
 
 def write_page(
-    folder: str | Path, document: Mapping[str, Any], traces: Traces, executor: Executor | None = None
+    folder: str | Path,
+    document: Mapping[str, Any],
+    traces: Traces,
+    executor: Executor | None = None,
+    meanwhile: Callable[[], object] | None = None,
 ) -> list[Path]:
     """Write ``report.html``, ``report.pdf`` and ``figures/`` into a folder (made if missing).
 
     ``document`` is results.json of the verb ``comply``, ``traces`` has the evidence by the field ``csv`` of the rows,
     and may read it when asked. ``executor``: of workers that reach the folder and the traces; they draw, and set the
-    PDF while the HTML is made here. Returns every file that was written.
+    PDF while the HTML is made here. ``meanwhile`` is called before the PDF is waited for. Returns every file that was
+    written.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -71,7 +76,10 @@ def write_page(
     pdf = begun(executor, _print_pdf, document, drawn, folder / PDF)
     files = _write_figures(folder, arranged, drawn)
     page = compliance_page(document, arranged, drawn)
-    return [*files, print_html(page, folder / PAGE), pdf()]
+    html = print_html(page, folder / PAGE)
+    if meanwhile is not None:
+        meanwhile()
+    return [*files, html, pdf()]
 
 
 def _print_pdf(document: Mapping[str, Any], drawn: Drawn, path: Path) -> Path:

@@ -118,9 +118,8 @@ def comply_study(
             document |= {"provenance": provenance()}
             chosen = _rows_with_case(document, asked.cases)
             here = None if cluster is not None else executor  # workers elsewhere do not reach the folder
-            cases = begun(here, _write_cases, job, chosen, str(folder), os.path.realpath(out))
-            _write_report(folder, document, here)
-            cases()
+            cases = begun(None, _write_cases, job, chosen, folder, os.path.realpath(out))
+            _write_report(folder, document, here, cases)
         hashes = {name: found for some in in_order(journal.whole, "hashes") for name, found in some.items()}
         timing = {"prepare": ready_s, "runs": run_s, "report": time.perf_counter() - begin - ready_s - run_s}
         return write_record(folder, plain(document | {"timing_s": timing}), VERB, known=hashes)
@@ -349,7 +348,7 @@ def _case_name(row: Mapping[str, Any]) -> str:
     return slug(row["suite"], row["test"], row["controller"])
 
 
-def _write_cases(job: SuiteJob, chosen: Sequence[Mapping[str, Any]], folder: str, place: str) -> None:
+def _write_cases(job: SuiteJob, chosen: Sequence[Mapping[str, Any]], folder: Path, place: str) -> None:
     """Study files that repeat rows with ``vsgdesign simulate``, and the gain tables that they name, in ``folder``,
     which will be at ``place``."""
     from vsgdesign.campaigns.compliance.case import case_text
@@ -359,7 +358,7 @@ def _write_cases(job: SuiteJob, chosen: Sequence[Mapping[str, Any]], folder: str
         return
     tests = {(suite.name, test.id): test for suite in job.suites for test in suite.tests}
     places = {spec.name: k for k, spec in enumerate(job.study.controllers)}
-    cases = Path(folder) / "cases"
+    cases = folder / "cases"
     cases.mkdir()
     for name in dict.fromkeys(row["controller"] for row in chosen):
         if name in job.tables:
@@ -377,10 +376,12 @@ def _study_name(name: str) -> str:
     return name.replace(".", "_").replace("-", "_")
 
 
-def _write_report(folder: Path, document: dict[str, Any], executor: Executor | None) -> None:
+def _write_report(
+    folder: Path, document: dict[str, Any], executor: Executor | None, meanwhile: Callable[[], object]
+) -> None:
     """The page, the PDF and the figures."""
     from vsgdesign.campaigns.compliance.evidence import EvidenceFiles
     from vsgdesign.report.compliance.figures import DRAWN_ALWAYS
     from vsgdesign.report.compliance.page import write_page
 
-    write_page(folder, document, EvidenceFiles(folder, document["rows"], DRAWN_ALWAYS), executor)
+    write_page(folder, document, EvidenceFiles(folder, document["rows"], DRAWN_ALWAYS), executor, meanwhile)
