@@ -20,7 +20,9 @@ import pytest
 from _pytest.runner import runtestprotocol
 
 from tests.examples import load_profile
-from tests.kept_code import FOLDER, Store, keep_compiled_c, keep_machine_code
+from tests.kept_code import FOLDER, keep_compiled_c
+from vsgdesign.codegen import kept_code
+from vsgdesign.codegen.kept_code import Store
 
 # Before NumPy is loaded, here and in the processes that tests start. Two workers have two cores, and matrices here are
 # small: a second BLAS thread spent up to ten times the processor's time on waiting for the first.
@@ -228,16 +230,15 @@ def kept_store() -> Store | None:
         store = Store(FOLDER)
     except OSError:  # a checkout that nobody may write to
         return None
-    store.sweep()
     return store
 
 
 @pytest.fixture(scope="session", autouse=True)
 def code_is_kept(kept_store: Store | None) -> Iterator[None]:
-    """Machine code of a text that was compiled before is not made again."""
+    """Machine code of a text that was compiled before is not made again, and none is written to the user's folder."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(kept_code.FOLDER, "" if kept_store is None else str(FOLDER / "llvm"))
         if kept_store is not None:
-            keep_machine_code(kept_store, patch)
             keep_compiled_c(kept_store, patch)
         yield
 

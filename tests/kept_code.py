@@ -1,18 +1,15 @@
 """What compilers have made of the same text before, and how equal figures look: kept beside the tests, for both workers
 and for the next run.
 
-The suite asks LLVM, C compilers and make for the same machine code again and again. Everything that it follows from is
-in the name under which it is kept: the text and the headers that it may include, the options, the compiler and, for
-LLVM, the module of the product that calls it. What fails is never kept. Nothing is kept where VSGDESIGN_NO_KEPT_CODE is
-set.
+The suite asks C compilers and make for the same machine code again and again. Everything that it follows from is in the
+name under which it is kept: the text and the headers that it may include, the options and the compiler. What fails is
+never kept. Nothing is kept where VSGDESIGN_NO_KEPT_CODE is set. What LLVM makes is kept by the product itself.
 """
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
-import os
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -21,59 +18,15 @@ from typing import Any
 
 import pytest
 
-FOLDER = Path(__file__).parent / "__pycache__" / "kept_code"
-LARGEST_BYTES = 200e6
-"""What was not used for the longest time is deleted beyond."""
+from vsgdesign.codegen.kept_code import Store
 
+FOLDER = Path(__file__).parent / "__pycache__" / "kept_code"
 OTHER_FILES = (".c", ".h", ".s", ".ld", ".o", ".map")
 """Ends of the names of files from which a compiler makes something."""
 
 
 MAKES_MORE = ("-fstack-usage", "--coverage", "-fprofile", "-ftest-coverage", "-save-temps", "-M")
 """Options with which a compiler makes other files, too."""
-
-
-class Store:
-    """Machine code and pictures by the hash of what they follow from."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        folder.mkdir(parents=True, exist_ok=True)
-
-    def get(self, key: str) -> bytes | None:
-        """What is kept under a name; None if nothing is."""
-        place = self._folder / key
-        try:
-            found = place.read_bytes()
-            os.utime(place)
-        except OSError:
-            return None
-        return found
-
-    def put(self, key: str, content: bytes) -> None:
-        """Keeps it: completely or, where there is no room, not at all."""
-        place = self._folder / f"{key}.{os.getpid()}"
-        try:
-            place.write_bytes(content)
-            os.replace(place, self._folder / key)
-        except OSError:
-            place.unlink(missing_ok=True)
-
-    def sweep(self) -> None:
-        """Deletes what is too much, what was not used for the longest time first."""
-        size = 0.0
-        for place in sorted(self._folder.iterdir(), key=_last_used, reverse=True):
-            with contextlib.suppress(OSError):  # another worker was faster
-                size += place.stat().st_size
-                if size > LARGEST_BYTES:
-                    place.unlink()
-
-
-def _last_used(place: Path) -> float:
-    try:
-        return place.stat().st_mtime
-    except OSError:
-        return 0.0
 
 
 class KeptCompilers:
@@ -149,47 +102,6 @@ def _version(program: str) -> bytes:
     programs = ["make", "arm-none-eabi-gcc"] if program == "make" else [program]
     there = filter(shutil.which, programs)
     return b"".join(subprocess.run([one, "--version"], capture_output=True, check=False).stdout for one in there)
-
-
-class KeptMachineCode:
-    """Stands for the product's function that compiles a text of LLVM. On a miss it calls that function."""
-
-    def __init__(self, store: Store) -> None:
-        import llvmlite
-
-        from vsgdesign.codegen import machine_code
-
-        own = machine_code._build
-        self._store, self._target_named = store, machine_code.target_named
-        self._build: Any = own._build if isinstance(own, KeptMachineCode) else own
-        self._own = Path(machine_code.__file__).read_bytes() + llvmlite.__version__.encode()
-
-    def __call__(self, text: str, target: str, quickly: bool) -> Any:
-        from llvmlite import binding
-
-        asked = repr((self._target_named(target), quickly)).encode()
-        key = hashlib.sha256(b"\0".join((self._own, asked, text.encode()))).hexdigest()
-        found, create = self._store.get(key), binding.create_mcjit_compiler
-
-        def remembering(module: Any, machine: Any) -> Any:
-            engine = create(module, machine)
-            engine.set_object_cache(lambda _, made: self._store.put(key, bytes(made)), lambda _: found)
-            return engine
-
-        with pytest.MonkeyPatch.context() as inside:
-            inside.setattr(binding, "create_mcjit_compiler", remembering)
-            # The object has the functions; the module is there because an engine needs one.
-            return self._build(text if found is None else NOTHING, target, quickly)
-
-
-NOTHING = "define void @none() {\n  ret void\n}\n"
-
-
-def keep_machine_code(store: Store, patch: pytest.MonkeyPatch) -> None:
-    """LLVM's machine code of a text is that of the last time, if text, target and the product's own module are."""
-    from vsgdesign.codegen import machine_code
-
-    patch.setattr(machine_code, "_build", KeptMachineCode(store))
 
 
 def keep_compiled_c(store: Store, patch: pytest.MonkeyPatch) -> None:

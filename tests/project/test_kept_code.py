@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from tests import kept_code
 from tests.compilers import require_compiler
-from tests.kept_code import KeptCompilers, Store, keep_machine_code
-from vsgdesign.codegen import machine_code
+from tests.kept_code import KeptCompilers
+from vsgdesign.codegen import kept_code, machine_code
+from vsgdesign.codegen.kept_code import FOLDER, Store, user_store
 
 
 class Counted:
@@ -64,26 +64,75 @@ def test_what_is_too_much_goes_by_its_last_use(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(kept_code, "LARGEST_BYTES", 250)
     store = Store(tmp_path)
     for k, name in enumerate("abc"):
-        store.put(name, bytes(100))
+        store.put(name, bytes(100 - 32))  # and the hash
         os.utime(tmp_path / name, (k, k))
-    assert store.get("a") == bytes(100)
+    assert store.get("a") == bytes(68)
     store.sweep()
-    assert (store.get("a"), store.get("b"), store.get("c")) == (bytes(100), None, bytes(100))
+    assert (store.get("a"), store.get("b"), store.get("c")) == (bytes(68), None, bytes(68))
 
 
 TEXT = "define i64 @f() {{\n  ret i64 {}\n}}\n"
 
 
-def test_llvm_compiles_once_for_the_same_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    texts, parsed = [], machine_code._parsed
+@pytest.fixture
+def parsed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The texts that are compiled, in their order."""
+    texts, own = [], machine_code._parsed
 
     def told(text: str, *rest: Any) -> Any:
         texts.append(text)
-        return parsed(text, *rest)
+        return own(text, *rest)
 
     monkeypatch.setattr(machine_code, "_parsed", told)
-    keep_machine_code(Store(tmp_path / "kept"), monkeypatch)
-    engines = [machine_code._build(TEXT.format(number), "native", True) for number in (7, 7, 8)]
-    answers = [ctypes.CFUNCTYPE(ctypes.c_int64)(one.get_function_address("f"))() for one in engines]
-    assert answers == [7, 7, 8]
-    assert [text for text in texts if "@f" in text] == [TEXT.format(7), TEXT.format(8)]
+    return texts
+
+
+def answer(number: int, quickly: bool = True) -> int:
+    """What a process that begins gets of a function: none of this one's engines is asked."""
+    engine = machine_code._build(TEXT.format(number), "native", quickly)
+    return int(ctypes.CFUNCTYPE(ctypes.c_int64)(engine.get_function_address("f"))())
+
+
+def test_llvm_compiles_once_for_the_same_text(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parsed: list[str]
+) -> None:
+    monkeypatch.setenv(FOLDER, str(tmp_path / "kept"))
+    assert [answer(7), answer(7), answer(8)] == [7, 7, 8]
+    assert parsed == [TEXT.format(7), TEXT.format(8)]
+    assert answer(7, quickly=False) == 7  # it is made with effort, and has a name of its own
+    assert len(parsed) == 3
+
+
+def test_what_is_damaged_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parsed: list[str]) -> None:
+    """Half of an object, or another one, would end the process."""
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    assert answer(7) == 7
+    (place,) = tmp_path.iterdir()
+    whole = place.read_bytes()
+    for content in (whole[:-40], whole[:50] + b"x" + whole[51:], b""):
+        place.write_bytes(content)
+        assert answer(7) == 7
+        assert place.read_bytes() == whole
+    assert len(parsed) == 4
+
+
+def test_nothing_is_kept_where_nothing_can_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parsed: list[str]
+) -> None:
+    (tmp_path / "file").write_text("of the user")
+    for folder in ("", str(tmp_path / "file"), str(tmp_path / "file" / "below")):
+        monkeypatch.setenv(FOLDER, folder)
+        assert user_store() is None
+        assert answer(7) == 7
+    assert len(parsed) == 3
+    assert (tmp_path / "file").read_text() == "of the user"
+
+
+def test_the_usual_folder_is_where_the_system_has_such_things(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(FOLDER)
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    store = user_store()
+    assert store is not None
+    store.put("a", b"1")
+    assert (tmp_path / "vsgdesign" / "machine-code" / "a").is_file()

@@ -8,7 +8,10 @@ import hashlib
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+from vsgdesign.codegen.kept_code import user_store
 
 
 @dataclass(frozen=True)
@@ -173,8 +176,35 @@ def _verified(text: str) -> Any:
 def _build(text: str, target: str, quickly: bool) -> Any:
     from llvmlite import binding
 
-    # LLVM's passes over the text are left out: they move what is loaded in a sample out of the loop, where there are
-    # not enough registers for it (measured: a fifth slower, and twice the time to compile).
-    engine = binding.create_mcjit_compiler(*_parsed(text, target, 0 if quickly else 2))
+    effort = 0 if quickly else 2
+    # The object has the functions; the module is there because an engine needs one.
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _machine(target, effort))
+    engine.add_object_file(binding.ObjectFileRef.from_data(_object(text, target, effort)))
     engine.finalize_object()
     return engine
+
+
+def _object(text: str, target: str, effort: int) -> bytes:
+    """The object of a module for this process: that of an earlier process where text, target and compiler are the
+    same."""
+    kept = user_store()
+    key = hashlib.sha256(b"\0".join((_maker(), repr((target_named(target), effort)).encode(), text.encode())))
+    found = None if kept is None else kept.get(key.hexdigest())
+    if found is None:
+        # LLVM's passes over the text are left out: they move what is loaded in a sample out of the loop, where there
+        # are not enough registers for it (measured: a fifth slower, and twice the time to compile).
+        module, machine = _parsed(text, target, effort)
+        found = machine.emit_object(module)
+        if kept is not None:
+            kept.put(key.hexdigest(), found)
+    return found
+
+
+@functools.cache
+def _maker() -> bytes:
+    """What makes machine code, besides its text: this module, LLVM and the system."""
+    import llvmlite
+    from llvmlite import binding
+
+    of = llvmlite.__version__, binding.llvm_version_info, binding.get_process_triple()
+    return hashlib.sha256(Path(__file__).read_bytes()).digest() + repr(of).encode()
