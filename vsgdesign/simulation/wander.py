@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,42 @@ NOISE_TIME = 0.05
 """Correlation time of the noise, in nominal cycles: white up to some hundred hertz."""
 
 
-class Wander:
+class _InBlocks:
+    """What comes in blocks of samples, of which the last ones are kept: something, and an angle (rad), of each."""
+
+    def __init__(self) -> None:
+        self._blocks: dict[int, tuple[Any, Array]] = {}
+
+    def angle_at(self, samples: NDArray[np.int64]) -> Array:
+        """The angle at samples in increasing order, rad: of a recorded voltage by how much its fundamental is ahead of
+        the one that begins the record, as the phase of its mean over the cycle around the sample."""
+        found = np.empty(len(samples))
+        for block in np.unique(samples // BLOCK).tolist():
+            begin, end = np.searchsorted(samples, [block * BLOCK, (block + 1) * BLOCK])
+            found[begin:end] = self._block(block)[1][samples[begin:end] - block * BLOCK]
+        return found
+
+    def _between(self, first: int, count: int) -> tuple[Any, Array]:
+        parts, done = list[list[Array]](), 0
+        while done < count or not parts:
+            block, at = divmod(first + done, BLOCK)
+            parts.append([whole[at : at + count - done] for whole in self._block(block)])
+            done += len(parts[-1][0])
+        one, angle = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return one, angle
+
+    def _block(self, index: int) -> tuple[Any, Array]:
+        if index not in self._blocks:
+            self._blocks[index] = self._made(index)
+            while len(self._blocks) > _KEPT:
+                del self._blocks[next(iter(self._blocks))]
+        return self._blocks[index]
+
+    def _made(self, index: int) -> tuple[Any, Array]:
+        raise NotImplementedError
+
+
+class Wander(_InBlocks):
     """The factor g e^{jψ} of a background over time (:eq:`wander`). Without noise and modulation it is 1 at t = 0."""
 
     def __init__(self, spec: BackgroundSpec, T_s: float, omega_n: float) -> None:
@@ -52,38 +88,19 @@ class Wander:
         first = WanderPath(phase_noise=self._first("phase_noise"), voltage_noise=self._first("voltage_noise"))
         self._starts, self._pace = [first], np.array(self._paces())
         self._scales = self._scales_of(WanderPace(*self._pace.tolist()))
-        self._blocks: dict[int, tuple[Array, Array]] = {}
+        super().__init__()
 
     def factors(self, first: int, count: int) -> tuple[Array, Array]:
         """Gain g and angle ψ (rad) at samples first … first + count − 1."""
-        gain, angle = np.empty(count), np.empty(count)
-        done = 0
-        while done < count:
-            block, at = divmod(first + done, BLOCK)
-            take = min(count - done, BLOCK - at)
-            for values, whole in zip((gain, angle), self._block(block), strict=True):
-                values[done : done + take] = whole[at : at + take]
-            done += take
-        return gain, angle
+        return self._between(first, count)
 
-    def angle_at(self, samples: NDArray[np.int64]) -> Array:
-        """Angle ψ (rad) at samples in increasing order."""
-        found = np.empty(len(samples))
-        for block in np.unique(samples // BLOCK).tolist():
-            begin, end = np.searchsorted(samples, [block * BLOCK, (block + 1) * BLOCK])
-            found[begin:end] = self._block(block)[1][samples[begin:end] - block * BLOCK]
-        return found
+    def _made(self, index: int) -> tuple[Array, Array]:
+        for before in range(len(self._starts) - 1, index):
+            self._path(before)
+        return self._path(index)
 
-    def _block(self, index: int) -> tuple[Array, Array]:
-        if index not in self._blocks:
-            while len(self._starts) <= index:
-                self._make(len(self._starts) - 1)
-            if index not in self._blocks:
-                self._make(index)
-        return self._blocks[index]
-
-    def _make(self, index: int) -> None:
-        """Generate a block, keep it, and keep where the next one begins."""
+    def _path(self, index: int) -> tuple[Array, Array]:
+        """Generate a block, and keep where the next one begins."""
         spec, loop = self.spec, compiled_loop(path_spec())
         fed, log = np.zeros((1, BLOCK, len(_STREAMS), 1)), np.empty((1, BLOCK, 2, 1))
         for k, (name, scale) in enumerate(zip(_STREAMS, self._scales, strict=True)):
@@ -100,9 +117,7 @@ class Wander:
         if spec.modulation > 0.0:
             turns = spec.modulation_frequency * (index * BLOCK + np.arange(BLOCK, dtype=np.float64)) * self.T_s
             gain *= 1.0 + spec.modulation * np.cos(2.0 * math.pi * (turns % 1.0) + spec.modulation_phase)
-        self._blocks[index] = gain, log[0, :, 1, 0].copy()
-        while len(self._blocks) > _KEPT:
-            del self._blocks[next(iter(self._blocks))]
+        return gain, log[0, :, 1, 0].copy()
 
     def _paces(self) -> WanderPace:
         spec, h = self.spec, self.T_s
@@ -169,44 +184,26 @@ def normal_stream(seed: int, *names: str | int) -> NormalStream:
     return NormalStream(stream(seed, *names).bit_generator)
 
 
-class Replay:
+class Replay(_InBlocks):
     """The record of a study in a run. ``T_s``: the sampling period, s."""
 
     def __init__(self, spec: ReplaySpec, T_s: float) -> None:
         self.spec, self.T_s = spec, T_s
         self._half = math.pi / spec.omega_g
         self._reach = math.ceil(self._half / T_s) + 1
-        self._blocks: dict[int, tuple[Complex, Array]] = {}
+        super().__init__()
 
     def vectors(self, first: int, count: int) -> Complex:
         """The source's space vector at samples first … first + count − 1, V peak."""
-        parts, done = [], 0
-        while done < count:
-            block, at = divmod(first + done, BLOCK)
-            parts.append(self._block(block)[0][at : at + count - done])
-            done += len(parts[-1])
-        return np.concatenate(parts)
+        return self._between(first, count)[0]
 
-    def angle_at(self, samples: NDArray[np.int64]) -> Array:
-        """By how much the fundamental is ahead of the one that begins the record (rad), at samples in increasing order:
-        the phase of its mean over the cycle around the sample."""
-        found = np.empty(len(samples))
-        for block in np.unique(samples // BLOCK).tolist():
-            begin, end = np.searchsorted(samples, [block * BLOCK, (block + 1) * BLOCK])
-            found[begin:end] = self._block(block)[1][samples[begin:end] - block * BLOCK]
-        return found
-
-    def _block(self, index: int) -> tuple[Complex, Array]:
-        if index not in self._blocks:
-            T_s, reach = self.T_s, self._reach
-            t_s: Array = (index * BLOCK + np.arange(-reach, BLOCK + reach + 1, dtype=np.float64)) * T_s
-            t_s = t_s[t_s <= self.spec.usable]
-            v = self.spec.vector(t_s)
-            still = v * np.exp(-1j * (self.spec.omega_g * t_s + self.spec.phase))
-            area = np.concatenate([[0.0], np.cumsum(0.5 * T_s * (still[1:] + still[:-1]))])
-            inner = slice(reach, min(reach + BLOCK, len(t_s) - reach))
-            ends = [np.interp(t_s[inner] + side * self._half, t_s, area) for side in (1.0, -1.0)]
-            self._blocks[index] = v[inner], np.angle(ends[0] - ends[1])
-            while len(self._blocks) > _KEPT:
-                del self._blocks[next(iter(self._blocks))]
-        return self._blocks[index]
+    def _made(self, index: int) -> tuple[Complex, Array]:
+        T_s, reach = self.T_s, self._reach
+        t_s: Array = (index * BLOCK + np.arange(-reach, BLOCK + reach + 1, dtype=np.float64)) * T_s
+        t_s = t_s[t_s <= self.spec.usable]
+        v = self.spec.vector(t_s)
+        still = v * np.exp(-1j * (self.spec.omega_g * t_s + self.spec.phase))
+        area = np.concatenate([[0.0], np.cumsum(0.5 * T_s * (still[1:] + still[:-1]))])
+        inner = slice(reach, min(reach + BLOCK, len(t_s) - reach))
+        ends = [np.interp(t_s[inner] + side * self._half, t_s, area) for side in (1.0, -1.0)]
+        return v[inner], np.angle(ends[0] - ends[1])

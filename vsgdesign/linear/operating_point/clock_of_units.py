@@ -39,6 +39,11 @@ class Clock(NamedTuple):
         first = self.instants[0].gap
         return all(abs(one.gap - first) <= _SAME * first for one in self.instants)
 
+    def time(self, k: int) -> float:
+        """The k-th instant from t = 0 on, s."""
+        turn, at = divmod(k, len(self.instants))
+        return turn * self.period + self.instants[at].t_s
+
 
 def clock_of(names: Sequence[str], T_s: Sequence[float], offsets: Sequence[float]) -> Clock:
     """The clock of units with these sampling periods, which sample for the first time after ``offsets``.

@@ -79,10 +79,6 @@ class AddedToPlant:
         self._starts = np.array([one.t_s for one in timeline.segments])
         self._slack = SAME_INSTANT * min(one.gap for one in clock.instants)
 
-    def _time(self, i: int) -> float:
-        turn, at = divmod(i, len(self._clock.instants))
-        return turn * self._clock.period + self._clock.instants[at].t_s
-
     def fed(self, begin: int, end: int) -> Array:
         """(1, end − begin, 2n + 2, 1), for samples ``begin`` to ``end`` − 1 of the loop."""
         first = max(begin - 1, 0)
@@ -106,7 +102,7 @@ class AddedToPlant:
                 at = self._clock.instants[slot]
                 interval = self._interval(place, float(t_s[own[0]]), at.gap)
                 found[own] = self._background.over(interval, int(instants[own[0]] // per), since, at.t_s)
-        for start in self._starts[(self._starts > t_s[0]) & (self._starts < self._time(end))].tolist():
+        for start in self._starts[(self._starts > t_s[0]) & (self._starts < self._clock.time(end))].tolist():
             i = int(np.searchsorted(t_s, start - self._slack, side="right")) - 1
             if i >= 0 and start - t_s[i] > self._slack:
                 found[i] = self._in_pieces(first + i)
@@ -118,7 +114,7 @@ class AddedToPlant:
 
     def _in_pieces(self, i: int) -> Array:
         """A gap in which events fall."""
-        begin, end, period = self._time(i), self._time(i + 1), i // len(self._clock.instants)
+        begin, end, period = self._clock.time(i), self._clock.time(i + 1), i // len(self._clock.instants)
         inside = self._starts[(self._starts > begin + self._slack) & (self._starts < end - self._slack)].tolist()
         marks = [begin, *inside, end]
         joint = np.zeros(self._width + 2)

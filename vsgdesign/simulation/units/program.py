@@ -96,8 +96,7 @@ class PlantProgram:
 
     def time(self, k: int) -> float:
         """The instant of a sample of the loop, s."""
-        turn, at = divmod(k, len(self._clock.instants))
-        return turn * self._clock.period + self._clock.instants[at].t_s
+        return self._clock.time(k)
 
     def sample_from(self, t_s: float, unit: int | None = None) -> int:
         """The first sample of the loop at or after an instant, or the first one of a unit."""
