@@ -24,7 +24,7 @@ from vsgdesign.campaigns.verification.summary import (
     WORST,
     Summary,
     binned,
-    merged_bins,
+    merged_counts,
     quantile,
     summary_document,
     summary_of,
@@ -225,7 +225,7 @@ def test_what_is_finished_is_kept_for_its_own_job_alone(blocks: list[Summary], t
 
 def test_quantiles_are_never_too_small_and_by_a_percent_too_large() -> None:
     values = np.exp(np.random.default_rng(5).normal(-1.0, 1.5, 20_001))
-    bins = merged_bins(binned(values[:7_000]), binned(values[7_000:]))
+    bins = merged_counts(binned(values[:7_000]), binned(values[7_000:]))
     assert bins == binned(values)
     for share in (0.5, 0.9, 0.99, 0.999, 1.0):
         exact = float(np.quantile(values, share, method="inverted_cdf"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from vsgdesign.artifacts.certificate_record import (
 from vsgdesign.artifacts.definitions import ASKED, in_words
 from vsgdesign.artifacts.design_inputs import study_differences
 from vsgdesign.artifacts.gain_table import GainTable
+from vsgdesign.artifacts.guarded_file import is_number
 from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.errors import counted
 
@@ -222,7 +223,7 @@ def missed_text(missed: Mapping[str, Any]) -> str:
 
 def inner_loops_text(fastest_rad_s: float | None) -> str:
     """How the inner loops fail: |s| of the unstable mode, None or NaN where there is no steady state."""
-    if _is_number(fastest_rad_s) and math.isfinite(fastest_rad_s):
+    if is_number(fastest_rad_s):
         return f"the inner loops or the filter are unstable at {_text(fastest_rad_s, 3)} rad/s"
     return "the inner loops find no steady state"
 
@@ -235,11 +236,11 @@ def causes_text(causes: Sequence[Document]) -> str:
 
 
 def _found(value: Any) -> str:
-    return _text(value, 3) if _is_number(value) and math.isfinite(value) else "∞"
+    return _text(value, 3) if is_number(value) else "∞"
 
 
 def _percent(value: Any) -> str:
-    return f"{100.0 * value:.1f} %" if _is_number(value) and math.isfinite(value) else "∞"
+    return f"{100.0 * value:.1f} %" if is_number(value) else "∞"
 
 
 def status_text(counts: Mapping[str, int]) -> str:
@@ -319,10 +320,6 @@ def error_text(error: float, error_Z: float) -> str:
     if error_Z == 0.0:
         return "exactly" if error == 0.0 else own
     return f"{any_way} of |Z|" if error == 0.0 else f"{own}, or {any_way} of |Z| where that is more"
-
-
-def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _text(value: float, digits: int = 4) -> str:

@@ -37,7 +37,8 @@ class Value:
     """How many numbers of one lane are in it side by side (:func:`vsgdesign.codegen.blocks.abreast`); 0: it is one."""
 
 
-def _bits_of(value: float) -> str:
+def bits_of(value: float) -> str:
+    """A number as LLVM reads each of its bits."""
     return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
 
 
@@ -113,7 +114,7 @@ class Printer:
         if isinstance(number.value, bool):
             one, flag = ("true" if number.value else "false"), True
         else:
-            one, flag = _bits_of(number.value), False
+            one, flag = bits_of(number.value), False
         many = wide and self.width > 1
         kind = "i1" if flag else "double"
         text = f"<{', '.join([f'{kind} {one}'] * self.width)}>" if many else one
@@ -188,7 +189,7 @@ class Printer:
     def read(self, scope: Scope, row: Numbers, at: Value) -> Value:
         """A number of a row that is known, for each lane its own."""
         if row.values not in self.rows:
-            numbers = ", ".join(f"double {_bits_of(one)}" for one in row.values)
+            numbers = ", ".join(f"double {bits_of(one)}" for one in row.values)
             name = f"@row.{len(self.rows)}"
             text = f"private constant [{len(row.values)} x double] [{numbers}], align 64"
             self.rows[row.values] = name, f"{name} = {text}"

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.llvm_values import bits_of
 from vsgdesign.codegen.machine_code import compiled
 
 Floats = NDArray[np.float64]
@@ -106,10 +107,6 @@ def _compiled() -> Any:
     return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(compiled(_text(), _NAME))
 
 
-def _hex(number: float) -> str:
-    return f"0x{struct.unpack('<Q', struct.pack('<d', number))[0]:016X}"
-
-
 def raw_text(of: str, to: str) -> list[str]:
     """The generator's next state ``%{to}`` from ``%{of}``, and its number ``%{to}_bits``."""
     return [
@@ -130,7 +127,7 @@ def _uniform(of: str, to: str) -> list[str]:
         *raw_text(of, to),
         f"  %{to}_53 = lshr i64 %{to}_bits, 11",
         f"  %{to}_whole = uitofp i64 %{to}_53 to double",
-        f"  %{to}_u = fmul double %{to}_whole, {_hex(2.0**-53)}",
+        f"  %{to}_u = fmul double %{to}_whole, {bits_of(2.0**-53)}",
     ]
 
 
@@ -219,7 +216,7 @@ def _text() -> str:
 
 def beside_text() -> list[str]:
     """The function for what falls beside the inner part of a layer: a number, or NaN where another one is needed."""
-    tail, back = _hex(float(TAIL)), _hex(-1.0 / float(TAIL))
+    tail, back = bits_of(float(TAIL)), bits_of(-1.0 / float(TAIL))
     return [
         "define internal double @beside(ptr %state, ptr %entry_place, i64 %layer, i64 %size, double %x, ptr %log1p, "
         "ptr %exp) noinline {",
@@ -239,7 +236,7 @@ def beside_text() -> list[str]:
         "  %height = fsub double %upper, %lower",
         "  %share = fmul double %height, %edged_u",
         "  %above = fadd double %share, %lower",
-        f"  %half = fmul double %x, {_hex(-0.5)}",
+        f"  %half = fmul double %x, {bits_of(-0.5)}",
         "  %squared = fmul double %half, %x",
         "  %density = call double %exp(double %squared)",
         "  %under = fcmp olt double %above, %density",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.blocks import Traced, Writer, chosen, expression
 from vsgdesign.codegen.flat import Block
 from vsgdesign.equations.dc_link import DcSettings
-from vsgdesign.linear.model.dc_link import Edge, Interval, SourceLaw, link_over
+from vsgdesign.linear.model.dc_link import Edge, Interval, SourceLaw, link_over, sum_of
 from vsgdesign.simulation.axes import Axes
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE, Kind
 
@@ -203,11 +203,3 @@ def _in_order(line: Writer, names: Sequence[str], over_v: Traced) -> list[Edge]:
         found[k] = Edge(*(chosen(later, b, a) for a, b in zip(one, other, strict=True)))
         found[k + 1] = Edge(*(chosen(later, a, b) for a, b in zip(one, other, strict=True)))
     return found
-
-
-def sum_of(terms: Sequence[Any]) -> Any:
-    """The terms added from the left."""
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total

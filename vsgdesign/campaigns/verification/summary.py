@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ QUANTILE_ERROR = 10.0 ** (1.0 / PER_DECADE) - 1.0
 
 _EDGES = np.array(EDGES)
 
+K = TypeVar("K", int, str)
+
 
 def binned(values: NDArray[np.float64]) -> dict[int, int]:
     """How many of the values (n,) are in which bin; infinity and NaN are in the last one."""
@@ -30,8 +32,8 @@ def binned(values: NDArray[np.float64]) -> dict[int, int]:
     return {int(k): int(count) for k, count in zip(bins, counts, strict=True)}
 
 
-def merged_bins(one: Mapping[int, int], other: Mapping[int, int]) -> dict[int, int]:
-    """Both together, in the order of the bins."""
+def merged_counts(one: Mapping[K, int], other: Mapping[K, int]) -> dict[K, int]:
+    """Both together, in the order of their bins or names."""
     return {k: one.get(k, 0) + other.get(k, 0) for k in sorted({*one, *other})}
 
 
@@ -101,7 +103,7 @@ class PromiseCount:
         return PromiseCount(
             broken=self.broken + other.broken,
             worst=worst_of((*self.worst, *other.worst)),
-            bins=merged_bins(self.bins, other.bins),
+            bins=merged_counts(self.bins, other.bins),
             worst_map=np.maximum(self.worst_map, other.worst_map),
             noise=max(self.noise, other.noise),
         )
@@ -133,8 +135,8 @@ class FamilyCount:
         return FamilyCount(
             drawn=self.drawn + other.drawn,
             judged=self.judged + other.judged,
-            left_out=_sums(self.left_out, other.left_out),
-            lost=_sums(self.lost, other.lost),
+            left_out=merged_counts(self.left_out, other.left_out),
+            lost=merged_counts(self.lost, other.lost),
             beyond=self.beyond + other.beyond,
             beyond_worst=worst_of((*self.beyond_worst, *other.beyond_worst)),
             broken=self.broken + other.broken,
@@ -189,10 +191,6 @@ class Summary:
 def worst_of(cases: Iterable[CaseFigures], count: int = WORST) -> tuple[CaseFigures, ...]:
     """The worst first; of equal ones the lowest number first."""
     return tuple(sorted(cases, key=lambda case: (-case.severity, case.number))[:count])
-
-
-def _sums(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
-    return {name: one.get(name, 0) + other.get(name, 0) for name in sorted({*one, *other})}
 
 
 def summary_document(summary: Summary) -> dict[str, Any]:

@@ -12,7 +12,9 @@ of the interval, which the circuit's step says. This is plain Python of numbers 
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -36,6 +38,11 @@ from vsgdesign.equations.frames import SPACE_VECTOR_POWER
 
 BENDS = 8
 """Terms of the series of 1/v and v², which change little in an interval."""
+
+
+def sum_of(terms: Sequence[Any]) -> Any:
+    """The terms added from the left."""
+    return functools.reduce(operator.add, terms)
 
 
 class SourceLaw(NamedTuple):
@@ -125,8 +132,8 @@ def link_over(v_begin: Any, of: Interval, source: SourceLaw, dc: DcSettings, *, 
                     moments[axis][k] = moments[axis][k] + added
                 else:
                     moments[axis].append(added)
-        v, x = _sum(volts), [_sum(one) for one in states]
-    voltage, squares, taken = (_sum(column) for column in zip(*sums, strict=True))
+        v, x = sum_of(volts), [sum_of(one) for one in states]
+    voltage, squares, taken = (sum_of(column) for column in zip(*sums, strict=True))
     return LinkMoved(v, voltage, squares, taken, moments)
 
 
@@ -157,7 +164,7 @@ def _series(
             into = -current[n]
         else:
             inverse.append(_next_inverse(volts, inverse))
-            into = -_sum([current[k] * inverse[n - k] for k in range(n + 1)])
+            into = -sum_of([current[k] * inverse[n - k] for k in range(n + 1)])
         if n == 0 and not _nothing(source.current):
             into = source.current + into
         if n < 2 and not _nothing(source.tilt):
@@ -165,15 +172,15 @@ def _series(
         if power is not None and n <= BENDS:
             if of.held is None:
                 inverse.append(_next_inverse(volts, inverse))
-            into = into + _sum([power[k] * inverse[n - k] for k in range(min(n, 2) + 1)])
+            into = into + sum_of([power[k] * inverse[n - k] for k in range(min(n, 2) + 1)])
         if bends and n <= BENDS:
             bent.append(volts[n] - source.v if n == 0 else volts[n])
             into = into + source.slope * bent[n]
-            into = into + source.second * _sum([bent[k] * bent[n - k] for k in range(n + 1)])
+            into = into + source.second * sum_of([bent[k] * bent[n - k] for k in range(n + 1)])
         for axis in range(2):
             i, c, g = (now[k + axis] for k in (0, 2, 4))
             node = c + dc.R_c * (i - g)
-            slope = _sum([one * now[k] for k, one in of.near[axis].items()])
+            slope = sum_of([one * now[k] for k, one in of.near[axis].items()])
             slope = slope + rest[axis][n] if n < len(rest[axis]) else slope
             drop = dc.R_1 * i + node
             if of.held is None:
@@ -210,20 +217,20 @@ def _power(source: SourceLaw, of: Interval, begin: Any, length: Any) -> list[Any
 def _next_inverse(volts: Sequence[Any], inverse: Sequence[Any]) -> Any:
     """The next coefficient of 1/v."""
     n = len(inverse)
-    return -inverse[0] * _sum([volts[k] * inverse[n - k] for k in range(1, n + 1)]) if n else 1.0 / volts[0]
+    return -inverse[0] * sum_of([volts[k] * inverse[n - k] for k in range(1, n + 1)]) if n else 1.0 / volts[0]
 
 
 def _integrals(volts: Sequence[Any], current: Sequence[Any], *, held: bool) -> tuple[Any, Any, Any]:
     """Means of v, v² and v·i over a piece, from their series; ``held``: the third one is that of the power itself."""
-    mean = _sum([value * (1.0 / (n + 1)) for n, value in enumerate(volts)])
-    rest = _sum([volts[k] * volts[j] * (1.0 / (k + j + 1)) for k in range(1, 4) for j in range(1, 4)])
+    mean = sum_of([value * (1.0 / (n + 1)) for n, value in enumerate(volts)])
+    rest = sum_of([volts[k] * volts[j] * (1.0 / (k + j + 1)) for k in range(1, 4) for j in range(1, 4)])
     squares = volts[0] * (2.0 * mean - volts[0]) + rest
     if held:
-        return mean, squares, _sum([one * (1.0 / (n + 1)) for n, one in enumerate(current)])
-    taken = volts[0] * _sum([one * (1.0 / (n + 1)) for n, one in enumerate(current)])
+        return mean, squares, sum_of([one * (1.0 / (n + 1)) for n, one in enumerate(current)])
+    taken = volts[0] * sum_of([one * (1.0 / (n + 1)) for n, one in enumerate(current)])
     for k in range(1, min(6, len(volts))):
         later = [one * (1.0 / (n + k + 1)) for n, one in enumerate(current) if n + k <= len(current)]
-        taken = taken + volts[k] * _sum(later)
+        taken = taken + volts[k] * sum_of(later)
     return mean, squares, taken
 
 
@@ -248,13 +255,6 @@ def _moments(
                 found.append(term)
             power = power * x
     return found
-
-
-def _sum(terms: Sequence[Any]) -> Any:
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
 
 
 def _nothing(*values: Any) -> bool:

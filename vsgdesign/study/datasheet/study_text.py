@@ -215,7 +215,7 @@ def _line(sheet: Datasheet, field: str, value: str | float, remark: str = "") ->
     shown = _quoted(value) if isinstance(value, str) else repr(value)
     remark = sheet.remarks.get(field, remark)
     text = f"{field} = {shown}"
-    return f"{text:<32} # {_one_line(remark)}" if remark else text
+    return f"{text:<32} # {one_line(remark)}" if remark else text
 
 
 def _quoted(text: str) -> str:
@@ -223,14 +223,14 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """A text that can stand in a comment, whatever the file contains."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def _comment(text: str, first: str = "# ", further: str = "# ") -> list[str]:
     return textwrap.wrap(
-        _one_line(text),
+        one_line(text),
         _WIDTH,
         initial_indent=first,
         subsequent_indent=further,

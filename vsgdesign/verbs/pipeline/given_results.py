@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.folders import RESULTS
+from vsgdesign.artifacts.guarded_file import is_number
 from vsgdesign.artifacts.provenance import provenance
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.errors import ArtifactError
@@ -160,11 +161,11 @@ def _label(key: str, entries: list[dict[str, Any]]) -> str:
 
 
 def _name(field: str, value: Any) -> str:
-    return f"{value:g} s" if field == "t_s" and _is_number(value) else str(value)
+    return f"{value:g} s" if field == "t_s" and is_number(value) else str(value)
 
 
 def _same(a: Any, b: Any, asked: bool) -> bool:
-    if _is_number(a) and _is_number(b):
+    if is_number(a) and is_number(b):
         return a == b or abs(a - b) <= SAME * max(abs(a), abs(b))
     if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(_same(x, y, asked) for x, y in zip(a, b, strict=True))
@@ -177,16 +178,12 @@ def _rank(place: Sequence[str], value: Any) -> float | None:
     """The rank of a verdict, the smaller, the better; None where it is no verdict."""
     field = place[-1]
     if field in _ANSWERS:
-        return {True: 0, None: 1, False: 2}.get(value) if not _is_number(value) else -value
+        return {True: 0, None: 1, False: 2}.get(value) if not is_number(value) else -value
     if field == "status" and isinstance(value, str):
         return _RANK.get(value)
     if len(place) == 2 and place[0] == "warnings":  # of an instability: it is there, or it is not
         return float(value is not None)
     return None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def read_result(path: Path) -> dict[str, Any]:

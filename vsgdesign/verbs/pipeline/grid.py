@@ -19,7 +19,7 @@ from vsgdesign.artifacts.files import check_new, plain, write_new_text
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError, did_you_mean
 from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.study.datasheet.study_text import nodes
+from vsgdesign.study.datasheet.study_text import nodes, one_line
 from vsgdesign.study.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.networks.model import S_BASE, Given, Network, check_network, part_of, with_sources
 from vsgdesign.study.networks.thevenin import (
@@ -299,7 +299,7 @@ def grid_study_text(found: GridOfNetwork, base: str | None = None) -> str:
     n, (scr, x_over_r) = found.known[0], found.nodes
     outages = sum(bool(case.out) for case in found.known)
     head = [
-        f"# The grid at bus {_comment(found.bus)} of {_comment(found.network.file)}: written by `vsgdesign grid`.",
+        f"# The grid at bus {one_line(found.bus)} of {one_line(found.network.file)}: written by `vsgdesign grid`.",
         f"# {outages} outages; SCR for {found.asked.S / 1e6:g} MVA, on the impedance.",
     ]
     if base is None:
@@ -322,10 +322,6 @@ def grid_study_text(found: GridOfNetwork, base: str | None = None) -> str:
             "",
         ]
     )
-
-
-def _comment(text: str) -> str:
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def report_grid(
