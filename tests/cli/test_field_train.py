@@ -118,7 +118,7 @@ def test_interrupted_and_continued_gives_the_same_weights(folder: Path, monkeypa
         ('learn = "2 s"', "learn = 2 s: must be below first"),
         ("first_cycle = 1", "first_cycle = 1: must be from first_cycle_refuted = 2"),
         ('background = "noisy"', 'background = "noisy": must be one of "clean", "measured", "dirty"'),
-        ("P_pu = { uniform = [3, 4] }", "P_pu.uniform.0 = 3: outside -2 to 2"),
+        ("P_pu = { uniform = [3, 4] }", "P_pu.uniform[0] = 3: outside -2 to 2"),
         ('converters = ["case:nobody"]', 'converters = "case:nobody": case:nobody: 1 fault'),
         ("converters = 3", "converters = 3: must be a list of texts"),
         ("scenarios = 4", "scenarios: unknown field"),

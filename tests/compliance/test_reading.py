@@ -142,9 +142,7 @@ def test_every_fault_is_told_at_once() -> None:
         "tests[0].criteria[1]", "tests[0].criteria[2].at_least", "tests[0].criteria[2].at_most",
     }  # fmt: skip
     assert found.keys() == expected
-    assert (
-        str(found["tests[0].scr"]) == "tests[0].scr = -3: outside 0.05 to 10000. Check the unit: a bare number is SI."
-    )
+    assert str(found["tests[0].scr"]) == "tests[0].scr = -3: outside 0.05 to 10000. Give a value within these limits."
 
 
 def test_criteria_are_checked_against_what_can_be_measured() -> None:

@@ -53,6 +53,10 @@ def test_a_wrong_unit_shows_value_limits_and_what_was_read() -> None:
     assert str(fault) == (
         "filter.L_1 = 1: outside 100 nH to 500 mH (read as 1 H). Check the unit: a bare number is SI."
     )
+    ratio = the_fault(changed("grid.scr", -3), "grid.scr")
+    assert str(ratio) == "grid.scr = -3: outside 0.05 to 10000. Give a value within these limits."
+    written = the_fault(changed("filter.L_1", True), "filter.L_1")
+    assert str(written).startswith("filter.L_1 = true: expected a number in H")
 
 
 @pytest.mark.parametrize(

@@ -165,7 +165,7 @@ def test_every_fault_at_once() -> None:
             "error",
             "H_max",
             "disc_margin",
-            "f_g.1",
+            "f_g[1]",
         )
     }
     for name, says in {

@@ -53,7 +53,9 @@ class TableReader:
                 self.fault("", table, "expected a table", f"Write it as [{path}] with one field a line.")
 
     def name(self, field: str) -> str:
-        """Full dotted name of a field of this table."""
+        """Full dotted name of a field of this table, or with brackets that of a place in a list."""
+        if field.isdigit():
+            return f"{self.path}[{field}]"
         return f"{self.path}.{field}" if self.path and field else (field or self.path)
 
     def has(self, field: str) -> bool:
@@ -62,7 +64,8 @@ class TableReader:
 
     def fault(self, field: str, value: object, problem: str, advice: str = "") -> None:
         """Record a fault of a field of this table."""
-        shown = "" if value is None else (f'"{value}"' if isinstance(value, str) else str(value))
+        written = str(value).lower() if isinstance(value, bool) else str(value)  # true, as in TOML
+        shown = "" if value is None else (f'"{value}"' if isinstance(value, str) else written)
         self.faults.append(Fault(self.name(field), shown, problem, advice))
 
     def quantity(
@@ -100,7 +103,8 @@ class TableReader:
             if math.isinf(high):
                 limits = f"below {format_quantity(low, dimension)}"
             as_read = f" (read as {format_quantity(value, dimension)})" if dimension != "1" else ""
-            advice = hint or ("Check the unit: a bare number is SI." if not zero else f"Or give 0: {zero}.")
+            unit = "Give a value within these limits." if dimension == "1" else "Check the unit: a bare number is SI."
+            advice = hint or (f"Or give 0: {zero}." if zero else unit)
             self.fault(field, raw, limits + as_read, advice)
             return math.nan
         return value
