@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -71,22 +72,33 @@ def base_document(
     and without grid, source, events, controllers and the settings of the run. Raises StudyError where the study was
     built from its parts.
     """
+    place = os.path.abspath(folder)
+
+    def beside(file: str) -> str:
+        return Path(os.path.relpath(file, place)).as_posix()
+
+    document = own_document(study, _LEFT_OUT, beside, name, title or f"A case of {study.title}")
+    if spec.estimate == "truth":
+        document.pop("estimator", None)
+    return document, StudyOrigin(document, place, name, name)
+
+
+def own_document(
+    study: Study, left_out: Sequence[str], place: Callable[[str], str], name: str, title: str
+) -> dict[str, Any]:
+    """The document of a study without some sections, under a name and a title, with the gains of inner loops that were
+    designed. ``place``: how a file is named whose absolute path is given. Raises StudyError where the study was built
+    from its parts."""
     origin = study.origin
     if origin is None:
         fault = Fault("study", "", "was built from its parts and not read from a document", "Use vd.load.")
         raise StudyError(study.name, [fault])
-    source, place = dict(origin.document), os.path.abspath(folder)
-    document: dict[str, Any] = {key: value for key, value in source.items() if key not in _LEFT_OUT}
-    if (there := os.path.abspath(origin.folder)) != place:
-        document = with_files(document, lambda name: Path(os.path.relpath(os.path.join(there, name), place)).as_posix())
-    document["study"] = {"name": name, "title": title or f"A case of {study.title}"}
-    if study.source:
-        document["study"]["source"] = study.source
+    kept = {section: value for section, value in origin.document.items() if section not in left_out}
+    document = with_files(kept, lambda file: place(os.path.abspath(os.path.join(origin.folder, file))))
+    document["study"] = {"name": name, "title": title} | ({"source": study.source} if study.source else {})
     if study.inner_request is not None:
         document["inner_loops"] = inner_loops_document(study)
-    if spec.estimate == "truth":
-        document.pop("estimator", None)
-    return document, StudyOrigin(document, place, name, name)
+    return document
 
 
 def inner_loops_document(study: Study) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.gain_table import base_differences, base_of
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.campaigns.verification.case_study import inner_loops_document
+from vsgdesign.campaigns.verification.case_study import own_document
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.report.explore.dc_side import with_written_charge
@@ -17,7 +17,7 @@ from vsgdesign.report.explore.scene import Scene, scene_of, study_of
 from vsgdesign.report.explore.state import OWN, State
 from vsgdesign.simulation.steps import references_at
 from vsgdesign.study.parameters.controllers import mean_time, poles_to_write
-from vsgdesign.study.parameters.loading import study_from_document, with_files
+from vsgdesign.study.parameters.loading import study_from_document
 from vsgdesign.study.parameters.study import Study, StudyOrigin
 from vsgdesign.study.parameters.toml_file import toml_text
 from vsgdesign.study.parameters.units import format_quantity
@@ -86,21 +86,10 @@ def _document(
 ) -> tuple[dict[str, Any], Study, list[str], tuple[str, ...]]:
     """The document of a state without its event; the run of the controller whose references it has; sentences on what
     it does not say, and the lines at its head."""
-    study = scene.study
-    origin = study.origin
-    if origin is None:
-        fault = Fault("study", "", "was built from its parts and not read from a document", "Use vd.load.")
-        raise StudyError(study.name, [fault])
+    study, title = scene.study, f"{scene.study.title}: a state of the explorer"
+    document = own_document(study, _LEFT_OUT, str, f"{study.name}-explored", title)
     first = _first(scene, state)
     run = study_of(scene, ready, state, first)
-    document = {name: value for name, value in origin.document.items() if name not in _LEFT_OUT}
-    document = with_files(document, lambda name: os.path.abspath(os.path.join(origin.folder, name)))
-    name = f"{study.name}-explored"
-    document["study"] = {"name": name, "title": f"{study.title}: a state of the explorer"}
-    if study.source:
-        document["study"]["source"] = study.source
-    if study.inner_request is not None:
-        document["inner_loops"] = inner_loops_document(study)
     document["grid"] = {
         "scr_basis": study.scr_basis,
         "scr": state.scr,
@@ -108,8 +97,9 @@ def _document(
         "V_g_pu": state.V_g_pu,
         "f_g": state.f_hz,
     }
-    if "protection" in origin.document.get("survival", {}):
-        document["survival"] = {"protection": dict(origin.document["survival"]["protection"])}
+    protection = study.origin.document.get("survival", {}).get("protection") if study.origin else None
+    if protection is not None:
+        document["survival"] = {"protection": dict(protection)}
     simulation = run.simulation
     document["simulation"] = {
         "bridge": simulation.bridge,
