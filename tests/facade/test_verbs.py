@@ -251,6 +251,8 @@ def test_what_cannot_be_asked_is_told(tmp_path: Path) -> None:
     for call_it, match in (
         (lambda: vd.verify(study, search=-1), "search = -1"),
         (lambda: vd.survive(study, bridge=unknown), "averaged, pwm"),
+        (lambda: vd.simulate(study, bridge=unknown), "averaged, pwm"),
+        (lambda: vd.explore(study, "page.html", bridge=unknown), "averaged, pwm"),
         (lambda: vd.comply(study, cases=unknown), "failing, all, none"),
     ):
         with pytest.raises(ValueError, match=match):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Unpack
 
 from vsgdesign.execution.executors import How
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.shown import Shown, dataset_of, frame_of, given_study, known_word
+from vsgdesign.verbs.facade.shown import BRIDGES, Bridge, Shown, dataset_of, frame_of, given_study, known_word
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 
 Progress = Callable[[str, float], None]
-Bridge = Literal["averaged", "pwm"]
-_BRIDGES = ("averaged", "pwm")
 
 
 @dataclass(frozen=True)
@@ -186,7 +184,7 @@ def verify(
     from vsgdesign.verbs.pipeline.one_unit import as_one_converter, with_tables_left
     from vsgdesign.verbs.pipeline.verify import WORK, Asked, verify_study, with_table
 
-    known_word("bridge", bridge, _BRIDGES)
+    known_word("bridge", bridge, BRIDGES)
     if search is not None and search < 0:
         raise ValueError(f"search = {search}: must be 0 or more.")
     study = as_one_converter(given_study(study, "verify"))
@@ -231,7 +229,7 @@ def survive(
     from vsgdesign.verbs.pipeline.one_unit import as_one_converter, with_tables_left
     from vsgdesign.verbs.pipeline.survival import WORK, Asked, report_survival
 
-    known_word("bridge", bridge, _BRIDGES)
+    known_word("bridge", bridge, BRIDGES)
     study = with_tables_left(as_one_converter(given_study(study, "survive")))
     folder = _place(study, out, WORK)
     asked = Asked(controllers or None, limiters or None, bridge, explorer)

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -129,6 +129,10 @@ def given_study(study: Study | str | Path, what: str) -> Study:
             f"{type(study).__name__}."
         )
     return study
+
+
+Bridge = Literal["averaged", "pwm"]
+BRIDGES = ("averaged", "pwm")
 
 
 def known_word(name: str, given: str, known: Sequence[str]) -> None:

@@ -12,7 +12,7 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.facade.assessed import Margins
-from vsgdesign.verbs.facade.shown import Shown, frame_of, given_study
+from vsgdesign.verbs.facade.shown import BRIDGES, Bridge, Shown, frame_of, given_study, known_word
 from vsgdesign.verbs.facade.tables import DesignedTable
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Run(Shown):
 def simulate(
     study: Study | str | Path,
     *,
-    bridge: str | None = None,
+    bridge: Bridge | None = None,
     strict: bool = False,
     ready: Ready | None = None,
     workers: int | None = None,
@@ -105,7 +105,7 @@ def simulate(
     for are read, taken from below ``out`` where an earlier command has left them, or designed and trained first (on
     ``workers`` processes). ``warn`` is called with one sentence for each controller that is unstable by the linear
     model, and for each whose dc side cannot do what is asked. Raises StudyError, InfeasibleStudyError, ArtifactError
-    and SimulationDivergedError.
+    and SimulationDivergedError, and ValueError for another bridge.
     """
     from vsgdesign.execution.progress import silent
     from vsgdesign.simulation.lanes.beforehand import told_beforehand
@@ -114,6 +114,8 @@ def simulate(
     from vsgdesign.verbs.pipeline.one_unit import alone
     from vsgdesign.verbs.pipeline.study_tables import with_left_tables
 
+    if bridge is not None:
+        known_word("bridge", bridge, BRIDGES)
     tell, study = progress or silent, alone(given_study(study, "simulate"), "simulate")
     study = study.made_strict() if strict else study
     there = ready or make_ready(with_left_tables(study), bridge=bridge, workers=workers, progress=progress)
@@ -175,7 +177,7 @@ def explore(
     scr: float | None = None,
     x_over_r: float | None = None,
     lattice: tuple[int, int] = (48, 32),
-    bridge: str = "averaged",
+    bridge: Bridge = "averaged",
     ready: Ready | None = None,
     workers: int | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -188,7 +190,8 @@ def explore(
     those of a switched one have no verdict on the page. ``ready`` holds gain tables from an earlier call of
     :func:`vsgdesign.verbs.pipeline.making.make_ready`. Without it, those that the study asks for are read, taken from
     below ``out`` where an earlier command has left them, or designed first and kept there. A page is replaced, any
-    other file is left unchanged. Raises StudyError, InfeasibleStudyError and ArtifactError.
+    other file is left unchanged. Raises StudyError, InfeasibleStudyError and ArtifactError, and ValueError for another
+    bridge.
     """
     from vsgdesign.report.explore.lattice import lattice_counts
     from vsgdesign.report.explore.page_file import write_page
@@ -196,6 +199,7 @@ def explore(
     from vsgdesign.verbs.pipeline.one_unit import alone
     from vsgdesign.verbs.pipeline.study_tables import kept_tables
 
+    known_word("bridge", bridge, BRIDGES)
     counts = lattice_counts("x".join(map(str, lattice)))
     study = alone(given_study(study, "explore"), "explore")
     begins = {"controllers": None if controllers is None else list(controllers), "scr": scr, "x_over_r": x_over_r}
