@@ -86,15 +86,7 @@ def survey(
         width = min(LANES, len(low) - start)
         load_boxes(registers, own, low, high, parameters, start, d, d)
         run_program(code, number, places, factors, registers, own, d)
-        applies[:, start : start + width] = True
-        for n in range(between):
-            limits(registers[outputs[carried + n]], d, least, most)
-            for lane in range(width):
-                for case in range(len(signs)):
-                    if signs[case, n] < 0 and least[lane] > 0.0:
-                        applies[case, start + lane] = False
-                    if signs[case, n] > 0 and most[lane] < 0.0:
-                        applies[case, start + lane] = False
+        which_occur(registers, outputs[carried:], signs, start, width, least, most, applies, d)
         none_within(registers, outputs[carried + between :], conditions, beyond, crossed, nothing, mean, d)
         # By element here, too: assigned as parts, it is the words of an error about shapes that are compiled.
         for lane in range(width):
@@ -102,6 +94,31 @@ def survey(
         for n in range(carried):
             for lane in range(width):
                 _carry(forms[start + lane, n], registers[outputs[n], :, lane], n == 0)
+
+
+@_compiled
+def which_occur(
+    registers: Any,
+    outputs: Any,
+    signs: Any,
+    start: int,
+    width: int,
+    least: Any,
+    most: Any,
+    applies: Any,
+    d: int,
+) -> None:
+    """Which cases of the schedule occur in the boxes of the lanes, ``applies`` (cases, N). ``signs`` (cases, outputs):
+    those of :func:`survey`."""
+    applies[:, start : start + width] = True
+    for n in range(signs.shape[1]):
+        limits(registers[outputs[n]], d, least, most)
+        for lane in range(width):
+            for case in range(len(signs)):
+                if signs[case, n] < 0 and least[lane] > 0.0:
+                    applies[case, start + lane] = False
+                if signs[case, n] > 0 and most[lane] < 0.0:
+                    applies[case, start + lane] = False
 
 
 @_compiled

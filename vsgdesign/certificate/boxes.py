@@ -48,16 +48,16 @@ class Boxes:
 
     def halves(self, dimension: NDArray[np.intp]) -> Boxes:
         """Each cut in the middle of its dimension."""
-        rows = np.arange(len(self))
-        middle = 0.5 * (self.low[rows, dimension] + self.high[rows, dimension])
-        low, high = self.low.copy(), self.high.copy()
-        low[rows, dimension], high[rows, dimension] = middle, middle
-        return Boxes(
-            np.concatenate([self.low, low]),
-            np.concatenate([high, self.high]),
-            np.concatenate([self.piece, self.piece]),
-            self.errors,
-        )
+        return Boxes(*halved(self.low, self.high, dimension), np.concatenate([self.piece, self.piece]), self.errors)
+
+
+def halved(low: Array, high: Array, dimension: NDArray[np.intp]) -> tuple[Array, Array]:
+    """The limits of boxes (N, d), each cut in the middle of its dimension: the lower halves, then the upper ones."""
+    rows = np.arange(len(low))
+    middle = 0.5 * (low[rows, dimension] + high[rows, dimension])
+    begin, end = low.copy(), high.copy()
+    begin[rows, dimension], end[rows, dimension] = middle, middle
+    return np.concatenate([low, begin]), np.concatenate([end, high])
 
 
 def encloses(system: System) -> bool:

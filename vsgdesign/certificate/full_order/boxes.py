@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.boxes import basis_of, bilinear
+from vsgdesign.certificate.boxes import basis_of, bilinear, halved
 from vsgdesign.certificate.error_bounds import error_segments
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.equations.frames import PHASES
@@ -131,14 +131,11 @@ class Part:
 
     def halves(self, dimension: NDArray[np.intp]) -> Part:
         """Each cut in the middle of its dimension."""
-        rows = np.arange(len(self))
-        middle = 0.5 * (self.low[rows, dimension] + self.high[rows, dimension])
-        low, high = self.low.copy(), self.high.copy()
-        low[rows, dimension], high[rows, dimension] = middle, middle
+        low, high = halved(self.low, self.high, dimension)
         cell, piece = (np.concatenate([v, v]) for v in (self.cell, self.piece))
         frequency = np.concatenate([self.frequency, self.frequency])
         share = 0.5 * np.concatenate([self.share, self.share])
-        return Part(np.concatenate([self.low, low]), np.concatenate([high, self.high]), cell, piece, frequency, share)
+        return Part(low, high, cell, piece, frequency, share)
 
     @classmethod
     def joined(cls, parts: list[Part]) -> Part:

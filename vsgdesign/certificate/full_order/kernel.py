@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from vsgdesign.certificate.box_check import load_boxes, none_within
-from vsgdesign.certificate.taylor_kernel import LANES, limits, rows, run_program, sum_up
+from vsgdesign.certificate.box_check import load_boxes, none_within, which_occur
+from vsgdesign.certificate.taylor_kernel import LANES, rows, run_program, sum_up
 
-KERNEL = "48c844b8eb630f4b"
+KERNEL = "543b8fb7829ec00d"
 """Fingerprint of ``taylor_kernel.py`` and ``box_check.py``, whose functions are compiled into those here: Numba makes
 them again when this file changes, and this one alone."""
 
@@ -77,15 +77,7 @@ def survey(boxes: Any, situation: Any, conditions: Any, signs: Any, d: int, foun
                 _load_small(registers[coordinates + k], lane, rest[cell[box], k // 2], k % 2 == 1, d)
             sum_up(registers[coordinates + k], d)
         run_program(code, number, places, factors, registers, own, d)
-        applies[:, start : start + width] = True
-        for n in range(between):
-            limits(registers[outputs[n]], d, least, most)
-            for lane in range(width):
-                for case in range(len(signs)):
-                    if signs[case, n] < 0 and least[lane] > 0.0:
-                        applies[case, start + lane] = False
-                    if signs[case, n] > 0 and most[lane] < 0.0:
-                        applies[case, start + lane] = False
+        which_occur(registers, outputs, signs, start, width, least, most, applies, d)
         none_within(registers, outputs[between:], conditions, beyond, crossed, nothing, mean, d)
         for lane in range(width):
             empty[start + lane] |= nothing[lane]
