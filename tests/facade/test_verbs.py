@@ -252,11 +252,18 @@ def test_what_cannot_be_asked_is_told(tmp_path: Path) -> None:
         (lambda: vd.verify(study, search=-1), "search = -1"),
         (lambda: vd.survive(study, bridge=unknown), "averaged, pwm"),
         (lambda: vd.simulate(study, bridge=unknown), "averaged, pwm"),
+        (lambda: vd.verify(study, runs=8, workers=0), "workers = 0: must be 1 or more"),
         (lambda: vd.explore(study, "page.html", bridge=unknown), "averaged, pwm"),
         (lambda: vd.comply(study, cases=unknown), "failing, all, none"),
     ):
         with pytest.raises(ValueError, match=match):
             call_it()
+    for ask in (lambda: vd.survive(study, controllers="nope"), lambda: vd.comply(study, suites="nope")):
+        with pytest.raises(StudyError) as caught:
+            ask()
+        assert [fault.value for fault in caught.value.faults if fault.value] == [
+            '"nope"'
+        ]  # one name, and not four letters
     for function in (vd.verify, vd.survive, vd.comply, vd.compare, vd.inner, vd.design_study):
         with pytest.raises(TypeError, match=rf"{function.__name__} takes a study"):
             function(3)  # type: ignore[arg-type]

@@ -78,6 +78,8 @@ def known_here_alone() -> list[str]:
 
 def worker_count(workers: int | None) -> int:
     """How many processes work on this machine; None asks for one per core."""
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers = {workers}: must be 1 or more, or None for one per core.")
     return (os.cpu_count() or 1) if workers is None else workers
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Unpack
 
 from vsgdesign.execution.executors import How
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.shown import BRIDGES, Bridge, Shown, dataset_of, frame_of, given_study, known_word
+from vsgdesign.verbs.facade.shown import BRIDGES, Bridge, Shown, dataset_of, frame_of, given_study, known_word, names_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -232,7 +232,7 @@ def survive(
     known_word("bridge", bridge, BRIDGES)
     study = with_tables_left(as_one_converter(given_study(study, "survive")))
     folder = _place(study, out, WORK)
-    asked = Asked(controllers or None, limiters or None, bridge, explorer)
+    asked = Asked(names_of(controllers) or None, names_of(limiters) or None, bridge, explorer)
     return Survival(report_survival(study, folder, asked, progress=progress, **how), folder)
 
 
@@ -268,7 +268,7 @@ def comply(
     if comtrade is not None:
         known_word("comtrade", comtrade, FORMS)
     asked = Asked(
-        suites=tuple(suites), controllers=tuple(controllers), maps=maps, cases=cases, file=file, comtrade=comtrade
+        suites=names_of(suites), controllers=names_of(controllers), maps=maps, cases=cases, file=file, comtrade=comtrade
     )
     return Compliance(comply_study(study, folder, asked, ready=ready, progress=progress, **how), folder)
 
@@ -320,6 +320,13 @@ def size(
     study = alone(given_study(study, "size"), "size")
     folder = _place(study, out, WORK)
     document = size_study(
-        study, folder, controller=controller, C=capacitor, source=source, keep=keep, suites=suites, progress=progress
+        study,
+        folder,
+        controller=controller,
+        C=capacitor,
+        source=source,
+        keep=keep,
+        suites=names_of(suites),
+        progress=progress,
     )
     return DcSide(document, folder)

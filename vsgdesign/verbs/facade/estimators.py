@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from vsgdesign.artifacts.files import plain
 from vsgdesign.execution.executors import How
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.shown import Shown, given_study
+from vsgdesign.verbs.facade.shown import Shown, given_study, names_of
 
 if TYPE_CHECKING:
     from vsgdesign.estimator.comparison import Comparison
@@ -175,6 +175,6 @@ def _estimators(
     study = alone(given_study(study, what), what)
     drawn_from = (study.estimator or EstimatorSpec()).seed if seed is None else seed
     found: list[Comparison | Stress] = []
-    asked: dict[str, Any] = {"weights": tuple(map(str, weights)), "recipes": tuple(recipes), "workers": workers}
+    asked: dict[str, Any] = {"weights": names_of(weights), "recipes": names_of(recipes), "workers": workers}
     document = make(study, out, seed=drawn_from, done=found.append, progress=progress, **asked)
     return EstimatorComparison(found[0], document, Path(out))

@@ -131,6 +131,12 @@ def given_study(study: Study | str | Path, what: str) -> Study:
     return study
 
 
+def names_of(given: Sequence[str | Path] | str | Path | None) -> tuple[str, ...]:
+    """Names as a verb takes them. A single text is one name, and not a sequence of letters."""
+    one = isinstance(given, str | Path)
+    return (str(given),) if one else tuple(map(str, given or ()))
+
+
 Bridge = Literal["averaged", "pwm"]
 BRIDGES = ("averaged", "pwm")
 

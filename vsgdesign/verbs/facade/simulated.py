@@ -12,7 +12,7 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.facade.assessed import Margins
-from vsgdesign.verbs.facade.shown import BRIDGES, Bridge, Shown, frame_of, given_study, known_word
+from vsgdesign.verbs.facade.shown import BRIDGES, Bridge, Shown, frame_of, given_study, known_word, names_of
 from vsgdesign.verbs.facade.tables import DesignedTable
 
 if TYPE_CHECKING:
@@ -202,7 +202,11 @@ def explore(
     known_word("bridge", bridge, BRIDGES)
     counts = lattice_counts("x".join(map(str, lattice)))
     study = alone(given_study(study, "explore"), "explore")
-    begins = {"controllers": None if controllers is None else list(controllers), "scr": scr, "x_over_r": x_over_r}
+    begins = {
+        "controllers": None if controllers is None else list(names_of(controllers)),
+        "scr": scr,
+        "x_over_r": x_over_r,
+    }
     start = {name: value for name, value in begins.items() if value is not None}
     there = ready or Ready(tables=kept_tables(study, workers=workers, progress=progress).tables)
     session = session_from(study, there, start, bridge=bridge)
