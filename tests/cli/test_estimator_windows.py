@@ -56,7 +56,7 @@ def test_windows_and_their_file(tmp_path: Path) -> None:
         ("publishd", 'recipe = "publishd": unknown. Did you mean published?'),
         (
             RECIPE + "scr = { uniform = [20, 2] }",
-            "scr = uniform [20.0, 2.0]: needs [low, high] with low not above high.",
+            "scr.uniform = [20, 2]: the range is reversed. Give the lower end first.",
         ),
         (RECIPE + 'P_pu = "2 kW"', 'P_pu = "2 kW": expected'),
         (RECIPE + "noise_v = nan", "noise_v = nan: "),

@@ -81,16 +81,16 @@ def judged(study: Study, run: Simulation, since_s: float) -> Verdict:
     cycle = round(2.0 * np.pi / run.timeline.source_at(study.simulation.duration).omega / T_s)
     P, Q, V = (
         np.convolve(np.concatenate([np.full(cycle - 1, values[0]), values]), np.full(cycle, 1.0 / cycle), "valid")
-        for values in (run.column(name) for name in ("P", "Q", "V_rms"))
+        for values in (run.each(name) for name in ("P", "Q", "V_rms"))
     )
     P_end, Q_end, V_end = float(P[-1]), float(Q[-1]), float(V[-1])
     error = np.maximum(np.abs(P - P_end), np.abs(Q - Q_end)) / S
-    outside = np.flatnonzero((error > BAND) & (run.t_s >= since_s - 0.1 * T_s))
+    outside = np.flatnonzero((error > BAND) & (run.each_s >= since_s - 0.1 * T_s))
     if not outside.size:
         return Verdict(0.0, P_end, Q_end, V_end)
     k = int(outside[-1])
     share = (error[k] - BAND) / (error[k] - error[k + 1])
-    return Verdict(float(run.t_s[k] + share * T_s - since_s), P_end, Q_end, V_end)
+    return Verdict(float(run.each_s[k] + share * T_s - since_s), P_end, Q_end, V_end)
 
 
 def in_simulate(event: str) -> tuple[Study, Simulation, float | None]:
