@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -146,7 +147,11 @@ def test_wrong_files_are_wrong_input(written: Path, tmp_path: Path) -> None:
 def test_report(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     result = call("table", "report", written, "--out", tmp_path / "out")
     assert result.exit_code == 0
-    assert result.stdout == f"report: {tmp_path / 'out' / 'report.html'}\n"
+    lines = result.stdout.splitlines()
+    assert lines[-1] == f"report: {tmp_path / 'out' / 'report.html'}"
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert f">{html.escape(lines[0], quote=False)}<" in page[page.index('id="answer"') :]
+    assert "4 of 4 met" in result.stdout
     assert (tmp_path / "out" / "table.json").read_bytes() == written.read_bytes()
     assert len(list((tmp_path / "out" / "figures").iterdir())) > 10
     for drawn_before in ("margin_figures", "gain_surfaces", "constraint_figures", "stale_figures"):

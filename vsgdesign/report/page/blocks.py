@@ -215,9 +215,9 @@ def opening(
     return [Box((words(headline, style=HEADLINE), *answers), anchor="answer"), *drawings(first)]
 
 
-def answered(headline: Line, answer: Answer) -> list[Block]:
+def answered(headline: Line, *answers: Answer) -> list[Block]:
     """The answer of a page on a terminal."""
-    return [words(headline, style=HEADLINE, on=Where.TERMINAL), replace(answer, on=Where.TERMINAL)]
+    return [words(headline, style=HEADLINE, on=Where.TERMINAL), *(replace(one, on=Where.TERMINAL) for one in answers)]
 
 
 @dataclass(frozen=True)

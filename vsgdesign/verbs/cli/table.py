@@ -26,6 +26,7 @@ from vsgdesign.verbs.cli.common import (
 if TYPE_CHECKING:
     from vsgdesign.certificate.recheck.verdict import ProofCheck
     from vsgdesign.execution.executors import How
+    from vsgdesign.linear.stability.gain_table import TableCheck
     from vsgdesign.study.parameters.study import Study
 
 _FILE = click.argument("table_file", metavar="TABLE.json", type=click.Path())
@@ -264,12 +265,18 @@ def report(table_file: str, out: str | None, study_file: str | None, explorer: b
     found = read_table_file(table_file)
     folder = Path("out") / f"{Path(table_file).stem}-table" if out is None else Path(out)
     study = None if study_file is None or not explorer else _with_table(study_file, table_file)
+    checked: list[TableCheck] = []
     with results_at(folder):
         with progress(quiet=as_json) as tell:
-            document = report_table(found, folder, study=study, inputs=[table_file], progress=tell)
+            document = report_table(found, folder, study=study, inputs=[table_file], progress=tell, done=checked.append)
         if as_json:
             print_json(document)
         else:
+            from vsgdesign.report.gain_table.overview import table_answer, table_headline
+            from vsgdesign.report.page.blocks import answered
+            from vsgdesign.report.page.terminal import print_terminal
+
+            print_terminal(answered(table_headline(found, checked[0]), *table_answer(found, checked[0])))
             click.echo(f"report: {folder / 'report.html'}")
 
 

@@ -229,12 +229,14 @@ def report_table(
     study: Study | None = None,
     inputs: Iterable[str | Path] = (),
     progress: Progress | None = None,
+    done: Callable[[TableCheck], None] | None = None,
 ) -> dict[str, Any]:
     """Writes table.json and table.csv, figures, results.json and report.html to ``out``. Returns results.json.
 
     With a ``study`` whose only controller has the table, the page simulates in the browser: a table alone has no filter
     and no inner loops. ``inputs`` are the files from which the table comes. A folder that contains one of them is not
-    replaced. The folder appears when everything is done. Raises ArtifactError.
+    replaced. ``done`` is given what was found when the table was checked. The folder appears when everything is done.
+    Raises ArtifactError.
     """
     from vsgdesign.artifacts.measured_errors import shipped_errors
     from vsgdesign.report.drawing.files import write_all
@@ -267,4 +269,6 @@ def report_table(
             "check": check_document(outcome),
             "figures": [figure.name for figure in figures],
         }
+        if done is not None:
+            done(outcome)
         return write_record(folder, document, REPORT)
