@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from vsgdesign.artifacts.ready import Ready
+from vsgdesign.campaigns import survival as campaigns_survival
 from vsgdesign.campaigns.survival import plant_verdict, verdicts_of
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.survival import NO_REST, OVER_LIMIT, SURVIVED
 from vsgdesign.simulation.survival import GridKnowledge, Subject, SurvivalCase, fixed_set, plant_set, run_case
 from vsgdesign.study.parameters import Study, load_study
+from vsgdesign.verbs.pipeline import verify
 from vsgdesign.verbs.pipeline.one_unit import as_unit
-from vsgdesign.verbs.pipeline.survival import subjects_of, survival_cases
+from vsgdesign.verbs.pipeline.survival import Asked, report_survival, subjects_of, survival_cases
+from vsgdesign.verbs.pipeline.verify import prepared_job
 
 
 @pytest.fixture(scope="module")
@@ -119,3 +124,21 @@ def test_what_a_plant_does_not_have(study: Study) -> None:
     with pytest.raises(StudyError, match="2 faults") as error:
         subjects_of(learns, Ready(), bridge="pwm")
     assert len(error.value.faults) == 2
+
+
+def test_fixed_gains_stay_whatever_the_grid_of_a_case_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are made for what a unit sees in the study, also in the cases of survive and verify, which draw grids."""
+    plant, controllers = {"units": 2}, [{"name": "fixed", "kind": "fixed"}]
+    fixed = load_study("studies/plant/study.toml").with_changes(plant=plant, events=[], controllers=controllers)
+    seen, given = as_unit(fixed, "this test").grid, list[Study]()
+
+    def run_many(subjects: Mapping[str, Subject], *_: object, **__: object) -> None:
+        given.extend(one.study for one in subjects.values())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(campaigns_survival, "run_many", run_many)
+    with pytest.raises(KeyboardInterrupt):
+        report_survival(fixed, tmp_path / "out", Asked(limiters=None))
+    given.append(prepared_job(fixed, verify.Asked(runs=2), tmp_path / "verified")[0].study)
+    assert fixed.controllers[0].design_grid is None
+    assert [one.controllers[0].design_grid for one in given] == [seen, seen]

@@ -78,6 +78,7 @@ def report_survival(
 
     controllers, limiters = asked.controllers, asked.limiters
     own = as_unit(study, VERB)
+    study = replace(study, controllers=own.controllers)  # whose fixed gains stay, whatever grid a case has
     with (
         room_for(out, VERB, inputs=study.input_files),
         # What it keeps goes after the folder is in its place: an interruption in between loses no finished run.

@@ -264,7 +264,9 @@ def prepared_job(
     from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.survival import survival_tables
 
-    spec, own = check_verifiable(study, asked), as_unit(study, "vsgdesign verify")
+    name, own = check_verifiable(study, asked).name, as_unit(study, "vsgdesign verify")
+    study = replace(study, controllers=own.controllers)  # whose fixed gains stay, whatever grid a case has
+    spec = study.controller_named(name)
     ready = survival_tables(
         replace(own, controllers=(spec,)), kept_folder(out, WORK), workers=workers, progress=progress
     )
