@@ -30,11 +30,12 @@ def told(*arguments: object) -> tuple[int, str]:
 
 
 def test_every_controller_of_a_study_as_c(study: Path, tmp_path: Path) -> None:
-    out = tmp_path / "c"
+    out = tmp_path / "its C"
     for name in ("fixed-gains", "closed"):
         code, text = told("c", study, "--out", out, "--controller", name)
         assert code == 0, text
         assert f"of controller {name} of study" in text
+        assert text.endswith(f"next: make -C '{out}' test\n")  # can be copied into a shell
         assert name in (out / "vsg_unit.h").read_text(encoding="utf-8")
 
 

@@ -98,6 +98,7 @@ def test_out_of_time_the_rest_is_named_and_the_command_goes_on() -> None:
     line = going_on(said, "t.json", "study.toml")
     assert line is not None
     assert f"vsgdesign certify t.json --study study.toml --model full --decay {said['decay']!r} goes on" in line
+    assert "certify 'my t.json' --study 'my s.toml' --model" in str(going_on(said, "my t.json", "my s.toml"))
     assert with_full_order(study, spec, one, 0.0) == (one, None)
 
 

@@ -8,6 +8,7 @@ import glob
 import io
 import json
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -184,7 +185,8 @@ def going_on(
         return None
     # Without a decay a pair takes those of its own search, which are the same again.
     decay = "" if "differential" in found else f" --decay {found['decay']!r}"
-    command = f"vsgdesign certify {table_file} --study {study_file} --model full{decay}"
+    files = f"{shlex.quote(str(table_file))} --study {shlex.quote(study_file)}"
+    command = f"vsgdesign certify {files} --model full{decay}"
     proved = min(found["proved"], found.get("differential", found)["proved"])
     done = f"full-order proof: {100.0 * proved:.3g} % of the region"
     return f"{done}; {command} goes on" if follows else f"{done}; a study that uses the table can go on"

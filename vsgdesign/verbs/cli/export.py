@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -148,7 +149,7 @@ def c(
         with results_at(out):
             unit, of = unit_asked(file, study_file, controller, rate)
             made = export_unit_c(unit, out, inputs=(file, *of.input_files))
-            _show(made, f"controller {unit.controller} of study {of.name}", as_json, f"make -C {made.folder} test")
+            _show(made, f"controller {unit.controller} of study {of.name}", as_json, tested=True)
         return
     study = None if study_file is None else load(study_file, plants="as one unit")
     changes: dict[str, Any] = {} if rate is None else {"rate": rate}
@@ -164,17 +165,17 @@ def c(
             estimator=estimator,
             **changes,
         )
-        _show(made, f"table {made.manifest['table']['name']}", as_json, f"make -C {made.folder} test")
+        _show(made, f"table {made.manifest['table']['name']}", as_json, tested=True)
 
 
-def _show(made: Exported | ExportedC, of: str, as_json: bool, following: str = "") -> None:
-    """What was written, and the command that follows; or its manifest as JSON."""
+def _show(made: Exported | ExportedC, of: str, as_json: bool, tested: bool = False) -> None:
+    """What was written, and the command that tests it if there is one; or its manifest as JSON."""
     if as_json:
         print_json({"folder": str(made.folder)} | made.manifest)
         return
     click.echo(f"{made.folder}: {counted(len(made.manifest['files']), 'file')} of {of}")
-    if following:
-        click.echo(f"next: {following}")
+    if tested:
+        click.echo(f"next: make -C {shlex.quote(str(made.folder))} test")
 
 
 @export.command()
