@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from tests.gain_tables import table
 from vsgdesign.artifacts import GainTable
 from vsgdesign.certificate import Certificate, Region, certify
-from vsgdesign.certificate.box_check import compile_ahead, judge, survey
+from vsgdesign.certificate.box_check import compile_ahead, draw_in, judge, survey
 from vsgdesign.certificate.boxes import Boxes, parameters_of, points_of, whole_region
 from vsgdesign.certificate.enclosure import programs
 from vsgdesign.certificate.lyapunov import Motion, best_fit, residual
@@ -190,11 +190,11 @@ def test_pieces_hold_every_true_grid_behind_an_estimate_with_an_error_of_Z(k: in
     np.testing.assert_allclose(found, drawn, rtol=1e-9, atol=1e-8)
 
 
-@pytest.mark.parametrize("k", [0, 3, 4])
-def test_no_point_of_a_proved_box_fails_with_an_error_of_Z(k: int) -> None:
-    """Where R̂ of a grid may be negative: every point whose estimate and truth lie in a proved box holds the inequality,
-    and an empty box has none."""
-    region = Region((2.5, 4.5), (6.0, 10.0), (-4500.0, -3000.0), (-2000.0, 0.0), error=0.2, error_Z=0.1)
+@pytest.mark.parametrize(("k", "ratio"), [(0, (6.0, 10.0)), (3, (6.0, 10.0)), (4, (6.0, 10.0)), (4, (1.2, 2.4))])
+def test_no_point_of_a_proved_box_fails_with_an_error_of_Z(k: int, ratio: tuple[float, float]) -> None:
+    """Where R̂ of a grid may be negative, and where either error may be the larger one: every point whose estimate and
+    truth lie in a proved box holds the inequality, an empty box has none, and none is lost where a box is drawn in."""
+    region = Region((2.5, 4.5), ratio, (-4500.0, -3000.0), (-2000.0, 0.0), error=0.2, error_Z=0.1)
     s = replace(systems()[k], region=region)
     motion = Motion(region, False)
     P = np.array([[[3.3, -1.6, 0.0], [-1.6, 2.1, 0.0], [0.0, 0.0, 1.7]]])
@@ -203,23 +203,31 @@ def test_no_point_of_a_proved_box_fails_with_an_error_of_Z(k: int) -> None:
     worst = residual(A, motion.family(points), P, decay)
     places = places_of(s, points)
     whole = whole_region(s, region)
-    assert whole.errors is not None
+    errors = whole.errors
+    assert errors is not None
     assert k == 4 or whole.high[:, 1].max() > 0.5 * np.pi
+
+    def within(boxes: Boxes, box: int) -> NDArray[np.bool_]:
+        inside = ((boxes.low[box, :4] <= places[:, :4]) & (places[:, :4] <= boxes.high[box, :4])).all(axis=1)
+        for n, (hat, true, three) in enumerate(zip(hats, truths, (errors.R, errors.X), strict=True)):
+            a, b, m = (one[boxes.piece[box]] for one in three)
+            R_1, R_2 = (hat / (1.0 + a * c) - b * c + m for c in (boxes.high[box, 4 + n], boxes.low[box, 4 + n]))
+            inside &= (true >= R_1) & (true <= R_2)
+        return np.asarray(inside, dtype=np.bool_)
+
     hats = np.cos(places[:, 1]), np.sin(places[:, 1])
     truths = hats[0] / (1.0 + points[:, 4]), hats[1] / (1.0 + points[:, 5])
     ready = programs(s, region, motion.weights, P, decay)
     level, counts, seen = whole, np.zeros(3, dtype=int), 0
     for _ in range(12):
-        state, dimension = look_at(s, ready, level, whole)
+        drawn, state, dimension = look_at(s, ready, level, whole)
         counts += np.bincount(state, minlength=3)
-        for box in np.flatnonzero(state != UNDECIDED):
-            inside = ((level.low[box, :4] <= places[:, :4]) & (places[:, :4] <= level.high[box, :4])).all(axis=1)
-            for n, (hat, true, three) in enumerate(zip(hats, truths, (whole.errors.R, whole.errors.X), strict=True)):
-                a, b, m = (one[level.piece[box]] for one in three)
-                R_1, R_2 = (hat / (1.0 + a * c) - b * c + m for c in (level.high[box, 4 + n], level.low[box, 4 + n]))
-                inside &= (true >= R_1) & (true <= R_2)
-            assert not inside.any() if state[box] == EMPTY else np.all(worst[inside] < 0.0)
+        for box in range(len(level)):
+            inside = within(level, box)
+            assert not inside.any() if state[box] == EMPTY else not (inside & ~within(drawn, box)).any()
+            assert state[box] != PROVED or np.all(worst[inside] < 0.0)
             seen += int(inside.sum())
+        level = drawn
         undecided = state == UNDECIDED
         level = level.take(undecided).halves(dimension[undecided])
     assert counts[EMPTY] > 0
@@ -247,16 +255,21 @@ def test_no_point_of_a_proved_box_fails_and_an_empty_box_has_none(k: int, rate: 
     places = places_of(s, points)
     whole = whole_region(s, region)
     ready = programs(s, region, motion.weights, P, decay)
-    level, counts = whole, np.zeros(3, dtype=int)
+    level, counts, narrower = whole, np.zeros(3, dtype=int), 0
     for _ in range(13 if k < 5 else 15):
-        state, dimension = look_at(s, ready, level, whole)
+        drawn, state, dimension = look_at(s, ready, level, whole)
         counts += np.bincount(state, minlength=3)
-        for box in np.flatnonzero(state != UNDECIDED):
+        for box in range(len(level)):
             inside = ((level.low[box] <= places) & (places <= level.high[box])).all(axis=1)
-            assert not inside.any() if state[box] == EMPTY else np.all(worst[inside] < 0.0)
+            kept = ((drawn.low[box] <= places) & (places <= drawn.high[box])).all(axis=1)
+            assert not inside.any() if state[box] == EMPTY else not (inside & ~kept).any()
+            assert state[box] != PROVED or np.all(worst[inside] < 0.0)
+        narrower += int((drawn.high - drawn.low < level.high - level.low)[state != EMPTY].sum())
+        level = drawn
         undecided = state == UNDECIDED
         level = level.take(undecided).halves(dimension[undecided])
     assert counts[EMPTY] > 0
+    assert narrower > 100
     if not motion.moving:
         assert counts[PROVED] > 0
 
@@ -268,7 +281,7 @@ def test_what_is_compiled_ahead_is_what_a_proof_calls() -> None:
     ready = programs(s, region, Motion(region, False).weights, np.eye(3)[None], 0.1)
     whole = whole_region(s, region)
     look_at(s, ready, whole, whole)
-    assert (len(survey.signatures), len(judge.signatures)) == (1, 1)
+    assert (len(draw_in.signatures), len(survey.signatures), len(judge.signatures)) == (1, 1, 1)
 
 
 @pytest.mark.parametrize("gains", ["closed form", "table"])

@@ -103,7 +103,7 @@ def test_an_empty_box_holds_no_operating_point_and_a_wide_one_is_not_empty() -> 
     whole = whole_region(s, REGION)
     narrow = whole.take(np.zeros(len(places), dtype=int))
     narrow.low[:], narrow.high[:] = places - 1e-9, places + 1e-9
-    state, _ = look_at(s, programs(s, REGION, Motion(REGION, False).weights, np.eye(3)[None], 1.0), narrow, whole)
+    _, state, _ = look_at(s, programs(s, REGION, Motion(REGION, False).weights, np.eye(3)[None], 1.0), narrow, whole)
     np.testing.assert_array_equal(state == EMPTY, most > 1.0)
     assert 100 < np.sum(most > 1.0) < 500
     # The proof of the steps has P and Q themselves, in per unit of the rated power.

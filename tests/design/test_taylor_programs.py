@@ -149,7 +149,7 @@ def test_negative_only_where_every_matrix_is(n: int, seed: int, size: float) -> 
     entries[:, 1:last] = 0.03 * size * rng.normal(size=(len(pairs), last - 1, 1))
     entries[:, last : last + d] = 0.02 * size * rng.uniform(size=(len(pairs), d, 1))
     proved, score = np.ones(LANES, dtype=np.bool_), np.zeros((d, LANES))
-    negative(entries, d, proved, score, np.zeros((len(pairs), LANES)), n > 3)
+    negative(entries, d, proved, score, np.zeros((len(pairs), LANES)))
     t = rng.uniform(-1.0, 1.0, (400, d))
     t[:200] = np.sign(t[:200])
     i, j = np.triu_indices(d)
@@ -176,7 +176,7 @@ def test_a_fast_state_does_not_spoil_the_bound_of_a_slow_one() -> None:
     for radius, held in ((0.5, True), (6.4, False)):  # singular at √(0.4·100) = 6.32
         entries[pairs.index((0, 1)), last] = radius
         proved = np.ones(LANES, dtype=np.bool_)
-        negative(entries, d, proved, np.zeros((d, LANES)), np.zeros((len(pairs), LANES)), True)
+        negative(entries, d, proved, np.zeros((d, LANES)), np.zeros((len(pairs), LANES)))
         assert bool(proved[0]) == held
 
 

@@ -35,7 +35,13 @@ _STILL = 1e-12
 _OFF = 1e-14
 """Of the size of a sum of a few bounds: more than what floating-point is off by."""
 
-KERNEL = "af83d2862730ffb4"
+_DRAWS = 2
+"""How often all conditions draw a box in, one after another."""
+
+_DRAWN_OFF = 1e-9
+"""Of half a width, how far a box is drawn in less: much more than its arithmetic is off by."""
+
+KERNEL = "7ccee86dbcc4d79f"
 """Fingerprint of ``taylor_kernel.py``. Numba keeps the machine code of the functions here with all that they call, and
 makes it again when this file changes, and this one alone: so this file has to change with the other."""
 
@@ -49,8 +55,9 @@ def compile_ahead() -> None:
     parameters, truth = np.zeros((0, 0)), np.zeros(0, dtype=np.bool_)
     forms = np.zeros((0, 0, rows(FOLLOWED + 1)))
     signs = np.zeros((0, 0), dtype=np.int64)
+    draw_in(boxes, boxes, parameters, program, np.zeros((0, 2)), truth)
     survey(boxes, boxes, parameters, program, np.zeros((0, 2)), signs, truth, np.zeros((0, 0), np.bool_), forms)
-    judge(boxes, boxes, parameters, program, forms, 3, False, truth, np.zeros((0, FOLLOWED + 1)))
+    judge(boxes, boxes, parameters, program, forms, 3, truth, np.zeros((0, FOLLOWED + 1)))
 
 
 @_compiled
@@ -122,6 +129,75 @@ def which_occur(
 
 
 @_compiled
+def draw_in(low: Any, high: Any, parameters: Any, situation: Any, conditions: Any, empty: Any) -> None:
+    """Draws the limits of N boxes (N, 6) in to what the ``conditions`` leave of them (:eq:`box-drawn-in`), in place.
+
+    ``parameters``, ``situation`` and ``conditions`` are those of :func:`survey`, whose last outputs the conditions are;
+    ``empty`` (N,) is set where nothing is left.
+    """
+    code, number, places, factors, outputs, count = situation
+    d = low.shape[1]
+    registers = np.zeros((count, rows(d), LANES))
+    own = np.zeros((len(parameters), LANES))
+    least, most = np.empty((d, LANES)), np.empty((d, LANES))
+    first = len(outputs) - len(conditions)
+    for start in range(0, len(low), LANES):
+        load_boxes(registers, own, low, high, parameters, start, d, d)
+        run_program(code, number, places, factors, registers, own, d)
+        least[:] = -1.0
+        most[:] = 1.0
+        for _ in range(_DRAWS):
+            for n in range(len(conditions)):
+                form = registers[outputs[first + n]]
+                if conditions[n, 1] < np.inf:
+                    _draw(least, most, form, conditions[n, 1], 1.0, d)
+                if conditions[n, 0] > -np.inf:
+                    _draw(least, most, form, -conditions[n, 0], -1.0, d)
+        for lane in range(min(LANES, len(low) - start)):
+            box = start + lane
+            for k in range(d):
+                if least[k, lane] > most[k, lane]:
+                    empty[box] = True
+            for k in range(d):
+                middle, radius = 0.5 * (low[box, k] + high[box, k]), 0.5 * (high[box, k] - low[box, k])
+                if not empty[box] and least[k, lane] > -1.0:
+                    low[box, k] = middle + radius * least[k, lane]
+                if not empty[box] and most[k, lane] < 1.0:
+                    high[box, k] = middle + radius * most[k, lane]
+
+
+@_compiled
+def _draw(least: Any, most: Any, form: Any, limit: float, sign: float, d: int) -> None:
+    """Draws −1 ≤ least ≤ t_k ≤ most ≤ 1 (d, LANES) in to where ``sign`` times a form can be at most ``limit``: by what
+    all other terms leave it at least."""
+    last = 1 + d + d * (d + 1) // 2
+    total = last + d
+    for lane in range(LANES):
+        # The least that the form can be, without its linear terms.
+        rest = sign * form[0, lane] - form[total + 1, lane] - form[total + 2, lane]
+        k = 1 + d
+        for i in range(d):
+            rest += max(sign * form[k, lane], 0.0)  # of a square, one sign only
+            k += d - i
+        moved = abs(form[0, lane]) + abs(limit) + form[total, lane] + form[total + 1, lane] + form[total + 2, lane]
+        rest -= _OFF * moved
+        for i in range(d):
+            slope = sign * form[1 + i, lane]
+            rest += min(slope * least[i, lane], slope * most[i, lane])
+        if not rest > -np.inf:
+            continue
+        for i in range(d):
+            slope = sign * form[1 + i, lane]
+            reach = (limit - rest) / abs(slope) if abs(slope) > _STILL * moved else np.inf
+            if slope > 0.0:
+                most[i, lane] = min(most[i, lane], least[i, lane] + reach + _DRAWN_OFF)
+            else:
+                least[i, lane] = max(least[i, lane], most[i, lane] - reach - _DRAWN_OFF)
+        if rest > limit:
+            least[0, lane], most[0, lane] = 1.0, -1.0
+
+
+@_compiled
 def none_within(
     registers: Any, outputs: Any, conditions: Any, beyond: Any, crossed: Any, nothing: Any, mean: Any, d: int
 ) -> None:
@@ -189,7 +265,6 @@ def judge(
     inequality: Any,
     forms: Any,
     order: int,
-    weighed: bool,
     proved: Any,
     score: Any,
 ) -> None:
@@ -197,7 +272,8 @@ def judge(
     ``proved`` (N,), and what each dimension adds to what is not known, ``score`` (N, 5) (:eq:`box-bound`).
 
     The program is over the first four coordinates and the ``forms`` of :func:`survey`; its outputs are matrices by
-    their entries on and above the diagonal. ``weighed``: entries count as they do in the least definite direction.
+    their entries on and above the diagonal. Entries
+    count as they do in the least definite direction.
     """
     code, number, places, factors, outputs, count = inequality
     d = FOLLOWED + 1
@@ -224,7 +300,7 @@ def judge(
                 for k in range(entries.shape[1]):
                     for lane in range(LANES):
                         entries[m, k, lane] = registers[outputs[n + m], k, lane]
-            negative(entries, d, held, pull, weight, weighed)
+            negative(entries, d, held, pull, weight)
         _add_spread(pull[FOLLOWED], weight, registers, outputs, size)
         for lane in range(width):
             proved[start + lane] = held[lane]

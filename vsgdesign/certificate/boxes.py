@@ -209,7 +209,7 @@ def parameters_of(system: System, boxes: Boxes, pieces: Boxes) -> Array:
             ]
         )
     else:
-        errors, more = box_parameters(pieces.errors, boxes.piece, boxes.low[:, 4:], boxes.high[:, 4:])
+        errors, more = box_parameters(pieces.errors, boxes.piece, boxes.low, boxes.high)
     schedule = system.schedule
     if not isinstance(schedule, TableSchedule):
         return np.concatenate([errors, more])

@@ -49,9 +49,6 @@ class BoxPrograms:
     signs: NDArray[np.int64]
     order: int
     """Rows of the matrices."""
-    placed: bool
-    """Whether they are about a place of the grid: then boxes are cut along what counts in the least definite direction,
-    and an impedance by its ratio."""
 
 
 def programs(system: System, region: Region, weights: Weights, P: Array, decay: float) -> BoxPrograms:
@@ -67,7 +64,7 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
     for value, (least, most) in ((weakness, region.scr), (r_over_x, region.x_over_r)):
         conditions.append((value, 1.0 / most, 1.0 / least))
     if region.error_Z:
-        conditions += _within_errors_of_Z(system, region, tracer, here, (true_r, true_x))
+        conditions += _within_errors_of_Z(system, tracer, here, (true_r, true_x))
     carried = [inverse_V, weakness, r_over_x] if len(P) > 1 else [inverse_V]
     choices = [here.scheduled(p, q, first)[1] for first in PIECES]
     asked = distinct_choices(choices)
@@ -83,7 +80,7 @@ def programs(system: System, region: Region, weights: Weights, P: Array, decay: 
         functions, ways = weights(*(grid or (0.0, 0.0)))
         outputs = [entry for A in matrices for way in ways for entry in _inequality(A, functions, way, P, decay)]
         inequalities.append(program_of(tracer, outputs))
-    return BoxPrograms(situation, between, tuple(inequalities), signs_of(choices, asked), P.shape[1], system.placed)
+    return BoxPrograms(situation, between, tuple(inequalities), signs_of(choices, asked), P.shape[1])
 
 
 PIECES = tuple((drawn_in, *side) for drawn_in in (False, True) for side in ((True, True), (True, False), (False, True)))
@@ -290,16 +287,14 @@ def true_grid(
 
 
 def _within_errors_of_Z(
-    system: System, region: Region, tracer: Tracer, here: Estimate, truth: tuple[Any, Any]
+    system: System, tracer: Tracer, here: Estimate, truth: tuple[Any, Any]
 ) -> list[tuple[Any, float, float]]:
-    """What lies outside the error set on pieces where the error of |Z| is the larger one: there (R̂ − R)² ≤ ε²|Z|²."""
-    r, x = truth
-    most = (r * r + x * x) * region.error_Z**2
-    conditions = []
+    """What lies outside the error set: (R̂ − R)² is more than a chord over both errors (:eq:`error-chord`)."""
+    conditions, size_sq = [], truth[0] * truth[0] + truth[1] * truth[1]
     for k, (estimate, value) in enumerate(zip(here.direction, truth, strict=True)):
-        off = estimate - value
-        held = tracer.blend((first_extra(system) + 10 + k,), (off * off - most,))
-        conditions.append((held, -np.inf, 0.0))
+        off, first = estimate - value, first_extra(system) + 10 + 2 * k
+        most = tracer.blend((first, first + 1), (size_sq, value * value))
+        conditions.append((off * off - most, -np.inf, 0.0))
     return conditions
 
 

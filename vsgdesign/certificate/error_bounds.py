@@ -19,7 +19,7 @@ from vsgdesign.equations.grid import ScrBasis
 
 Array = NDArray[np.float64]
 
-EXTRA = 12
+EXTRA = 14
 """Parameters of a box beside those of a relative error: see :func:`box_parameters`."""
 
 _STEEP = float(np.arctan(50.0))
@@ -27,6 +27,9 @@ _STEEP = float(np.arctan(50.0))
 _TURN = 2.0
 """Largest ratio of the ends of a piece of angles, as X/R: the bounds of a piece are those of its worst angle."""
 
+
+_SLACK = 1e-12
+"""Of both errors squared: more than the arithmetic of a chord is off by."""
 
 _TURNS = 45
 """Of the iteration for |Z|. It is a contraction by √2·error_Z, at most 0.42: what is left is below rounding."""
@@ -61,12 +64,12 @@ def _further(value: Any, estimate: Any, sign: Any, off: Any) -> Any:
 
 @dataclass(frozen=True)
 class ErrorBounds:
-    """Of K pieces of estimates: a, b and m of R and of X, arrays (K,) each; and whether the error set of the truth is
-    that of |Z| alone, so that what lies outside it can be left out."""
+    """Of K pieces of estimates: a, b and m of R and of X, arrays (K,) each; and both errors, ``error`` and
+    ``error_Z``."""
 
     R: tuple[Array, Array, Array]
     X: tuple[Array, Array, Array]
-    only_Z: tuple[Array, Array]
+    errors: tuple[float, float]
 
 
 def error_bounds(region: Region, low: Array, high: Array) -> ErrorBounds:
@@ -91,11 +94,7 @@ def error_bounds(region: Region, low: Array, high: Array) -> ErrorBounds:
         half, middle = 0.5 * (up + down) * (1.0 + 1e-12), 0.5 * (up - down)
         a, b, m = (np.where(relative, *pair) for pair in ((e / scale, 0.0), (0.0, half / scale), (0.0, middle)))
         found.append((a, b, m))
-    # |Z| alone: the truth with the largest R and the least X of all is still nearer in R than ε|Z|.
-    X_few, R_few = (np.maximum(np.minimum(one / (1.0 + e), one - largest), 0.0) for one in (X_least, R_least))
-    only_R = e * R_most <= e_Z * np.hypot(R_most, X_few)
-    only_X = e * X_most <= e_Z * np.hypot(X_most, R_few)
-    return ErrorBounds(found[0], found[1], (1.0 * only_R, 1.0 * only_X))
+    return ErrorBounds(found[0], found[1], (e, e_Z))
 
 
 def reach(region: Region, basis: ScrBasis) -> tuple[float, float]:
@@ -134,20 +133,42 @@ def finer(pieces: list[Array]) -> list[Array]:
 
 
 def box_parameters(bounds: ErrorBounds, piece: NDArray[np.intp], low: Array, high: Array) -> tuple[Array, Array]:
-    """Parameters of N boxes, (4, N) and (EXTRA, N), by their pieces and their limits (N, 2) of both coordinates c.
+    """Parameters of N boxes, (4, N) and (EXTRA, N), by their pieces and their limits (N, 6): of the angle and of both
+    coordinates c.
 
     The limits of R and of X are factor · R̂ + addend · |Ẑ|. The first result has the factors: of the least and the
-    largest R, then of X. The second has the four addends in the same order, then a, b and m of R, then of X, then
-    ``only_Z`` of both.
+    largest R, then of X. The second has the four addends in the same order, then a, b and m of R, then of X, then the
+    two numbers of :func:`_chord` of R, then of X.
     """
-    factors, addends, rest = [], [], []
+    factors, addends, rest, truths = [], [], [], []
+    # R̂ falls with the angle; X̂ falls again beyond π/2.
+    X_hat = np.sin(low[:, 1]), np.sin(high[:, 1])
+    X_top = np.where((low[:, 1] < 0.5 * np.pi) & (high[:, 1] > 0.5 * np.pi), 1.0, np.maximum(*X_hat))
+    estimates = (np.cos(high[:, 1]), np.cos(low[:, 1])), (np.minimum(*X_hat), X_top)
     for k, (a, b, m) in enumerate((bounds.R, bounds.X)):
         a, b, m = a[piece], b[piece], m[piece]
-        for c in (high[:, k], low[:, k]):
+        for c in (high[:, 4 + k], low[:, 4 + k]):
             factors.append(1.0 / (1.0 + a * c))
             addends.append(m - b * c)
         rest += [a, b, m]
-    return np.array(factors), np.array([*addends, *rest, *(one[piece] for one in bounds.only_Z)])
+        ends = np.array([factors[j] * value + addends[j] for j in (-2, -1) for value in estimates[k]])
+        truths.append((np.where(ends.min(0) * ends.max(0) < 0.0, 0.0, np.abs(ends).min(0)), np.abs(ends).max(0)))
+    of_R, of_X = truths
+    chords = [*_chord(bounds.errors, *of_R, *of_X), *_chord(bounds.errors, *of_X, *of_R)]
+    return np.array(factors), np.array([*addends, *rest, *chords])
+
+
+def _chord(errors: tuple[float, float], few: Array, most: Array, other_few: Array, other_most: Array) -> Array:
+    r"""(2, N) c and d with max(e² R², ε²|Z|²) ≤ c|Z|² + d R² (:eq:`error-chord`) for all \|R\| from ``few`` to ``most``
+    and all \|X\| between the others; the same for X."""
+    e_sq, e_Z_sq = errors[0] ** 2, errors[1] ** 2
+    with np.errstate(invalid="ignore"):  # no truth has |Z| = 0: there both limits are 0
+        low, high = few**2 / (few**2 + other_most**2), most**2 / (most**2 + other_few**2)
+    low, high = np.nan_to_num(low), np.nan_to_num(high, nan=1.0)
+    # Of the share R²/|Z|² it is the larger of two lines, which is convex: below the chord between its ends.
+    at_low, at_high = np.maximum(e_sq * low, e_Z_sq), np.maximum(e_sq * high, e_Z_sq)
+    d = np.where(high > low, (at_high - at_low) / np.where(high > low, high - low, 1.0), 0.0)
+    return np.array([(np.maximum(at_low, at_high - d * (high - low)) - d * low) + _SLACK * (e_sq + e_Z_sq), d])
 
 
 def error_segments(region: Region) -> tuple[Array, Array, Array]:

@@ -6,12 +6,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.certificate.box_check import FOLLOWED, judge, survey
+from vsgdesign.certificate.box_check import FOLLOWED, draw_in, judge, survey
 from vsgdesign.certificate.boxes import UNIT, Boxes, parameters_of, points_of, whole_region
 from vsgdesign.certificate.enclosure import BoxPrograms, Weights, programs
 from vsgdesign.certificate.region import Region, System, point_of, with_shares
@@ -129,7 +129,7 @@ def prove(
         part = 0.5 * (1.0 + turn / (len(decays) - 1)) if len(decays) > 1 else 1.0
         ready = programs(system, region, weights, P, decay)
         while len(level) and seen + len(level) <= budget * part and len(broken) == 0:
-            state, dimension = look_at(system, ready, level, whole)
+            level, state, dimension = look_at(system, ready, level, whole)
             undecided = state == UNDECIDED
             seen += len(level)
             proved += int((~undecided).sum())
@@ -154,37 +154,43 @@ def _places(boxes: Boxes, rng: np.random.Generator) -> tuple[Boxes, Array]:
 
 def look_at(
     system: System, ready: BoxPrograms, boxes: Boxes, pieces: Boxes
-) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """For each box: whether the inequality is undecided, proved, or asked of no point; and the coordinate to cut.
+) -> tuple[Boxes, NDArray[np.int64], NDArray[np.intp]]:
+    """The boxes drawn in to what of them may lie in the region (:eq:`box-drawn-in`), and for each whether the
+    inequality is undecided, proved, or asked of no point, and the coordinate to cut.
 
     Chunks of boxes are shared among the machine's cores; what comes out does not depend on how many there are.
     """
+    boxes = replace(boxes, low=boxes.low.copy(), high=boxes.high.copy())
     state, dimension = np.zeros(len(boxes), dtype=np.int64), np.zeros(len(boxes), dtype=np.intp)
-    parameters = parameters_of(system, boxes, pieces)
+    situation = arrays(ready.situation)
 
     def look(start: int) -> None:
         part = slice(start, start + CHUNK)
-        low, high = boxes.low[part], boxes.high[part]
-        state[part], dimension[part] = _look(ready, low, high, np.ascontiguousarray(parameters[:, part]))
+        own = boxes.take(part)  # views, drawn in in place
+        empty = np.zeros(len(own), dtype=np.bool_)
+        draw_in(own.low, own.high, parameters_of(system, own, pieces), situation, ready.conditions, empty)
+        state[part], dimension[part] = _look(ready, own.low, own.high, parameters_of(system, own, pieces), empty)
 
     starts = range(0, len(boxes), CHUNK)
     if len(starts) <= 1:  # the first round always: here the code is compiled
         with interrupts_deferred():
             list(map(look, starts))
-        return state, dimension
+        return boxes, state, dimension
     threads = ThreadPoolExecutor(os.cpu_count())
     try:
         list(threads.map(look, starts))
     finally:
         threads.shutdown(cancel_futures=True)
-    return state, dimension
+    return boxes, state, dimension
 
 
-def _look(ready: BoxPrograms, low: Array, high: Array, parameters: Array) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+def _look(
+    ready: BoxPrograms, low: Array, high: Array, parameters: Array, empty: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
     count = len(low)
     signs = ready.signs
     carried = len(ready.situation.outputs) - len(ready.conditions) - signs.shape[1]
-    empty, applies = np.zeros(count, dtype=np.bool_), np.zeros((len(signs), count), dtype=np.bool_)
+    applies = np.zeros((len(signs), count), dtype=np.bool_)
     forms = np.zeros((count, carried, rows(FOLLOWED + 1)))
     survey(low, high, parameters, arrays(ready.situation), ready.conditions, signs, empty, applies, forms)
     proved, score = np.ones(count, dtype=np.bool_), np.zeros((count, FOLLOWED + 1))
@@ -200,20 +206,18 @@ def _look(ready: BoxPrograms, low: Array, high: Array, parameters: Array) -> tup
             arrays(inequality),
             forms[some],
             ready.order,
-            ready.placed,
             held,
             pull,
         )
         proved[some] &= held
         score[some] = np.maximum(score[some], pull)  # NaN stays
-    return np.where(empty, EMPTY, np.where(proved, PROVED, UNDECIDED)), to_cut(low, high, score, ready.placed)
+    return np.where(empty, EMPTY, np.where(proved, PROVED, UNDECIDED)), to_cut(low, high, score)
 
 
-def to_cut(low: Array, high: Array, score: Array, by_ratio: bool = False) -> NDArray[np.intp]:
+def to_cut(low: Array, high: Array, score: Array) -> NDArray[np.intp]:
     """The coordinate that leaves most unknown; the widest where there is no bound at all. Of the errors, the wider."""
     width = (high - low) / UNIT
-    if by_ratio:
-        width[:, 0] = np.log(high[:, 0] / low[:, 0])  # a strong grid is a small impedance
+    width[:, 0] = np.log(high[:, 0] / low[:, 0])  # a strong grid is a small impedance
     errors = np.where(width[:, 4] >= width[:, 5], 4, 5)
     followed = np.column_stack([width[:, :FOLLOWED], np.maximum(width[:, 4], width[:, 5])])
     finite = np.isfinite(score).all(axis=1, keepdims=True)

@@ -237,11 +237,10 @@ def _apply(target: Any, source: Any, operation: int, least: float, scratch: Any,
 
 
 @_compiled
-def negative(entries: Any, d: int, proved: Any, score: Any, weight: Any, weighed: bool) -> None:
+def negative(entries: Any, d: int, proved: Any, score: Any, weight: Any) -> None:
     """Whether a symmetric n × n matrix of registers (n(n + 1)/2, rows(d), LANES; 11, 22, 33, …, 12, 13, …, 23, …) is
     negative definite on the whole box, ``proved`` (LANES,) and-ed; ``score`` (d, LANES) is raised to what each
-    dimension leaves unknown (:eq:`box-bound`), ``weight`` (n(n + 1)/2, LANES) to how much an entry counts in that,
-    where they are ``weighed``.
+    dimension leaves unknown (:eq:`box-bound`), ``weight`` (n(n + 1)/2, LANES) to how much an entry counts in that.
 
     t_k² is 1/2 ± 1/2; without that, and without the rest, the matrix is affine in each t_k, and definite where it is
     at all corners. What is left is an interval of every entry: definite where four sign patterns are (Rohn, 1994), or,
@@ -262,8 +261,7 @@ def negative(entries: Any, d: int, proved: Any, score: Any, weight: Any, weighed
             for lane in range(LANES):
                 middle[m, lane] += 0.5 * form[k, lane]
             k += d - i
-    if weighed:
-        _weigh(middle, counts)
+    _weigh(middle, counts)
     for m in range(size):
         form = entries[m]
         for lane in range(LANES):
