@@ -16,7 +16,14 @@ from vsgdesign.certificate import largest_rate, region_of
 from vsgdesign.certificate.boxes import whole_region
 from vsgdesign.certificate.lyapunov import Family, residual
 from vsgdesign.certificate.proof import Outcome
-from vsgdesign.certificate.region import System, nodes, random_points
+from vsgdesign.certificate.region import (
+    AtDesignPoint,
+    System,
+    nodes,
+    point_of,
+    points_on_limits,
+    random_points,
+)
 from vsgdesign.design import Certificate, Counterexample, Region, certify
 from vsgdesign.equations.power_flow import operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer, power_loops
@@ -164,6 +171,7 @@ def test_what_is_claimed_holds_where_boxes_broke_it(study: Study, monkeypatch: p
         return random_points(replace(region, scr=(15.0, 20.0), x_over_r=(5.0, 20.0)), 20, np.random.default_rng(1))
 
     monkeypatch.setattr(module, "nodes", strong)
+    monkeypatch.setattr(module, "points_on_limits", lambda _, region, __: strong(region, 0))
     monkeypatch.setattr(module, "_HARDENINGS", 0)
     monkeypatch.setattr(module, "_ATTEMPTS", 1)
     monkeypatch.setattr(module, "proved_between", broken)
@@ -195,6 +203,7 @@ def test_a_claim_without_boxes_was_attacked(study: Study, monkeypatch: pytest.Mo
         return int(np.count_nonzero(worst >= 0.0)), found.decay
 
     monkeypatch.setattr(module, "nodes", strong)
+    monkeypatch.setattr(module, "points_on_limits", lambda _, region, __: strong(region, 0))
     monkeypatch.setattr(module, "_HARDENINGS", 0)
     searched = wrong()
     monkeypatch.setattr(module, "_LAST_SEARCHES", 0)
@@ -271,10 +280,33 @@ def test_an_unstable_cell_between_the_points_is_found_before_a_function(
     monkeypatch.setattr(
         place + "random_points", lambda region, count, rng: random_points(replace(region, **stable), count, rng)
     )
+    monkeypatch.setattr(
+        place + "points_on_limits",
+        lambda system, region, count: points_on_limits(system, replace(region, **stable), count),
+    )
     monkeypatch.setattr(place + "best_fit", lambda *_: pytest.fail("a function was looked for"))
     found = certify(study, controller(study, "published"), replace(PUBLISHED_BOX, error=0.0), fresh=500)
     assert isinstance(found, Counterexample)
     assert found.x_over_r < 0.5
+
+
+def test_the_counterexample_is_no_milder_than_a_lattice(study: Study) -> None:
+    """The cell that is named grows at least as fast as all of 15 × 15 grids with 5 × 5 powers and 3 × 3 errors, and
+    faster than the cells that the search begins with."""
+    spec, region = controller(study, "published"), replace(PUBLISHED_BOX, error=0.1)
+    found = certify(study, spec, region, nodes_per_axis=4, fresh=200)
+    assert isinstance(found, Counterexample)
+    low, high = region.limits
+    axes = [np.geomspace(*region.scr, 15), np.geomspace(*region.x_over_r, 15)]
+    axes += [np.linspace(low[k], high[k], 5 if k < 4 else 3) for k in range(2, 6)]
+    lattice = point_of(np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1))
+    system = System(study, AtDesignPoint(closed_form_schedule(study, spec.target)), region)
+    A = system.matrices(lattice, partial=True)[1]
+    fastest = np.linalg.eigvals(A).real.max()
+    assert fastest > 0.1
+    assert found.eigenvalue.real >= fastest
+    few = system.matrices(nodes(region, 4), partial=True)[1]
+    assert found.eigenvalue.real > 1.02 * np.linalg.eigvals(few).real.max()
 
 
 def test_what_cannot_be_asked(study: Study) -> None:

@@ -24,6 +24,7 @@ from vsgdesign.certificate.region import (
     Region,
     System,
     nodes,
+    points_on_limits,
     random_points,
     region_faults,
 )
@@ -68,6 +69,9 @@ _FAR = 1.0
 """Where the inequality holds with half of this share of the decay to spare, no worse place nearby is looked for: a
 search moved the worst by up to a third of the decay in the proofs of a plant, and it took half of their time."""
 
+_AT_LIMITS = 8
+"""Grids along each axis at which points on the static limits are looked at."""
+
 _NEAR = 6
 """Rounds of such a search that are left out among undecided boxes: its steps begin with a fortieth of the region."""
 
@@ -106,7 +110,8 @@ def certify(
     system, motion = prepared(study, spec, region, ready, schedule, decay)
     system = replace(system, apart=apart, placed=placed)
     rng = np.random.default_rng(seed)
-    points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng)])
+    at_limits = points_on_limits(system, region, _AT_LIMITS)
+    points = np.concatenate([nodes(region, nodes_per_axis), random_points(region, fresh, rng), at_limits])
     if (why := system.emptiness(points)) is not None:
         raise InfeasibleStudyError(
             f"the region has no cell within the static limits: {why}. Widen the region, or ask for less power."
@@ -327,7 +332,8 @@ def _slowest(
 
 
 def _unstable(system: System, motion: Motion, name: str, points: Array, seed: int) -> Counterexample | None:
-    """A cell that is unstable by itself, among some points or where a search from the slowest of them leads.
+    """The cell that grows fastest, of some points and of where a search from the slowest of them leads; None where none
+    grows.
 
     It is a counterexample, also where other points have no gains at all. A function is looked for where there is none:
     that takes much longer than this search, but in a place of the grid. Raises the error of :meth:`System.cells`.
@@ -336,13 +342,19 @@ def _unstable(system: System, motion: Motion, name: str, points: Array, seed: in
     if len(with_gains[0]) == 0:
         return None
     found = _slowest(system, motion, name, *with_gains)
-    if isinstance(found, Counterexample):
-        return found
+    unstable = found if isinstance(found, Counterexample) else None
     if system.placed:
-        return None
+        return unstable
     rng = np.random.default_rng(seed)
-    points, A = system.matrices(points)
-    worst, _ = worst_points(system, motion.region, lambda _, A: np.linalg.eigvals(A).real.max(axis=1), points, A, rng)
+    try:
+        points, A = system.matrices(points)
+        worst, _ = worst_points(
+            system, motion.region, lambda _, A: np.linalg.eigvals(A).real.max(axis=1), points, A, rng
+        )
+    except InfeasibleStudyError:
+        if unstable is None:
+            raise
+        return unstable
     found = _slowest(system, motion, name, *system.matrices(worst))
     return found if isinstance(found, Counterexample) else None
 

@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 
 _KEPT, _TRIES, _ROUNDS, _SHORTER = 300, 20, 14, 5
 
+_PARTS = np.array([6, 6, 3, 3, 2, 2])
+"""Parts of the region along ln SCR, ln X/R, P, Q and the errors, of each of which the worst is kept in a search."""
+
 
 def worst_points(
     system: System,
@@ -35,16 +38,14 @@ def worst_points(
     kept: int = _KEPT,
     tries: int = _TRIES,
 ) -> tuple[Array, Array]:
-    """The points (``kept``, 6) of largest ``shortfall`` near the worst of ``points`` (N, 6), the worst first, and it;
-    ``tries`` steps from each.
+    """The points (``kept``, 6) of largest ``shortfall`` near the worst of ``points`` (N, 6), of all and in each part of
+    the region, the worst first, and it; ``tries`` steps from each.
 
     ``shortfall``: points and their state matrices to a number each. Steps in ln SCR, ln X/R, P, Q and the errors get
     smaller from round to round; what leaves the region ends on its limit. ``begin``: rounds that are left out, where
     the points are known to lie near the worst.
     """
     worth = shortfall(points, A)
-    best = np.argsort(-worth)[:kept]
-    points, worth = points[best], worth[best]
     low, high = region.limits
     low[:2], high[:2] = np.log([[region.scr[0], region.x_over_r[0]], [region.scr[1], region.x_over_r[1]]])
 
@@ -53,9 +54,23 @@ def worst_points(
         columns[:, :2] = np.exp(columns[:, :2])
         return point_of(columns, region)
 
-    for turn in range(begin, _ROUNDS):
-        columns = with_shares(np.repeat(points, tries, axis=0), region)
+    def columns_of(points: Array) -> Array:
+        columns = with_shares(points, region)
         columns[:, 0], columns[:, 1] = -np.log(columns[:, 0]), np.log(np.tan(columns[:, 1]))
+        return columns
+
+    def best_of(points: Array, worth: Array) -> tuple[Array, Array]:
+        # Of each part of the region one, and then of all: or a search from many places ends in one.
+        order = np.argsort(-worth, kind="stable")
+        place = (columns_of(points[order]) - low) / np.where(high > low, high - low, 1.0) * _PARTS
+        part = np.clip(place, 0, _PARTS - 1).astype(np.intp) @ np.cumprod([1, *_PARTS[:-1]])
+        first = np.sort(np.unique(part, return_index=True)[1])[: kept // 2]
+        best = np.sort(np.concatenate([first, np.setdiff1d(np.arange(len(order)), first)[: kept - len(first)]]))
+        return points[order[best]], worth[order[best]]
+
+    points, worth = best_of(points, worth)
+    for turn in range(begin, _ROUNDS):
+        columns = columns_of(np.repeat(points, tries, axis=0))
         # Some coordinates at a time: the worst is often on a limit of the others.
         moved = rng.random(columns.shape) < 0.5
         step = moved * rng.normal(size=columns.shape) * 0.2 * 0.7**turn * (high - low)
@@ -67,9 +82,7 @@ def worst_points(
                 break
             step[beyond] *= 0.5
         tried, A = system.matrices(point(columns + step))
-        points, worth = np.concatenate([points, tried]), np.concatenate([worth, shortfall(tried, A)])
-        best = np.argsort(-worth)[:kept]
-        points, worth = points[best], worth[best]
+        points, worth = best_of(np.concatenate([points, tried]), np.concatenate([worth, shortfall(tried, A)]))
     return points, worth
 
 

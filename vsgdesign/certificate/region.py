@@ -363,6 +363,42 @@ def nodes(region: Region, count: int) -> Array:
     return point_of(np.stack([axis.ravel() for axis in mesh], axis=1), region)
 
 
+_LINES, _BISECTIONS = 17, 20
+"""Values of a power at which a line is looked at, and bisections between two of them."""
+
+
+def points_on_limits(system: System, region: Region, count: int) -> Array:
+    """(N, 6) points on the static limits: SCR and X/R log-spaced, one power at its limits and middle, the other as far
+    out as the static limits let it go, errors at −, 0, +. The worst is often there, where a lattice has no point."""
+    low, high = region.limits
+    grids = [np.geomspace(*region.scr, count), np.geomspace(*region.x_over_r, count)]
+    ends = []
+    for along, other in ((2, 3), (3, 2)):
+        mesh = np.meshgrid(*grids, np.unique(np.linspace(low[other], high[other], 3)), indexing="ij")
+        columns = np.zeros((mesh[0].size, 6))
+        columns[:, 0], columns[:, 1], columns[:, other] = (axis.ravel() for axis in mesh)
+
+        def within(value: Any, columns: Array = columns, along: int = along) -> NDArray[np.bool_]:
+            columns[:, along] = value
+            return system.within_limits(point_of(columns))
+
+        values = np.linspace(low[along], high[along], _LINES)
+        inside = np.array([within(value) for value in values])
+        for outward in (-1, 1):
+            last = np.argmax(inside, axis=0) if outward < 0 else _LINES - 1 - np.argmax(inside[::-1], axis=0)
+            kept, lost = values[last], values[np.clip(last + outward, 0, _LINES - 1)]
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (kept + lost)
+                held = within(middle)
+                kept, lost = np.where(held, middle, kept), np.where(held, lost, middle)
+            columns[:, along] = kept
+            ends.append(columns[inside.any(axis=0)])
+    errors = np.array([(one, other) for one in (low[4], 0.0, high[4]) for other in (low[5], 0.0, high[5])])
+    columns = np.repeat(np.unique(np.concatenate(ends), axis=0), len(errors), axis=0)
+    columns[:, 4:] = np.tile(errors, (len(columns) // len(errors), 1))
+    return point_of(columns, region)
+
+
 def random_points(region: Region, count: int, rng: np.random.Generator) -> Array:
     """(N, 6) points, log-uniform in SCR and X/R, uniform in the rest."""
     low, high = region.limits
