@@ -179,7 +179,7 @@ def test_what_is_claimed_holds_where_boxes_broke_it(study: Study, monkeypatch: p
     assert isinstance(found, Certificate)
     assert found.proof == "gridded"
     assert len(seen) == 1
-    assert len(seen[0]) > 10
+    assert len(seen[0]) > 0
     _, there = system.matrices(seen[0])
     assert shortfall(found.P, found.decay, there).max() < 0.0
 
