@@ -72,8 +72,9 @@ search moved the worst by up to a third of the decay in the proofs of a plant, a
 _AT_LIMITS = 8
 """Grids along each axis at which points on the static limits are looked at."""
 
-_NEAR = 6
-"""Rounds of such a search that are left out among undecided boxes: its steps begin with a fortieth of the region."""
+_NEAR, _FOLLOWED = 6, 120
+"""Rounds of such a search that are left out among undecided boxes: its steps begin with a fortieth of the region. And
+how many points it follows there, after every round of cuts."""
 
 
 def certify(
@@ -385,6 +386,7 @@ def proved_between(
                 A,
                 rng,
                 _NEAR,
+                _FOLLOWED,
             )
         return points[worth >= 0.0]
 
