@@ -62,13 +62,17 @@ def test_a_c_compiler_runs_once_for_the_same_files(tmp_path: Path) -> None:
 
 def test_what_is_too_much_goes_by_its_last_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kept_code, "LARGEST_BYTES", 250)
-    store = Store(tmp_path)
-    for k, name in enumerate("abc"):
+    store, (a, b, c) = Store(tmp_path), (letter * 64 for letter in "abc")
+    for name in ("table.json", "0" * 63, "0" * 64 + ".bak"):  # the variable may name a folder with the user's own files
+        (tmp_path / name).write_bytes(bytes(1000))
+        os.utime(tmp_path / name, (0, 0))
+    for k, name in enumerate((a, b, c)):
         store.put(name, bytes(100 - 32))  # and the hash
         os.utime(tmp_path / name, (k, k))
-    assert store.get("a") == bytes(68)
+    assert store.get(a) == bytes(68)
     store.sweep()
-    assert (store.get("a"), store.get("b"), store.get("c")) == (bytes(68), None, bytes(68))
+    assert (store.get(a), store.get(b), store.get(c)) == (bytes(68), None, bytes(68))
+    assert {one.name for one in tmp_path.iterdir()} == {a, c, "table.json", "0" * 63, "0" * 64 + ".bak"}
 
 
 TEXT = "define i64 @f() {{\n  ret i64 {}\n}}\n"

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import hashlib
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -17,9 +18,13 @@ LARGEST_BYTES = 200e6
 
 _HASH = hashlib.sha256().digest_size
 
+_OURS = re.compile(r"[0-9a-f]{64}(\.\d+)?")
+"""Names of files that a store writes: a key, and while it is written the process that does."""
+
 
 class Store:
-    """Contents by the hash of what they follow from. Nothing here is an error: what cannot be kept is made again."""
+    """Contents by the hash of what they follow from, a key of 64 hexadecimal digits. Nothing here is an error: what
+    cannot be kept is made again. Other files of the folder are left alone."""
 
     def __init__(self, folder: Path) -> None:
         """Raises OSError where the folder cannot be made."""
@@ -50,10 +55,11 @@ class Store:
                 place.unlink(missing_ok=True)
 
     def sweep(self) -> None:
-        """Deletes what is too much, what was not used for the longest time first."""
+        """Deletes what is too much of what a store has written, what was not used for the longest time first."""
         size, self._swept = 0.0, True
         with contextlib.suppress(OSError):
-            for place in sorted(self._folder.iterdir(), key=_last_used, reverse=True):
+            ours = [place for place in self._folder.iterdir() if _OURS.fullmatch(place.name)]
+            for place in sorted(ours, key=_last_used, reverse=True):
                 with contextlib.suppress(OSError):  # another process was faster
                     size += place.stat().st_size
                     if size > LARGEST_BYTES:
@@ -69,7 +75,7 @@ def _last_used(place: Path) -> float:
 
 def user_store() -> Store | None:
     """Where machine code is kept; None where nothing is to be kept, or nothing can be."""
-    return _store(os.environ.get(FOLDER, _usual_folder()))
+    return _store(os.path.expanduser(os.environ.get(FOLDER, _usual_folder())))
 
 
 @functools.cache
