@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 import math
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ NOISE_TIME = 0.05
 """Correlation time of the noise, in nominal cycles: white up to some hundred hertz."""
 
 
-class _InBlocks:
+class _InBlocks(ABC):
     """What comes in blocks of samples, of which the last ones are kept: something, and an angle (rad), of each."""
 
     def __init__(self) -> None:
@@ -74,8 +75,9 @@ class _InBlocks:
                 del self._blocks[next(iter(self._blocks))]
         return self._blocks[index]
 
+    @abstractmethod
     def _made(self, index: int) -> tuple[Any, Array]:
-        raise NotImplementedError
+        """What a block has of each of its samples: something, and an angle (rad)."""
 
 
 class Wander(_InBlocks):
