@@ -17,8 +17,7 @@ from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import common_design, design_cell
 from vsgdesign.design.evaluation import law_of
 from vsgdesign.design.table import BuiltTable, build_table
-from vsgdesign.execution.executors import executor_of
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.executors import executor_of, one_thread
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.specification import Specification
 

@@ -13,7 +13,7 @@ from vsgdesign.design.inner.grids import corners, lattice
 from vsgdesign.design.inner.promises import bench_of, evaluate
 from vsgdesign.design.inner.search import COARSE, POINTS_SEARCH, POPULATION, closed_form_starts
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.executors import one_thread
 from vsgdesign.study.parameters import study_from_text
 
 GOAL = "this project's: a design within 10 s on one thread"

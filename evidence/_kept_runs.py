@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from vsgdesign.artifacts.provenance import package_hash
-from vsgdesign.execution.executors import worker_processes
+from vsgdesign.execution.executors import Progress, worker_processes
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import journal_at, run_job
-from vsgdesign.execution.progress import Progress
 
 EVIDENCE_SEED = 100_000
 """The first seed of runs that were never looked at while the estimator was tuned."""

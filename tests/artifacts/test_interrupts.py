@@ -9,8 +9,7 @@ import time
 
 import pytest
 
-from vsgdesign.execution.interrupts import interrupts_deferred
-from vsgdesign.execution.signals import _ONCE_MORE_S, STOPPING, Stop, signals_raise
+from vsgdesign.execution.signals import _ONCE_MORE_S, STOPPING, Stop, interrupts_deferred, signals_raise
 
 
 @pytest.mark.parametrize("number", STOPPING)

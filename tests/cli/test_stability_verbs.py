@@ -17,7 +17,7 @@ import pytest
 from tests.cli.small_studies import SMALL, as_json, call, failure, study_file
 from tests.report.pdf_texts import texts_of
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.execution.progress import silent
+from vsgdesign.execution.executors import silent
 from vsgdesign.report.explore.page_file import StaticPage, is_page, live_page
 from vsgdesign.report.explore.page_starts import PageCase
 from vsgdesign.study.parameters import Study, study_from_text

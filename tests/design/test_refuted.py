@@ -18,7 +18,7 @@ from vsgdesign.design import table_nodes
 from vsgdesign.design.between import BetweenCheck, refuted_between
 from vsgdesign.design.record import CellTask, with_full_order
 from vsgdesign.design.table_nodes import TableJob, TableNodes, look_between, smooth_nodes
-from vsgdesign.execution.progress import silent
+from vsgdesign.execution.executors import silent
 
 SCR, RATIO = (8.0, 20.0), (3.0, 20.0)
 STUDY = with_specification(scr=SCR, x_over_r=RATIO)

@@ -10,7 +10,7 @@ import pytest
 PROGRAM = """
 import gc, os
 import numpy as np
-from vsgdesign.execution.memory import give_memory_back, keep_memory
+from vsgdesign.execution.executors import give_memory_back, keep_memory
 
 def resident():
     with open("/proc/self/statm", encoding="ascii") as file:

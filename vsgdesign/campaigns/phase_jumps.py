@@ -20,8 +20,7 @@ from vsgdesign.design.inner.search import short_search
 from vsgdesign.equations.filters import largest_current_after_jump
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.executors import Progress, one_thread, silent
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, no_events
 from vsgdesign.simulation.lanes.results import DIVERGED, NO_REST, OVER_LIMIT
 from vsgdesign.simulation.lanes.run import run_told

@@ -20,7 +20,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.dc_profiles import LinkSearch, Size, SizedRun, every_sample, link_with, profile_of
 from vsgdesign.equations.dc_sources import BATTERY, CONVERTER
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.simulation.dc_start import dc_columns
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulate

@@ -20,10 +20,9 @@ import numpy as np
 
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
-from vsgdesign.execution.executors import executor_of, worker_count
+from vsgdesign.execution.executors import Progress, executor_of, worker_count
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import begins_again, journal_at, run_job
-from vsgdesign.execution.progress import Progress
 from vsgdesign.linear.operating_point.many import DC_ENERGY
 from vsgdesign.metrics.survival import (
     DIVERGED,

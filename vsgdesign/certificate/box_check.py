@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsgdesign.certificate.boxes import Boxes
 from vsgdesign.certificate.taylor_kernel import LANES, SEEN, limits, negative, rows, run_program, sum_up
 from vsgdesign.certificate.tracing import Program
-from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.signals import interrupts_deferred
 
 COORDINATES = 6
 """Of a box: estimated grid (2), P, Q, both errors."""

@@ -17,7 +17,7 @@ from vsgdesign.certificate.enclosure import BoxPrograms, Weights, programs
 from vsgdesign.certificate.region import Region, System, point_of, with_shares
 from vsgdesign.certificate.taylor_kernel import rows
 from vsgdesign.certificate.tracing import Program
-from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.signals import interrupts_deferred
 
 Array = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point_discriminant
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.signals import interrupts_deferred
 from vsgdesign.runtime.table import TableSchedule
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from vsgdesign.design.box import limit_uses, scenarios_of_estimate
 from vsgdesign.design.cell import CellDesign
 from vsgdesign.design.evaluation import Figures, law_of
 from vsgdesign.design.record import CellRecord, CellTask, designs_of, run_task, with_full_order
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.executors import one_thread
 
 DELAY, INNER, ERROR, LIMIT = "delay", "inner loops", "estimate error", "static limit"
 BOTH, NEIGHBOURS, BETWEEN, NONE = "inner loops and estimate error", "neighbours", "interpolation", "specification"

@@ -17,7 +17,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.signals import interrupts_deferred
 from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.stability.margins import margins_named

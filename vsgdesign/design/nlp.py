@@ -30,7 +30,7 @@ from vsgdesign.design.variables import (
 )
 from vsgdesign.equations.power_flow import scheduled_jacobian, source_behind
 from vsgdesign.equations.slow_plant import Lags
-from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.signals import interrupts_deferred
 from vsgdesign.linear.model.coupled import coupled_function
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
 from vsgdesign.metrics.step_response import SETTLING_BAND

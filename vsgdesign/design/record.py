@@ -35,9 +35,9 @@ from vsgdesign.design.search import with_hard
 from vsgdesign.design.variables import variables
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.structures import NormalisedGains
+from vsgdesign.execution.executors import Progress
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, run_job
-from vsgdesign.execution.progress import Progress
 from vsgdesign.study.parameters.specification import Specification
 from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 

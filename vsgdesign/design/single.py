@@ -16,7 +16,7 @@ from vsgdesign.equations.placing import LEAST_BANDWIDTH
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.study.parameters.specification import UNBOUNDED_H, Specification
 from vsgdesign.study.parameters.study import ClosedFormTarget, Study
 

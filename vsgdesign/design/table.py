@@ -33,9 +33,7 @@ from vsgdesign.design.table_nodes import (
 )
 from vsgdesign.design.verification import range_of_link
 from vsgdesign.errors import InfeasibleStudyError, StudyError
-from vsgdesign.execution.executors import Each
-from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.executors import Each, Progress, one_thread, silent
 from vsgdesign.execution.workers import WorkerPool
 from vsgdesign.linear.operating_point.equilibrium import static_limits
 from vsgdesign.linear.stability.safe_place import table_safe_place

@@ -39,9 +39,8 @@ from vsgdesign.design.record import CellRecord, CellTask, better, sweep
 from vsgdesign.design.variables import Variables, variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.executors import Each
+from vsgdesign.execution.executors import Each, Progress
 from vsgdesign.execution.jobs import each_of
-from vsgdesign.execution.progress import Progress
 from vsgdesign.linear.stability.gain_table import margins_of
 from vsgdesign.runtime.table import table_grids, with_node_gains
 from vsgdesign.study.parameters.specification import Specification

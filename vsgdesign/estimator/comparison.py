@@ -34,7 +34,7 @@ from vsgdesign.estimator.methods import (
     with_sensors,
 )
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.identification.interface import ProbeLines
 from vsgdesign.identification.two_windows import TwoWindows
 from vsgdesign.study.parameters.spreads import one_of

@@ -14,7 +14,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 
 Scores = Callable[[Tensor], tuple[float, float]]
 """Function of the parameters (n,) that returns the mean squared errors of the validation and of the test set."""

@@ -48,10 +48,9 @@ from vsgdesign.estimator.trained import (
     train_on_windows,
 )
 from vsgdesign.estimator.windows import run_windows, windows_header
-from vsgdesign.execution.executors import How, executor_of, worker_count
+from vsgdesign.execution.executors import How, Progress, executor_of, silent, worker_count
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, journal_of, kept_count, run_job
-from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.loading import study_from_text
 from vsgdesign.study.parameters.study import Study

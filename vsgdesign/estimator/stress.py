@@ -22,7 +22,7 @@ from vsgdesign.estimator.methods import (
     runnable_values,
 )
 from vsgdesign.estimator.recipes import WindowRecipe
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.study.parameters.spreads import one_of
 from vsgdesign.study.parameters.study import Study
 

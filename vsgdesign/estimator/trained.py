@@ -19,7 +19,7 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.estimator.data_set import DataSet, FieldCycles
 from vsgdesign.estimator.recipes import FieldRecipe, WindowRecipe
 from vsgdesign.estimator.scores import GroupScore, changes_by_name, field_scores, short_document
-from vsgdesign.execution.progress import Progress
+from vsgdesign.execution.executors import Progress
 
 Array = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from vsgdesign.estimator.tanh_network import (
     principal_components,
     with_ones,
 )
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 
 Array = NDArray[np.float64]
 

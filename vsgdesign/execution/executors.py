@@ -1,19 +1,36 @@
-"""Where work runs: in this process, in others on this machine, or on a Dask cluster; on request with the same bits."""
+"""Where work runs: in this process, in others on this machine, or on a Dask cluster; on request with the same bits.
+
+And how it runs there: how it says where it is, on how many threads, and what becomes of its memory.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import functools
+import gc
 import importlib
 import logging
 import os
 import platform
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Any, TypedDict
+
+from threadpoolctl import threadpool_limits
 
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import WorkerError
 from vsgdesign.execution.workers import WorkerPool
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share done, 0 to 1; may raise to stop the work."""
+
+
+def silent(_what: str, _share: float) -> None:
+    """No progress is wanted."""
+
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 """What ``map`` is: results of a function of one argument, in order, here or elsewhere."""
@@ -168,3 +185,50 @@ def environment(values: Mapping[str, str]) -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """BLAS on one thread: its matrices here are tiny, other work has the other cores, and how a sum is shared among
+    threads would decide its last digit. Libraries that are not loaded yet are not reached."""
+    return threadpool_limits(1)
+
+
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+"""Names of mallopt in malloc.h of the GNU C library."""
+_USUAL = 128 * 1024
+"""Bytes, of both, that the library has without a word."""
+_LARGE, _MOST = 32 * 2**20, 2**31 - 1
+"""Arrays of so many bytes still get memory of their own: between smaller ones they would leave holes."""
+
+
+def keep_memory() -> None:
+    """From now on large arrays get the memory of those that have been dropped.
+
+    Without it, the C library gives the memory of arrays of 0.1 to 32 MB back, and the system fills it with zeros before
+    the next one has it. Objects that are there already are not searched for circles of references any more. Only the
+    GNU C library is told; elsewhere the first part does nothing.
+    """
+    gc.freeze()
+    if (library := _gnu()) is not None:
+        library.mallopt(_MMAP_THRESHOLD, _LARGE)
+        library.mallopt(_TRIM_THRESHOLD, _MOST)
+
+
+def give_memory_back() -> None:
+    """What :func:`keep_memory` has kept goes back, and all is as before."""
+    gc.unfreeze()
+    if (library := _gnu()) is not None:
+        library.mallopt(_MMAP_THRESHOLD, _USUAL)
+        library.mallopt(_TRIM_THRESHOLD, _USUAL)
+        library.malloc_trim(0)
+
+
+@functools.cache
+def _gnu() -> ctypes.CDLL | None:
+    """The GNU C library; None for another one."""
+    if not sys.platform.startswith("linux"):
+        return None
+    library = ctypes.CDLL(None)
+    return (
+        library if all(hasattr(library, name) for name in ("mallopt", "malloc_trim", "gnu_get_libc_version")) else None
+    )

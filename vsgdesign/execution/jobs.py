@@ -12,8 +12,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from vsgdesign.equations.structures import STRUCTURES, Structure
 from vsgdesign.errors import WorkerError
-from vsgdesign.execution.executors import KEPT, Each
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.executors import KEPT, Each, one_thread
 
 Block = TypeVar("Block")
 Part = TypeVar("Part")

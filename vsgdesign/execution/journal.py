@@ -16,8 +16,8 @@ from typing import Any, Generic
 from vsgdesign.artifacts.files import write_text
 from vsgdesign.artifacts.staging import LockedError, cannot_write, locked, parents_made
 from vsgdesign.errors import ArtifactError
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.execution.jobs import Block, Job, Part, parts_done
-from vsgdesign.execution.progress import Progress, silent
 
 _LOCK, _LINES = "lock", ".jsonl"
 _OF_JOBS = ("*.table.json", ".*.table.json.*", f"*{_LINES}.lock")

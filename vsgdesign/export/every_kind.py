@@ -9,7 +9,7 @@ from typing import Any
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.folders import staged_folder, write_record
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.export.c_code import MANIFEST, export_unit_c
 from vsgdesign.export.cigre import export_dll
 from vsgdesign.export.firmware import export_firmware

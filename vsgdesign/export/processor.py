@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import clarke, clarke_inverse, rated_current_rms, rms_to_peak
 from vsgdesign.errors import ArtifactError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.export.compiled import run_compiler
 from vsgdesign.export.firmware import export_firmware
 from vsgdesign.export.unit import Unit

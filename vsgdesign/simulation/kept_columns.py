@@ -17,7 +17,7 @@ class KeptColumns:
     """SEEN_COLUMNS of every sample of runs side by side, while they are logged.
 
     Each column has memory of its own. In one piece they would be too large for memory that later runs get again
-    (:func:`vsgdesign.execution.memory.keep_memory`).
+    (:func:`vsgdesign.execution.executors.keep_memory`).
     """
 
     def __init__(self, count: int, samples: int, build: Build) -> None:

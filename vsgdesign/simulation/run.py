@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.errors import SimulationDivergedError, VsgDesignError
-from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.signals import interrupts_deferred
 from vsgdesign.identification import Probe
 from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch, Log

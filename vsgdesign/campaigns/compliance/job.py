@@ -21,8 +21,8 @@ from vsgdesign.campaigns.compliance.maps import Mapped, survival_map
 from vsgdesign.campaigns.compliance.matrix import Judged, judged_tests
 from vsgdesign.campaigns.compliance.suite import Suite, SuiteTest
 from vsgdesign.errors import InfeasibleStudyError, StudyError
+from vsgdesign.execution.executors import keep_memory
 from vsgdesign.execution.jobs import Job
-from vsgdesign.execution.memory import keep_memory
 from vsgdesign.study.parameters.study import Study
 
 BLOCK = 144

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from vsgdesign.campaigns.verification.blocks import VerificationJob
 from vsgdesign.campaigns.verification.counting import LEFT_OUT, figures_of, judged_values
 from vsgdesign.campaigns.verification.summary import CaseFigures
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.execution.jobs import begun
-from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.simulation.lanes.results import STATUSES
 
 Array = NDArray[np.float64]

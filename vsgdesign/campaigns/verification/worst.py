@@ -17,7 +17,7 @@ from vsgdesign.campaigns.verification.document import figures_document
 from vsgdesign.campaigns.verification.draws import COORDINATES, UNIFORMS, uniforms_of
 from vsgdesign.campaigns.verification.search import Searched, begun_search, starts_of
 from vsgdesign.campaigns.verification.summary import WORST, CaseFigures, Summary
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import Study

@@ -28,10 +28,9 @@ from vsgdesign.certificate.full_order.rows import inner_rows
 from vsgdesign.certificate.full_order.search import Found, Problem, Waiting, beginning, search
 from vsgdesign.certificate.region import Region, System
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.executors import executor_of, worker_count
+from vsgdesign.execution.executors import Progress, executor_of, worker_count
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import Journal, journal_at, run_job
-from vsgdesign.execution.progress import Progress
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.study.parameters.dc_link import without_voltage_droop
 from vsgdesign.study.parameters.study import ControllerSpec, Study

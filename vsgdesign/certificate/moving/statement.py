@@ -36,8 +36,8 @@ from vsgdesign.certificate.moving.looking import MovingProblem, MovingPrograms, 
 from vsgdesign.certificate.moving.places import ball_of, middle_error
 from vsgdesign.certificate.region import Region, nodes, random_points
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.execution.executors import Progress
 from vsgdesign.execution.journal import Journal
-from vsgdesign.execution.progress import Progress
 from vsgdesign.runtime.table import TableSchedule
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 

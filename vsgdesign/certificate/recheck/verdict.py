@@ -21,7 +21,7 @@ from vsgdesign.certificate.recheck.loops import Ball, Loops
 from vsgdesign.certificate.recheck.reading import NotCoveredError, check_covered, leaves_of
 from vsgdesign.certificate.region import AtDesignPoint, Region, System, region_faults
 from vsgdesign.errors import InfeasibleStudyError, StudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.study.parameters.study import Study
 

@@ -32,8 +32,7 @@ from vsgdesign.design.inner.promises import (
 from vsgdesign.design.inner.search import FINE, Effort, search
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.executors import Progress, one_thread, silent
 from vsgdesign.linear.operating_point.full_order import linearise_full_order
 from vsgdesign.metrics.met import score_met
 from vsgdesign.metrics.modes import least_damping, to_continuous

@@ -15,7 +15,7 @@ from vsgdesign.design.inner.grids import GridBox, GridPoint, axis, circuits, lat
 from vsgdesign.equations.controller import ControllerSettings
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.executors import one_thread
 from vsgdesign.metrics.met import score_met
 from vsgdesign.metrics.modes import least_damping
 from vsgdesign.study.parameters.converter import Converter, Filter

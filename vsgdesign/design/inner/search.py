@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.design.inner.grids import GridBox, GridPoint, corners, lattice, sampling_ratio
 from vsgdesign.design.inner.promises import Bench, Promises, bench_of, evaluate, scores, worst_score
 from vsgdesign.equations.inner_loops import InnerLoopGains
-from vsgdesign.execution.progress import Progress
+from vsgdesign.execution.executors import Progress
 from vsgdesign.study.parameters.converter import Converter, Filter
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from vsgdesign.artifacts.definitions import damping_of
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.linear.model.coupled import CoupledModel
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.stability.cells import (

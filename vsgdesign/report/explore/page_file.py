@@ -21,10 +21,8 @@ from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain, staged_file
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import ArtifactError, Fault, StudyError, VsgDesignError
-from vsgdesign.execution.executors import known_here_alone, worker_count, worker_processes
+from vsgdesign.execution.executors import Progress, known_here_alone, one_thread, silent, worker_count, worker_processes
 from vsgdesign.execution.jobs import each_of
-from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.execution.threads import one_thread
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.report.explore.dc_side import V_DC, check_page
 from vsgdesign.report.explore.lattice import (

@@ -17,7 +17,7 @@ from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.field import FieldAnswer, first_lock_in, first_track
 from vsgdesign.equations.integration import TURN
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
-from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.signals import interrupts_deferred
 from vsgdesign.identification.field import FieldEstimator
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.runtime.many import ManyCovariances, ManySchedulers

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.interrupts import interrupts_deferred
+from vsgdesign.execution.signals import interrupts_deferred
 from vsgdesign.linear.operating_point.many import DC_ENERGY
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import END_S, LATCHED_SHARE, SurvivalDemand

@@ -107,7 +107,7 @@ def simulate(
     model, and for each whose dc side cannot do what is asked. Raises StudyError, InfeasibleStudyError, ArtifactError
     and SimulationDivergedError, and ValueError for another bridge.
     """
-    from vsgdesign.execution.progress import silent
+    from vsgdesign.execution.executors import silent
     from vsgdesign.simulation.lanes.beforehand import told_beforehand
     from vsgdesign.simulation.scenario import run_scenario
     from vsgdesign.verbs.pipeline.making import make_ready

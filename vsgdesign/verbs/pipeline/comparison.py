@@ -15,7 +15,7 @@ from vsgdesign.artifacts.definitions import damping_of
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.study.parameters.dc_link import without_voltage_droop
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.specification import Specification
@@ -94,7 +94,7 @@ def compare_study(
         contender_of,
     )
     from vsgdesign.design.single import best_fixed
-    from vsgdesign.execution.threads import one_thread
+    from vsgdesign.execution.executors import one_thread
 
     without_voltage_droop(study, "the comparison with fixed gains")
     tell = progress or silent

@@ -19,7 +19,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError, WorkerError
-from vsgdesign.execution.progress import Progress
+from vsgdesign.execution.executors import Progress
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.verbs.pipeline.one_unit import written_as_unit
 
@@ -84,10 +84,9 @@ def comply_study(
     """
     from vsgdesign.campaigns.compliance.job import BLOCK, SuiteJob, in_order
     from vsgdesign.campaigns.compliance.maps import KINDS
-    from vsgdesign.execution.executors import executor_of
+    from vsgdesign.execution.executors import executor_of, give_memory_back
     from vsgdesign.execution.jobs import begun
     from vsgdesign.execution.journal import journal_of, run_job
-    from vsgdesign.execution.memory import give_memory_back
 
     begin = time.perf_counter()
     suites = suites_of(asked.suites)

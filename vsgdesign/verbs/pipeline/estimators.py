@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 from vsgdesign.artifacts import staged_folder, write_record
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
 from vsgdesign.errors import ArtifactError, Fault, StudyError
-from vsgdesign.execution.executors import How
-from vsgdesign.execution.progress import Progress, silent
-from vsgdesign.execution.threads import one_thread
+from vsgdesign.execution.executors import How, Progress, one_thread, silent
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.simulation.estimated import same_period, weights_faults
 from vsgdesign.study.parameters.estimator import EstimatorSpec

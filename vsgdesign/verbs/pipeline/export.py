@@ -13,7 +13,7 @@ import numpy as np
 from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
-from vsgdesign.execution.progress import Progress
+from vsgdesign.execution.executors import Progress
 from vsgdesign.export.processor import ProcessorRun, processor_in_the_loop
 from vsgdesign.export.unit import OnLine, Unit, unit_of
 from vsgdesign.study.parameters.study import Study

@@ -22,8 +22,8 @@ from vsgdesign.certificate import (
     prove_moving,
 )
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, StudyError
+from vsgdesign.execution.executors import Progress
 from vsgdesign.execution.journal import Journal, journal_of, work_folder
-from vsgdesign.execution.progress import Progress
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.verbs.pipeline.study_tables import study_tables
 

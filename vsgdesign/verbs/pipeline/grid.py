@@ -18,7 +18,7 @@ from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.files import check_new, plain, write_new_text
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.errors import Fault, InfeasibleStudyError, StudyError, did_you_mean
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.study.datasheet.study_text import nodes, one_line
 from vsgdesign.study.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.networks.model import S_BASE, Given, Network, check_network, part_of, with_sources

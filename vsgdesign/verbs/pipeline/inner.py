@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.time_series import write_table
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.metrics.met import score_met
 from vsgdesign.study.parameters.specification import settled_decay
 from vsgdesign.study.parameters.study import InnerLoopRequest, Study

@@ -9,9 +9,8 @@ from dataclasses import replace
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import WorkerError
-from vsgdesign.execution.executors import known_here_alone, worker_count, worker_processes
+from vsgdesign.execution.executors import Progress, known_here_alone, worker_count, worker_processes
 from vsgdesign.execution.jobs import begun
-from vsgdesign.execution.progress import Progress
 from vsgdesign.report.explore.lattice import PART_LATTICE
 from vsgdesign.report.explore.page_file import live_page
 from vsgdesign.report.explore.page_starts import PageCase

@@ -20,10 +20,9 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.proof_file import ProofFile
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.execution.executors import executor_of
+from vsgdesign.execution.executors import Progress, executor_of, silent
 from vsgdesign.execution.jobs import begun
 from vsgdesign.execution.journal import work_folder
-from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.verbs.pipeline.estimators import make_network, recipe_of, trains
 from vsgdesign.verbs.pipeline.study_tables import left_by_run, made_from, study_tables

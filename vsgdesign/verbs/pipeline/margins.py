@@ -17,7 +17,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.design.power_flow import FIELDS
 from vsgdesign.design.study_design import StudyDesign, design_study
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.linear.stability.assessment import (
     VIEW_HEADER,
     ControllerAssessment,

@@ -12,7 +12,7 @@ from typing import Any
 from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.linear.stability.loci import Mode
 from vsgdesign.linear.stability.modes_of_units import PlantMode
 from vsgdesign.simulation.scenario import ScenarioResult

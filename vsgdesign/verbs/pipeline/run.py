@@ -27,7 +27,7 @@ from vsgdesign.artifacts.network_weights import write_network_weights
 from vsgdesign.artifacts.proof_file import PROOF_FILE, ProofFile, proof_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.identification.registry import needs_network, samples_itself, why_no_c
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.lanes.beforehand import told_beforehand

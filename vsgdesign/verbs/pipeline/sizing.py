@@ -11,7 +11,7 @@ from typing import Any
 from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.verbs.pipeline.study_tables import kept_tables
 

@@ -22,9 +22,8 @@ from vsgdesign.artifacts.ready import Ready, read_named_table
 from vsgdesign.artifacts.staging import parents_made
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import ArtifactError
-from vsgdesign.execution.executors import executor_of
+from vsgdesign.execution.executors import Progress, executor_of
 from vsgdesign.execution.journal import work_folder
-from vsgdesign.execution.progress import Progress
 from vsgdesign.runtime.guards import lacks_safe_place
 from vsgdesign.study.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.parameters.study import ControllerSpec, Study

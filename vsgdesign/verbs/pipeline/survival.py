@@ -14,7 +14,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
 from vsgdesign.equations.limiters import LIMITERS as KNOWN
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.identification import estimator_kind
 from vsgdesign.study.parameters.event import BASIS
 from vsgdesign.study.parameters.study import NO_LIMITER, ControllerSpec, Study

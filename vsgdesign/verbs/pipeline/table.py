@@ -18,9 +18,8 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.table_text import certificate_summary, full_order_summary
 from vsgdesign.artifacts.time_series import UNITS, write_table
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.execution.executors import executor_of
+from vsgdesign.execution.executors import Progress, executor_of, silent
 from vsgdesign.execution.journal import begins_again, kept_elsewhere, work_folder
-from vsgdesign.execution.progress import Progress, silent
 from vsgdesign.report.page.live import StaticPage
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.live_part import live_begun, waited_for

@@ -16,7 +16,7 @@ from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.execution.progress import Progress, silent
+from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 if TYPE_CHECKING:  # the simulation is loaded by who verifies
