@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.files import package_hash
 from vsgdesign.execution.executors import Progress, worker_processes
 from vsgdesign.execution.jobs import Job
 from vsgdesign.execution.journal import journal_at, run_job

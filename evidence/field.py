@@ -36,8 +36,8 @@ from evidence._field_summary import (
 )
 from evidence._kept_runs import first_seed, kept_runs, share
 from evidence._tables import leave, table
+from vsgdesign.artifacts.files import provenance
 from vsgdesign.artifacts.measured_errors import MEASURED_FILE, SHIPPED, GridBin, JumpInstant, MeasuredErrors
-from vsgdesign.artifacts.provenance import provenance
 
 COUNTS = {
     "rest": 200,

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from tests.cli.small_studies import call, failure, study_file
-from vsgdesign.artifacts.comtrade import FORMS, write_comtrade
-from vsgdesign.artifacts.time_series import UNITS, read_npz
+from vsgdesign.artifacts.time_series import FORMS, UNITS, read_npz, write_comtrade
 from vsgdesign.campaigns.compliance.evidence import RECORDED, read_evidence
 from vsgdesign.equations.frames import clarke, rms_to_peak
 from vsgdesign.errors import ArtifactError

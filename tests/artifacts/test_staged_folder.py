@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from vsgdesign.artifacts import folders, staged_folder, staging, write_record
+from vsgdesign.artifacts import files, guarded_file, staged_folder, write_record
 from vsgdesign.errors import ArtifactError
 
 VERB = "vsgdesign test"
@@ -255,10 +255,10 @@ def test_a_folder_that_may_not_be_written_to_is_refused_before_the_work(
 ) -> None:
     """Said by os.access, as the tests may run as root, who may write everywhere."""
     (tmp_path / "out").mkdir()
-    monkeypatch.setattr(folders.os, "access", lambda path, _: Path(path) != tmp_path / "out")
+    monkeypatch.setattr(guarded_file.os, "access", lambda path, _: Path(path) != tmp_path / "out")
     with pytest.raises(ArtifactError, match="may be written to"), staged_folder(tmp_path / "out", VERB):
         pytest.fail("the block must not run")
-    monkeypatch.setattr(folders.os, "access", lambda path, _: Path(path) != tmp_path)
+    monkeypatch.setattr(guarded_file.os, "access", lambda path, _: Path(path) != tmp_path)
     with pytest.raises(ArtifactError, match="Permission denied in"), staged_folder(tmp_path / "a" / "b", VERB):
         pytest.fail("the block must not run")
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
@@ -338,7 +338,7 @@ def test_an_interruption_while_the_folders_change_places(
             raise stop
         replace(source, target)
 
-    monkeypatch.setattr(staging.os, "replace", failing)
+    monkeypatch.setattr(files.os, "replace", failing)
     raised = ArtifactError if stop is OSError else stop
     with pytest.raises(raised):
         write_run(tmp_path / "out", "2")
@@ -358,7 +358,7 @@ def test_two_at_a_time_do_not_meet(tmp_path: Path) -> None:
 
 _KILLED = """
 import os, signal, sys
-from vsgdesign.artifacts import staged_folder, staging, write_record
+from vsgdesign.artifacts import files, staged_folder, write_record
 with staged_folder(sys.argv[1], "vsgdesign test") as folder:
     (folder / "half.csv").write_text("half")
     if sys.argv[2] == "between":
@@ -368,7 +368,7 @@ with staged_folder(sys.argv[1], "vsgdesign test") as folder:
                 os.kill(os.getpid(), signal.SIGKILL)
             moved.append(replace(source, target))
         write_record(folder, {}, "vsgdesign test")
-        staging.os.replace = once
+        files.os.replace = once
     else:
         os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -400,14 +400,14 @@ def test_what_a_living_process_writes_is_not_swept(tmp_path: Path) -> None:
 @pytest.mark.parametrize("windows", [False, True])
 def test_a_lock_goes_with_its_folder(windows: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """While it is held, so that nobody takes it in between; but Windows removes no file that is open."""
-    monkeypatch.setattr(staging, "WINDOWS", windows)
+    monkeypatch.setattr(files, "WINDOWS", windows)
     open_then: list[bool] = []
 
     def tidy() -> None:
-        with staging.locked_by_the_dead(tmp_path / "lock") as dead:
+        with files.locked_by_the_dead(tmp_path / "lock") as dead:
             open_then.append(not dead)
 
-    with staging.locked(tmp_path / "lock", tidy), pytest.raises(staging.LockedError), staging.locked(tmp_path / "lock"):
+    with files.locked(tmp_path / "lock", tidy), pytest.raises(files.LockedError), files.locked(tmp_path / "lock"):
         pytest.fail("it is held")
     assert open_then == [not windows]
     write_run(tmp_path / "out", "1")

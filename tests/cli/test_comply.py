@@ -18,7 +18,7 @@ import pytest
 
 from tests import gain_tables
 from tests.cli.small_studies import as_json, call, failure
-from vsgdesign.artifacts import folders, staging, write_table_file
+from vsgdesign.artifacts import files, guarded_file, write_table_file
 from vsgdesign.artifacts.time_series import read_npz
 from vsgdesign.campaigns.compliance import job
 from vsgdesign.campaigns.compliance import maps as survival_maps
@@ -252,8 +252,8 @@ LAST = [
     (page, "print_html", 1),
     (page, "print_pdf", 1),
     (pipeline, "write_record", 1),
-    (folders, "write_text", 1),
-    (staging, "_replace", 1),
+    (guarded_file, "write_text", 1),
+    (files, "_replace", 1),
 ]
 """What is called after the last test, in its order, and at which of its calls it is interrupted."""
 

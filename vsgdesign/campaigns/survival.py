@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.files import package_hash
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
 from vsgdesign.execution.executors import Progress, executor_of, worker_count
 from vsgdesign.execution.jobs import Job

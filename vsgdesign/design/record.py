@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.artifacts.design_inputs import resolved_inputs
-from vsgdesign.artifacts.files import plain
-from vsgdesign.artifacts.provenance import package_hash, provenance
+from vsgdesign.artifacts.files import package_hash, plain, provenance
 from vsgdesign.design.box import (
     Reach,
     Scenarios,

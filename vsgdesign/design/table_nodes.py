@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.design_inputs import design_inputs
+from vsgdesign.artifacts.files import provenance
 from vsgdesign.artifacts.gain_table import COLUMNS, GainTable, ValidityBox, base_of, fill_outside, to_dimensionless
-from vsgdesign.artifacts.provenance import provenance
 from vsgdesign.design.between import (
     PULL,
     BetweenCheck,

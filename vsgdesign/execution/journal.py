@@ -13,8 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic
 
-from vsgdesign.artifacts.files import write_text
-from vsgdesign.artifacts.staging import LockedError, cannot_write, locked, parents_made
+from vsgdesign.artifacts.files import LockedError, cannot_write, locked, parents_made, write_text
 from vsgdesign.errors import ArtifactError
 from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.execution.jobs import Block, Job, Part, parts_done

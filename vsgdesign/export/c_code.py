@@ -15,7 +15,7 @@ import numpy as np
 from vsgdesign import __version__
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.artifacts.files import plain, write_text
-from vsgdesign.artifacts.folders import check_folder_target, staged_folder, write_record
+from vsgdesign.artifacts.guarded_file import check_folder_target, staged_folder, write_record
 from vsgdesign.artifacts.table_text import full_order_sentence, proof_sentences
 from vsgdesign.equations.field import FieldFeatures
 from vsgdesign.equations.frames import rated_current_rms, rms_to_peak

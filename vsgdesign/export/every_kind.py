@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vsgdesign.artifacts.files import plain
-from vsgdesign.artifacts.folders import staged_folder, write_record
+from vsgdesign.artifacts.guarded_file import staged_folder, write_record
 from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.export.c_code import MANIFEST, export_unit_c
 from vsgdesign.export.cigre import export_dll

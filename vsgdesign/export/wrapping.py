@@ -17,7 +17,7 @@ from typing import Any
 
 from vsgdesign import __version__
 from vsgdesign.artifacts.files import plain, write_text
-from vsgdesign.artifacts.folders import check_folder_target, staged_folder, write_record
+from vsgdesign.artifacts.guarded_file import check_folder_target, staged_folder, write_record
 from vsgdesign.codegen.described import ascii_text
 from vsgdesign.errors import ArtifactError
 from vsgdesign.export.c_code import MANIFEST, render_unit

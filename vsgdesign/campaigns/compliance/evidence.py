@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.artifacts.comtrade import write_comtrade
+from vsgdesign.artifacts.time_series import write_comtrade
 from vsgdesign.campaigns.compliance.measuring import Trace
 from vsgdesign.campaigns.compliance.rows import FAIL
 from vsgdesign.equations.frames import clarke_inverse, rms_to_peak
@@ -132,7 +132,7 @@ RECORDED = {
 def write_evidence_comtrade(
     path: str | Path, trace: Trace, form: str, converter: Converter, trigger_s: float
 ) -> list[Path]:
-    """Every row of a trace, in SI, as COMTRADE of a form (:func:`vsgdesign.artifacts.comtrade.write_comtrade`).
+    """Every row of a trace, in SI, as COMTRADE of a form (:func:`vsgdesign.artifacts.time_series.write_comtrade`).
 
     ``trigger_s``: when the first event of the test comes, s.
     """

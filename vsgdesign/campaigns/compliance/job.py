@@ -10,10 +10,9 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from vsgdesign.artifacts.files import plain
-from vsgdesign.artifacts.folders import file_hash
+from vsgdesign.artifacts.files import package_hash, plain
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.guarded_file import file_hash
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.compliance.case import Subject
 from vsgdesign.campaigns.compliance.evidence import csv_path, thinned, write_evidence, write_evidence_comtrade
@@ -47,7 +46,7 @@ class SuiteJob(Job[int, dict[str, Any]]):
     maps: tuple[str, ...] = ()
     """Survival maps that are drawn of every controller: names of :data:`vsgdesign.campaigns.compliance.maps.KINDS`."""
     comtrade: str | None = None
-    """Of :data:`vsgdesign.artifacts.comtrade.FORMS`, if every run is written in it, too, beside its trace."""
+    """Of :data:`vsgdesign.artifacts.time_series.FORMS`, if every run is written in it, too, beside its trace."""
     units: int = 1
     """Equal units of a plant, of which the converter is one."""
 

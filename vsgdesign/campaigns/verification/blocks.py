@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vsgdesign.artifacts.files import json_text
+from vsgdesign.artifacts.files import json_text, package_hash
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.guarded_file import content_hash
-from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.campaigns.verification.counting import MapAxes, Promise, Results, count_block
 from vsgdesign.campaigns.verification.summary import Summary, summary_document, summary_of

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.certificate_record import CertificateCell, StaticLimits
-from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.files import package_hash, plain
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.proof_file import ProofFile, packed, proved_table
-from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.asked import check_known, within_scheduler
 from vsgdesign.certificate.certifying import prepared

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.certificate_record import CertificateCell
-from vsgdesign.artifacts.provenance import package_hash
+from vsgdesign.artifacts.files import package_hash
 from vsgdesign.certificate.full_order.statement import FullOrderJob, half_of
 from vsgdesign.certificate.moving.levels import common_function, dwell_time, shortfall
 from vsgdesign.certificate.moving.places import estimates, loops_at, middle_error, with_estimates

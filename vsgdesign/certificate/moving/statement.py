@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.certificate_record import CertificateCell
-from vsgdesign.artifacts.files import plain
+from vsgdesign.artifacts.files import package_hash, plain
 from vsgdesign.artifacts.proof_file import ProofFile
-from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.certificate.asked import check_known, within_scheduler
 from vsgdesign.certificate.certifying import prepared

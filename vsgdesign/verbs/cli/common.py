@@ -240,7 +240,7 @@ def _end(end: End, message: str, code: int) -> NoReturn:
 
 
 def _of_the_disk(error: OSError) -> bool:
-    from vsgdesign.artifacts.staging import OF_THE_DISK
+    from vsgdesign.artifacts.files import OF_THE_DISK
 
     return error.errno in OF_THE_DISK
 

@@ -257,7 +257,7 @@ def comply(
     holds gain tables that are there. ``how`` is that of :func:`verify`. Raises the errors of
     :func:`vsgdesign.verbs.pipeline.comply.comply_study`.
     """
-    from vsgdesign.artifacts.comtrade import FORMS
+    from vsgdesign.artifacts.time_series import FORMS
     from vsgdesign.verbs.pipeline.comply import CASES, WORK, Asked, comply_study
     from vsgdesign.verbs.pipeline.one_unit import as_one_converter
 

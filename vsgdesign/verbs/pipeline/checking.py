@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from vsgdesign.artifacts.folders import check_folder_target
+from vsgdesign.artifacts.guarded_file import check_folder_target
 from vsgdesign.artifacts.network_weights import read_network_weights
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.identification.registry import needs_network

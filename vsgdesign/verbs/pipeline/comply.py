@@ -14,9 +14,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from vsgdesign.artifacts import provenance, room_for, staged_folder, write_record, write_table_file
-from vsgdesign.artifacts.files import plain, write_text
+from vsgdesign.artifacts.files import package_hash, plain, write_text
 from vsgdesign.artifacts.gain_table import GainTable
-from vsgdesign.artifacts.provenance import package_hash
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError, WorkerError
 from vsgdesign.execution.executors import Progress
@@ -54,7 +53,7 @@ class Asked:
     cases: str = FAILING
     """A name of :data:`CASES`."""
     comtrade: str | None = None
-    """Of :data:`vsgdesign.artifacts.comtrade.FORMS`, if the series of every run are written in it, too."""
+    """Of :data:`vsgdesign.artifacts.time_series.FORMS`, if the series of every run are written in it, too."""
     file: str | None = None
     """The study's file as the user gave it, for the commands on the page."""
 

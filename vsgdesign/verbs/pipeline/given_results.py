@@ -12,9 +12,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vsgdesign.artifacts.folders import RESULTS
-from vsgdesign.artifacts.guarded_file import is_number
-from vsgdesign.artifacts.provenance import provenance
+from vsgdesign.artifacts.files import provenance
+from vsgdesign.artifacts.guarded_file import RESULTS, is_number
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.errors import ArtifactError
 from vsgdesign.study.given_files import RESULT_BYTES, read_given

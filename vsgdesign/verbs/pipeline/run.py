@@ -54,7 +54,7 @@ class Shown(NamedTuple):
     """Whether the report has a live part."""
     workers: int | None
     comtrade: str | None = None
-    """Of :data:`vsgdesign.artifacts.comtrade.FORMS`, if the time series are written in it, too."""
+    """Of :data:`vsgdesign.artifacts.time_series.FORMS`, if the time series are written in it, too."""
 
 
 class Told(NamedTuple):
@@ -195,7 +195,7 @@ def write_series(
     if estimates is not None:
         write_csv(folder / f"{name}.estimates.csv", estimates.series(), 0.0)
     if comtrade is not None:
-        from vsgdesign.artifacts.comtrade import write_comtrade
+        from vsgdesign.artifacts.time_series import write_comtrade
 
         first = min((event.t_s for event in study.events), default=0.0)
         f_n = study.converter.omega_n / (2.0 * math.pi)

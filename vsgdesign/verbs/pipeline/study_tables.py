@@ -15,11 +15,10 @@ from typing import Any
 
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.artifacts.design_inputs import design_inputs, input_differences
+from vsgdesign.artifacts.files import package_hash, parents_made, provenance
 from vsgdesign.artifacts.gain_table import GainTable, base_differences, base_of
 from vsgdesign.artifacts.gain_table_file import read_table_file
-from vsgdesign.artifacts.provenance import package_hash, provenance
 from vsgdesign.artifacts.ready import Ready, read_named_table
-from vsgdesign.artifacts.staging import parents_made
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import ArtifactError
 from vsgdesign.execution.executors import Progress, executor_of
