@@ -31,6 +31,7 @@ from vsgdesign.design.variables import (
 from vsgdesign.equations.power_flow import scheduled_jacobian, source_behind
 from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.execution.signals import interrupts_deferred
+from vsgdesign.linear.model.compiled import InLanes
 from vsgdesign.linear.model.coupled import coupled_function
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
 from vsgdesign.metrics.step_response import SETTLING_BAND
@@ -100,11 +101,11 @@ class RobustProgram:
         count = len(self.variables.names)
         y, margin, slack = ca.MX.sym("y", count), ca.MX.sym("margin"), ca.MX.sym("slack", len(KINDS))
         reserve = ca.MX.sym("reserve")
-        parameters, filled = ca.MX.sym("p", len(fields(Scenarios)), SLOTS), ca.MX.sym("filled")
+        parameters = ca.MX.sym("p", len(fields(Scenarios)), SLOTS)
         centre, stiffness, pull = ca.MX.sym("centre", count), ca.MX.sym("stiffness"), ca.MX.sym("pull")
         x = ca.vertcat(y, margin, slack, reserve)
-        rows_of, slopes_of = _of_filled_slots(_slot_function(law, spec, self.variables), count)
-        rows = rows_of(filled - 1.0, x, parameters)
+        self._rows, self._slopes = _of_all_slots(_slot_function(law, spec, self.variables), count)
+        rows = self._rows(x, parameters)
         # H = A ω_0/(2 S k_1) at the design point, in logarithms; stiffness = ln(A ω_0/(2 S)).
         if spec.settles:
             log_inertia = stiffness - y[0] - float(np.log(self.variables.scale[0]))
@@ -122,11 +123,13 @@ class RobustProgram:
         objective = cell_objective(price, ca.sum1(slack), _WEIGHT_RESERVE * reserve, aim - margin, away)
         others = ca.vertcat(short, *held)
         g = ca.vertcat(rows, others)
-        p = ca.vertcat(ca.vec(parameters), filled, centre, stiffness, pull)
-        slopes = ca.vertcat(slopes_of(filled - 1.0, x, parameters), ca.jacobian(others, x))
+        p = ca.vertcat(ca.vec(parameters), centre, stiffness, pull)
+        slopes = ca.vertcat(self._slopes(x, parameters), ca.jacobian(others, x))
         options = {
             "print_time": False,
             "jac_g": ca.Function("nlp_jac_g", [x, p], [g, slopes], ["x", "p"], ["g", "jac_g_x"]),
+            "no_nlp_grad": True,
+            "calc_lam_p": False,  # nobody asks for multipliers of parameters
             "show_eval_warnings": False,  # IPOPT steps back by itself from where a determinant vanishes
             "ipopt": {
                 "print_level": 0,
@@ -161,9 +164,8 @@ class RobustProgram:
         scenarios, whose margin and slacks are those to begin with."""
         v = self.variables
         packed = np.array([getattr(slots, f.name) for f in fields(Scenarios)])
-        filled = packed.shape[1]
-        packed = packed[:, np.arange(SLOTS) % filled]
-        parameters = np.concatenate([packed.T.ravel(), [filled], centre, [stiffness, pull]])
+        packed = packed[:, np.arange(SLOTS) % packed.shape[1]]
+        parameters = np.concatenate([packed.T.ravel(), centre, [stiffness, pull]])
         first = np.concatenate([[0.9 * self._spec.disk_margin], np.full(len(KINDS), 0.1), [0.5]])
         begin = np.concatenate([start, first if before is None else before.rest])
         low = np.concatenate([v.low, [1e-2], np.zeros(len(KINDS) + 1)])
@@ -181,19 +183,17 @@ class RobustProgram:
         return Solution(np.clip(x[:count], v.low, ceiling), slacks, prices, iterations, x[count:])
 
 
-def _of_filled_slots(slot: ca.Function, count: int) -> tuple[ca.Function, ca.Function]:
-    """(filled − 1, x, scenarios) → the rows of all slots, and their derivatives by x, where the first ``filled`` slots
-    are repeated in the others: only those are evaluated. ``count``: how many of x are y."""
-    rows, slopes = [], []
-    for filled in range(1, SLOTS + 1):
-        x, scenarios = ca.MX.sym("x", count + len(KINDS) + 2), ca.MX.sym("p", len(fields(Scenarios)), SLOTS)
-        inputs = x[:count], x[count], x[count + 1 : -1], x[-1]
-        own = slot.map(filled)(*(ca.repmat(one, 1, filled) for one in inputs), scenarios[:, :filled])
-        every = ca.vec(own[:, [k % filled for k in range(SLOTS)]])
-        rows.append(ca.Function(f"rows_{filled}", [x, scenarios], [every]))
-        slopes.append(ca.Function(f"slopes_{filled}", [x, scenarios], [ca.jacobian(every, x)]))
-    conditional = ca.Function.conditional
-    return conditional("rows", rows[:-1], rows[-1]), conditional("slopes", slopes[:-1], slopes[-1])
+def _of_all_slots(slot: ca.Function, count: int) -> tuple[InLanes, InLanes]:
+    """(x, scenarios) → the rows of all slots, and their derivatives by x. ``count``: how many of x are y."""
+    x, scenario = ca.SX.sym("x", count + len(KINDS) + 2), ca.SX.sym("p", len(fields(Scenarios)))
+    one = ca.SX.sym("one")  # in place of a number, with which CasADi would put constants together: other bits
+    rows = slot(x[:count], x[count], x[count + 1 : -1], x[-1], scenario)
+    slopes = ca.sparsify(ca.jtimes(rows, x, one * ca.SX.eye(x.shape[0])))
+    given = [x, scenario, one]
+    return (
+        InLanes(ca.Function("rows", given, [rows]), SLOTS, [1.0]),
+        InLanes(ca.Function("slopes", given, [slopes]), SLOTS, [1.0]),
+    )
 
 
 def _row_kinds(spec: Specification) -> list[str]:
