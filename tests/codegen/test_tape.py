@@ -139,3 +139,11 @@ def test_a_list_without_operations_gives_what_it_was_given() -> None:
     tape = Tape(2, (4.0,), (), (), [1, 2])
     tape.inputs[:] = [[1.0], [2.0]]
     np.testing.assert_array_equal(tape.run(), [[2.0] * LANES, [4.0] * LANES])
+
+
+@pytest.mark.parametrize("count", [0, 1, LANES, 2 * LANES + 3])
+def test_points_are_done_lanes_at_a_time(count: int) -> None:
+    tape = Tape(2, (4.0,), ("mul", "add"), [(0, 1), (3, 2)], [4, 0])
+    points = np.random.default_rng(1).normal(size=(count, 2))
+    expected = np.column_stack([points[:, 0] * points[:, 1] + 4.0, points[:, 0]])
+    np.testing.assert_array_equal(tape.of_points(points), expected)

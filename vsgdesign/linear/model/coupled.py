@@ -8,24 +8,22 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.tape import Tape
 from vsgdesign.equations.power_flow import power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.equations.slow_plant import Lags, current_of_power, yielding_plant
+from vsgdesign.linear.model.compiled import tape_of
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
 
 Array = NDArray[np.float64]
 
 INPUTS = ("P_ref", "Q_ref", "omega_g", "V_g")
 OUTPUTS = ("P", "Q", "omega", "V")
-
-_CHUNK = 64
-"""Operating points that CasADi evaluates in one call."""
 
 
 @dataclass(frozen=True)
@@ -170,8 +168,8 @@ def coupled_model(
     count = len(inputs)
     function = coupled_function(lags.tau_P > 0.0, lags.tau_Q > 0.0, coupling, yields)
     names = ("P_f",) * (lags.tau_P > 0.0) + ("Q_f",) * (lags.tau_Q > 0.0) + ("i_f_d", "i_f_q") * yields
-    packed, shapes = _packed(function)
-    values = _evaluate(packed, inputs)
+    tape, shapes = _packed(function)
+    values = tape.of_points(inputs)
     matrices, start = [], 0
     for rows, cols in shapes:
         part = values[:, start : start + rows * cols]
@@ -184,29 +182,10 @@ def coupled_model(
 
 
 @functools.cache
-def _packed(function: ca.Function) -> tuple[ca.Function, list[tuple[int, int]]]:
+def _packed(function: ca.Function) -> tuple[Tape, list[tuple[int, int]]]:
     """The function with one column in and one out (matrices row by row), and the matrices' shapes."""
     column = ca.SX.sym("column", function.n_in())
     outputs = function.call(ca.vertsplit(column))
     shapes = [out.shape for out in outputs]
-    return ca.Function("packed", [column], [ca.vertcat(*(ca.vec(out.T) for out in outputs))]), shapes
-
-
-def _evaluate(function: ca.Function, inputs: Any) -> Array:
-    """One row of results for each row of inputs, through buffers: CasADi's own matrices are copied by way of lists."""
-    chunks = -(-len(inputs) // _CHUNK)
-    given: Any = np.zeros((chunks * _CHUNK, inputs.shape[1]))
-    results: Any = np.empty((chunks * _CHUNK, function.size1_out(0)))
-    given[: len(inputs)] = inputs
-    buffer, run = _mapped(function).buffer()
-    for k in range(0, len(given), _CHUNK):
-        buffer.set_arg(0, memoryview(given[k : k + _CHUNK]))
-        buffer.set_res(0, memoryview(results[k : k + _CHUNK]))
-        run()
-    return results[: len(inputs)]
-
-
-@functools.cache
-def _mapped(function: ca.Function) -> Any:
-    """The function of _CHUNK columns. To make one takes as long as to run it for a thousand."""
-    return function.map(_CHUNK)
+    packed = ca.Function("packed", [column], [ca.vertcat(*(ca.vec(out.T) for out in outputs))])
+    return tape_of(packed), shapes
