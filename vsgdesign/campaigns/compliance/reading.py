@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable
 from dataclasses import replace
@@ -44,7 +45,7 @@ def suite_named(name_or_path: str | Path) -> Suite:
     """
     text = str(name_or_path)
     if text in SUITES:
-        return suite_from_document(packaged_document(text), text, text)
+        return _packaged(text)
     if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or Path(text).is_file():
         path = Path(name_or_path)
         return suite_from_document(read_toml(path, "suite file"), str(path), path.stem)
@@ -52,6 +53,12 @@ def suite_named(name_or_path: str | Path) -> Suite:
     advice = (f'Did you mean "{near}"? ' if near else "") + "Or give the path of a .toml file."
     problem = "there is no such suite; packaged are " + ", ".join(SUITES)
     raise StudyError(text, [Fault("suite", f'"{text}"', problem, advice)])
+
+
+@functools.cache
+def _packaged(name: str) -> Suite:
+    """Read once a process: the verb looks for faults of suites before it designs anything."""
+    return suite_from_document(packaged_document(name), name, name)
 
 
 def packaged_document(name: str) -> dict[str, Any]:

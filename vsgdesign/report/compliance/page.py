@@ -60,30 +60,32 @@ def write_page(
     document: Mapping[str, Any],
     traces: Traces,
     executor: Executor | None = None,
-    meanwhile: Callable[[], object] | None = None,
+    beside: Callable[[], Callable[[], object]] | None = None,
 ) -> list[Path]:
     """Write ``report.html``, ``report.pdf`` and ``figures/`` into a folder (made if missing).
 
     ``document`` is results.json of the verb ``comply``, ``traces`` has the evidence by the field ``csv`` of the rows,
-    and may read it when asked. ``executor``: of workers that reach the folder and the traces; they draw, and set the
-    PDF while the HTML is made here. ``meanwhile`` is called before the PDF is waited for. Returns every file that was
-    written.
+    and may read it when asked. ``executor``: of workers that reach the folder and the traces; they draw, and make the
+    HTML while the PDF is set here. ``beside`` begins what may be done beside the PDF, and returns what waits for it.
+    Returns every file that was written.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     arranged = arrange(document)
     drawn = draw(arranged, document, traces, each_of(executor))
-    pdf = begun(executor, _print_pdf, document, drawn, folder / PDF)
+    html = begun(executor, _print_html, document, drawn, folder)
+    waits = None if beside is None else beside()
+    pdf = print_pdf(compliance_page(document, arranged, drawn), folder / PDF, wide=True)
+    if waits is not None:
+        waits()
+    return [*html(), pdf]
+
+
+def _print_html(document: Mapping[str, Any], drawn: Drawn, folder: Path) -> list[Path]:
+    """The page and the figures beside it."""
+    arranged = arrange(document)
     files = _write_figures(folder, arranged, drawn)
-    page = compliance_page(document, arranged, drawn)
-    html = print_html(page, folder / PAGE)
-    if meanwhile is not None:
-        meanwhile()
-    return [*files, html, pdf()]
-
-
-def _print_pdf(document: Mapping[str, Any], drawn: Drawn, path: Path) -> Path:
-    return print_pdf(compliance_page(document, arrange(document), drawn), path, wide=True)
+    return [*files, print_html(compliance_page(document, arranged, drawn), folder / PAGE)]
 
 
 def _write_figures(folder: Path, arranged: Arranged, drawn: Drawn) -> list[Path]:

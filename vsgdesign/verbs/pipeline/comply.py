@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -116,7 +117,7 @@ def comply_study(
             document |= {"provenance": provenance()}
             chosen = _rows_with_case(document, asked.cases)
             here = None if cluster is not None else executor  # workers elsewhere do not reach the folder
-            cases = begun(None, _write_cases, job, chosen, folder, os.path.realpath(out))
+            cases = partial(begun, here, _write_cases, job, chosen, folder, os.path.realpath(out))
             _write_report(folder, document, here, cases)
         hashes = {name: found for some in in_order(journal.whole, "hashes") for name, found in some.items()}
         timing = {"prepare": ready_s, "runs": run_s, "report": time.perf_counter() - begin - ready_s - run_s}
@@ -375,11 +376,11 @@ def _study_name(name: str) -> str:
 
 
 def _write_report(
-    folder: Path, document: dict[str, Any], executor: Executor | None, meanwhile: Callable[[], object]
+    folder: Path, document: dict[str, Any], executor: Executor | None, beside: Callable[[], Callable[[], object]]
 ) -> None:
-    """The page, the PDF and the figures."""
+    """The page, the PDF and the figures, and what may be done ``beside`` them."""
     from vsgdesign.campaigns.compliance.evidence import EvidenceFiles
     from vsgdesign.report.compliance.figures import DRAWN_ALWAYS
     from vsgdesign.report.compliance.page import write_page
 
-    write_page(folder, document, EvidenceFiles(folder, document["rows"], DRAWN_ALWAYS), executor, meanwhile)
+    write_page(folder, document, EvidenceFiles(folder, document["rows"], DRAWN_ALWAYS), executor, beside)
