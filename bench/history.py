@@ -121,7 +121,7 @@ def drawing(kept: Sequence[dict[str, Any]]) -> Figure:
 
 def main() -> None:
     """Add, then write."""
-    from vsgdesign.report.drawing.files import svg_text
+    from vsgdesign.report.drawing.figures import svg_text
 
     for name in sys.argv[1:]:
         print(add(Path(name)))

@@ -28,7 +28,7 @@ from vsgdesign.estimator.stress import STRESS_SETTINGS, Stress, stress_axes, str
 from vsgdesign.identification import ESTIMATORS
 from vsgdesign.identification.injection import Injection
 from vsgdesign.identification.pseudo_random import PseudoRandomSequence
-from vsgdesign.report.drawing.files import write_all
+from vsgdesign.report.drawing.figures import write_all
 from vsgdesign.report.drawing.quantities import number
 from vsgdesign.report.estimator.figures import comparison_figures, stress_figures
 from vsgdesign.report.estimator.page import (

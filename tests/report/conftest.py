@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.drawing.figures import WrittenFigure
 from vsgdesign.report.page.html import print_html
 from vsgdesign.report.scenario.figures import begin_all
 from vsgdesign.report.scenario.page import scenario_page

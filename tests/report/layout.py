@@ -7,8 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.files import compact
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure, compact
 from vsgdesign.report.drawing.style import look
 
 

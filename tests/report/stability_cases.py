@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.report.layout import write_svg
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.files import write_all
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure, write_all
 from vsgdesign.report.page.html import print_html
 from vsgdesign.report.stability.page import stability_figures, stability_page
 from vsgdesign.simulation.evidence import step_evidence

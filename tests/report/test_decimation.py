@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from vsgdesign.report.drawing.decimation import Trace, envelope, extreme_indices, ripple_level
+from vsgdesign.report.drawing.time_axis import Trace, envelope, extreme_indices, ripple_level
 
 FINITE = st.floats(-1e9, 1e9, allow_nan=False)
 SIGNALS = st.integers(1, 400).flatmap(lambda n: arrays(float, n, elements=FINITE))

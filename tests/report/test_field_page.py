@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from vsgdesign.metrics.answers import time_to_stay
-from vsgdesign.report.drawing.files import write_figure
+from vsgdesign.report.drawing.figures import write_figure
 from vsgdesign.report.page.html import print_html
 from vsgdesign.report.scenario.field_figures import field_figures
 from vsgdesign.report.scenario.field_rests import (

@@ -18,8 +18,8 @@ from matplotlib.mathtext import MathTextParser
 from matplotlib.patches import Rectangle
 
 from tests.report.layout import assert_apart
-from vsgdesign.report.drawing import formulas
-from vsgdesign.report.drawing.files import compact, write_figure
+from vsgdesign.report.drawing import ticks
+from vsgdesign.report.drawing.figures import compact, write_figure
 from vsgdesign.report.drawing.style import look
 from vsgdesign.report.drawing.time_axis import event_labels, time_unit
 from vsgdesign.report.scenario.bode_figures import loops_on_grids
@@ -86,7 +86,7 @@ def test_two_builds_are_identical_also_where_another_process_draws_one(short, tm
 def test_formulas_that_are_kept_are_drawn_as_those_just_parsed(short, tmp_path, monkeypatch):
     """Ticks of decades are formulas: every figure's are parsed afresh here, and nothing of it stays outside."""
     before = MathTextParser.parse
-    monkeypatch.setattr(formulas, "_parse", before)
+    monkeypatch.setattr(ticks, "_parse", before)
     drawn = next(figure for figure in short.figures if figure.name == "bode_P")
     named = next(figure for figure in all_figures(short.result, None) if figure.name == "bode_P")
     afresh = write_figure(named, tmp_path)

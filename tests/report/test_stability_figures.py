@@ -13,7 +13,7 @@ import pytest
 
 from tests.report.layout import assert_apart
 from tests.report.stability_cases import AS_WRITTEN, TEXTS, assessed, case, drawn
-from vsgdesign.report.drawing.files import write_figure
+from vsgdesign.report.drawing.figures import write_figure
 from vsgdesign.report.drawing.look import Cells, Scale, edges, gate_scale
 from vsgdesign.report.stability.frequency import shown_cells
 from vsgdesign.report.stability.maps import QUANTITIES, settling_cells, worst_over_powers

@@ -12,7 +12,7 @@ import pytest
 from tests.report.stability_cases import TEXTS, Made, assessed, case
 from tests.report.test_page import checked
 from vsgdesign.linear.stability.verdict import OWN, counted_rows
-from vsgdesign.report.drawing.figure_types import ExplorerFile
+from vsgdesign.report.drawing.figures import ExplorerFile
 from vsgdesign.report.page.html import print_html
 from vsgdesign.report.stability.page import csv_files, stability_page
 

@@ -20,8 +20,7 @@ from vsgdesign.artifacts import GainTable, read_table_file
 from vsgdesign.artifacts.measured_errors import shipped_errors
 from vsgdesign.linear.stability.gain_table import check_table, nominal_margins
 from vsgdesign.linear.stability.table_claims import limit_of
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.files import write_all
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure, write_all
 from vsgdesign.report.drawing.panels import surface_scale
 from vsgdesign.report.gain_table.maps import varies
 from vsgdesign.report.gain_table.overview import stiffness, table_answer, table_headline

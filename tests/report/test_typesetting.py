@@ -9,9 +9,8 @@ import pytest
 from rich.console import Console
 
 from vsgdesign.linear.stability.verdict import _margin
-from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.quantities import merged, typeset
-from vsgdesign.report.drawing.sketch import svg
+from vsgdesign.report.drawing.sketch import filled, svg
 from vsgdesign.report.drawing.spark import key
 from vsgdesign.report.page.blocks import Table, Where
 from vsgdesign.report.page.html import environment, with_subscripts

@@ -14,7 +14,7 @@ import pytest
 from tests.report.layout import assert_apart
 from tests.verification_documents import document
 from vsgdesign.artifacts.verification_text import promise_sentences
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.verification.page import (
     again_text,
     case_value,

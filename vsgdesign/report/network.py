@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from vsgdesign.errors import counted
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.look import round_numbers
 from vsgdesign.report.drawing.quantities import DASH, plain, plain_quantity
 from vsgdesign.report.drawing.style import (

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.equations.frames import peak_to_rms
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import mark_events, time_unit

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain_quantity, prefix_for
 from vsgdesign.report.drawing.style import (
     LABEL_PT,

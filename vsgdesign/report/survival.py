@@ -8,8 +8,8 @@ from typing import Any
 from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.errors import counted, share_percent
 from vsgdesign.metrics.survival import HARDWARE_PU
-from vsgdesign.report.drawing.counts import counts_figure
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
+from vsgdesign.report.drawing.panels import counts_figure
 from vsgdesign.report.drawing.quantities import DASH, plain
 from vsgdesign.report.page.blocks import (
     BULLETS,

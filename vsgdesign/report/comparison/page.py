@@ -26,7 +26,7 @@ from vsgdesign.report.comparison.tables import (
     verdicts,
 )
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.look import NO_POINT
 from vsgdesign.report.drawing.quantities import number, plain
 from vsgdesign.report.drawing.style import COLUMN_IN, TEXT_PT, add_axes, look, new_figure

@@ -14,8 +14,8 @@ from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, INFORMATIONAL,
 from vsgdesign.metrics.survival import BLOCKED
 from vsgdesign.metrics.survival import VERDICTS as JUDGED
 from vsgdesign.report.compliance.arranged import LOOKS, WHOSE, Arranged, Counts, Tested, asked_words, deadline_words
-from vsgdesign.report.drawing.counts import counts_figure
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
+from vsgdesign.report.drawing.panels import counts_figure
 from vsgdesign.report.drawing.sketch import Area, Sketch, svg
 from vsgdesign.report.page.blocks import MET, MISSED, OPEN, Answer, Cell, Row, Table
 from vsgdesign.simulation.dc_beyond import SURVIVED_OTHERWISE

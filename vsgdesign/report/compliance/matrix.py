@@ -23,11 +23,10 @@ from vsgdesign.campaigns.compliance.rows import (
 from vsgdesign.report.compliance.answer import ABOUT_STRIPS, counts_bar, strip
 from vsgdesign.report.compliance.arranged import LOOKS, WHOSE, Arranged, Group, Line, Reason, SuiteRows, Tested
 from vsgdesign.report.compliance.figures import MOST_ON_PAPER, Drawn, TestFigure, dashes_of
-from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.flow import DIM, Cells, Flow, Said
 from vsgdesign.report.drawing.paper import MARGIN, text_width
 from vsgdesign.report.drawing.quantities import typeset
-from vsgdesign.report.drawing.sketch import Sketch, svg
+from vsgdesign.report.drawing.sketch import Sketch, filled, svg
 
 MOST_OPEN = 30
 """A group with more tests is closed at first, also if one of them fails."""

@@ -30,8 +30,8 @@ from vsgdesign.report.compliance.figures import Drawn, Traces, draw
 from vsgdesign.report.compliance.heat import LEGEND, maps_by_title
 from vsgdesign.report.compliance.identity import identity_tables, sources_table, validity
 from vsgdesign.report.compliance.matrix import Matrix, draw_matrix, draw_strips, matrix_html
-from vsgdesign.report.drawing.filled import filled
 from vsgdesign.report.drawing.quantities import plain
+from vsgdesign.report.drawing.sketch import filled
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,

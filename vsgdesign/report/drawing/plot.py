@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.report.drawing.decimation import extreme_indices
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.sketch import END, MIDDLE, Area, Sketch, Stroke, Words
+from vsgdesign.report.drawing.time_axis import extreme_indices
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,5 @@
-"""Drawings of few parts, made without matplotlib: lines, areas and words, as the text of inline SVG.
+"""Drawings of few parts, made without matplotlib: lines, areas and words, as the text of inline SVG; and the HTML
+around them.
 
 A page with hundreds of figures needs them small and made in milliseconds. The same sketch can be painted on a page of a
 PDF (:mod:`vsgdesign.report.drawing.paper`). x runs to the right and y downwards, in px.
@@ -6,15 +7,14 @@ PDF (:mod:`vsgdesign.report.drawing.paper`). x runs to the right and y downwards
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
-
-from vsgdesign.report.drawing.filled import filled
 
 Array = NDArray[np.float64]
 
@@ -177,3 +177,21 @@ def _path(points: Array) -> str:
     # All numbers are written at once: one at a time they take longer than everything before.
     form = " ".join(["%d%d" if up else "%d %d" for up in (corners[:, 1] < 0).tolist()])
     return f"M{whole[0, 0]} {whole[0, 1]}l{form % tuple(corners.ravel().tolist())}"
+
+
+def filled(form: str, *values: object) -> Markup:
+    """A form, which is HTML, with a value for each of its ``{}``: escaped, unless it is HTML itself.
+
+    It gives what ``Markup(form).format(*values)`` gives in a fifth of the time, and pages have ten thousands of them.
+    Raises ValueError where there are more places than values, or fewer.
+    """
+    first, *pieces = _pieces(form)
+    parts = [first]
+    for piece, value in zip(pieces, values, strict=True):
+        parts += (value if type(value) is Markup else escape(value), piece)
+    return Markup("".join(parts))
+
+
+@functools.lru_cache(maxsize=1024)
+def _pieces(form: str) -> list[str]:
+    return form.split("{}")

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.report.drawing.decimation import extreme_indices
 from vsgdesign.report.drawing.sketch import Area, Sketch, Stroke
 from vsgdesign.report.drawing.style import line_style
+from vsgdesign.report.drawing.time_axis import extreme_indices
 
 Array = NDArray[np.float64]
 

@@ -94,7 +94,7 @@ def look() -> Iterator[None]:
     """Settings for building and for saving figures. A user's own matplotlibrc has no effect inside."""
     import matplotlib
 
-    from vsgdesign.report.drawing.formulas import formulas_kept
+    from vsgdesign.report.drawing.ticks import formulas_kept
 
     with matplotlib.rc_context(_settings()), formulas_kept():
         yield

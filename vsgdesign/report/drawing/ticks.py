@@ -1,12 +1,18 @@
-"""Labels of ticks as plain text: a formula takes matplotlib fifty times as long to set, and each tick would be one."""
+"""Labels of figures as plain text, and formulas parsed once. A formula takes matplotlib fifty times as long to set, and
+each tick would be one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.mathtext import MathTextParser
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -64,3 +70,37 @@ def plain_ticks(figure: Figure) -> None:
                 axis.set_major_formatter(PlainNumbers())
             elif found is LogFormatterSciNotation:
                 axis.set_major_formatter(Labels(power_of_ten))
+
+
+_PARSE = MathTextParser.parse
+_KINDS = ("vector", "raster")
+
+
+@functools.lru_cache(4096)
+def _parsed(kind: str, text: str, dpi: float, font: FontProperties | None, antialiased: bool | None) -> Any:
+    parser = MathTextParser("path") if kind == "vector" else MathTextParser("agg")
+    return _PARSE(parser, text, dpi, font, antialiased=antialiased)
+
+
+def _parse(
+    self: Any, s: str, dpi: float = 72, prop: FontProperties | None = None, *, antialiased: bool | None = None
+) -> Any:
+    kind = getattr(self, "_output_type", None)
+    if kind not in _KINDS:
+        return _PARSE(self, s, dpi, prop, antialiased=antialiased)
+    return _parsed(kind, s, dpi, None if prop is None else prop.copy(), antialiased)
+
+
+@contextmanager
+def formulas_kept() -> Iterator[None]:
+    """Inside, a formula is parsed once in a process.
+
+    Every ``10^{-3}`` at a tick is a formula. matplotlib keeps its last 50, each for one figure only: half of the time
+    that a report took to draw went into parsing the same ones again. The settings that a formula depends on are those
+    of :func:`vsgdesign.report.drawing.style.look`, always the same.
+    """
+    MathTextParser.parse = _parse
+    try:
+        yield
+    finally:
+        MathTextParser.parse = _PARSE

@@ -9,7 +9,7 @@ import numpy as np
 
 from vsgdesign.estimator.comparison import WITHIN, Comparison, GridStep
 from vsgdesign.estimator.stress import AxisResult, Stress
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.report.drawing.style import (
     BAND,

@@ -14,7 +14,7 @@ from vsgdesign.estimator.stress import Stress
 from vsgdesign.estimator.trained import TrainedFieldNetwork
 from vsgdesign.identification import SIGNAL_SETS
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.drawing.figures import WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.estimator.training import WAY_WORDS, coverage_table, runs_table, score_table
 from vsgdesign.report.page.blocks import (

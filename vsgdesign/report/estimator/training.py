@@ -12,7 +12,7 @@ from vsgdesign.errors import counted
 from vsgdesign.estimator.scenarios import describe_draws
 from vsgdesign.estimator.scores import AFTER, GROUP_WORDS, GROUPS, SEEN, WAYS, WINDOWS
 from vsgdesign.estimator.trained import PartOfData, TrainedEstimator, TrainedFieldNetwork
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.drawing.style import (
     COLOURS,

@@ -9,7 +9,7 @@ from vsgdesign.artifacts.measured_errors import MeasuredErrors
 from vsgdesign.artifacts.table_text import certificate_failed, error_text
 from vsgdesign.errors import counted
 from vsgdesign.linear.stability.safe_place import SETTLED, InsideSet, inside_set
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.quantities import plain
 
 PART = 5

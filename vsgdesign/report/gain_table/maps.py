@@ -14,7 +14,7 @@ from vsgdesign.artifacts.definitions import in_words
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.linear.stability.gain_table import stale_margins
 from vsgdesign.linear.stability.table_claims import CARRIED, FIGURES, WORST, Figure, figure_of, is_carried, limit_of
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.look import CROSS, Cells, Scale, draw_cells, edges, gate_scale, node_axes, shade
 from vsgdesign.report.drawing.panels import MOST, Frame, Panel, Surface, map_figure, surface_figure, surface_scale
 from vsgdesign.report.drawing.quantities import GAIN_UNITS, plain

@@ -29,7 +29,7 @@ from vsgdesign.artifacts.verification_text import table_verification
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.linear.stability.gain_table import TableCheck
 from vsgdesign.linear.stability.table_claims import CARRIED, figure_of, limit_of
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.gain_table.inside import inside_figure, inside_sentence
 from vsgdesign.report.gain_table.maps import (

@@ -11,7 +11,7 @@ import numpy as np
 from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.errors import counted
 from vsgdesign.metrics.met import MARGIN_ROOM, score_met
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import number, plain, plain_quantity
 from vsgdesign.report.page.blocks import (
     BULLETS,

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup, escape
 
 from vsgdesign import __version__
-from vsgdesign.report.drawing.figure_types import NamedFigure
-from vsgdesign.report.drawing.filled import filled
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.quantities import typeset
-from vsgdesign.report.drawing.sketch import svg
+from vsgdesign.report.drawing.sketch import filled, svg
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -240,7 +239,7 @@ def _figure(block: Figure) -> Markup:
 
 def _svg_of(block: Figure) -> str:
     if isinstance(block.drawn, NamedFigure):
-        from vsgdesign.report.drawing.files import svg_text
+        from vsgdesign.report.drawing.figures import svg_text
 
         return svg_text(block.drawn.figure)
     return block.drawn.svg.read_text(encoding="utf-8")

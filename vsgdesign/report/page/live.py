@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from vsgdesign.report.drawing.filled import filled
+from vsgdesign.report.drawing.sketch import filled
 from vsgdesign.report.page.blocks import Block, Heading, Live, Span, words
 from vsgdesign.report.page.html import text_file
 

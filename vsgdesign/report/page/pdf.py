@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vsgdesign import __version__
-from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.drawing.figures import WrittenFigure
 from vsgdesign.report.drawing.flow import BAD, DIM, GOOD, INK, PAD, SIZE, Cells, Flow, Said, alone
 from vsgdesign.report.drawing.paper import HEIGHT, WIDTH, png_size, save, text_width
 from vsgdesign.report.drawing.quantities import typeset

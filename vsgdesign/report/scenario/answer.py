@@ -14,8 +14,8 @@ from vsgdesign.metrics.met import beside_limit
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import Survival
 from vsgdesign.report.drawing import spark
-from vsgdesign.report.drawing.decimation import Trace
 from vsgdesign.report.drawing.quantities import number, percent, plain
+from vsgdesign.report.drawing.time_axis import Trace
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.scenario.estimate_tables import worst_errors
 from vsgdesign.report.scenario.figures import interesting_time

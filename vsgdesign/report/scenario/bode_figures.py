@@ -14,7 +14,7 @@ from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import NoOperatingPointError
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.stability.loops import LoopMargins, coupled_loop, loop_margins, power_loops
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.quantities import plain_quantity
 from vsgdesign.report.drawing.style import PAGE_IN, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import symbols

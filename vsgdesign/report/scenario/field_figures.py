@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse, polar_band
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.look import round_decades
-from vsgdesign.report.drawing.run_figure import Row, RunFigure, View, legend, run_figure
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, REFERENCE, add_axes, line_style, look, new_figure
-from vsgdesign.report.drawing.time_axis import symbols
+from vsgdesign.report.drawing.time_axis import Row, RunFigure, View, legend, run_figure, symbols
 from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of, valid_at_rest
 from vsgdesign.report.scenario.schedule_figures import change_zooms
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult

@@ -13,12 +13,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.report.drawing.decimation import Trace, envelope, extreme_indices
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.files import write_all, write_figure
-from vsgdesign.report.drawing.run_figure import LETTERS, Row, RunFigure, View, Zoom, run_figure
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure, write_all, write_figure
 from vsgdesign.report.drawing.style import BAND, LABEL_PT, LIMITS_BAND, REFERENCE, line_style, look
-from vsgdesign.report.drawing.time_axis import short_name, symbols
+from vsgdesign.report.drawing.time_axis import (
+    LETTERS,
+    Row,
+    RunFigure,
+    Trace,
+    View,
+    Zoom,
+    envelope,
+    extreme_indices,
+    run_figure,
+    short_name,
+    symbols,
+)
 from vsgdesign.report.scenario.bode_figures import bode_figures
 from vsgdesign.report.scenario.field_figures import field_figures
 from vsgdesign.report.scenario.outcomes import ends_of_stretches

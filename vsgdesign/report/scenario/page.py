@@ -10,7 +10,7 @@ from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_text import proof_sentences, table_lines, table_summary
 from vsgdesign.identification.registry import why_no_c
 from vsgdesign.metrics import mean_in_words
-from vsgdesign.report.drawing.figure_types import WrittenFigure
+from vsgdesign.report.drawing.figures import WrittenFigure
 from vsgdesign.report.drawing.quantities import plain, plain_quantity
 from vsgdesign.report.inner.page import explanation as explanation_of
 from vsgdesign.report.inner.page import headline, inner_tables, what_for

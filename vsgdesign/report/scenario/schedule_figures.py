@@ -11,12 +11,19 @@ import numpy as np
 
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.metrics.estimation import relative_errors_pct
-from vsgdesign.report.drawing.decimation import extreme_indices
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.quantities import prefix_for
-from vsgdesign.report.drawing.run_figure import Row, RunFigure, View, Zoom, run_figure
 from vsgdesign.report.drawing.style import COLOURS, COLUMN_IN, REFERENCE, line_style, look
-from vsgdesign.report.drawing.time_axis import short_name, symbols
+from vsgdesign.report.drawing.time_axis import (
+    Row,
+    RunFigure,
+    View,
+    Zoom,
+    extreme_indices,
+    run_figure,
+    short_name,
+    symbols,
+)
 from vsgdesign.report.page.converter import grid_label
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.scenario import ScenarioResult

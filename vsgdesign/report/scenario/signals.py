@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from vsgdesign.equations.dc_sources.converter import UNLIMITED_J
 from vsgdesign.equations.frames import clarke, peak_to_rms
 from vsgdesign.metrics import EventMetrics, cycle_mean
-from vsgdesign.report.drawing.decimation import Trace, ripple_level
 from vsgdesign.report.drawing.quantities import prefix_for
+from vsgdesign.report.drawing.time_axis import Trace, ripple_level
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
 from vsgdesign.study.parameters.dc_link import DcLink
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsgdesign.design.power_flow import PowerFlow
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import counted
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import Frame, Panel, groups, map_figure
 from vsgdesign.report.drawing.quantities import DASH, number, percent, plain

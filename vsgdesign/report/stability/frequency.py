@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.linear.stability.assessment import ControllerAssessment, FocusCell
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.look import decades
 from vsgdesign.report.drawing.panels import groups
 from vsgdesign.report.drawing.quantities import plain, prefix_for

@@ -13,7 +13,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.stability.assessment import ControllerAssessment
 from vsgdesign.linear.stability.maps import MarginMap
 from vsgdesign.linear.stability.margins import MarginTable
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.look import Cells, Scale, gate_scale
 from vsgdesign.report.drawing.panels import MOST, Frame, Panel, Surface, groups, map_figure, surface_figure
 from vsgdesign.report.drawing.quantities import GAIN_UNITS, merged, plain

@@ -10,9 +10,9 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from vsgdesign.linear.stability.verdict import FAIL
-from vsgdesign.report.drawing.figure_types import ExplorerFile, NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.filled import filled
+from vsgdesign.report.drawing.figures import ExplorerFile, NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, plain_quantity
+from vsgdesign.report.drawing.sketch import filled
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.linear.stability.assessment import ControllerAssessment
 from vsgdesign.linear.stability.maps import MarginMap
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.look import Cells
 from vsgdesign.report.drawing.panels import Frame, Panel, map_figure
 from vsgdesign.report.drawing.quantities import plain

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from vsgdesign.metrics.events import TOO_SHORT, UNSTABLE, time_needed
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, settling_time, step_response
-from vsgdesign.report.drawing.decimation import extreme_indices
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.panels import groups
 from vsgdesign.report.drawing.quantities import plain_quantity, prefix_for
 from vsgdesign.report.drawing.style import BAND, COLOURS, PAGE_IN, add_axes, look, new_figure
-from vsgdesign.report.drawing.time_axis import symbols, time_unit
+from vsgdesign.report.drawing.time_axis import extreme_indices, symbols, time_unit
 from vsgdesign.simulation.evidence import StepEvidence
 from vsgdesign.simulation.stability_result import StabilityResult
 

@@ -24,7 +24,7 @@ from vsgdesign.artifacts.verification_text import (
     promises_of,
     value_text,
 )
-from vsgdesign.report.drawing.figure_types import NamedFigure
+from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.look import Scale, bin_axes, blues, oranges, paint, round_numbers
 from vsgdesign.report.drawing.panels import Scaled, scaled_maps, surface_scale
 from vsgdesign.report.drawing.quantities import plain

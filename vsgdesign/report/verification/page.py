@@ -28,8 +28,7 @@ from vsgdesign.artifacts.verification_text import (
     worst_text,
 )
 from vsgdesign.metrics.met import RULE
-from vsgdesign.report.drawing.figure_types import NamedFigure, WrittenFigure
-from vsgdesign.report.drawing.files import write_all
+from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure, write_all
 from vsgdesign.report.drawing.quantities import DASH, number, plain
 from vsgdesign.report.page.blocks import (
     BULLETS,

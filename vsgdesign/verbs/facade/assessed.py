@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from vsgdesign.linear.stability.maps import MarginMap
-    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figures import NamedFigure
     from vsgdesign.simulation.stability_result import StabilityResult
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from vsgdesign.artifacts.ready import Ready
-    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figures import NamedFigure
 
 
 Progress = Callable[[str, float], None]

@@ -16,7 +16,7 @@ from vsgdesign.verbs.facade.tables import DesignedTable
 if TYPE_CHECKING:
     from vsgdesign.design.comparison import Comparison
     from vsgdesign.linear.stability.gain_table import Compared, TableCheck
-    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figures import NamedFigure
     from vsgdesign.verbs.pipeline.given_results import Comparison as Changes
 
 Table = DesignedTable | GainTable | str | Path

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from vsgdesign.design.study_design import StudyDesign
-    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figures import NamedFigure
     from vsgdesign.study.datasheet import Datasheet
     from vsgdesign.verbs.pipeline.grid import GridOfNetwork
     from vsgdesign.verbs.pipeline.inner import InnerAssessment

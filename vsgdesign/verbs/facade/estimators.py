@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from vsgdesign.estimator.comparison import Comparison
     from vsgdesign.estimator.stress import Stress
     from vsgdesign.estimator.trained import TrainedEstimator, TrainedFieldNetwork
-    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figures import NamedFigure
 
 Progress = Callable[[str, float], None]
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable
     from vsgdesign.export import Exported, Unit
     from vsgdesign.export.processor import ProcessorRun
-    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figures import NamedFigure
     from vsgdesign.verbs.facade.tables import DesignedTable
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vsgdesign.metrics import EventMetrics
-    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figures import NamedFigure
     from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
 
 

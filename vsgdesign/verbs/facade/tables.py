@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from vsgdesign.certificate import Certificate, Counterexample, Places
     from vsgdesign.export import ExportedC
-    from vsgdesign.report.drawing.figure_types import NamedFigure
+    from vsgdesign.report.drawing.figures import NamedFigure
 
 Progress = Callable[[str, float], None]
 

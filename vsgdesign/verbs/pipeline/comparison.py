@@ -56,7 +56,7 @@ def report_comparison(
     folder appears when everything is done. Raises the errors of :func:`compare_study` and ArtifactError.
     """
     from vsgdesign.report.comparison.page import comparison_figures, comparison_page
-    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.drawing.figures import write_all
     from vsgdesign.report.page.html import print_html
 
     tell = progress or silent

@@ -146,7 +146,7 @@ def train_weights_file(
         )
         document = _trained_document(study, recipe, trained)
         if folder is not None:
-            from vsgdesign.report.drawing.files import write_all
+            from vsgdesign.report.drawing.figures import write_all
             from vsgdesign.report.estimator.page import field_training_page
             from vsgdesign.report.estimator.training import field_training_figures
             from vsgdesign.report.page.html import print_html
@@ -351,7 +351,7 @@ def report_stress(study: Study, out: str | Path, **asked: Unpack[Asked]) -> dict
 
 def _report(kind: _Kind, study: Study, out: str | Path, settings: ComparisonSettings, asked: Asked) -> dict[str, Any]:
     from vsgdesign.estimator.methods import runnable_settings
-    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.drawing.figures import write_all
     from vsgdesign.report.page.html import print_html
 
     tell = asked.get("progress") or silent

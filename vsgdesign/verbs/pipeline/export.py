@@ -96,7 +96,7 @@ def run_processor(
 
     if out is None:
         return run()
-    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.drawing.figures import write_all
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.processor import processor_figures, processor_page
 

@@ -338,7 +338,7 @@ def report_grid(
     ``study`` is a file for the box as a study's [grid] and [specification], which must not be there yet, and ``base``
     the study that it names. Raises ArtifactError and the errors of :func:`grid_of_network`.
     """
-    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.drawing.figures import write_all
     from vsgdesign.report.network import grid_figures, grid_page
     from vsgdesign.report.page.html import print_html
 

@@ -138,7 +138,7 @@ def report_inner_loops(
 
     The folder appears when everything is done. Raises ArtifactError.
     """
-    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.drawing.figures import write_all
     from vsgdesign.report.inner.page import inner_figures, inner_page
     from vsgdesign.report.page.html import print_html
 

@@ -30,7 +30,7 @@ from vsgdesign.linear.stability.assessment import (
 from vsgdesign.linear.stability.modes_of_units import DifferentialWorst, worst_differential
 from vsgdesign.linear.stability.verdict import clause_matrix, left_out, worst_cases
 from vsgdesign.metrics.margins import guaranteed_margins
-from vsgdesign.report.drawing.figure_types import ExplorerFile
+from vsgdesign.report.drawing.figures import ExplorerFile
 from vsgdesign.report.explore.lattice import QUICK_LATTICE
 from vsgdesign.report.page.live import StaticPage
 from vsgdesign.simulation.evidence import StepEvidence, step_evidence
@@ -134,7 +134,7 @@ def _write(
     result: StabilityResult, folder: Path, pdf: bool, explorer: bool, workers: int | None, tell: Progress
 ) -> dict[str, Any]:
     from vsgdesign.campaigns.phase_jumps import phase_jumps
-    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.drawing.figures import write_all
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.stability.page import stability_figures, stability_page
 
@@ -297,7 +297,7 @@ def designed(study: Study) -> StudyDesign:
 
 def report_design(study: Study, out: str | Path) -> StudyDesign:
     """Writes results.json, the power flow as CSV, figures and report.html to ``out``. Raises ArtifactError."""
-    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.drawing.figures import write_all
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.stability.design import design_page, flow_figures
 

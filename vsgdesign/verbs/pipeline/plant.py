@@ -92,7 +92,7 @@ def _report(
     result: PlantResult, folder: Path, ready: Ready, tell: Progress, warn: Callable[[str], None] | None
 ) -> dict[str, Any]:
     """Figures, page, tables and their C. Returns what results.json has of the margins."""
-    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.drawing.figures import write_all
     from vsgdesign.report.page.html import print_html
     from vsgdesign.report.plant import plant_figures, plant_page
     from vsgdesign.verbs.pipeline.margins import assess_study, stability_document

@@ -40,7 +40,7 @@ from vsgdesign.verbs.pipeline.opening import check_possible
 from vsgdesign.verbs.pipeline.results import results_document
 
 if TYPE_CHECKING:
-    from vsgdesign.report.drawing.figure_types import WrittenFigure
+    from vsgdesign.report.drawing.figures import WrittenFigure
     from vsgdesign.report.page.live import StaticPage
 
     Live = Callable[[], StaticPage] | None

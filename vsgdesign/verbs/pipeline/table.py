@@ -238,7 +238,7 @@ def report_table(
     Raises ArtifactError.
     """
     from vsgdesign.artifacts.measured_errors import shipped_errors
-    from vsgdesign.report.drawing.files import write_all
+    from vsgdesign.report.drawing.figures import write_all
     from vsgdesign.report.gain_table.page import table_figures, table_page
     from vsgdesign.report.page.html import print_html
 
