@@ -20,8 +20,8 @@ from vsgdesign.campaigns import phase_jumps
 from vsgdesign.design.inner import designing, search
 from vsgdesign.design.inner.search import Effort
 from vsgdesign.errors import ArtifactError
-from vsgdesign.report.inner.page import explanation, headline, inner_page
 from vsgdesign.report.page.blocks import Box, Words, plain_text
+from vsgdesign.report.stability.inner import explanation, headline, inner_page
 from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.verbs.pipeline import inner, open_study, opening
 from vsgdesign.verbs.pipeline.opening import check_study, inner_loops_file

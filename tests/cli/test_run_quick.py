@@ -14,7 +14,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.gain_table_file import write_table_file
 from vsgdesign.report.page.pdf import sheets_of
-from vsgdesign.report.scenario.sheet import sheet_page, write_sheet
+from vsgdesign.report.scenario.page import sheet_page, write_sheet
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import load_study, study_from_text
 from vsgdesign.verbs.pipeline import making, study_tables

@@ -13,7 +13,7 @@ from tests.examples import TIMES
 from tests.gain_tables import table
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.report.explore import live, words
+from vsgdesign.report.explore import live, page_verdicts
 from vsgdesign.report.explore.live import SIGNALS, emt_answer
 from vsgdesign.report.explore.scene import LEAD_S, scene_of, study_of
 from vsgdesign.report.explore.state import state_of
@@ -278,6 +278,6 @@ def test_a_current_that_no_hardware_carries_is_told_beside_survived() -> None:
     said = {}
     for peak_pu in (1.9, 2.1):
         found = live.NOTHING | {"status": "survived", "recovery_s": 0.5, "peak_pu": peak_pu, "why": ""}
-        said[peak_pu] = words.verdict(found, words.asked_of(structures()), "phase", "P")
+        said[peak_pu] = page_verdicts.verdict(found, page_verdicts.asked_of(structures()), "phase", "P")
     assert said[1.9].endswith("The current reaches 1.90 pu.")
     assert said[2.1].endswith("The current reaches 2.10 pu, more than hardware carries.")

@@ -21,9 +21,9 @@ from vsgdesign.linear.stability.table_claims import claim_faults
 from vsgdesign.metrics.events import EventMetrics
 from vsgdesign.metrics.met import overshoot_met, score_met, settling_met
 from vsgdesign.metrics.step_response import no_figures
-from vsgdesign.report.explore.info import most_allowed
-from vsgdesign.report.inner.page import GAIN_TEXTS, inner_tables
+from vsgdesign.report.explore.fields import most_allowed
 from vsgdesign.report.scenario.outcomes import StepOutcome
+from vsgdesign.report.stability.inner import GAIN_TEXTS, inner_tables
 from vsgdesign.simulation.lanes.cases import ACTIVE, REACTIVE
 from vsgdesign.simulation.scenario.promises import promises_of
 

@@ -12,15 +12,9 @@ import pytest
 from vsgdesign.metrics.answers import time_to_stay
 from vsgdesign.report.drawing.figures import write_figure
 from vsgdesign.report.page.html import print_html
-from vsgdesign.report.scenario.field_figures import field_figures
-from vsgdesign.report.scenario.field_rests import (
-    answers_table,
-    answers_text,
-    field_answers,
-    field_controllers,
-    rests_of,
-)
+from vsgdesign.report.scenario.field_figures import answers_table, answers_text, field_figures
 from vsgdesign.report.scenario.page import scenario_page
+from vsgdesign.report.scenario.signals import field_answers, field_controllers, rests_of
 from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles, run_scenario
 from vsgdesign.study.parameters import study_from_text
 

@@ -13,7 +13,7 @@ from vsgdesign.artifacts import GainTable
 from vsgdesign.artifacts.measured_errors import MEASURED_FILE, GridBin, JumpInstant, MeasuredErrors, shipped_errors
 from vsgdesign.errors import ArtifactError
 from vsgdesign.linear.stability.safe_place import inside_run, inside_set, within
-from vsgdesign.report.gain_table.inside import inside_figure, inside_sentence
+from vsgdesign.report.gain_table.words import inside_figure, inside_sentence
 
 
 def errors_of(R: float, count: int, share: float, size: float = 0.05) -> np.ndarray:

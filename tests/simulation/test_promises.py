@@ -15,8 +15,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.stability.cells import cells_under, full_order_cells
 from vsgdesign.linear.stability.margins import full_order_margins
-from vsgdesign.report.scenario.outcomes import step_outcomes
-from vsgdesign.report.scenario.promise_tables import promise_sentences, promises_table
+from vsgdesign.report.scenario.outcomes import promise_sentences, promises_table, step_outcomes
 from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
 from vsgdesign.simulation.scenario.promises import CLOSED_FORM, GATES, TABLE, promises_kept, promises_of

@@ -25,7 +25,7 @@ from vsgdesign.campaigns.phase_jumps import (
     remedied,
 )
 from vsgdesign.report.page.blocks import Table
-from vsgdesign.report.page.phase_jumps import phase_jump_blocks, phase_jump_text
+from vsgdesign.report.page.converter import phase_jump_blocks, phase_jump_text
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import Study
 from vsgdesign.study.parameters.event import Event

@@ -17,7 +17,7 @@ from vsgdesign.linear.operating_point.circuit_of_units import Topology
 from vsgdesign.linear.operating_point.flow_of_units import UnitAsked, situation_of
 from vsgdesign.linear.operating_point.rest_of_units import rest_of_units
 from vsgdesign.metrics.modes import to_continuous
-from vsgdesign.report.inner.page import passivity_sentences
+from vsgdesign.report.stability.inner import passivity_sentences
 from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.power_plant import Element, PowerPlant, Unit, cable_elements

@@ -18,6 +18,7 @@ from vsgdesign.metrics.events import MEASURED, TOO_SHORT, EventMetrics
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import loads_of
 from vsgdesign.report.explore.dc_side import curves_of_dc, levels_of
+from vsgdesign.report.explore.page_verdicts import SETTLED, asked_of, verdict
 from vsgdesign.report.explore.scene import (
     LEAD_S,
     Scene,
@@ -30,7 +31,6 @@ from vsgdesign.report.explore.scene import (
 )
 from vsgdesign.report.explore.state import State
 from vsgdesign.report.explore.wire import Answer, emt_of_rows, never, thinned
-from vsgdesign.report.explore.words import SETTLED, asked_of, verdict
 from vsgdesign.simulation.every_sample import signals_at_pcc, with_every_sample
 from vsgdesign.simulation.expected_rests import expected_rests_of
 from vsgdesign.simulation.feeds import feed_of

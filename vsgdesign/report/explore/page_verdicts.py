@@ -1,7 +1,8 @@
 """What a page without a server judges its runs with: compiled loops over the log of a run, rests, demands and words.
 
 The loops are made of the functions that judge runs side by side and single ones. The page (``page/verdict.js``) calls
-them and puts its figures into the sentences of :mod:`vsgdesign.report.explore.words`.
+them and puts its figures into the sentences. It has the same templates as the server, and chooses among them in the
+same way (``page/words.js``).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.codegen.blocks import Part, Writer, joined, with_outputs
 from vsgdesign.codegen.flat import Block
@@ -20,14 +22,35 @@ from vsgdesign.codegen.llvm import LoopSpec, flat_block
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.sampled_path import droop_step, sampled_path, sampled_rest
 from vsgdesign.linear.stability.loci import LEAST_SHARE, MODE_WORDS, MOST_NAMED
-from vsgdesign.metrics.events import SHARE_OF_BAND, late_rows
+from vsgdesign.metrics.events import DIVERGED, SHARE_OF_BAND, TOO_SHORT, UNSTABLE, late_rows
+from vsgdesign.metrics.met import (
+    OVERSHOOT_ROOM,
+    beside_limit,
+    most_overshoot,
+    most_settling_time,
+    overshoot_met,
+    settling_met,
+)
 from vsgdesign.metrics.protection import held_in_words, rate_in_words
 from vsgdesign.metrics.step_response import SETTLING_BAND
-from vsgdesign.metrics.survival import END_S, FIRST_S, REST_SHARE, STATUSES, place_of_verdict, swung
-from vsgdesign.report.explore import words
-from vsgdesign.report.explore.scene import samples_of_step
+from vsgdesign.metrics.survival import (
+    BLOCKED,
+    END_S,
+    FIRST_S,
+    HARDWARE_PU,
+    LATCHED,
+    NOT_AT_REST,
+    REST_SHARE,
+    SLIPPED,
+    STATUSES,
+    SURVIVED,
+    TRIPPED,
+    place_of_verdict,
+    swung,
+)
+from vsgdesign.report.explore.scene import SHOWN_S, samples_of_step
 from vsgdesign.simulation.axes import headed
-from vsgdesign.simulation.outcome import ACTS, BOUND_PU, IN_WORDS, LIMITS, MOVES, PARTS, RESTING_S
+from vsgdesign.simulation.outcome import ACTS, BOUND_PU, IN_WORDS, LIMITS, MOVES, MOVES_AT, PARTS, RESTING_S, RESTS_AT
 from vsgdesign.simulation.scenario.controllers import samples_per_mean
 from vsgdesign.simulation.seen_sample import (
     FrequencyGuard,
@@ -42,9 +65,127 @@ from vsgdesign.simulation.seen_sample import (
 )
 from vsgdesign.simulation.strictly import direction
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
-from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, own_powers
+from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, TRIPS_AT, own_powers
 from vsgdesign.simulation.watched_sample import entered_s, power_at_pcc, watched_step
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+SETTLED = "settled"
+
+TEMPLATES: dict[str, Any] = {
+    "settles": "{} settles in {} s{}.",
+    "no_overshoot": " without overshoot",
+    "overshoot": " with {} % overshoot",
+    "survives": "It survives and is back at rest {:.2f} s after {}.",
+    "since": {"sag": "the end of the sag", "ramp": "the end of the ramp", "": "the event"},
+    "too_short": "{} is not judged in {:.3g} s: the slowest mode needs {:.2f} s.",
+    "unstable": "The operating point after the step is {}.",
+    "no_verdict": "There is no verdict: {}.",
+    "hardware": f", {MORE_THAN_HARDWARE}",
+    "peak": " The current reaches {:.2f} pu",
+    "limited": ", and its limiter acts for {:.3g} s.",
+    "trips": "It is lost: {}. The event comes at {:.3g} s.",
+    "trips_at": TRIPS_AT,
+    "blocks": "It is lost: {}.",
+    "before": ["after the event", "before the event"],
+    "rests_at": RESTS_AT,
+    "moves_at": MOVES_AT,
+    "verdicts": {
+        "not settled": "It does not come to rest.",
+        "no steady state": "There is no steady state after the step.",
+        "no model": "No model knows the circuit after the step.",
+        DIVERGED: "It is lost: the run diverges.",
+        SLIPPED: "It is lost: the angle slips by a turn.",
+        LATCHED: "It is lost: it stays in its current limit.",
+        NOT_AT_REST: "It is not at rest in time.",
+        "no rest": "There is no steady state after the event.",
+        "rest over limit": "The steady state after the event needs more current than the limiter leaves.",
+    },
+    "no_mode": "the mode after the step is not found",
+    "too_short_status": TOO_SHORT,
+    "unstable_status": UNSTABLE,
+    "settled": SETTLED,
+    "survived": SURVIVED,
+    "tripped": TRIPPED,
+    "diverged": DIVERGED,
+    "blocked": BLOCKED,
+}
+"""Braces stand for values, with formats of Python: ``{:.2f}``, ``{:.3g}``."""
+
+SHORTEST_LIMITED_S = 5e-4
+"""A limiter that acts for less than this, s, is not told."""
+
+
+def asked_of(study: Study) -> tuple[float, float] | None:
+    """Settling time (s) and overshoot (as a share of the step) that the study asks for; None: it asks for none."""
+    asked = study.specification
+    return None if asked is None or not asked.settles else (asked.settling_time, asked.overshoot)
+
+
+def rules(asked: tuple[float, float] | None) -> dict[str, Any]:
+    """What a page needs to know besides its figures: what is asked for, up to where that is met, and limits of what is
+    told."""
+    most = None if asked is None else (most_settling_time(asked[0]), most_overshoot(asked[1]))
+    return {
+        "asked": asked,
+        "met": most,
+        "no_overshoot": OVERSHOOT_ROOM,
+        "shortest_limited_s": SHORTEST_LIMITED_S,
+        "hardware_pu": HARDWARE_PU,
+        "shown_s": SHOWN_S,
+    }
+
+
+def verdict(
+    found: dict[str, Any], asked: tuple[float, float] | None, kind: str, signal: str, event_s: float = math.nan
+) -> str:
+    """One or two sentences on a run: ``found`` has its figures, ``asked`` is that of :func:`asked_of`, ``kind`` and
+    ``signal`` are those of its event, and ``event_s`` is its time in the run, from which a trip is told."""
+    status, said = found["status"], TEMPLATES
+    if status == SETTLED and found["settling_s"] is not None:
+        text = said["settles"].format(signal, *_settled(found, asked))
+    elif status == SURVIVED and found["recovery_s"] is not None:
+        text = said["survives"].format(found["recovery_s"], said["since"].get(kind, said["since"][""]))
+    elif status == TOO_SHORT:
+        text = said["too_short"].format(signal, SHOWN_S, math.ceil(100.0 * found["needs_s"]) / 100.0)
+    elif status == "limited" or (status == "not settled" and found["why"].startswith("in the last second")):
+        text = f"{found['why'][0].upper()}{found['why'][1:].split('. ')[0].removesuffix('.')}."
+    elif status == UNSTABLE:
+        text = said["unstable"].format(found["why"] or status)
+    elif status == TRIPPED:
+        text = said["trips"].format(found["why"], event_s)
+    elif status == BLOCKED:
+        text = said["blocks"].format(found["why"])
+    elif status in said["verdicts"]:
+        text = said["verdicts"][status]
+        if found["why"].startswith("before"):
+            text = text.replace(*said["before"])
+    else:
+        return said["no_verdict"].format(found["why"] or status)
+    if found["peak_pu"] is not None and status != DIVERGED:
+        text += said["peak"].format(max(found["peak_pu"], found["first_peak_pu"] or 0.0))
+        limited = found["limited_s"] or 0.0
+        text += said["hardware"] * (status == SURVIVED and found["peak_pu"] > HARDWARE_PU)
+        text += "." if limited < SHORTEST_LIMITED_S else said["limited"].format(limited)
+    return text
+
+
+def _settled(found: dict[str, Any], asked: tuple[float, float] | None) -> tuple[str, str]:
+    """Settling time and overshoot in words, beside what is asked for."""
+    over, settled = found["overshoot"], found["settling_s"]
+    late, too_much = (None, None) if asked is None else asked
+    beyond = ""
+    if over is not None:
+        below = too_much is None or overshoot_met(over, too_much)
+        limit = None if too_much is None else 100.0 * too_much
+        shown = _beside(100.0 * over, limit, below, 1)
+        beyond = TEMPLATES["no_overshoot"] if over < OVERSHOOT_ROOM else TEMPLATES["overshoot"].format(shown)
+    return _beside(settled, late, late is None or settling_met(settled, late), 2), beyond
+
+
+def _beside(value: float, limit: float | None, met: bool, decimals: int) -> str:
+    """A value beside what the specification asks for."""
+    return beside_limit(value, limit, not met, lambda v, n: f"{v:.{n}f}", decimals)
+
 
 FED = (
     *(f"x.{name}_{axis}" for name in ("i_s", "v_c", "i_g") for axis in ("alpha", "beta")),
@@ -160,7 +301,7 @@ def judged_with(study: Study, spec: ControllerSpec, ready: Ready) -> dict[str, A
             "current_sq": -1.0 if limit is None else (limit * c.I_rated_pk) ** 2,
             **{name: getattr(settings.limiter, name, -1.0) for name in ("V_low", "V_high")},
         },
-        "rules": words.rules(words.asked_of(study)),
+        "rules": rules(asked_of(study)),
         "guards": guards_of(study),
         "own_rest": _own_rest(study) if study.simulation.bridge == "pwm" else None,
         "share": SHARE_OF_BAND if study.simulation.bridge == "pwm" else 1.0,
@@ -240,5 +381,5 @@ def common_of_verdicts(study: Study) -> dict[str, Any]:
             "moves": MOVES,
             "limits": [IN_WORDS[name] for name in LIMITS],
         },
-        "words": words.TEMPLATES | {"mode": MODE_WORDS | {"least": LEAST_SHARE, "most": MOST_NAMED}},
+        "words": TEMPLATES | {"mode": MODE_WORDS | {"least": LEAST_SHARE, "most": MOST_NAMED}},
     }

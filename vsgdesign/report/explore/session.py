@@ -80,7 +80,7 @@ class Session:
 
     def info(self) -> dict[str, Any]:
         """Everything that the page needs to know of the study, in JSON's types."""
-        from vsgdesign.report.explore.info import study_info
+        from vsgdesign.report.explore.fields import study_info
 
         with self._lock:
             if self._info is None:

@@ -31,7 +31,6 @@ from vsgdesign.linear.stability.gain_table import TableCheck
 from vsgdesign.linear.stability.table_claims import CARRIED, figure_of, limit_of
 from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure
 from vsgdesign.report.drawing.quantities import DASH, number, plain, plain_quantity
-from vsgdesign.report.gain_table.inside import inside_figure, inside_sentence
 from vsgdesign.report.gain_table.maps import (
     certificate_figure,
     constraint_figures,
@@ -42,7 +41,14 @@ from vsgdesign.report.gain_table.maps import (
     stale_figures,
 )
 from vsgdesign.report.gain_table.overview import ABOUT_STIFFNESS, stiffness_table, table_answer, table_headline
-from vsgdesign.report.gain_table.words import PROOF_CARRIED, flattened, marked, specification_rows
+from vsgdesign.report.gain_table.words import (
+    PROOF_CARRIED,
+    flattened,
+    inside_figure,
+    inside_sentence,
+    marked,
+    specification_rows,
+)
 from vsgdesign.report.page.blocks import (
     BULLETS,
     Block,

@@ -19,8 +19,7 @@ from vsgdesign.report.drawing.time_axis import Trace
 from vsgdesign.report.page.blocks import FACT, MET, MISSED, OPEN, UNKNOWN, Answer, Cell, Row, counted, without_empty
 from vsgdesign.report.scenario.estimate_tables import worst_errors
 from vsgdesign.report.scenario.figures import interesting_time
-from vsgdesign.report.scenario.outcomes import CANNOT, StepOutcome, notes_on_noise
-from vsgdesign.report.scenario.promise_tables import promise_title, reached, slack
+from vsgdesign.report.scenario.outcomes import CANNOT, StepOutcome, notes_on_noise, promise_title, reached, slack
 from vsgdesign.report.scenario.signals import Signal, power_signals
 from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult

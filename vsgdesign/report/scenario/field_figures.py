@@ -1,4 +1,6 @@
-"""The field estimator over a scenario: the grid with its 95 % band, errors after changes, coverage, and the probe."""
+"""The field estimator on the pages of a scenario: its answers, the rests, and what the probe costs there; the grid with
+its 95 % band, errors after changes, coverage, and the probe as figures.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +14,127 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.metrics.answers import FOUND, Answers, inside_ellipse, polar_band
+from vsgdesign.errors import share_percent
+from vsgdesign.metrics import cycle_mean
+from vsgdesign.metrics.answers import (
+    FOUND,
+    Answers,
+    coverage,
+    inside_ellipse,
+    polar_band,
+    share_valid,
+    time_to_stay,
+)
+from vsgdesign.metrics.oscillation import interharmonic_rms, ripple_rms
 from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.look import round_decades
+from vsgdesign.report.drawing.quantities import DASH, number, plain, plain_quantity
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, REFERENCE, add_axes, line_style, look, new_figure
 from vsgdesign.report.drawing.time_axis import Row, RunFigure, View, legend, run_figure, symbols
-from vsgdesign.report.scenario.field_rests import Rest, field_answers, field_controllers, rests_of, valid_at_rest
+from vsgdesign.report.page.blocks import Table
+from vsgdesign.report.page.converter import grid_label
 from vsgdesign.report.scenario.schedule_figures import change_zooms
-from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
+from vsgdesign.report.scenario.signals import SETTLE_S, Rest, field_answers, field_controllers, rests_of, valid_at_rest
+from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
 from vsgdesign.simulation.scenario.judging import same_with_truth
 
 Array = NDArray[np.float64]
+
+
+def answers_table(result: ScenarioResult, controller: ControllerResult) -> Table:
+    """Accuracy and coverage of each rest, and what the probe costs there."""
+    answers, truth = field_answers(result, controller), same_with_truth(result, controller)
+    rows = []
+    for rest in rests_of(result):
+        chosen = answers.rows(rest.begin_s, rest.end_s) & answers.valid
+        error = 100.0 * answers.error[chosen]
+        costs = [None if one is None else _cost(result, one, rest) for one in (controller, truth)]
+        rows.append(
+            (
+                f"{plain(rest.begin_s, 5)} … {plain(rest.end_s, 5)}",
+                grid_label(result, rest.grid),
+                number(float(np.percentile(error, 95.0)), 2) if error.size else DASH,
+                number(100.0 * coverage(answers, chosen), 3) if error.size else DASH,
+                number(100.0 * share_valid(answers, rest.begin_s, rest.end_s), 3),
+                *(DASH if cost is None else number(cost[k], 2) for k in range(3) for cost in costs),
+            )
+        )
+    head = ("Time [s]", "Grid", "p95", "Truth inside", "Valid", *(("with", "without") * 3))
+    f_n = result.study.converter.omega_n / (2.0 * math.pi)
+    groups = (
+        ("", 2),
+        ("Error, coverage, time [%]", 3),
+        (f"V, {f_n:g}–{2 * f_n:g} Hz [%]", 2),
+        (f"V, {2 * f_n:g}–{3 * f_n:g} Hz [%]", 2),
+        ("P, rms ripple [%]", 2),
+    )
+    beside = "No controller of the study differs by the truth alone and sends no probe."
+    if truth is not None:
+        beside = f"Without: {truth.spec.name}, which sends no probe."
+    notes = (
+        f"At rest: from {plain(SETTLE_S)} s after an event on. p95: 95th percentile of |Ẑ − Z|/|Z| of the valid "
+        "answers. Truth inside: share of them whose 95 % ellipse holds the true grid. V: rms between two harmonics "
+        "(centred interharmonic subgroup), of the rated voltage. P: instantaneous, of the rating. V and P come from "
+        f"the log, a row every {plain_quantity(result.study.simulation.log_interval, 's')}. {beside}",
+    )
+    return Table(f"{controller.spec.name} at rest, and its probe", head, tuple(rows), 2, groups=groups, notes=notes)
+
+
+def answers_text(result: ScenarioResult, controller: ControllerResult) -> str:
+    """What the estimate was worth, in three sentences."""
+    answers = field_answers(result, controller)
+    found = [time_to_stay(answers, change, until) for change, until in _changes(result)]
+    chosen = valid_at_rest(result, answers)
+    text = f"{controller.spec.name} is lent nothing by the simulator: it hears its own probe in its own sensors."
+    if chosen.any():
+        most, held = float(np.percentile(answers.error[chosen], 95.0)), coverage(answers, chosen)
+        text += (
+            f" At rest 95 % of its answers are within {number(100.0 * most, 2)} % of the true Z, and "
+            f"{share_percent(held)} of its 95 % ellipses hold it."
+        )
+    moved = _moved(result, controller)
+    if moved > 0.0:
+        text += (
+            f" Its probe moves P at rest by up to {number(100.0 * moved, 2)} % of the rating (rms of the two-cycle "
+            "mean), with a step as without, so that it is no part of the figures of a step."
+        )
+    if found and max(found) < math.inf:
+        times = " and ".join(f"{plain(t, 2)} s" for t in found)
+        text += f" After a change of the grid its answers are within 10 % for good from {times} on."
+    elif found:
+        text += " It did not find every changed grid within 10 % before the next event."
+    return text
+
+
+def _moved(result: ScenarioResult, controller: ControllerResult) -> float:
+    """Rms of what is left of P's ripple at rest in the mean that steps are judged on, of the rating: the largest of the
+    rests, less that of the same controller with the truth. Zero where there is none."""
+    truth = same_with_truth(result, controller)
+    if truth is None:
+        return 0.0
+    found = [0.0]
+    for rest in rests_of(result):
+        both = []
+        for one in (controller, truth):
+            t_s = one.simulation.t_s
+            mean = cycle_mean(one.simulation.column("P")[rest.rows(t_s)], samples_per_mean(result.study, t_s))
+            both.append(ripple_rms(mean[len(mean) // 10 :]) / result.study.converter.S_rated)
+        found.append(math.sqrt(max(both[0] ** 2 - both[1] ** 2, 0.0)))
+    return max(found)
+
+
+def _cost(result: ScenarioResult, controller: ControllerResult, rest: Rest) -> tuple[float, float, float]:
+    """Voltage beside the harmonics in the two gaps of the probe, and ripple of P, per cent."""
+    c, simulation = result.study.converter, controller.simulation
+    rows = rest.rows(simulation.t_s)
+    t_s = simulation.t_s[rows]
+    step = float(t_s[1] - t_s[0])
+    f_n = c.omega_n / (2.0 * math.pi)
+    frequency = float(np.mean(simulation.column("omega")[rows])) / (2.0 * math.pi)
+    v = simulation.column("v_c_alpha")[rows]
+    lines = [100.0 * interharmonic_rms(v, step, frequency, order, f_n) / c.V_rated_rms for order in (1, 2)]
+    return lines[0], lines[1], 100.0 * ripple_rms(simulation.column("P")[rows]) / c.S_rated
+
 
 _LEFT, _RIGHT, _BOTTOM = 0.6, 0.13, 0.36
 _BEFORE_S, _AFTER_S = 0.1, 0.6
@@ -131,12 +243,10 @@ def _error_figure(result: ScenarioResult, controllers: list[tuple[int, Controlle
     figure = new_figure(PAGE_IN, total)
     left = add_axes(figure, _LEFT, _BOTTOM, wide, height)
     right = add_axes(figure, _LEFT + wide + between, _BOTTOM, narrow, height)
-    instants = [event.t_s for event in result.study.events]
     for index, controller in controllers:
         answers, label = field_answers(result, controller), symbols(controller.spec.name)
-        for change in _changes(result):
-            until = min([t for t in instants if t > change + 1e-9] + [answers.end_s, change + _LATEST_S])
-            rows = np.flatnonzero(answers.rows(change, until))
+        for change, until in _changes(result):
+            rows = np.flatnonzero(answers.rows(change, min(until, change + _LATEST_S)))
             style = line_style(index) | {"linewidth": 0.9}
             since, error = answers.t_s[rows] - change, 100.0 * answers.error[rows]
             left.step(since, np.maximum(error, 0.1), where="post", label=label, **style)
@@ -221,7 +331,7 @@ def _spectrum(controller: ControllerResult, name: str, rest: Rest) -> tuple[Arra
     from scipy.signal import welch
 
     simulation = controller.simulation
-    rows = (simulation.t_s >= rest.begin_s) & (simulation.t_s < rest.end_s)
+    rows = rest.rows(simulation.t_s)
     step = float(simulation.t_s[1] - simulation.t_s[0])
     f, power = welch(
         simulation.column(name)[rows], 1.0 / step, window="hann", nperseg=round(_WINDOW_S / step), scaling="spectrum"
@@ -230,8 +340,12 @@ def _spectrum(controller: ControllerResult, name: str, rest: Rest) -> tuple[Arra
     return f[kept], rms_to_peak(np.sqrt(power[kept]))
 
 
-def _changes(result: ScenarioResult) -> list[float]:
-    return [t_s for t_s, _ in result.timeline.grids if t_s > 0.0]
+def _changes(result: ScenarioResult) -> list[tuple[float, float]]:
+    """Each change of the grid, and the next event after it, or the end."""
+    end = [result.study.simulation.duration]
+    instants = [event.t_s for event in result.study.events]
+    changes = [t_s for t_s, _ in result.timeline.grids if t_s > 0.0]
+    return [(change, min([t for t in instants if t > change + 1e-9] + end)) for change in changes]
 
 
 def _legend_entries(index: int, name: str) -> list[tuple[Any, str]]:

@@ -1,11 +1,14 @@
-"""What became of every reference step: the targets that it had, what it did, and whether it kept them."""
+"""What became of every reference step and of every promised margin: the targets that they had, what they did, and
+whether it was kept.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.equations.placing import OVERSHOOT_PCT, overshoot_of, settling_factor
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.metrics import EventMetrics, StepNoise
@@ -14,9 +17,10 @@ from vsgdesign.metrics.met import RULE as MET_WITHIN
 from vsgdesign.metrics.met import beside_limit, overshoot_met, settling_met
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, quantity
+from vsgdesign.report.page.blocks import Table
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
-from vsgdesign.simulation.scenario.promises import Promises, given_up, not_promised, promises_of
+from vsgdesign.simulation.scenario.promises import TABLE, Kept, Promises, given_up, not_promised, promises_of
 from vsgdesign.study.parameters.study import Study
 
 _AT_REST = 0.02
@@ -308,3 +312,98 @@ def uncoupled_Q(K_iq: float, D_q: float, D: float) -> UncoupledResponse:
     """The Q loop s + K_iq·(D + D_q)."""
     rate = K_iq * (D + D_q)
     return UncoupledResponse(rate, None, math.log(1.0 / SETTLING_BAND) / rate, 0.0)
+
+
+PROMISES = {
+    "disk_margin": DEFINITIONS["disk_margin_output"].title,
+    "gain_margin_db": "gain margin [dB]",
+    "phase_margin_deg": "phase margin [°]",
+    "M_s": "peak sensitivity M_s",
+}
+
+
+def promise_title(one: Kept) -> str:
+    """What a promise is about: a table promises the damping of its power loops, a gate asks for that of all modes."""
+    if one.name == "damping_ratio":
+        return DEFINITIONS["damping_power_loops" if one.source == TABLE else "damping_all_modes"].title
+    return PROMISES[one.name]
+
+
+def promises_table(kept: Sequence[Kept]) -> Table | None:
+    """Every margin that a controller was asked for, where the scenario rests, with ideal and with real inner loops."""
+    rows, flagged = [], set()
+    for index, one in enumerate(kept):
+        sign = "≥" if one.at_least else "≤"
+        results = [DASH] * 2 if one.excuse else ["met" if met else "missed" for met in (one.kept_ideal, one.kept)]
+        if "missed" in results:
+            flagged.add(index)
+        rows.append(
+            (
+                one.controller,
+                f"{plain(one.t_s, 5)} s",
+                promise_title(one),
+                one.source,
+                one.excuse,
+                f"{sign} {plain(one.limit)}",
+                reached(one.ideal, one.limit, not one.kept_ideal),
+                results[0],
+                reached(one.full_order, one.limit, not one.kept),
+                results[1],
+            )
+        )
+    if not rows:
+        return None
+    head = (
+        "Controller",
+        "From",
+        "Promise",
+        "Asked by",
+        "Not judged, as",
+        "Limit",
+        "Value",
+        "Result",
+        "Value",
+        "Result",
+    )
+    groups = (("", 6), ("Ideal inner loops", 2), ("Real inner loops", 2))
+    notes = (
+        "At the operating point that holds from that instant on, with the gains that the controller has there. Ideal: "
+        "the coupled model of the power loops. Real: the full-order model with inner loops, delay and sampling, which "
+        "is the one that counts. With ideal inner loops all modes are those of the power loops.",
+    )
+    return Table("Margins against what was asked for", head, tuple(rows), 5, groups, notes, frozenset(flagged))
+
+
+def promise_sentences(kept: Sequence[Kept]) -> list[str]:
+    """One sentence for each controller that misses a required margin, naming the worst first; none if all are kept."""
+    sentences = []
+    for name in dict.fromkeys(one.controller for one in kept):
+        judged = [one for one in kept if one.controller == name and not one.excuse]
+        missed = [one for one in judged if not one.kept]
+        if not missed:
+            continue
+        worst = min(missed, key=slack)
+        sign = "at least" if worst.at_least else "at most"
+        sentences.append(
+            f"With the real inner loops {name} misses {len(missed)} of the {len(judged)} margins that it was asked "
+            f"for, with ideal ones {sum(not one.kept_ideal for one in judged)}; worst from {plain(worst.t_s)} s on: "
+            f"{promise_title(worst).partition(' [')[0]} {reached(worst.full_order, worst.limit, True)} (ideal "
+            f"{reached(worst.ideal, worst.limit, not worst.kept_ideal)}) where {worst.source} "
+            f"ask{'' if worst.source.endswith('gates') else 's'} for {sign} {plain(worst.limit)}."
+        )
+    return sentences
+
+
+def slack(one: Kept) -> float:
+    """How far a margin is within its limit, relative to it; negative beyond it. An unstable loop is the worst."""
+    value = one.full_order
+    if math.isnan(value):
+        return -math.inf
+    return (value - one.limit if one.at_least else one.limit - value) / abs(one.limit)
+
+
+def reached(value: float, limit: float, missed: bool) -> str:
+    """A margin as a text beside its limit: an unstable loop has none."""
+    if math.isnan(value):
+        return "unstable"
+    return "∞" if math.isinf(value) else beside_limit(value, limit, missed, number, 3)

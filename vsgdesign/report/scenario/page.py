@@ -1,19 +1,22 @@
-"""The report of a scenario: one HTML file that contains everything and loads nothing. Its only scripts are those of
-the part on which one tries other grids."""
+"""The report of a scenario: one HTML file that contains everything and loads nothing, and a sheet to sign. Its only
+scripts are those of the part on which one tries other grids.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from vsgdesign.artifacts.files import write_new
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_text import proof_sentences, table_lines, table_summary
 from vsgdesign.identification.registry import why_no_c
 from vsgdesign.metrics import mean_in_words
 from vsgdesign.report.drawing.figures import WrittenFigure
 from vsgdesign.report.drawing.quantities import plain, plain_quantity
-from vsgdesign.report.inner.page import explanation as explanation_of
-from vsgdesign.report.inner.page import headline, inner_tables, what_for
 from vsgdesign.report.page.blocks import (
     BULLETS,
     HEADLINE,
@@ -26,19 +29,23 @@ from vsgdesign.report.page.blocks import (
     Page,
     Side,
     Span,
+    Table,
     Where,
     drawings,
     opening,
     words,
 )
-from vsgdesign.report.page.converter import converter_table, dc_link_text, filter_table, known_grid
+from vsgdesign.report.page.converter import converter_table, dc_link_text, filter_table, known_grid, phase_jump_blocks
 from vsgdesign.report.page.live import StaticPage, try_it, way_to_it
-from vsgdesign.report.page.phase_jumps import phase_jump_blocks
-from vsgdesign.report.scenario import estimate_tables, promise_tables, tables
+from vsgdesign.report.page.pdf import print_pdf, sheets_of
+from vsgdesign.report.scenario import estimate_tables, tables
 from vsgdesign.report.scenario.answer import scenario_answer, scenario_headline, steps_answer
-from vsgdesign.report.scenario.field_rests import answers_table, answers_text, field_controllers
-from vsgdesign.report.scenario.outcomes import step_outcomes
+from vsgdesign.report.scenario.field_figures import answers_table, answers_text
+from vsgdesign.report.scenario.outcomes import promise_sentences, promises_table, step_outcomes
+from vsgdesign.report.scenario.signals import field_controllers
 from vsgdesign.report.scenario.verdict import explanation, placing_text, survival_sentence, verdict
+from vsgdesign.report.stability.inner import explanation as explanation_of
+from vsgdesign.report.stability.inner import headline, inner_tables, what_for
 from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
 from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles
@@ -69,7 +76,7 @@ def scenario_page(
     answer = scenario_headline(result, outcomes)
     answers = [scenario_answer(result, outcomes, kept, judged), steps_answer(result, outcomes)]
     said = [answers_text(result, controller) for _, controller in field_controllers(result)]
-    said += [*verdict(result, outcomes), *promise_tables.promise_sentences(kept), *_designed(result, inner)]
+    said += [*verdict(result, outcomes), *promise_sentences(kept), *_designed(result, inner)]
     why = explanation(outcomes)
     blocks: list[Block | None] = [
         words(f"Parameters: {study.source}" if study.source else "", style=SOURCE),
@@ -85,7 +92,7 @@ def scenario_page(
         tables.targets_table(outcomes) if outcomes else None,
         Heading("Figures"),
         *drawings(figures[1:]),
-        *_with_heading("Margins against what was asked for", promise_tables.promises_table(kept)),
+        *_with_heading("Margins against what was asked for", promises_table(kept)),
         Heading("System"),
         Side((converter_table(result), filter_table(result))),
         tables.controllers_table(result),
@@ -336,3 +343,74 @@ def limits_of_validity(result: ScenarioResult) -> list[str]:
         f"a row every {plain_quantity(study.simulation.log_interval, 's')}."
     )
     return items
+
+
+_MOST = (30, 20, 14, 10, 7, 5, 3, 2, 1)
+"""Rows of a table, fewer and fewer until all is on one sheet."""
+
+_TO_SIGN = "Name, date, signature: ______________________________________________________________________"
+
+
+def write_sheet(result: ScenarioResult, document: Mapping[str, Any], out_path: str | Path) -> None:
+    """Write a PDF of one sheet, which must not be there yet: a signed one is never replaced.
+
+    ``document`` is the content of results.json, with its hash. Raises ArtifactError.
+    """
+    pages = (sheet_page(result, document, most) for most in _MOST)
+    fits = next((page for page in pages if sheets_of(page) == 1), None)
+    with TemporaryDirectory() as folder:
+        made = print_pdf(fits or sheet_page(result, document, _MOST[-1]), Path(folder) / "sheet.pdf")
+        write_new(out_path, made.read_bytes())
+
+
+def sheet_page(result: ScenarioResult, document: Mapping[str, Any], most: int = _MOST[0]) -> Page:
+    """The page of a sheet, with at most so many rows of each table; what is left out is counted."""
+    study = result.study
+    outcomes, kept, judged = step_outcomes(result), promises_kept(result), judge_estimates(result)
+    answer = scenario_answer(result, outcomes, kept, judged)
+    evidence = [*lines_of_tables(result), *promise_sentences(kept)]
+    blocks: list[Block] = [
+        words(f"Parameters: {study.source}" if study.source else "", style=SOURCE),
+        *left_out(result),
+        *opening(scenario_headline(result, outcomes), [replace(answer, notes=())], ()),
+        *(_in_line(table) for table in (converter_table(result), filter_table(result))),
+        _first(tables.controllers_table(result), most),
+        *(_first(tables.gains_table(result, controller), most) for controller in result.controllers[:most]),
+        Heading("Evidence", 3),
+        *([_first(tables.targets_table(outcomes), most)] if outcomes else []),
+        *map(Note, evidence),
+        Heading("Limits", 3),
+        *map(Note, limits_of_validity(result)),
+        _hashes(document),
+        words(_TO_SIGN),
+    ]
+    origin = ("Study ", Span(study.name, code=True), ".")
+    return Page(f"{study.title}: sheet of a run", blocks, origin)
+
+
+def _hashes(document: Mapping[str, Any]) -> Table:
+    """SHA-256 of what the sheet stands for; results.json has those of all files of its folder."""
+    files = document["files"]
+    made = [
+        name for name in files if name.endswith((".table.json", ".weights.json", ".c/manifest.json", "report.html"))
+    ]
+    rows = [("study, with all that it is based on", document["study"]["hash"]), ("results.json", document["sha256"])]
+    return Table("Hashes (SHA-256)", ("File", "Hash"), (*rows, *((name, files[name]) for name in made)), texts=2)
+
+
+def _in_line(table: Table) -> Note:
+    """A table of quantities and values as one paragraph."""
+    said = ["" if not name else f"{name}: {value}" for name, value in table.rows]
+    said = [text or f"{value}" for text, (_, value) in zip(said, table.rows, strict=True)]
+    return Note(f"{table.title}. {'. '.join(said)}.")
+
+
+def _first(table: Table, most: int) -> Table:
+    """The first rows of a table, without its notes."""
+    left = _more(len(table.rows) - most)
+    flagged = frozenset(row for row in table.flagged if row < most)
+    return replace(table, rows=table.rows[:most], flagged=flagged, notes=(left,) if left else ())
+
+
+def _more(left: int) -> str:
+    return f"… and {left} more in report.html." if left > 0 else ""

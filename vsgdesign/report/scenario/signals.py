@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 from vsgdesign.equations.dc_sources.converter import UNLIMITED_J
 from vsgdesign.equations.frames import clarke, peak_to_rms
 from vsgdesign.metrics import EventMetrics, cycle_mean
+from vsgdesign.metrics.answers import Answers, answers_of
 from vsgdesign.report.drawing.quantities import prefix_for
 from vsgdesign.report.drawing.time_axis import Trace, ripple_level
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, samples_per_mean
 from vsgdesign.study.parameters.dc_link import DcLink
+from vsgdesign.study.parameters.grid import Grid
 
 Array = NDArray[np.float64]
 
@@ -211,3 +214,70 @@ def _staircase(times: list[float], values: list[float], end_s: float) -> tuple[A
     edges = [*times, end_s]
     t = np.repeat(edges, 2)[1:-1]
     return t, np.repeat(np.asarray(values, dtype=float), 2)
+
+
+SETTLE_S = 4.0
+"""From an event to the rest after it, s. What the estimator reaches at rest needs this long."""
+
+LEAST_S = 0.5
+"""Shortest rest that says anything, s."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A stretch of a scenario in which nothing happens."""
+
+    begin_s: float
+    end_s: float
+    grid: Grid
+
+    def rows(self, t_s: Array) -> NDArray[np.bool_]:
+        """Which instants belong to it."""
+        return (t_s >= self.begin_s) & (t_s < self.end_s)
+
+
+def field_controllers(result: ScenarioResult) -> list[tuple[int, ControllerResult]]:
+    """Place among all controllers, which gives the colour, and the controllers that have the field estimator."""
+    return [
+        (k, controller)
+        for k, controller in enumerate(result.controllers)
+        if controller.estimates is not None and controller.estimates.cycles is not None
+    ]
+
+
+def field_answers(result: ScenarioResult, controller: ControllerResult) -> Answers:
+    """The answers of a controller with the field estimator, as the metrics take them."""
+    log = controller.estimates
+    if log is None or log.cycles is None:
+        raise ValueError(f"{controller.spec.name} has no field estimator")
+    said = log.cycles
+    return answers_of(
+        log.t_s,
+        (log.R_g, log.L_g),
+        (log.R_g_hat, log.L_g_hat),
+        (said.var_R, said.cov_RL, said.var_L),
+        np.asarray(said.valid) > 0.5,
+        np.asarray(said.changed) > 0.5,
+        omega_n=result.study.converter.omega_n,
+        end_s=result.study.simulation.duration,
+    )
+
+
+def rests_of(result: ScenarioResult) -> tuple[Rest, ...]:
+    """From ``SETTLE_S`` after each event, or after the start, to the next event or the end, while the grid
+    is there."""
+    duration = result.study.simulation.duration
+    edges = [0.0, *sorted({event.t_s for event in result.study.events if 0.0 < event.t_s < duration}), duration]
+    return tuple(
+        Rest(begin + SETTLE_S, end, result.timeline.grid_at(begin + SETTLE_S))
+        for begin, end in itertools.pairwise(edges)
+        if end - begin >= SETTLE_S + LEAST_S and result.timeline.network_at(begin).connected
+    )
+
+
+def valid_at_rest(result: ScenarioResult, answers: Answers) -> NDArray[np.bool_]:
+    """Which answers are valid and belong to a rest."""
+    at_rest = np.zeros(len(answers.t_s), dtype=bool)
+    for rest in rests_of(result):
+        at_rest |= answers.rows(rest.begin_s, rest.end_s)
+    return at_rest & answers.valid

@@ -32,10 +32,9 @@ from vsgdesign.report.page.blocks import (
     opening,
     words,
 )
-from vsgdesign.report.page.converter import converter_table, filter_table, specs_table
+from vsgdesign.report.page.converter import converter_table, filter_table, phase_jump_blocks, specs_table
 from vsgdesign.report.page.html import text_file
 from vsgdesign.report.page.network import network_block
-from vsgdesign.report.page.phase_jumps import phase_jump_blocks
 from vsgdesign.report.stability import tables as made
 from vsgdesign.report.stability.frequency import frequency_figures
 from vsgdesign.report.stability.maps import map_figures

@@ -45,8 +45,7 @@ def diff(a: str, b: str, as_json: bool) -> None:
     if as_json:
         print_json(found.document())
     else:
-        from vsgdesign.report.page.terminal import print_terminal
-        from vsgdesign.report.terminals import diff_blocks
+        from vsgdesign.report.page.terminal import diff_blocks, print_terminal
 
         print_terminal(diff_blocks(found.document()))
     if found.worse:

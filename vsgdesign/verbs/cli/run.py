@@ -155,7 +155,7 @@ def _run(
 
             blocks.extend(terminal_blocks(result))
         if sheet is not None:
-            from vsgdesign.report.scenario.sheet import write_sheet
+            from vsgdesign.report.scenario.page import write_sheet
 
             write_sheet(result, document, sheet)
 
@@ -314,8 +314,8 @@ def inner(study_file: str, out: str | None, what_if: bool, remedies: bool, as_js
         if as_json:
             print_json(document)
             return
-        from vsgdesign.report.inner.page import inner_page
         from vsgdesign.report.page.terminal import print_terminal
+        from vsgdesign.report.stability.inner import inner_page
 
         kept = inner_loops_file(study_file)
         file = str(kept) if found.designed and kept.exists() else None

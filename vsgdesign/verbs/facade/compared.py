@@ -180,7 +180,7 @@ class Difference(Shown):
 
     def sentences(self) -> Sequence[str]:
         """How much changed, and whether a verdict got worse."""
-        from vsgdesign.report.terminals import diff_sentence
+        from vsgdesign.report.page.terminal import diff_sentence
 
         return [diff_sentence(self.changes.document())]
 

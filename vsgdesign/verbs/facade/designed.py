@@ -121,7 +121,7 @@ class InnerLoops(Shown):
 
     def sentences(self) -> Sequence[str]:
         """The answer, what limits, and what would help, as on the page."""
-        from vsgdesign.report.inner.page import explanation, headline, what_for
+        from vsgdesign.report.stability.inner import explanation, headline, what_for
 
         document = self.to_dict()
         return [headline(document), what_for(document), *explanation(document)]
@@ -133,7 +133,7 @@ class InnerLoops(Shown):
         return plain(inner_document(self.assessment))
 
     def _figures(self) -> Iterator[NamedFigure]:
-        from vsgdesign.report.inner.page import inner_figures
+        from vsgdesign.report.stability.inner import inner_figures
 
         yield from inner_figures(self.assessment.score)
 

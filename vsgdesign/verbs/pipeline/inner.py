@@ -139,8 +139,8 @@ def report_inner_loops(
     The folder appears when everything is done. Raises ArtifactError.
     """
     from vsgdesign.report.drawing.figures import write_all
-    from vsgdesign.report.inner.page import inner_figures, inner_page
     from vsgdesign.report.page.html import print_html
+    from vsgdesign.report.stability.inner import inner_figures, inner_page
 
     tell = progress or silent
     with staged_folder(out, VERB, inputs=study.input_files) as folder:

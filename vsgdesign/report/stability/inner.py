@@ -26,7 +26,7 @@ from vsgdesign.report.page.blocks import (
     drawings,
     words,
 )
-from vsgdesign.report.page.phase_jumps import phase_jump_blocks
+from vsgdesign.report.page.converter import phase_jump_blocks
 from vsgdesign.study.parameters.inner_loops import ENOUGH_SAMPLING
 
 _SHOWN = 7
