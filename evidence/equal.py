@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-CALL = [sys.executable, "-m", "vsgdesign.verbs.cli"]
+CALL = [sys.executable, "-m", "vsgdesign"]
 DONE = "exits.json"
 """A finished job has this file: the exit code of each of its calls."""
 

@@ -28,7 +28,7 @@ API = {
         (
             "vsgdesign.verbs.facade.studies",
             "vsgdesign.verbs.facade.simulated",
-            "vsgdesign.verbs.facade.assessed",
+            "vsgdesign.verbs.facade.designed",
             "vsgdesign.verbs.facade.tables",
             "vsgdesign.verbs.facade.shown",
         ),

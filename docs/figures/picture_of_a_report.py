@@ -33,7 +33,7 @@ def main() -> None:
     for verb, study in dict.fromkeys(PICTURES[name][0] for name in names):
         with tempfile.TemporaryDirectory() as folder:
             file = ROOT / "studies" / study / "study.toml"
-            run = [sys.executable, "-m", "vsgdesign.verbs.cli", verb, str(file), "--out", f"{folder}/run"]
+            run = [sys.executable, "-m", "vsgdesign", verb, str(file), "--out", f"{folder}/run"]
             subprocess.run(run, check=True, cwd=ROOT)
             for name in names:
                 if PICTURES[name][0] == (verb, study):

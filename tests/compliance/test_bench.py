@@ -34,7 +34,7 @@ from vsgdesign.study.parameters.grid import Sag
 from vsgdesign.study.parameters.loading import study_from_text
 from vsgdesign.study.parameters.network import Fault, Load, SynchroCheck
 from vsgdesign.study.parameters.toml_file import parse_toml
-from vsgdesign.verbs.pipeline.explorer_links import explorer_link
+from vsgdesign.verbs.pipeline.live_part import explorer_link
 
 JUMP = Event.of_pu(0.0, phase_deg=30.0)
 SURVIVED = Criterion(measure="survived", at_least=1.0)

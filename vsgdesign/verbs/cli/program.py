@@ -10,16 +10,13 @@ with signals_end():  # Ctrl-C while modules are loaded is one line, too
     import click
 
     from vsgdesign import __version__
-    from vsgdesign.verbs.cli.campaigns import comply, survive, verify
+    from vsgdesign.verbs.cli.campaigns import comply, size, survive, verify
     from vsgdesign.verbs.cli.common import streams_can_print
     from vsgdesign.verbs.cli.estimator import estimator
     from vsgdesign.verbs.cli.explore import explore
-    from vsgdesign.verbs.cli.export import export
-    from vsgdesign.verbs.cli.given_results import cite, diff
+    from vsgdesign.verbs.cli.export import export, pil
     from vsgdesign.verbs.cli.inputs import grid, new
-    from vsgdesign.verbs.cli.pil import pil
-    from vsgdesign.verbs.cli.run import compare, inner, run, simulate, validate
-    from vsgdesign.verbs.cli.size import size
+    from vsgdesign.verbs.cli.run import cite, compare, diff, inner, run, simulate, validate
     from vsgdesign.verbs.cli.stability import certify, design, margins, report
     from vsgdesign.verbs.cli.table import table
 

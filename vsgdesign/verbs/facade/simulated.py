@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.verbs.facade.assessed import Margins
+from vsgdesign.verbs.facade.designed import Margins
 from vsgdesign.verbs.facade.shown import BRIDGES, Bridge, Shown, frame_of, given_study, known_word, names_of
 from vsgdesign.verbs.facade.tables import DesignedTable
 

@@ -204,7 +204,7 @@ class _Known:
 
 
 def _known_before(job: SuiteJob) -> _Known:
-    from vsgdesign.verbs.pipeline.explorer_links import explorer_link
+    from vsgdesign.verbs.pipeline.live_part import explorer_link
 
     study = job.study
     links = {
