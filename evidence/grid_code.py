@@ -24,8 +24,7 @@ from vsgdesign.campaigns.compliance.rows import FAIL, IMPOSSIBLE, NOT_APPLICABLE
 from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.metrics.survival import NOT_AT_REST, SURVIVED
 from vsgdesign.study.parameters import load_study
-from vsgdesign.study.parameters.grid import Sag
-from vsgdesign.study.parameters.network import PHASE_TO_PHASE, Fault
+from vsgdesign.study.parameters.grid import PHASE_TO_PHASE, Fault, Sag
 from vsgdesign.verbs.pipeline.survival import survival_tables
 
 Result = tuple[GridCodeTask, dict[str, Any]]

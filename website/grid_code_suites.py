@@ -10,7 +10,7 @@ from vsgdesign.campaigns.compliance.envelopes import ENVELOPES
 from vsgdesign.campaigns.compliance.measures import MEASURES
 from vsgdesign.campaigns.compliance.suite import OURS, READ, SECONDARY, USER, Criterion, Source, Suite, SuiteTest
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
-from vsgdesign.study.parameters.network import PHASE_TO_PHASE, THREE_PHASE
+from vsgdesign.study.parameters.grid import PHASE_TO_PHASE, THREE_PHASE
 
 CONFIDENCE_WORDS = {
     READ: "read in the source",

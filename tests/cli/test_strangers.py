@@ -19,9 +19,9 @@ from tests.cli.small_studies import SMALL, call, failure, study_file
 from vsgdesign.artifacts.time_series import read_npz
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.estimator.data_set import read_arrays
+from vsgdesign.study.given_files import MOST_LEVELS, parse_toml
 from vsgdesign.study.parameters.record import read_record
 from vsgdesign.study.parameters.record_columns import RecordError
-from vsgdesign.study.parameters.toml_file import MOST_LEVELS, parse_toml
 
 PACKAGE = Path(__file__).resolve().parents[2] / "vsgdesign"
 SECRET = 'SECRET-4711 line\n= "SECRET-4711"\n'

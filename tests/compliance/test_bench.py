@@ -29,11 +29,10 @@ from vsgdesign.campaigns.compliance.suite import Criterion, Suite, SuiteTest
 from vsgdesign.equations.frames import SPACE_VECTOR_POWER
 from vsgdesign.report.explore.session import start_of
 from vsgdesign.report.explore.state import state_of
+from vsgdesign.study.given_files import parse_toml
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.grid import Sag
+from vsgdesign.study.parameters.grid import Fault, Load, Sag, SynchroCheck
 from vsgdesign.study.parameters.loading import study_from_text
-from vsgdesign.study.parameters.network import Fault, Load, SynchroCheck
-from vsgdesign.study.parameters.toml_file import parse_toml
 from vsgdesign.verbs.pipeline.live_part import explorer_link
 
 JUMP = Event.of_pu(0.0, phase_deg=30.0)

@@ -12,8 +12,8 @@ from vsgdesign.campaigns.compliance.case import Subject
 from vsgdesign.campaigns.compliance.reading import suite_from_text
 from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.errors import StudyError
+from vsgdesign.study.parameters.grid import Fault
 from vsgdesign.study.parameters.loading import study_from_text
-from vsgdesign.study.parameters.network import Fault
 
 STUDY = study_from_text(
     """

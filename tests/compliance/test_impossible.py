@@ -17,8 +17,8 @@ from vsgdesign.campaigns.compliance.case import Subject
 from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.campaigns.compliance.suite import Criterion, SuiteTest
 from vsgdesign.study.parameters.event import Event
+from vsgdesign.study.parameters.grid import Fault, Load
 from vsgdesign.study.parameters.loading import study_from_text
-from vsgdesign.study.parameters.network import Fault, Load
 
 DROP = Event.of_pu(0.0, P_pu=0.1)
 

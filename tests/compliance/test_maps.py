@@ -17,7 +17,7 @@ from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.simulation.survival import GridKnowledge, GridState, Subject, SurvivalCase, run_case
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.network import Load, Network
+from vsgdesign.study.parameters.grid import Load, Network
 
 
 @functools.cache

@@ -11,7 +11,7 @@ import pytest
 from tests.compliance.made_runs import made_run, made_trace, times
 from vsgdesign.campaigns.compliance.measures import MEASURES
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.network import Fault
+from vsgdesign.study.parameters.grid import Fault
 
 W = 2.0 * math.pi * 50.0
 JUMP = Event.of_pu(0.1, phase_deg=-10.0)

@@ -21,9 +21,8 @@ from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.simulation.units import plant_timeline, simulate_plant
 from vsgdesign.simulation.units.scenario import run_plant
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.grid import Grid
+from vsgdesign.study.parameters.grid import Grid, Load, Network
 from vsgdesign.study.parameters.loading import study_from_text
-from vsgdesign.study.parameters.network import Load, Network
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.comply import study_for_suites
 from vsgdesign.verbs.pipeline.one_unit import written_as_unit

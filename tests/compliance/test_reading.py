@@ -10,9 +10,8 @@ from vsgdesign.campaigns.compliance.reading import SUITES, suite_from_text, suit
 from vsgdesign.campaigns.compliance.suite import Criterion
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.parameters.event import BASIS, Event
-from vsgdesign.study.parameters.grid import Place, Sag
-from vsgdesign.study.parameters.network import Fault as ShortCircuit
-from vsgdesign.study.parameters.network import Load
+from vsgdesign.study.parameters.grid import Fault as ShortCircuit
+from vsgdesign.study.parameters.grid import Load, Place, Sag
 
 ONE = """
 [[tests]]

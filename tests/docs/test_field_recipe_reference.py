@@ -13,7 +13,7 @@ from vsgdesign.estimator.recipe_fields import check_recipe
 from vsgdesign.estimator.recipes import FIELD, FIELD_RECIPES, FieldRecipe
 from vsgdesign.study.parameters.estimator import FIELD_RECIPES as NAMES
 from vsgdesign.study.parameters.fields import at, fields_of
-from vsgdesign.study.parameters.spreads import Spread, one_of
+from vsgdesign.study.parameters.ranges import Spread, one_of
 
 FIELD_FIELDS = {one.name: one for one in fields_of(FieldRecipe)}
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "estimator.md"

@@ -13,7 +13,7 @@ from vsgdesign.estimator.recipe_fields import check_recipe
 from vsgdesign.estimator.recipes import CONTINUOUS, WINDOW_RECIPES, WindowRecipe
 from vsgdesign.study.parameters.estimator import RECIPES as NAMES
 from vsgdesign.study.parameters.fields import Field, at, fields_of
-from vsgdesign.study.parameters.spreads import Spread, one_of
+from vsgdesign.study.parameters.ranges import Spread, one_of
 
 FIELDS = {one.name: one for one in fields_of(WindowRecipe)}
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "windows.md"

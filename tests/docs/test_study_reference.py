@@ -31,14 +31,13 @@ from vsgdesign.study.parameters import (
     scenario,
     sensors,
     specification,
-    stability,
     study_from_text,
     verification,
 )
 from vsgdesign.study.parameters.building import Sections
 from vsgdesign.study.parameters.fields import fields_of
+from vsgdesign.study.parameters.loading import tables_of
 from vsgdesign.study.parameters.reader import REQUIRED, TableReader
-from vsgdesign.study.parameters.reference import tables_of
 from website.study_file import HEADER, table_lines
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -324,7 +323,6 @@ def test_the_two_studies_reach_every_reader(asked: dict[tuple[str, str], list[As
         scenario,
         sensors,
         specification,
-        stability,
         verification,
     ):
         for node in ast.walk(ast.parse(inspect.getsource(module))):

@@ -23,7 +23,7 @@ from vsgdesign.estimator.recipes import (
 )
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.converter import Converter
-from vsgdesign.study.parameters.spreads import one_of
+from vsgdesign.study.parameters.ranges import one_of
 
 BASE = study_from_text(
     'base = "case:hoang2025_5kva"\nsimulation = { duration = "1 s", P_ref = 0, Q_ref = 0 }\n'

@@ -17,7 +17,7 @@ from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.operating_point.sampled import steady_state
 from vsgdesign.study.parameters import Study, study_from_text
-from vsgdesign.study.parameters.spreads import log_uniform, one_of, uniform
+from vsgdesign.study.parameters.ranges import log_uniform, one_of, uniform
 
 TEXT = """
 base = "case:{case}"

@@ -18,7 +18,7 @@ from vsgdesign.estimator.data_set import DataSet, read_data_set
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED
 from vsgdesign.estimator.specification import WINDOW_NETWORK, WORK, generate
 from vsgdesign.execution.journal import kept_count, kept_folder
-from vsgdesign.study.parameters.spreads import log_uniform, one_of, uniform
+from vsgdesign.study.parameters.ranges import log_uniform, one_of, uniform
 
 STUDY = lc_study("1 s")
 SMALL = replace(CONTINUOUS, name="small", bridge="averaged", scenarios=6, before=1, after=2, channels="alpha_beta")

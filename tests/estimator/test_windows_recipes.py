@@ -12,7 +12,7 @@ import pytest
 from vsgdesign.errors import StudyError
 from vsgdesign.estimator.recipe_fields import check_recipe
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WINDOW_RECIPES
-from vsgdesign.study.parameters.spreads import Spread, log_uniform, one_of, uniform
+from vsgdesign.study.parameters.ranges import Spread, log_uniform, one_of, uniform
 
 load_recipe, named_recipe = WINDOW_RECIPES.load, WINDOW_RECIPES.named
 

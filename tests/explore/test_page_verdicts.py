@@ -34,7 +34,7 @@ from vsgdesign.simulation.seen_sample import (
     seen_frequency,
     seen_voltage,
 )
-from vsgdesign.study.parameters.stability import ProtectionLimits
+from vsgdesign.study.parameters.specification import ProtectionLimits
 
 
 def answered(name: str, **given: float) -> list[float]:

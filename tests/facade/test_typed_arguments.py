@@ -15,7 +15,7 @@ import pytest
 import vsgdesign as vd
 from vsgdesign.study.parameters.building import Sections
 from vsgdesign.study.parameters.fields import Field, fields_of
-from vsgdesign.study.parameters.reference import tables_of, type_text
+from vsgdesign.study.parameters.loading import tables_of, type_text
 from vsgdesign.verbs.facade import studies
 from website.study_file import argument_line
 

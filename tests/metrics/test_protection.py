@@ -17,7 +17,7 @@ from vsgdesign.simulation.lanes.results import STATUSES
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import study_from_text
-from vsgdesign.study.parameters.stability import ProtectionLimits
+from vsgdesign.study.parameters.specification import ProtectionLimits
 
 STEP, CYCLE = 1e-3, 0.02
 T = np.arange(0.0, 3.0, STEP)

@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 from tests.oracles.emt_circuit import Changing
 from tests.oracles.network_reference import network_matrices, states
 from vsgdesign.study.parameters import Study
-from vsgdesign.study.parameters.network import Fault
+from vsgdesign.study.parameters.grid import Fault
 
 _TURN = {phase: cmath.exp(2j * math.pi * k / 3.0) for k, phase in enumerate("abc")}
 

@@ -13,7 +13,7 @@ from scipy.integrate import DOP853
 
 from tests.oracles.network_reference import network_matrices, states
 from vsgdesign.study.parameters import Grid, Study
-from vsgdesign.study.parameters.network import PLAIN, Network
+from vsgdesign.study.parameters.grid import PLAIN, Network
 
 _RELATIVE = 1e-10
 ABSOLUTE_PU = 1e-13

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.study.parameters import Grid, Study
-from vsgdesign.study.parameters.network import Load, Network
+from vsgdesign.study.parameters.grid import Load, Network
 
 Array = NDArray[np.float64]
 

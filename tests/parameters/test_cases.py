@@ -15,7 +15,7 @@ from tests.parameters.documents import build
 from vsgdesign.equations.frames import phase_to_ll
 from vsgdesign.study.parameters import Study, case_names
 from vsgdesign.study.parameters.grid import Place
-from vsgdesign.study.parameters.units import parse_quantity
+from vsgdesign.study.parameters.reader import parse_quantity
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "converters.md"
 

@@ -27,11 +27,11 @@ from vsgdesign.study.given_files import (
     check_unpacked,
     open_given,
     read_given,
+    read_toml,
 )
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.record import read_record
 from vsgdesign.study.parameters.record_columns import RecordError
-from vsgdesign.study.parameters.toml_file import read_toml
 
 READERS = {
     "table": (read_table_file, ArtifactError),

@@ -11,10 +11,10 @@ import pytest
 from tests.parameters.documents import build, case_document, changed, faults_of, the_fault
 from vsgdesign.errors import Fault as Wrong
 from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.study.given_files import toml_text
 from vsgdesign.study.parameters import study_from_text
-from vsgdesign.study.parameters.grid import Sag
+from vsgdesign.study.parameters.grid import PLAIN, Fault, Load, Network, Sag, SynchroCheck
 from vsgdesign.study.parameters.loading import changed as with_changes
-from vsgdesign.study.parameters.network import PLAIN, Fault, Load, Network, SynchroCheck
 from vsgdesign.study.parameters.network_fields import (
     Base,
     fault_document,
@@ -25,7 +25,6 @@ from vsgdesign.study.parameters.network_fields import (
     sag_document,
 )
 from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.toml_file import toml_text
 
 BASE = Base(7.26, 100.0 * math.pi, 5000.0)
 

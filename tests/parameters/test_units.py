@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.examples import examples
-from vsgdesign.study.parameters.units import UnitError, format_quantity, parse_quantity
+from vsgdesign.study.parameters.reader import UnitError, format_quantity, parse_quantity
 
 PREFIXES = {"p": -12, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 PREFIXED = [

@@ -25,7 +25,7 @@ from vsgdesign.simulation.run_state import RunState
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.search import found_events
 from vsgdesign.study.parameters import Study, study_from_text
-from vsgdesign.study.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Network
+from vsgdesign.study.parameters.grid import PHASE_TO_PHASE, PLAIN, Fault, Network
 
 ASKED_S = 0.22
 

@@ -22,7 +22,7 @@ from vsgdesign.simulation.at_pcc import AtPcc, pcc_vectors
 from vsgdesign.simulation.scenario import derive_series, run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, study_from_text
-from vsgdesign.study.parameters.network import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
+from vsgdesign.study.parameters.grid import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
 from vsgdesign.study.parameters.study import Event
 
 CHANGES = [GainChange(0.0, GAINS)]

@@ -14,7 +14,7 @@ from vsgdesign.report.stability.tables import worst_table
 from vsgdesign.report.stability.verdict import gates_text, stability_headline
 from vsgdesign.simulation.stability_result import StabilityResult
 from vsgdesign.study.parameters import Study, study_from_text
-from vsgdesign.study.parameters.stability import DEFAULT_SCR
+from vsgdesign.study.parameters.specification import MAP_SCR
 
 FIXED = """
 base = "case:hoang2025_5kva"
@@ -72,7 +72,7 @@ def test_axes_are_those_of_the_specification(asked: StabilityResult) -> None:
     assert (stability.scr[0], stability.scr[-1]) == (2.0, 3.0)
     assert (stability.x_over_r[0], stability.x_over_r[-1]) == (1.0, 1.5)
     assert np.max(np.divide(stability.scr[1:], stability.scr[:-1])) < 1.7
-    assert study_of(specification="").stability.scr == DEFAULT_SCR
+    assert study_of(specification="").stability.scr == MAP_SCR
     assert set(ours(asked).values()) == {PASS}
     assert stability_headline(asked) == "fixed meets all of its gates."
 

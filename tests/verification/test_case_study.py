@@ -23,10 +23,10 @@ from vsgdesign.report.scenario.verdict import verdict as verdict_text
 from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.study.given_files import toml_text
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.grid import GridEstimate
 from vsgdesign.study.parameters.loading import load_study
-from vsgdesign.study.parameters.toml_file import toml_text
 
 UTILITY = Path(__file__).resolve().parents[2] / "studies" / "survival" / "utility.toml"
 

@@ -27,8 +27,7 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.study.parameters import study_from_text
-from vsgdesign.study.parameters.grid import Grid, GridSource
-from vsgdesign.study.parameters.network import Load, Network
+from vsgdesign.study.parameters.grid import Grid, GridSource, Load, Network
 from vsgdesign.study.parameters.study import Study
 
 LIMITED = """

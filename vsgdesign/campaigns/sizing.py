@@ -26,8 +26,8 @@ from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.dc_link import DcLink
+from vsgdesign.study.parameters.reader import format_quantity
 from vsgdesign.study.parameters.study import ControllerSpec, Study
-from vsgdesign.study.parameters.units import format_quantity
 
 Array = NDArray[np.float64]
 

@@ -37,7 +37,7 @@ from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe
 from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.identification.interface import ProbeLines
 from vsgdesign.identification.two_windows import TwoWindows
-from vsgdesign.study.parameters.spreads import one_of
+from vsgdesign.study.parameters.ranges import one_of
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

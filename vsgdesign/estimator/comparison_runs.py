@@ -30,8 +30,8 @@ from vsgdesign.simulation.at_pcc import pcc_vectors
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.grid import Grid, SourceComponent
+from vsgdesign.study.parameters.ranges import Spread
 from vsgdesign.study.parameters.sensors import draw_sensors
-from vsgdesign.study.parameters.spreads import Spread
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 LINE_ORDERS = (1.5, 2.5)

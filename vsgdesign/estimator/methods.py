@@ -21,7 +21,7 @@ from vsgdesign.identification import ESTIMATORS, GUESS_SCR, Estimator, Estimator
 from vsgdesign.identification.interface import Array
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.grid import Grid, Place
-from vsgdesign.study.parameters.spreads import one_of
+from vsgdesign.study.parameters.ranges import one_of
 from vsgdesign.study.parameters.study import Study
 
 BEFORE, AFTER = 10, 40

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from vsgdesign.artifacts.files import plain
 from vsgdesign.errors import Fault, StudyError, did_you_mean
+from vsgdesign.study.given_files import read_toml
 from vsgdesign.study.parameters.fields import document, fields_of, read, section, text, values
 from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.toml_file import read_toml
 
 _OF_A_STUDY = {"study", "converter", "simulation", "controllers"}
 """Sections of a study, by which one is recognised."""

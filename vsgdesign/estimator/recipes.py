@@ -17,7 +17,7 @@ from vsgdesign.identification.interface import CHANNELS
 from vsgdesign.identification.sampling import EXACT, LEAST_PER_CYCLE, MOST_CYCLES, NEAR, choose_window
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.fields import flag, number, section, spread, texts, whole, word
-from vsgdesign.study.parameters.spreads import Spread, log_uniform, one_of, uniform
+from vsgdesign.study.parameters.ranges import Spread, log_uniform, one_of, uniform
 
 _NOMINAL, _NONE = one_of(1.0), one_of(0.0)
 _CONVERTER = "it follows from the converter"

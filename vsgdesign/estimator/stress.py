@@ -23,7 +23,7 @@ from vsgdesign.estimator.methods import (
 )
 from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.execution.executors import Progress, silent
-from vsgdesign.study.parameters.spreads import one_of
+from vsgdesign.study.parameters.ranges import one_of
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.metrics.step_response import cycle_mean
-from vsgdesign.study.parameters.stability import ProtectionLimits
+from vsgdesign.study.parameters.specification import ProtectionLimits
 
 Array = NDArray[np.float64]
 

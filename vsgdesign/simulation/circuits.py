@@ -25,8 +25,7 @@ from vsgdesign.simulation.axes import Axes
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.converter import Converter
-from vsgdesign.study.parameters.grid import Grid, GridSource
-from vsgdesign.study.parameters.network import PLAIN, Network
+from vsgdesign.study.parameters.grid import PLAIN, Grid, GridSource, Network
 from vsgdesign.study.parameters.network_fields import Base, Said, network_words
 from vsgdesign.study.parameters.study import Study
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.frames import clarke_inverse
 from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.simulation.timeline import build_timeline
-from vsgdesign.study.parameters.network import PHASE_PAIRS, PHASE_TO_PHASE, THREE_PHASE, Fault, Network
+from vsgdesign.study.parameters.grid import PHASE_PAIRS, PHASE_TO_PHASE, THREE_PHASE, Fault, Network
 from vsgdesign.study.parameters.study import Event, Study
 
 Array = NDArray[np.float64]

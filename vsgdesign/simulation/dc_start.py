@@ -17,8 +17,8 @@ from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.linear.operating_point.dc_rest import power_of_plant
 from vsgdesign.simulation.dc_parts import dc_kind
 from vsgdesign.study.parameters.dc_link import DcLink
+from vsgdesign.study.parameters.reader import format_quantity
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.study.parameters.units import format_quantity
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, NOT_SETTLED, EventMetrics
+from vsgdesign.study.parameters.reader import format_quantity
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.study.parameters.units import format_quantity
 
 if TYPE_CHECKING:
     from vsgdesign.simulation.gains import GainChange

@@ -16,8 +16,7 @@ from vsgdesign.metrics.modes import to_continuous
 from vsgdesign.metrics.step_response import SETTLING_BAND, ResponseMetrics, step_response
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run import simulate
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.network import PLAIN
+from vsgdesign.study.parameters.grid import PLAIN, Grid
 from vsgdesign.study.parameters.study import Event, Study
 
 Array = NDArray[np.float64]

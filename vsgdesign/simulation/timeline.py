@@ -16,8 +16,7 @@ from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.equations.power_loops import References
 from vsgdesign.simulation.wander import Replay, Wander
 from vsgdesign.study.parameters.dc_link import DcLink
-from vsgdesign.study.parameters.grid import Grid, GridSource, SourceComponent
-from vsgdesign.study.parameters.network import PLAIN, Network
+from vsgdesign.study.parameters.grid import PLAIN, Grid, GridSource, Network, SourceComponent
 from vsgdesign.study.parameters.study import Event, Study
 
 _T = TypeVar("_T")

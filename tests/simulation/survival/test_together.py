@@ -20,8 +20,8 @@ from vsgdesign.simulation.survival import (
     run_case,
 )
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.network import Load, Network
-from vsgdesign.study.parameters.stability import ProtectionLimits
+from vsgdesign.study.parameters.grid import Load, Network
+from vsgdesign.study.parameters.specification import ProtectionLimits
 
 START = GridState(scr=5.0, x_over_r=3.0, P_pu=0.5, Q_pu=0.0)
 

@@ -22,18 +22,17 @@ from vsgdesign.simulation.reclosing import closings_of
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.scenario import KnownRests
+from vsgdesign.study.given_files import toml_text
 from vsgdesign.study.parameters.building import check_resonance
 from vsgdesign.study.parameters.converter import scope_of
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.events import read_events
 from vsgdesign.study.parameters.fields import DURATION
-from vsgdesign.study.parameters.grid import GridEstimate
+from vsgdesign.study.parameters.grid import GridEstimate, Network
 from vsgdesign.study.parameters.loading import study_from_document
-from vsgdesign.study.parameters.network import Network
 from vsgdesign.study.parameters.network_fields import CLEARED, Said, load_document
 from vsgdesign.study.parameters.reader import TableReader
 from vsgdesign.study.parameters.study import ControllerSpec, SimulationSpec, Study, StudyOrigin
-from vsgdesign.study.parameters.toml_file import toml_text
 
 WAIT_S = 5.0
 """For so long after its event a synchro-check may wait, s: an island 0.2 Hz off passes every angle in this time."""

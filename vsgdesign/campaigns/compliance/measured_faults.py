@@ -9,7 +9,7 @@ from vsgdesign.campaigns.compliance.measuring import NO_FINAL_VALUE, Measured, M
 from vsgdesign.metrics.sequences import Sequences, frame_angle, last_sequences, positive_sequence, sequences
 from vsgdesign.metrics.step_response import cycle_mean, first_time
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.network import Fault
+from vsgdesign.study.parameters.grid import Fault
 
 _NO_VOLTAGE = 0.02
 """Below this positive sequence, in pu, a voltage has no angle to which a current could be referred."""

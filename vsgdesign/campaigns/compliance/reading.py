@@ -24,13 +24,12 @@ from vsgdesign.campaigns.compliance.reading_tests import (
 )
 from vsgdesign.campaigns.compliance.suite import CONFIDENCES, ENVELOPE, USER, Criterion, Source, Suite, SuiteTest
 from vsgdesign.errors import Fault, StudyError, did_you_mean, nearest
+from vsgdesign.study.given_files import parse_toml, read_toml
 from vsgdesign.study.parameters.event import BASIS
 from vsgdesign.study.parameters.event_kinds import MOST_DF_HZ, MOST_POWER_PU
 from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, Place
 from vsgdesign.study.parameters.network_fields import read_load
-from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.toml_file import parse_toml, read_toml
-from vsgdesign.study.parameters.units import UnitError, parse_quantity
+from vsgdesign.study.parameters.reader import TableReader, UnitError, parse_quantity
 
 _FOLDER = resources.files("vsgdesign.campaigns.compliance") / "suites"
 

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 from vsgdesign.study.parameters.event import BASIS, Event
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
-from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, Place
-from vsgdesign.study.parameters.network import Load, Network
+from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS, Load, Network, Place
 from vsgdesign.study.parameters.network_fields import (
     CLEARED,
     CLOSED,

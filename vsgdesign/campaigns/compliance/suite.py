@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsgdesign.study.parameters.event import BASIS, Event
-from vsgdesign.study.parameters.grid import Place
-from vsgdesign.study.parameters.network import Load
+from vsgdesign.study.parameters.grid import Load, Place
 
 READ, SECONDARY, OURS, USER = "read", "secondary", "ours", "user"
 CONFIDENCES = (READ, SECONDARY, OURS, USER)

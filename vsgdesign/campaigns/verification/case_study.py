@@ -16,12 +16,12 @@ from vsgdesign.errors import Fault, StudyError
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.study.given_files import toml_text
 from vsgdesign.study.parameters.controllers import mean_time, poles_to_write
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.grid import GridEstimate, GridSource
 from vsgdesign.study.parameters.loading import study_from_document, with_files
 from vsgdesign.study.parameters.study import ControllerSpec, Study, StudyOrigin
-from vsgdesign.study.parameters.toml_file import toml_text
 
 _LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "network", "events", "grid", "simulation")
 """Sections of the study that a case does not have, or has in its own words."""

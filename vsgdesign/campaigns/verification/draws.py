@@ -31,7 +31,7 @@ from vsgdesign.study.parameters.case_families import FAMILIES, LOSS, families
 from vsgdesign.study.parameters.converter import scope_of
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.study.parameters.fields import at
-from vsgdesign.study.parameters.network import only_a_grid
+from vsgdesign.study.parameters.grid import only_a_grid
 from vsgdesign.study.parameters.ranges import Range, logarithmic_of, signed_of, uniform_of
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.study.parameters.verification import CaseBox, VerificationSpec

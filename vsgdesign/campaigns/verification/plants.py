@@ -41,6 +41,7 @@ from vsgdesign.simulation.lanes.units import Plants, run_plants
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.units.scenario import run_plant
 from vsgdesign.simulation.units.timeline import plant_timeline
+from vsgdesign.study.given_files import toml_text
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.case_families import LOSS, families
 from vsgdesign.study.parameters.event import Event
@@ -50,7 +51,6 @@ from vsgdesign.study.parameters.network_fields import OPEN, Said
 from vsgdesign.study.parameters.power_plant import Element, PowerPlant, Unit
 from vsgdesign.study.parameters.ranges import uniform_of
 from vsgdesign.study.parameters.study import ControllerSpec, Study
-from vsgdesign.study.parameters.toml_file import toml_text
 
 Array = NDArray[np.float64]
 

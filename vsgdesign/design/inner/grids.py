@@ -21,7 +21,7 @@ from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import GridSource, Place
 from vsgdesign.study.parameters.inner_loops import Reading, request_of
-from vsgdesign.study.parameters.stability import Gates, StabilitySpec
+from vsgdesign.study.parameters.specification import Gates, StabilitySpec
 from vsgdesign.study.parameters.study import (
     ClosedFormTarget,
     ControllerSpec,

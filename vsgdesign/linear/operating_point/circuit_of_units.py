@@ -18,8 +18,7 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.network import Equations, UndeterminedError, reduced
 from vsgdesign.linear.operating_point.plant import edge_polynomials, less_one
 from vsgdesign.study.parameters.converter import Filter
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.network import Load
+from vsgdesign.study.parameters.grid import Grid, Load
 from vsgdesign.study.parameters.power_plant import (
     GRID,
     NEUTRAL,

@@ -21,8 +21,7 @@ from vsgdesign.equations.frames import clarke
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit
 from vsgdesign.study.parameters.converter import Filter
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.network import FAULT_KINDS, PHASE_PAIRS, PHASE_TO_PHASE, Fault, Load, Network
+from vsgdesign.study.parameters.grid import FAULT_KINDS, PHASE_PAIRS, PHASE_TO_PHASE, Fault, Grid, Load, Network
 
 Array = NDArray[np.float64]
 

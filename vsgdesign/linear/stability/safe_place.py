@@ -30,10 +30,8 @@ from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.of_study import ControllerGains, follows_measured
 from vsgdesign.runtime.table import table_grids, table_schedule
-from vsgdesign.study.parameters.grid import GridSource, Place
-from vsgdesign.study.parameters.network import PLAIN
-from vsgdesign.study.parameters.specification import Specification
-from vsgdesign.study.parameters.stability import SurvivalSpec
+from vsgdesign.study.parameters.grid import PLAIN, GridSource, Place
+from vsgdesign.study.parameters.specification import Specification, SurvivalSpec
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]

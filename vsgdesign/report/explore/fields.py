@@ -35,12 +35,10 @@ from vsgdesign.report.explore.state import (
     state_of,
 )
 from vsgdesign.study.parameters.fields import Field, at, picked
-from vsgdesign.study.parameters.loading import changed_with_same_inner_loops
-from vsgdesign.study.parameters.reader import Asked
-from vsgdesign.study.parameters.reference import field_at, plain_meaning
+from vsgdesign.study.parameters.loading import changed_with_same_inner_loops, field_at, plain_meaning
+from vsgdesign.study.parameters.reader import Asked, UnitError, format_quantity, parse_quantity
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 from vsgdesign.study.parameters.targets import Gains
-from vsgdesign.study.parameters.units import UnitError, format_quantity, parse_quantity
 
 _MOST_CHOICES = 4
 """Values of a whole number that the page shows as a choice instead of a slider."""

@@ -16,11 +16,11 @@ from vsgdesign.report.explore.dc_side import with_written_charge
 from vsgdesign.report.explore.scene import Scene, scene_of, study_of
 from vsgdesign.report.explore.state import OWN, State
 from vsgdesign.simulation.steps import references_at
+from vsgdesign.study.given_files import toml_text
 from vsgdesign.study.parameters.controllers import mean_time, poles_to_write
 from vsgdesign.study.parameters.loading import study_from_document
+from vsgdesign.study.parameters.reader import format_quantity
 from vsgdesign.study.parameters.study import Study, StudyOrigin
-from vsgdesign.study.parameters.toml_file import toml_text
-from vsgdesign.study.parameters.units import format_quantity
 
 _LEFT_OUT = ("background", "sensors", "replay", "survival", "verification", "estimator", "grid", "simulation", "events")
 """Sections that the page does not show, or that the state says in other words."""

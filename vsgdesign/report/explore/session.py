@@ -16,7 +16,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.report.explore.state import State, StateError, defaults, faults_of, state_of
 from vsgdesign.report.explore.wire import Answer, never
-from vsgdesign.study.parameters.network import only_a_grid
+from vsgdesign.study.parameters.grid import only_a_grid
 from vsgdesign.study.parameters.study import Study
 
 if TYPE_CHECKING:

@@ -13,9 +13,8 @@ from vsgdesign.errors import Fault, StudyError, VsgDesignError
 from vsgdesign.study.parameters.controllers import read_power_gains
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
-from vsgdesign.study.parameters.reader import Asked, TableReader
+from vsgdesign.study.parameters.reader import Asked, TableReader, UnitError, parse_quantity
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.study.parameters.units import UnitError, parse_quantity
 
 EVENTS = ("step", "grid", "phase", "sag", "ramp")
 """Events of the page: step of a reference, jump of the impedance, phase jump, voltage sag, ramp of the frequency. The

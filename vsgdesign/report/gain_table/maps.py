@@ -20,7 +20,7 @@ from vsgdesign.report.drawing.panels import MOST, Frame, Panel, Surface, map_fig
 from vsgdesign.report.drawing.quantities import GAIN_UNITS, plain
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.stability.maps import DAMPING, DISK, gain_symbol, of_model, used_gains
-from vsgdesign.study.parameters.stability import Gates
+from vsgdesign.study.parameters.specification import Gates
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

@@ -21,7 +21,7 @@ from vsgdesign.report.drawing.time_axis import symbols
 from vsgdesign.report.stability.tables import MODEL_NAMES
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.stability_result import StabilityResult
-from vsgdesign.study.parameters.stability import Gates
+from vsgdesign.study.parameters.specification import Gates
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

@@ -17,8 +17,7 @@ from vsgdesign.simulation.segments import Segments
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.network import Network
+from vsgdesign.study.parameters.grid import Grid, Network
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

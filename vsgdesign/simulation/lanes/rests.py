@@ -33,8 +33,7 @@ from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling
 from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import settling_times_asked
-from vsgdesign.study.parameters.grid import Grid
-from vsgdesign.study.parameters.network import Network
+from vsgdesign.study.parameters.grid import Grid, Network
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

@@ -45,8 +45,7 @@ from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
 from vsgdesign.simulation.survival.demand import at_asked_powers, demand_of, field_demand, late_grid, settling_time_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
-from vsgdesign.study.parameters.grid import Grid, GridSource
-from vsgdesign.study.parameters.network import Load, Network, only_a_grid
+from vsgdesign.study.parameters.grid import Grid, GridSource, Load, Network, only_a_grid
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]

@@ -25,8 +25,7 @@ from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.survival.demand import demand_of, held_fault, silent_s_of
 from vsgdesign.simulation.survival.running import Subject, own_rest_of, record_of, rest_on, with_protection
 from vsgdesign.simulation.timeline import Timeline
-from vsgdesign.study.parameters.grid import Grid, GridSource
-from vsgdesign.study.parameters.network import Load
+from vsgdesign.study.parameters.grid import Grid, GridSource, Load
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 _LAST_CYCLES = 5

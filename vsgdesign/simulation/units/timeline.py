@@ -15,8 +15,7 @@ from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timelin
 from vsgdesign.simulation.wander import Replay, Wander
 from vsgdesign.study.parameters.dc_link import DcLink, not_of
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.grid import SourceComponent
-from vsgdesign.study.parameters.network import PLAIN
+from vsgdesign.study.parameters.grid import PLAIN, SourceComponent
 from vsgdesign.study.parameters.network_fields import CLOSED, NOTHING_SAID, OPEN
 from vsgdesign.study.parameters.power_plant import GRID, Inverter, PowerPlant, behind_its_path, with_fixed_gains
 from vsgdesign.study.parameters.study import ControllerSpec, Study

@@ -1,6 +1,6 @@
 """Quantities as datasheets print them: ``12,5 kVA``, ``480 V L-L``, ``1.5…20``, ``3 x 50 µF (delta)``, ``450 A rms``.
 
-The quantities of a study file follow stricter rules (parameters.units). Values that are read here are written there
+The quantities of a study file follow stricter rules (parameters.reader). Values that are read here are written there
 in that form.
 """
 
@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 
 from vsgdesign.errors import VsgDesignError
-from vsgdesign.study.parameters.units import format_quantity
+from vsgdesign.study.parameters.reader import format_quantity
 
 RATIO = "1"
 """The base of a plain number, a percentage or a value in per unit."""

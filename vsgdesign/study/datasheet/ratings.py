@@ -24,7 +24,7 @@ from vsgdesign.study.datasheet.fields import CONNECTIONS, MODULATIONS, read_dela
 from vsgdesign.study.datasheet.quantities import RATIO, Amount, AmountError, read_amount
 from vsgdesign.study.datasheet.reading import LIMITS, Entry, Rows
 from vsgdesign.study.parameters.converter import angular_advice, frequency_of_angular
-from vsgdesign.study.parameters.units import format_quantity
+from vsgdesign.study.parameters.reader import format_quantity
 
 DEFAULT_CURRENT_LIMIT = 1.2
 

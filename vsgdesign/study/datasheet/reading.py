@@ -18,10 +18,9 @@ from typing import Any
 from vsgdesign.errors import Fault, StudyError, did_you_mean
 from vsgdesign.study.datasheet.fields import BY_NAME, advice_for, chosen, find_field, is_unused, squeezed
 from vsgdesign.study.datasheet.quantities import RATIO, Amount, AmountError, is_unit, other_prefix, read_amount
-from vsgdesign.study.given_files import TOML_BYTES, read_given
+from vsgdesign.study.given_files import CASE_PREFIX, TOML_BYTES, parse_toml, read_given
 from vsgdesign.study.parameters.loading import case_names, merged_document
-from vsgdesign.study.parameters.toml_file import CASE_PREFIX, parse_toml
-from vsgdesign.study.parameters.units import format_quantity
+from vsgdesign.study.parameters.reader import format_quantity
 
 _HEADINGS = {
     "key": {

@@ -34,7 +34,7 @@ from vsgdesign.study.datasheet.ratings import (
 )
 from vsgdesign.study.datasheet.reading import Assumption, Entry, Rows, Sheet
 from vsgdesign.study.parameters.inner_loops import ENOUGH_SAMPLING
-from vsgdesign.study.parameters.units import format_quantity
+from vsgdesign.study.parameters.reader import format_quantity
 
 INDUCTOR_X_OVER_R = 30.0
 """X/R of an inductor whose resistance is not given: large, so that it adds little damping to the loops."""

@@ -7,7 +7,7 @@ import math
 import textwrap
 
 from vsgdesign.study.datasheet.resolving import Datasheet
-from vsgdesign.study.parameters.units import format_quantity
+from vsgdesign.study.parameters.reader import format_quantity
 
 _NODES = 6
 """Number of nodes of the table on each axis, to begin with."""

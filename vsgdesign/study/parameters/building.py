@@ -71,11 +71,13 @@ from vsgdesign.study.parameters.scenario import (
     read_simulation,
 )
 from vsgdesign.study.parameters.sensors import SENSORS, SensorSpec, read_sensors
-from vsgdesign.study.parameters.specification import SPECIFICATION, of_a_unit, read_specification
-from vsgdesign.study.parameters.stability import (
+from vsgdesign.study.parameters.specification import (
+    SPECIFICATION,
     StabilitySpec,
     SurvivalSpec,
     default_axes,
+    of_a_unit,
+    read_specification,
     read_stability,
     read_survival,
 )

@@ -31,9 +31,8 @@ from vsgdesign.study.parameters.fields import (
     word,
 )
 from vsgdesign.study.parameters.grid import Grid, GridEstimate, Impedance, basis_field, read_grid
-from vsgdesign.study.parameters.reader import TableReader
+from vsgdesign.study.parameters.reader import TableReader, format_quantity
 from vsgdesign.study.parameters.targets import TARGETS, ClosedFormTarget, Gains, read_power_gains, read_target
-from vsgdesign.study.parameters.units import format_quantity
 
 NO_LIMITER = "none"
 """The word for a controller of a study that does not limit its current."""

@@ -39,8 +39,7 @@ from vsgdesign.study.parameters.fields import (
     whole,
     word,
 )
-from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.units import format_quantity
+from vsgdesign.study.parameters.reader import TableReader, format_quantity
 
 UNLIMITED_PU = 1e6
 """A current limit so far out of reach that the limiter never acts (infinity would make NaN of 0·∞)."""

@@ -13,8 +13,7 @@ from typing import Any
 from vsgdesign.equations.power_loops import References
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES, EVENT_KINDS, EventKind
-from vsgdesign.study.parameters.grid import Grid, Place, Sag, SourceComponent
-from vsgdesign.study.parameters.network import Network, SynchroCheck
+from vsgdesign.study.parameters.grid import Grid, Network, Place, Sag, SourceComponent, SynchroCheck
 from vsgdesign.study.parameters.network_fields import (
     NOTHING_SAID,
     OPEN,

@@ -26,8 +26,18 @@ from vsgdesign.study.parameters.fields import (
     values,
     word,
 )
-from vsgdesign.study.parameters.grid import Grid, GridSource, Impedance, Sag, SourceComponent, read_grid, sagged
-from vsgdesign.study.parameters.network import PLAIN, Network, SynchroCheck
+from vsgdesign.study.parameters.grid import (
+    PLAIN,
+    Grid,
+    GridSource,
+    Impedance,
+    Network,
+    Sag,
+    SourceComponent,
+    SynchroCheck,
+    read_grid,
+    sagged,
+)
 from vsgdesign.study.parameters.network_fields import (
     CLEARED,
     CLOSED,
@@ -46,9 +56,8 @@ from vsgdesign.study.parameters.network_fields import (
     sag_words,
     synchro_check_words,
 )
-from vsgdesign.study.parameters.reader import TableReader
+from vsgdesign.study.parameters.reader import TableReader, UnitError, parse_quantity
 from vsgdesign.study.parameters.scenario import Component, read_components
-from vsgdesign.study.parameters.units import UnitError, parse_quantity
 
 SAME_INSTANT = 1e-9
 """Events that are less than this apart, s, are at the same instant."""

@@ -19,8 +19,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar, dataclass_transform
 
+from vsgdesign.study.parameters.ranges import KINDS, Spread, one_of
 from vsgdesign.study.parameters.reader import REQUIRED, TableReader
-from vsgdesign.study.parameters.spreads import KINDS, Spread, one_of
 
 SEEDS = 2**31 - 1
 """Largest seed."""
@@ -141,7 +141,7 @@ def drawn(unit: str, low: Limit, high: Limit, *, default: Any = REQUIRED, **more
 
 
 def spread(unit: str, low: Limit, high: Limit, *, default: Any = REQUIRED, **more: Any) -> Any:
-    """A :class:`vsgdesign.study.parameters.spreads.Spread`: what a quantity is drawn from, of values within limits."""
+    """A :class:`vsgdesign.study.parameters.ranges.Spread`: what a quantity is drawn from, of values within limits."""
     return _specifier(Field(kind="spread", unit=unit, low=low, high=high, default=default, **more))
 
 

@@ -1,11 +1,14 @@
-"""From a TOML file or a document in Python to a Study: bases and changes merged, every fault reported at once."""
+"""From a TOML file or a document in Python to a Study: bases and changes merged, every fault reported at once; and
+where the fields of a study are, and what they say of themselves.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from importlib import resources
 from numbers import Integral, Real
@@ -14,12 +17,12 @@ from typing import Any
 
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.study.parameters.building import build_study
+from vsgdesign.study.given_files import CASE_PREFIX, parse_toml, read_toml
+from vsgdesign.study.parameters.building import Sections, build_study
+from vsgdesign.study.parameters.fields import Field, fields_of
 from vsgdesign.study.parameters.inner_loops import GIVEN, InnerLoopSource
-from vsgdesign.study.parameters.reader import Asked
+from vsgdesign.study.parameters.reader import Asked, UnitError, parse_quantity
 from vsgdesign.study.parameters.study import InnerLoopRequest, Study, StudyOrigin
-from vsgdesign.study.parameters.toml_file import CASE_PREFIX, parse_toml, read_toml
-from vsgdesign.study.parameters.units import UnitError, parse_quantity
 
 _MAX_BASES = 8
 
@@ -343,3 +346,46 @@ def _time_of(event: Mapping[str, Any]) -> float:
         return parse_quantity(event.get("time"), "s")
     except UnitError:
         return 0.0  # the reader says what is wrong with it
+
+
+def tables_of(fields: tuple[Field, ...], path: str = "") -> Iterator[tuple[str, tuple[Field, ...]]]:
+    """The path of every table of a study, and its fields; ``""`` for the top level."""
+    yield path, fields
+    for one in fields:
+        if one.of:
+            yield from tables_of(one.fields, f"{path}.{one.name}" if path else one.name)
+
+
+def field_at(path: str) -> Field:
+    """The field of a path such as ``power_loops.tau_P``. Raises KeyError for a path that a study does not have."""
+    table, _, name = path.rpartition(".")
+    return {one.name: one for one in dict(tables_of(fields_of(Sections)))[table]}[name]
+
+
+def plain_meaning(one: Field) -> str:
+    """The meaning of a field as text without links and marks."""
+    text = re.sub(r" \(:eq:.[a-z0-9-]+.\)", "", one.meaning.removesuffix("."))
+    return re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", text).replace("`", "")
+
+
+def type_text(one: Field, table: str = "Mapping[str, Any]") -> str:
+    """The type of a field as an argument in Python, as text: ``Quantity`` is a number in SI or a text with a unit.
+
+    ``table``: the type of a table.
+    """
+    words = "Literal[" + ", ".join(f'"{word}"' for word in one.choices) + "]"
+    types = {
+        "number": "Quantity",
+        "range": "Quantity | Sequence[Quantity]",
+        "numbers": "Sequence[Quantity]",
+        "whole number": "int",
+        "whole range": "int | Sequence[int]",
+        "true or false": "bool",
+        "word": words if isinstance(one.words, tuple) else f"{words} | str",
+        "text": "str | Path" if "file" in one.limits or ".csv" in one.limits else "str",
+        "name": "str",
+        "names": "Sequence[str | int]",
+        "tables": f"Sequence[{table}]",
+        "table": table + (f' | Literal["{one.instead}"]' if one.instead else ""),
+    }
+    return types[one.kind]

@@ -23,10 +23,17 @@ from vsgdesign.study.parameters.fields import (
     values,
     word,
 )
-from vsgdesign.study.parameters.grid import Sag
-from vsgdesign.study.parameters.network import FAULT_KINDS, PHASE_PAIRS, THREE_PHASE, Fault, Load, Network, SynchroCheck
-from vsgdesign.study.parameters.reader import TableReader
-from vsgdesign.study.parameters.units import format_quantity
+from vsgdesign.study.parameters.grid import (
+    FAULT_KINDS,
+    PHASE_PAIRS,
+    THREE_PHASE,
+    Fault,
+    Load,
+    Network,
+    Sag,
+    SynchroCheck,
+)
+from vsgdesign.study.parameters.reader import TableReader, format_quantity
 
 NONE, CLEARED, OPEN, CLOSED = "none", "cleared", "open", "closed"
 """Words that stand in the place of a load or a sag, of a fault, and the two states of the breaker."""

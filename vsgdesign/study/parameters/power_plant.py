@@ -14,8 +14,8 @@ from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification.field import PAIRS
 from vsgdesign.study.parameters.converter import Filter
+from vsgdesign.study.parameters.grid import Load
 from vsgdesign.study.parameters.inverter_kinds import InverterKind
-from vsgdesign.study.parameters.network import Load
 
 if TYPE_CHECKING:
     from vsgdesign.study.parameters.controllers import ControllerSpec

@@ -20,14 +20,7 @@ from vsgdesign.study.parameters.fields import (
     picked,
     values,
 )
-from vsgdesign.study.parameters.inverter_fields import (
-    CONSTANT_POWER,
-    LoadKind,
-    read_inverter,
-    read_rectifier,
-    rectifier_fields,
-)
-from vsgdesign.study.parameters.network import THREE_PHASE, Fault, Load, Network
+from vsgdesign.study.parameters.grid import THREE_PHASE, Fault, Load, Network
 from vsgdesign.study.parameters.network_fields import (
     OPEN,
     Base,
@@ -50,6 +43,7 @@ from vsgdesign.study.parameters.power_plant import (
 )
 from vsgdesign.study.parameters.power_plant_fields import (
     COMMON,
+    CONSTANT_POWER,
     LISTS,
     MOST_UNITS,
     OWN,
@@ -59,12 +53,16 @@ from vsgdesign.study.parameters.power_plant_fields import (
     Breaker,
     Ends,
     ListFields,
+    LoadKind,
     Named,
     OfBranch,
     OfSource,
     OfUnit,
     PlantFields,
     Series,
+    read_inverter,
+    read_rectifier,
+    rectifier_fields,
 )
 from vsgdesign.study.parameters.reader import TableReader
 

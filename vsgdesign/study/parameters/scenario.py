@@ -15,8 +15,7 @@ from vsgdesign.study.parameters.fields import (
     values,
     word,
 )
-from vsgdesign.study.parameters.grid import SourceComponent
-from vsgdesign.study.parameters.network import PLAIN, Network
+from vsgdesign.study.parameters.grid import PLAIN, Network, SourceComponent
 from vsgdesign.study.parameters.network_fields import CLEARED, NONE, Base, read_said
 from vsgdesign.study.parameters.reader import TableReader
 

@@ -20,10 +20,9 @@ from vsgdesign.study.parameters.controllers import NO_LIMITER, ControllerSpec
 from vsgdesign.study.parameters.controllers import UPDATE_PERIOD as UPDATE_PERIOD
 from vsgdesign.study.parameters.converter import Converter, Filter, limiter_ratings
 from vsgdesign.study.parameters.event import Event
-from vsgdesign.study.parameters.grid import Grid, GridSource
-from vsgdesign.study.parameters.network import PLAIN, Network
+from vsgdesign.study.parameters.grid import PLAIN, Grid, GridSource, Network
 from vsgdesign.study.parameters.scenario import SimulationSpec
-from vsgdesign.study.parameters.stability import ProtectionLimits, SurvivalSpec
+from vsgdesign.study.parameters.specification import ProtectionLimits, SurvivalSpec
 from vsgdesign.study.parameters.targets import NOTCH_DAMPING, ClosedFormTarget
 
 if TYPE_CHECKING:
@@ -33,8 +32,7 @@ if TYPE_CHECKING:
     from vsgdesign.study.parameters.power_plant import PowerPlant
     from vsgdesign.study.parameters.replay import ReplaySpec
     from vsgdesign.study.parameters.sensors import SensorSpec
-    from vsgdesign.study.parameters.specification import Specification
-    from vsgdesign.study.parameters.stability import StabilitySpec
+    from vsgdesign.study.parameters.specification import Specification, StabilitySpec
     from vsgdesign.study.parameters.verification import VerificationSpec
 
 

@@ -364,7 +364,7 @@ def size(
     """
     from pathlib import Path
 
-    from vsgdesign.study.parameters.units import UnitError, parse_quantity
+    from vsgdesign.study.parameters.reader import UnitError, parse_quantity
     from vsgdesign.verbs.pipeline.sizing import WORK, size_study
 
     try:
@@ -402,7 +402,7 @@ _UNITS = {"power": "W", "capacitor": "F", "energy": "J"}
 
 def _kept(text: str) -> tuple[str, float]:
     """A size that is given, from the command line."""
-    from vsgdesign.study.parameters.units import UnitError, parse_quantity
+    from vsgdesign.study.parameters.reader import UnitError, parse_quantity
 
     name, _, value = text.partition("=")
     if name not in _UNITS:

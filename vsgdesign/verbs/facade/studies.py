@@ -14,8 +14,14 @@ from vsgdesign.study.parameters.controllers import CONTROLLER
 from vsgdesign.study.parameters.events import event_fields
 from vsgdesign.study.parameters.fields import Field, fields_of, picked
 from vsgdesign.study.parameters.inner_loops import InnerLoopSource
-from vsgdesign.study.parameters.loading import built, files_of, merged_document, plain_document, read_document
-from vsgdesign.study.parameters.reference import type_text
+from vsgdesign.study.parameters.loading import (
+    built,
+    files_of,
+    merged_document,
+    plain_document,
+    read_document,
+    type_text,
+)
 from vsgdesign.study.parameters.scenario import SimulationSpec
 from vsgdesign.study.parameters.study import InnerLoopRequest, Study, StudyOrigin
 

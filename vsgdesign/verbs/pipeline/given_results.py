@@ -17,7 +17,7 @@ from vsgdesign.artifacts.guarded_file import RESULTS, is_number
 from vsgdesign.equations.structures import PUBLISHED
 from vsgdesign.errors import ArtifactError
 from vsgdesign.study.given_files import RESULT_BYTES, read_given
-from vsgdesign.study.parameters.units import same_quantity
+from vsgdesign.study.parameters.reader import same_quantity
 from vsgdesign.verbs.pipeline.opening import check_study
 
 SAME = 1e-9

@@ -33,7 +33,7 @@ from vsgdesign.study.networks.thevenin import (
 )
 from vsgdesign.study.parameters.grid import SCR_LIMITS, X_OVER_R_LIMITS
 from vsgdesign.study.parameters.loading import merged_document
-from vsgdesign.study.parameters.units import parse_quantity
+from vsgdesign.study.parameters.reader import parse_quantity
 
 VERB = "vsgdesign grid"
 N_1, NONE = "n-1", "none"

@@ -35,8 +35,8 @@ from vsgdesign.study.datasheet import (
 )
 from vsgdesign.study.networks.model import Given
 from vsgdesign.study.parameters import load_study, study_from_text
+from vsgdesign.study.parameters.reader import UnitError, parse_quantity
 from vsgdesign.study.parameters.study import Study
-from vsgdesign.study.parameters.units import UnitError, parse_quantity
 from vsgdesign.verbs.pipeline.estimators import recipe_of, trains
 from vsgdesign.verbs.pipeline.grid import N_1, Asked
 from vsgdesign.verbs.pipeline.one_unit import as_one_converter
