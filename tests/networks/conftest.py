@@ -6,8 +6,9 @@ import copy
 from pathlib import Path
 from typing import Any
 
-import pandapower as pp
 import pytest
+
+from tests.networks.loaded import pandapower
 
 _READ: dict[bytes, Any] = {}
 
@@ -15,6 +16,7 @@ _READ: dict[bytes, Any] = {}
 @pytest.fixture(autouse=True)
 def each_file_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A file with the bytes of one before has its network: a copy takes a thirtieth of the time of reading it again."""
+    pp = pandapower()
     read = pp.from_json
 
     def again(path: str) -> Any:

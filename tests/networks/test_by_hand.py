@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandapower as pp
 import pytest
-from pandapower.converter.matpower.to_mpc import to_mpc
-from pandapower.networks import create_cigre_network_mv, example_multivoltage
 
+from tests.networks import loaded
 from vsgdesign.study.networks.model import S_BASE, Given, Network, check_network, part_of, with_sources
 from vsgdesign.study.networks.pandapower_file import network_of_pandapower
 from vsgdesign.study.networks.powsybl_file import network_of_powsybl, read_powsybl
@@ -30,7 +28,8 @@ S_SC, X_OVER_R = 5e9, 10.0
 
 @cache
 def cigre() -> Any:
-    return create_cigre_network_mv()
+    """One for all tests, which read it alone."""
+    return loaded.cigre()
 
 
 @cache
@@ -111,7 +110,8 @@ def test_every_outage_is_that_by_hand() -> None:
 
 def test_the_same_network_through_pypowsybl(tmp_path: Path) -> None:
     """As a MATPOWER file, which has no short-circuit power: it is told, and every bus has the same impedance."""
-    to_mpc(cigre(), str(tmp_path / "cigre.mat"), init="flat")
+    convert: Any = importlib.import_module("pandapower.converter.matpower.to_mpc")
+    convert.to_mpc(cigre(), str(tmp_path / "cigre.mat"), init="flat")
     read = with_sources(read_powsybl(tmp_path / "cigre.mat"), Given(source=(S_SC, X_OVER_R)))
     check_network(read)
     for k in BUSES:
@@ -159,7 +159,8 @@ def test_branches_carry_the_load_flow_of_pypowsybl(make: str) -> None:
 
 def test_branches_carry_the_load_flow_of_pandapower() -> None:
     """Taps, three windings, an impedance, open ends and joined busbars, from 0.4 to 380 kV."""
-    net = example_multivoltage()
+    pp = loaded.pandapower()
+    net = pp.networks.example_multivoltage()
     net.xward.drop(net.xward.index, inplace=True)
     pp.runpp(net, calculate_voltage_angles=True, init="dc", tolerance_mva=1e-9, numba=False)
     network = network_of_pandapower(net, "multivoltage")

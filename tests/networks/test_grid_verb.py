@@ -10,14 +10,13 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
-import pandapower as pp
 import pandas as pd
 import pytest
-from pandapower.networks import create_cigre_network_mv
 from scipy.optimize import brentq
 
 import vsgdesign as vd
 from tests.cli.small_studies import call, failure, study_file
+from tests.networks.loaded import cigre, pandapower
 from vsgdesign.report.network import grid_sentences
 from vsgdesign.study.networks.model import LINE, S_BASE, SLACK, Branch, Bus, Converter, Load, Network, Source
 from vsgdesign.verbs.pipeline.grid import Asked, grid_at, grid_document
@@ -26,10 +25,10 @@ from vsgdesign.verbs.pipeline.grid import Asked, grid_at, grid_document
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The CIGRE network with its converters, meshed."""
-    net = create_cigre_network_mv(with_der="pv_wind")
+    net = cigre("pv_wind")
     net.switch["closed"] = True
     path = tmp_path_factory.mktemp("network") / "meshed.json"
-    pp.to_json(net, str(path))
+    pandapower().to_json(net, str(path))
     return path
 
 

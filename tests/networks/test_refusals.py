@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pandapower as pp
 import pytest
-from pandapower.networks import create_cigre_network_mv
 
 import vsgdesign as vd
 from tests.cli.small_studies import as_json
+from tests.networks.loaded import cigre, pandapower
 from vsgdesign.errors import InfeasibleStudyError, StudyError
 from vsgdesign.study.networks.model import check_network
 from vsgdesign.study.networks.pandapower_file import network_of_pandapower
-
-_MADE = create_cigre_network_mv()
-"""Made once: a copy takes a fifteenth of the time."""
-
-
-def cigre() -> Any:
-    return copy.deepcopy(_MADE)
 
 
 def file_of(folder: Path, change: Callable[[Any], Any]) -> Path:
     net = cigre()
     change(net)
     path = folder / "net.json"
-    pp.to_json(net, str(path))
+    pandapower().to_json(net, str(path))
     return path
 
 
@@ -89,8 +80,8 @@ def test_all_faults_at_once(tmp_path: Path) -> None:
 
 def without_data(net: Any) -> None:
     net.ext_grid[["s_sc_max_mva", "s_sc_min_mva"]] = float("nan")
-    pp.create_gen(net, 5, 1.0, name="hydro", sn_mva=2.0)
-    pp.create_gen(net, 0, 1.0, name="second", sn_mva=0.1)
+    pandapower().create_gen(net, 5, 1.0, name="hydro", sn_mva=2.0)
+    pandapower().create_gen(net, 0, 1.0, name="second", sn_mva=0.1)
 
 
 def test_what_the_file_does_not_have_is_asked_for(tmp_path: Path) -> None:
@@ -122,7 +113,7 @@ def test_a_machine_without_a_rating_is_not_helped_by_its_reactance(tmp_path: Pat
     """That is said at once, and not after the reactance is given."""
 
     def without_rating(net: Any) -> None:
-        pp.create_gen(net, 5, 1.0, name="hydro")
+        pandapower().create_gen(net, 5, 1.0, name="hydro")
 
     path = file_of(tmp_path, without_rating)
     given: tuple[dict[str, Any], ...] = ({}, {"machine": (0.2, 20.0)})
@@ -180,7 +171,7 @@ def test_files_that_are_no_network(tmp_path: Path) -> None:
 
 def test_elements_that_are_not_known_are_told(tmp_path: Path) -> None:
     def change(net: Any) -> None:
-        pp.create_dcline(net, 3, 9, 1.0, 0.0, 0.0, 1.0, 1.0, name="link")
+        pandapower().create_dcline(net, 3, 9, 1.0, 0.0, 0.0, 1.0, 1.0, name="link")
 
     with pytest.raises(StudyError, match="dcline = link: is not known here"):
         vd.grid_of_network(file_of(tmp_path, change), "Bus 11", "5 MVA")
