@@ -11,6 +11,7 @@ import inspect
 import pkgutil
 import typing
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any
 
 import casadi
@@ -150,8 +151,14 @@ def draw(name: str, rng: np.random.Generator) -> float:
 
 def arguments(function: Callable[..., Any], make: Callable[[str], Any]) -> list[Any]:
     """One argument per parameter; structures are filled field by field."""
+    return [filled(kind, name, make) for name, kind in parameters(function)]
+
+
+@cache
+def parameters(function: Callable[..., Any]) -> list[tuple[str, Any]]:
+    """The name and the type of each parameter. Tests draw hundreds of times for one function."""
     hints = typing.get_type_hints(function)
-    return [filled(hints[name], name, make) for name in inspect.signature(function).parameters]
+    return [(name, hints[name]) for name in inspect.signature(function).parameters]
 
 
 def filled(kind: Any, name: str, make: Callable[[str], Any]) -> Any:
@@ -160,9 +167,13 @@ def filled(kind: Any, name: str, make: Callable[[str], Any]) -> Any:
         return CIRCULAR.law
     if not hasattr(kind, "_fields"):
         return make(name)
-    # Memory, constants and notes of the circular limiter are empty.
-    fields = [field for field in kind._fields if kind._field_defaults.get(field) != Nothing()]
-    return kind(**{field: make(field) for field in fields})
+    return kind(**{field: make(field) for field in fields_of(kind)})
+
+
+@cache
+def fields_of(kind: Any) -> list[str]:
+    """The fields of a structure. Memory, constants and notes of the circular limiter are empty."""
+    return [field for field in kind._fields if kind._field_defaults.get(field) != Nothing()]
 
 
 def numbers(arguments: list[Any]) -> list[float]:
