@@ -15,8 +15,8 @@ from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import effective_inertia
 from vsgdesign.errors import ArtifactError
-from vsgdesign.linear.model.coupled import coupled_model
-from vsgdesign.linear.stability.margins import reduced_margins
+from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
+from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
 from vsgdesign.linear.stability.step_responses import reduced_step_metrics
 from vsgdesign.linear.stability.table_claims import (
     FIGURES,
@@ -27,6 +27,7 @@ from vsgdesign.linear.stability.table_claims import (
     shown,
     where,
 )
+from vsgdesign.metrics.modes import least_damping
 from vsgdesign.metrics.step_response import ResponseMetrics
 from vsgdesign.runtime.table import node_gains, table_grids, table_schedule
 from vsgdesign.study.parameters.study import Study
@@ -71,17 +72,14 @@ def margins_of(
     )
     found: dict[str, Array] = {name: np.full(len(R), np.nan) for name in names}
     if len(good):
-        table = reduced_margins(model)
-        columns = {
-            "disk_margin_output": table.disk_output.value,
-            "disk_margin_input": table.disk_input.value,
-            "disk_margin_smaller": np.minimum(table.disk_output.value, table.disk_input.value),
-            "damping_power_loops": table.least_damping,
-            "decay_1_s": -table.spectral_abscissa,
+        eigenvalues = eigenvalues_of(model)
+        columns = _disk_margins(model, names) | {
+            "damping_power_loops": least_damping(eigenvalues),
+            "decay_1_s": -eigenvalues.real.max(axis=1),
             "H_s": effective_inertia(kept, base.S_rated, base.omega_n),
         }
         if any(figure_of(name).of_step for name in names):
-            decay = columns["decay_1_s"][table.stable]
+            decay = columns["decay_1_s"][columns["decay_1_s"] > 0.0]
             t_end = float(np.clip(10.0 / decay.min(), 1.0, 120.0)) if len(decay) else 1.0
             for loop in "PQ":
                 steps = reduced_step_metrics(model, f"{loop}_ref", loop, t_end, t_end / 10_000.0)
@@ -90,6 +88,18 @@ def margins_of(
         for name in names:
             found[name][good] = columns[name]
     return {name: values.reshape(shape) for name, values in found.items()}
+
+
+def _disk_margins(model: CoupledModel, names: Sequence[str]) -> dict[str, Array]:
+    """The disk margins among some FIGURES; others of a table of margins are not looked for."""
+    disks = {
+        "disk_margin_output": ("disk_output",),
+        "disk_margin_input": ("disk_input",),
+        "disk_margin_smaller": ("disk_output", "disk_input"),
+    }
+    wanted = [name for name in names if name in disks]
+    tables = margins_named(model, dict.fromkeys(disk for name in wanted for disk in disks[name])) if wanted else {}
+    return {name: np.min([tables[disk].value for disk in disks[name]], axis=0) for name in wanted}
 
 
 def _overshoot(step: ResponseMetrics | None) -> float:

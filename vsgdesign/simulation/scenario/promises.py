@@ -6,10 +6,11 @@ They are checked with ideal and with real inner loops.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.artifacts.definitions import in_words
 from vsgdesign.artifacts.gain_table import GainTable
@@ -17,13 +18,18 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.placing import overshoot_of
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
+from vsgdesign.linear.model.coupled import CoupledModel
+from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, reduced_cells
-from vsgdesign.linear.stability.margins import MarginTable, full_order_margins, reduced_margins
+from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
 from vsgdesign.metrics.met import MARGIN_ROOM
+from vsgdesign.metrics.modes import least_damping
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario.controllers import ControllerResult, ScenarioResult
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import ControllerSpec, Study
+
+Array = NDArray[np.float64]
 
 TABLE, CLOSED_FORM, GATES = "its table's specification", "its closed form's target", "the study's gates"
 
@@ -181,12 +187,13 @@ def _of_controller(result: ScenarioResult, controller: ControllerResult) -> list
     spec, ready = controller.spec, result.ready
     study, promises, found = result.study.with_limit_of(spec), promises_of(result.study, spec, ready), []
     asked_by = promises.source if promises.source == TABLE else GATES
+    limits = {name: float(limit) for name, _ in _MARGINS if (limit := getattr(promises, name))}
     for source in dict.fromkeys(rest.source for rest in controller.rests):
         rests = [rest for rest in controller.rests if rest.source == source]
         here = replace(study, grid_source=source)
         cells = _cells(here, rests)
         good, model = np.flatnonzero(cells.good), full_order_cells(here, cells)
-        ideal, full = reduced_margins(reduced_cells(here, cells)), full_order_margins(model)
+        ideal, full = (_figures(of_cells, limits) for of_cells in (reduced_cells(here, cells), model))
         row_ideal = {int(k): j for j, k in enumerate(good)}
         row_full = {int(good[k]): j for j, k in enumerate(model.index)}
         faults = {int(good[k]): fault for k, fault in enumerate(model.faults)}
@@ -194,10 +201,9 @@ def _of_controller(result: ScenarioResult, controller: ControllerResult) -> list
             excuse = rest.obstacle or not_promised(ready.table(spec), study, rest) or cells.outside[k]
             excuse = excuse or cells.faults[k] or faults.get(k) or ""
             for name, at_least in _MARGINS:
-                limit = getattr(promises, name)
-                if limit is None or limit == 0.0:
+                if name not in limits:
                     continue
-                reached = _figure(ideal, row_ideal.get(k), name), _figure(full, row_full.get(k), name)
+                reached = _figure(ideal[name], row_ideal.get(k)), _figure(full[name], row_full.get(k))
                 if name == "damping_ratio" and asked_by == TABLE and math.isfinite(reached[1]):
                     # A promise of the power loops: how the network's modes are damped is the inner loops' matter.
                     reached = reached[0], reached[0]
@@ -210,7 +216,7 @@ def _of_controller(result: ScenarioResult, controller: ControllerResult) -> list
                         P=float(cells.P[k]),
                         Q=float(cells.Q[k]),
                         name=name,
-                        limit=float(limit),
+                        limit=limits[name],
                         at_least=at_least,
                         ideal=reached[0],
                         full_order=reached[1],
@@ -236,15 +242,32 @@ _MARGINS = (
 )
 
 
-def _figure(table: MarginTable, row: int | None, name: str) -> float:
-    """One figure of a cell; NaN where it is unstable or not there."""
-    if row is None or not table.stable[row]:
-        return float("nan")
-    columns = {
-        "damping_ratio": table.least_damping,
-        "disk_margin": table.disk_output.value,  # where the optimizer has it
-        "gain_margin_db": np.minimum(table.loop_P.gain_margin_db, table.loop_Q.gain_margin_db),
-        "phase_margin_deg": np.minimum(table.loop_P.phase_margin_deg, table.loop_Q.phase_margin_deg),
-        "M_s": table.M_s.value,
-    }
-    return float(columns[name][row])
+_COLUMNS = {
+    "disk_margin": ("disk_output",),  # where the optimizer has it
+    "gain_margin_db": ("loop_P", "loop_Q"),
+    "phase_margin_deg": ("loop_P", "loop_Q"),
+    "M_s": ("M_s",),
+}
+"""The columns of a table of margins that a promise is about; a damping ratio needs none."""
+
+
+def _figures(model: CoupledModel | FullOrderModel, names: Collection[str]) -> dict[str, Array]:
+    """Some of the figures of _MARGINS by name, for each cell; NaN in unstable ones. Others are not looked for."""
+    eigenvalues = eigenvalues_of(model)
+    tables = margins_named(model, dict.fromkeys(column for name in names for column in _COLUMNS.get(name, ())))
+    found: dict[str, Array] = {}
+    for name in names:
+        if name == "damping_ratio":
+            stable = eigenvalues.real.max(axis=1) < 0.0
+            found[name] = np.where(stable, least_damping(eigenvalues), np.nan)
+        elif name in ("disk_margin", "M_s"):
+            found[name] = tables[_COLUMNS[name][0]].value
+        else:
+            loop_P, loop_Q = (getattr(tables[column], name) for column in _COLUMNS[name])
+            found[name] = np.minimum(loop_P, loop_Q)
+    return found
+
+
+def _figure(figures: Array, row: int | None) -> float:
+    """One figure of a cell; NaN where it is not there."""
+    return float("nan") if row is None else float(figures[row])
