@@ -363,9 +363,9 @@ def test_the_comparison_counts_limited_samples() -> None:
 
 
 def test_one_sample_is_no_plural() -> None:
-    found = stressed()
-    shift = next(one for one in found.results if one.axis.name == "shift")
+    shift = replace(next(axis for axis in stress_axes(50.0) if axis.name == "shift"), values=(0.0, 1.0))
+    settings = replace(STRESS_SETTINGS, draws=1)
+    found = stress_methods(load_study("studies/published/study.toml"), NETWORKS, settings, axes=(shift,))
     rms = np.tile([0.0, 0.2], (len(found.methods), 1))
-    shift = replace(shift, axis=replace(shift.axis, values=(0.0, 1.0)), rms=rms)
-    rows = stress_answer(replace(found, results=(shift,))).rows
+    rows = stress_answer(replace(found, results=(replace(found.results[0], rms=rms),))).rows
     assert {row.cells[0].detail for row in rows} == {"20 % at 1 sample"}
