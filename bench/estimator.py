@@ -15,10 +15,16 @@ import torch
 from bench.timing import Figure, Row, figure, repeat, scaled
 from vsgdesign.artifacts.network_weights import NetworkWeights, WindowFormat
 from vsgdesign.estimator.data_set import DataSet
-from vsgdesign.estimator.levenberg_marquardt import Damping, minimise
+from vsgdesign.estimator.levenberg_marquardt import (
+    Damping,
+    NetworkProblem,
+    Shape,
+    initial_parameters,
+    minimise,
+    with_ones,
+)
 from vsgdesign.estimator.recipes import WINDOW_RECIPES
 from vsgdesign.estimator.specification import WINDOW_NETWORK, generate
-from vsgdesign.estimator.tanh_network import NetworkProblem, Shape, initial_parameters, with_ones
 from vsgdesign.estimator.training import train_network
 from vsgdesign.identification.neural import neural_estimator
 from vsgdesign.study.parameters import load_study

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tests.estimator.phasor_data import OMEGA, phasor_data
 from tests.estimator.phasors import phasor_windows
 from vsgdesign.artifacts.network_weights import fit_scaling
-from vsgdesign.estimator.tanh_network import (
+from vsgdesign.estimator.levenberg_marquardt import (
     NetworkProblem,
     Shape,
     initial_parameters,

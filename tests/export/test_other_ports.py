@@ -23,7 +23,7 @@ from vsgdesign.equations.dc_control import clamp_of_sample
 from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.export import export_dll, export_fmu, export_modelica, export_plecs, unit_of
 from vsgdesign.export.c_code import export_unit_c
-from vsgdesign.export.reference import reference_inputs
+from vsgdesign.export.fmu import reference_inputs
 from vsgdesign.export.sunspec import sunspec_map
 from vsgdesign.export.wrapping import Builder, wrapped
 from vsgdesign.identification.field import PAIRS

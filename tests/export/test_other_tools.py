@@ -22,7 +22,7 @@ from vsgdesign.errors import ArtifactError
 from vsgdesign.export import export_all, export_modelica, export_plecs, export_simulink, unit_of
 from vsgdesign.export.c_code import export_unit_c
 from vsgdesign.export.every_kind import KINDS
-from vsgdesign.export.reference import reference_inputs
+from vsgdesign.export.fmu import reference_inputs
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.wrapping import Builder, in_one_file, legal_name, wrapped
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vsgdesign.metrics.estimation import changes_seen, errors_at_rest, relative_errors_pct
+from vsgdesign.metrics.answers import changes_seen, errors_at_rest, relative_errors_pct
 
 T = 0.1 * np.arange(1, 61, dtype=float)
 """Ends of 60 windows of 0.1 s."""

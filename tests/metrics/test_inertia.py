@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, lsim
 
-from vsgdesign.metrics.inertia import fit_ramp
+from vsgdesign.metrics.oscillation import fit_ramp
 
 STEP_S = 5e-4
 F_N = 50.0

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.artifacts.networks import random_weights
-from vsgdesign.metrics.estimation import ChangeSeen, RestError
+from vsgdesign.metrics.answers import ChangeSeen, RestError
 from vsgdesign.report.scenario.estimate_tables import network_table, worst_text
 
 

@@ -20,17 +20,20 @@ from vsgdesign.artifacts.network_weights import Network, fit_scaling
 from vsgdesign.equations.field.fusion import CHI_SQUARE_95, Posterior, posterior_distance
 from vsgdesign.errors import Fault, StudyError, counted
 from vsgdesign.estimator.data_set import FieldCycles, Split
-from vsgdesign.estimator.levenberg_marquardt import Damping, Epoch, Fit, minimise
-from vsgdesign.estimator.scores import evaluate
-from vsgdesign.estimator.tanh_network import (
+from vsgdesign.estimator.levenberg_marquardt import (
+    Damping,
+    Epoch,
+    Fit,
     NetworkProblem,
     Projection,
     Shape,
     initial_parameters,
     mean_squared_error,
+    minimise,
     principal_components,
     with_ones,
 )
+from vsgdesign.estimator.scores import evaluate
 from vsgdesign.execution.executors import Progress, silent
 
 Array = NDArray[np.float64]

@@ -1,5 +1,6 @@
 """Exports for the controller: C99 and ONNX from gain tables and weights, and wrappers for other tools."""
 
+from vsgdesign.export.block_diagrams import export_modelica, export_plecs, export_simulink
 from vsgdesign.export.c_code import ExportedC, export_c, export_c_files, export_unit_c
 from vsgdesign.export.c_content import initialiser
 from vsgdesign.export.cigre import export_dll
@@ -8,9 +9,6 @@ from vsgdesign.export.every_kind import export_all
 from vsgdesign.export.field import converter_numbers
 from vsgdesign.export.firmware import export_firmware
 from vsgdesign.export.fmu import export_fmu
-from vsgdesign.export.modelica import export_modelica
-from vsgdesign.export.plecs import export_plecs
-from vsgdesign.export.simulink import export_simulink
 from vsgdesign.export.sunspec import export_sunspec
 from vsgdesign.export.unit import Unit, unit_of
 from vsgdesign.export.wrapping import Exported

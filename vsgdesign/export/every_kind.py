@@ -10,13 +10,11 @@ from typing import Any
 from vsgdesign.artifacts.files import plain
 from vsgdesign.artifacts.guarded_file import staged_folder, write_record
 from vsgdesign.execution.executors import Progress, silent
+from vsgdesign.export.block_diagrams import export_modelica, export_plecs, export_simulink
 from vsgdesign.export.c_code import MANIFEST, export_unit_c
 from vsgdesign.export.cigre import export_dll
 from vsgdesign.export.firmware import export_firmware
 from vsgdesign.export.fmu import export_fmu
-from vsgdesign.export.modelica import export_modelica
-from vsgdesign.export.plecs import export_plecs
-from vsgdesign.export.simulink import export_simulink
 from vsgdesign.export.sunspec import export_sunspec
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.wrapping import Builder, Exported, made_for, wrapped

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.campaigns.compliance.measuring import LOST, Measured, MeasureInput, measure, not_known
-from vsgdesign.metrics.inertia import RampFit, fit_ramp
-from vsgdesign.metrics.oscillation import Oscillation, dominant_oscillation
+from vsgdesign.metrics.oscillation import Oscillation, RampFit, dominant_oscillation, fit_ramp
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.study.parameters.event import Event
 

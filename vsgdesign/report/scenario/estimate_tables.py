@@ -12,7 +12,7 @@ from vsgdesign.errors import counted, share_percent
 from vsgdesign.identification import GUESS_SCR, Estimator, estimator_kind
 from vsgdesign.identification.registry import needs_network
 from vsgdesign.linear.stability.table_claims import CARRIED
-from vsgdesign.metrics.estimation import FOUND_PCT
+from vsgdesign.metrics.answers import FOUND_PCT
 from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, plain_quantity
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.report.page.converter import grid_label

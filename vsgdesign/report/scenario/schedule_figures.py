@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsgdesign.identification.registry import needs_network
-from vsgdesign.metrics.estimation import relative_errors_pct
+from vsgdesign.metrics.answers import relative_errors_pct
 from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.quantities import prefix_for
 from vsgdesign.report.drawing.style import COLOURS, COLUMN_IN, REFERENCE, line_style, look

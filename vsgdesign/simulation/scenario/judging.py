@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.linear.stability.safe_place import inside_run
-from vsgdesign.metrics.estimation import ChangeSeen, RestError, changes_seen, errors_at_rest, rows_at_rest
+from vsgdesign.metrics.answers import ChangeSeen, RestError, changes_seen, errors_at_rest, rows_at_rest
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.scenario.controllers import ControllerResult, ScenarioResult
 
