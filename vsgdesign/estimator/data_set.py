@@ -309,11 +309,6 @@ def read_data_set(path: str | Path) -> DataSet:
     return read_rows(path, DataSet)
 
 
-def read_cycles(path: str | Path) -> FieldCycles:
-    """Cycles from their file. Raises ArtifactError for a file that is none or was changed."""
-    return read_rows(path, FieldCycles)
-
-
 def read_rows(path: str | Path, kind: type[D]) -> D:
     """Data of some kind from their file. Raises ArtifactError as :func:`read_data_set` does."""
     header, arrays = read_arrays(path)

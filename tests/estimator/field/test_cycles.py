@@ -10,13 +10,13 @@ import pytest
 
 from tests.estimator.field.made_up import made_up_cycles
 from vsgdesign.errors import ArtifactError
-from vsgdesign.estimator.data_set import read_cycles, write_arrays, write_data_set
+from vsgdesign.estimator.data_set import FieldCycles, read_rows, write_arrays, write_data_set
 
 
 def test_round_trip(tmp_path: Path) -> None:
     cycles = made_up_cycles(4)
     write_data_set(tmp_path / "runs.npz", cycles)
-    back = read_cycles(tmp_path / "runs.npz")
+    back = read_rows(tmp_path / "runs.npz", FieldCycles)
     assert back.hash == cycles.hash
     assert np.array_equal(back.targets, cycles.targets)
 
@@ -26,11 +26,11 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     settings = [{name: value for name, value in cycles.header["settings"][0].items() if name != "R_2"}]
     write_data_set(tmp_path / "old.npz", replace(cycles, header={**cycles.header, "settings": settings}))
     with pytest.raises(ArtifactError, match=r"another version of the field estimator\. Make them again"):
-        read_cycles(tmp_path / "old.npz")
+        read_rows(tmp_path / "old.npz", FieldCycles)
     arrays = {name: values for name, values in cycles.arrays.items() if name != "truth"}
     write_arrays(tmp_path / "less.npz", cycles.header, arrays)
     with pytest.raises(ArtifactError, match="holds no runs of the field estimator: truth"):
-        read_cycles(tmp_path / "less.npz")
+        read_rows(tmp_path / "less.npz", FieldCycles)
 
 
 def test_targets_are_the_logarithm_of_the_ratio() -> None:
