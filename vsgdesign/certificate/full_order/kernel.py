@@ -14,7 +14,7 @@ from numba import njit
 from vsgdesign.certificate.box_check import load_boxes, none_within, which_occur
 from vsgdesign.certificate.taylor_kernel import LANES, rows, run_program, sum_up
 
-KERNEL = "051753b20d610f4a"
+KERNEL = "7dd94da03423c20e"
 """Fingerprint of ``taylor_kernel.py`` and ``box_check.py``, whose functions are compiled into those here: Numba makes
 them again when this file changes, and this one alone."""
 

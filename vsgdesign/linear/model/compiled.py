@@ -1,7 +1,7 @@
 """What CasADi has differentiated, as machine code: a block of plain operations, or a list of them.
 
 CasADi's functions of scalars are lists of operations. :func:`block_of` writes them down one after the other, for a host
-that has no CasADi, such as the full-order model on a page. :func:`tape_of` takes lists that are too long to be
+that has no CasADi, such as the full-order model on a page. :func:`list_of` takes lists that are too long to be
 compiled, and does them for several points at once.
 """
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.blocks import Writer
 from vsgdesign.codegen.expressions import Expression, Number, Operation, Variable
 from vsgdesign.codegen.flat import Block, flat_block
-from vsgdesign.codegen.tape import Tape
+from vsgdesign.codegen.operation_list import OperationList
 from vsgdesign.codegen.vector_math import PLAIN
 from vsgdesign.linear.model.full_order import PARAMETERS, SETTINGS, FullOrderMap
 
@@ -50,11 +50,11 @@ def block_of(function: ca.Function, inputs: Sequence[Sequence[str]], outputs: Se
     return writer.block()
 
 
-def tape_of(function: ca.Function) -> Tape:
+def list_of(function: ca.Function) -> OperationList:
     """A function of scalars (SX) as a list of operations for several points at once. Its inputs and outputs are the
     nonzeros of the function's, one after the other, and every bit is that of CasADi.
 
-    Raises ValueError for an operation that a tape does not have.
+    Raises ValueError for an operation that a list does not have.
     """
     count, constants = sum(function.nnz_in(k) for k in range(function.n_in())), {1.0: -1}
     numbers, kinds, taken = itertools.count(), list[str](), list[tuple[int, int]]()
@@ -63,7 +63,7 @@ def tape_of(function: ca.Function) -> Tape:
     def does(name: str, values: Sequence[int]) -> int:
         if name == "assign":
             return values[0]
-        kinds.append(_OF_TAPE.get(name, name))
+        kinds.append(_OF_LIST.get(name, name))
         taken.append((-1, values[0]) if name == "inv" else (values[0], values[-1]))
         return count + len(kinds) - 1
 
@@ -78,11 +78,11 @@ def tape_of(function: ca.Function) -> Tape:
         return np.where(values < 0, count - 1 - values, values + len(constants) * (values >= count))
 
     operands = counted(np.array(taken, dtype=np.int64).reshape(-1, 2))
-    return Tape(count, list(constants), kinds, operands, counted(outputs).tolist())
+    return OperationList(count, list(constants), kinds, operands, counted(outputs).tolist())
 
 
-_OF_TAPE = {"sq": "mul", "twice": "add", "inv": "div", "constpow": "pow"}
-"""What CasADi has a name for and a tape does by another operation, with the same bits."""
+_OF_LIST = {"sq": "mul", "twice": "add", "inv": "div", "constpow": "pow"}
+"""What CasADi has a name for and a list does by another operation, with the same bits."""
 
 
 def _followed(
@@ -169,15 +169,15 @@ class InLanes(ca.Callback):
     """
 
     def __init__(self, of_one: ca.Function, columns: int, last: Sequence[float] = ()) -> None:
-        """``columns``: at most as many as a tape has lanes. ``last``: the numbers of the last input. Raises ValueError
-        as :func:`tape_of`."""
+        """``columns``: at most as many as a list has lanes. ``last``: the numbers of the last input. Raises ValueError
+        as :func:`list_of`."""
         super().__init__()
         given = ca.Sparsity.dense(of_one.size1_in(0)), ca.Sparsity.dense(of_one.size1_in(1), columns)
-        self._given, self._columns, self._tape = given, columns, tape_of(of_one)
-        self._shared = self._tape.inputs[: given[0].nnz()]
-        self._own = self._tape.inputs[given[0].nnz() :][: of_one.size1_in(1)]
-        self._tape.inputs[len(self._shared) + len(self._own) :] = np.reshape(last, (-1, 1))
-        # CasADi has the nonzeros of a matrix column by column, and a tape has those of each lane.
+        self._given, self._columns, self._list = given, columns, list_of(of_one)
+        self._shared = self._list.inputs[: given[0].nnz()]
+        self._own = self._list.inputs[given[0].nnz() :][: of_one.size1_in(1)]
+        self._list.inputs[len(self._shared) + len(self._own) :] = np.reshape(last, (-1, 1))
+        # CasADi has the nonzeros of a matrix column by column, and a list has those of each lane.
         one = of_one.sparsity_out(0)
         placed = ca.vertcat(*(ca.DM(one, np.arange(one.nnz()) * columns + lane) for lane in range(columns)))
         self._found, self._order = placed.sparsity(), np.array(placed.nonzeros(), dtype=np.int64)
@@ -204,10 +204,10 @@ class InLanes(ca.Callback):
         return True
 
     def eval_buffer(self, arg: Sequence[Any], res: Sequence[Any]) -> int:
-        """Runs the tape; 0, as CasADi wants it where nothing is wrong."""
+        """Does the operations; 0, as CasADi wants it where nothing is wrong."""
         self._shared[:] = np.frombuffer(arg[0])[:, None]
         columns = np.frombuffer(arg[1]).reshape(self._columns, -1).T
         self._own[:, : self._columns] = columns
         self._own[:, self._columns :] = columns[:, :1]  # a lane without a column does what is done anyway
-        np.frombuffer(res[0])[:] = self._tape.run()[:, : self._columns].ravel()[self._order]
+        np.frombuffer(res[0])[:] = self._list.run()[:, : self._columns].ravel()[self._order]
         return 0

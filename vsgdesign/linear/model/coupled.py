@@ -13,11 +13,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.codegen.tape import Tape
+from vsgdesign.codegen.operation_list import OperationList
 from vsgdesign.equations.power_flow import power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.equations.slow_plant import Lags, current_of_power, yielding_plant
-from vsgdesign.linear.model.compiled import tape_of
+from vsgdesign.linear.model.compiled import list_of
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
 
 Array = NDArray[np.float64]
@@ -168,8 +168,8 @@ def coupled_model(
     count = len(inputs)
     function = coupled_function(lags.tau_P > 0.0, lags.tau_Q > 0.0, coupling, yields)
     names = ("P_f",) * (lags.tau_P > 0.0) + ("Q_f",) * (lags.tau_Q > 0.0) + ("i_f_d", "i_f_q") * yields
-    tape, shapes = _packed(function)
-    values = tape.of_points(inputs)
+    listed, shapes = _packed(function)
+    values = listed.of_points(inputs)
     matrices, start = [], 0
     for rows, cols in shapes:
         part = values[:, start : start + rows * cols]
@@ -182,10 +182,10 @@ def coupled_model(
 
 
 @functools.cache
-def _packed(function: ca.Function) -> tuple[Tape, list[tuple[int, int]]]:
+def _packed(function: ca.Function) -> tuple[OperationList, list[tuple[int, int]]]:
     """The function with one column in and one out (matrices row by row), and the matrices' shapes."""
     column = ca.SX.sym("column", function.n_in())
     outputs = function.call(ca.vertsplit(column))
     shapes = [out.shape for out in outputs]
     packed = ca.Function("packed", [column], [ca.vertcat(*(ca.vec(out.T) for out in outputs))])
-    return tape_of(packed), shapes
+    return list_of(packed), shapes

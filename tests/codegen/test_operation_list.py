@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from vsgdesign.codegen.tape import LANES, OPERATIONS, Tape
+from vsgdesign.codegen.operation_list import LANES, OPERATIONS, OperationList
 
 NUMBERS = (0.0, -0.0, 1.0, -1.0, 0.5, -0.75, 2.5, -3.0, 1e-3, 700.0, 1e-300, math.inf, -math.inf, math.nan)
 
@@ -88,12 +88,12 @@ def test_an_operation_has_the_bits_of_python(name: str) -> None:
     """Where Python raises an error, C has infinity or no number."""
     of: Callable[..., float] = _or_nan(ONE[name] if name in ONE else TWO[name])
     pairs = [(x, y) for x in NUMBERS for y in NUMBERS] if name in TWO else [(x, x) for x in NUMBERS]
-    tape = Tape(2, (), [name], [(0, 1)], [2])
+    listed = OperationList(2, (), [name], [(0, 1)], [2])
     for begin in range(0, len(pairs), LANES):
         part = pairs[begin : begin + LANES]
-        tape.inputs[:] = 0.5
-        tape.inputs[:, : len(part)] = np.transpose(part)
-        found = tape.run()[0, : len(part)]
+        listed.inputs[:] = 0.5
+        listed.inputs[:, : len(part)] = np.transpose(part)
+        found = listed.run()[0, : len(part)]
         for (x, y), value in zip(part, found.tolist(), strict=True):
             expected = of(x, y) if name in TWO else of(x)
             if math.isnan(expected):
@@ -114,11 +114,11 @@ def test_many_operations_have_the_bits_of_numpy_in_every_lane() -> None:
         operands.append((int(rng.integers(low, number)), int(rng.integers(low, number))))
     last = inputs + len(constants) + count - 1
     outputs = [3, inputs + 1, *range(last - 300, last + 1, 7), last]
-    tape = Tape(inputs, constants, names, operands, outputs)
+    listed = OperationList(inputs, constants, names, operands, outputs)
     for _ in range(2):  # nothing of a run is left for the next one
         given = rng.normal(size=(inputs, LANES))
-        tape.inputs[:] = given
-        found = tape.run()
+        listed.inputs[:] = given
+        found = listed.run()
         for lane in range(LANES):
             values = [*given[:, lane].tolist(), *constants]
             for name, (x, y) in zip(names, operands, strict=True):
@@ -129,21 +129,21 @@ def test_many_operations_have_the_bits_of_numpy_in_every_lane() -> None:
 
 def test_what_cannot_be_done_is_refused() -> None:
     with pytest.raises(ValueError, match="no operation bessel; it has mul,"):
-        Tape(1, (), ["bessel"], [(0, 0)], [1])
+        OperationList(1, (), ["bessel"], [(0, 0)], [1])
     for operands in ([(0, 1)], [(-1, 0)], [(0, 0), (0, 0)]):
         with pytest.raises(ValueError, match="not there before it"):
-            Tape(1, (), ["add"], operands, [0])
+            OperationList(1, (), ["add"], operands, [0])
 
 
 def test_a_list_without_operations_gives_what_it_was_given() -> None:
-    tape = Tape(2, (4.0,), (), (), [1, 2])
-    tape.inputs[:] = [[1.0], [2.0]]
-    np.testing.assert_array_equal(tape.run(), [[2.0] * LANES, [4.0] * LANES])
+    listed = OperationList(2, (4.0,), (), (), [1, 2])
+    listed.inputs[:] = [[1.0], [2.0]]
+    np.testing.assert_array_equal(listed.run(), [[2.0] * LANES, [4.0] * LANES])
 
 
 @pytest.mark.parametrize("count", [0, 1, LANES, 2 * LANES + 3])
 def test_points_are_done_lanes_at_a_time(count: int) -> None:
-    tape = Tape(2, (4.0,), ("mul", "add"), [(0, 1), (3, 2)], [4, 0])
+    listed = OperationList(2, (4.0,), ("mul", "add"), [(0, 1), (3, 2)], [4, 0])
     points = np.random.default_rng(1).normal(size=(count, 2))
     expected = np.column_stack([points[:, 0] * points[:, 1] + 4.0, points[:, 0]])
-    np.testing.assert_array_equal(tape.of_points(points), expected)
+    np.testing.assert_array_equal(listed.of_points(points), expected)

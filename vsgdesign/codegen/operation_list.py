@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
 
 LANES = 8
-"""Lanes of a tape: one register of AVX-512, or several smaller ones."""
+"""Lanes of a list: one register of AVX-512, or several smaller ones."""
 
 _V, _FLAGS, _ZERO = f"<{LANES} x double>", f"<{LANES} x i1>", "zeroinitializer"
 _ONE, _MINUS_ONE = (f"<{', '.join([f'double {value}'] * LANES)}>" for value in (1.0, -1.0))
@@ -80,10 +80,10 @@ _LIBRARY = (*_OF_ONE, *_OF_TWO)
 """Functions of C's library, which take one lane after the other."""
 
 OPERATIONS = (*_ARITHMETIC, *_LIBRARY)
-"""What a tape can do, by name."""
+"""What a list can do, by name."""
 
 
-class Tape:
+class OperationList:
     """A list of operations for lanes side by side.
 
     Values are numbered: inputs, then constants, then the result of each operation in its turn.
@@ -105,7 +105,7 @@ class Tape:
         first = inputs + len(constants)
         unknown = sorted(set(names) - set(OPERATIONS))
         if unknown:
-            raise ValueError(f"a tape has no operation {', '.join(unknown)}; it has {', '.join(OPERATIONS)}.")
+            raise ValueError(f"a list has no operation {', '.join(unknown)}; it has {', '.join(OPERATIONS)}.")
         taken = np.array(operands, dtype=np.int32).reshape(-1, 2)
         after = np.arange(first, first + len(taken))
         if len(names) != len(taken) or (taken < 0).any() or (taken >= after[:, None]).any():
@@ -182,7 +182,7 @@ def _places(taken: Integers, order: NDArray[np.int64], first: int, outputs: Sequ
 @functools.cache
 def _function() -> Callable[..., None]:
     kinds = [ctypes.c_int64, *[ctypes.c_void_p] * 4]
-    return ctypes.CFUNCTYPE(None, *kinds)(compiled(_text(), "tape"))
+    return ctypes.CFUNCTYPE(None, *kinds)(compiled(_text(), "operations"))
 
 
 @functools.cache
@@ -197,7 +197,7 @@ def _text() -> str:
     cases = " ".join(f"i32 {code}, label %{name}" for code, name in enumerate(OPERATIONS))
     lines = [
         *(f"declare {_V} @llvm.{name}.v{LANES}f64({_V})" for name in _INTRINSICS),
-        "define void @tape(i64 %runs, ptr %run.first, ptr %list, ptr %values, ptr %library) #0 {",
+        "define void @operations(i64 %runs, ptr %run.first, ptr %list, ptr %values, ptr %library) #0 {",
         "entry:",
         "  br label %head",
         "head:",

@@ -1,4 +1,4 @@
-"""CasADi's functions on a tape, against CasADi itself: bit for bit."""
+"""CasADi's functions as lists of operations, against CasADi itself: bit for bit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from tests.design.robust_studies import law, robust_study, scenarios, specification
 from vsgdesign.design import nlp
-from vsgdesign.linear.model.compiled import InLanes, tape_of
+from vsgdesign.linear.model.compiled import InLanes, list_of
 from vsgdesign.linear.model.coupled import coupled_function
 
 
@@ -43,29 +43,29 @@ def everything() -> ca.Function:
 
 def test_every_operation_has_the_bits_of_casadi() -> None:
     function, rng = everything(), np.random.default_rng(3)
-    tape = tape_of(function)
-    tape.inputs[:2] = rng.uniform(-0.9, 0.9, size=(2, tape.inputs.shape[1]))
-    tape.inputs[2] = rng.uniform(0.1, 3.0, size=tape.inputs.shape[1])
-    found = tape.run()
-    for lane, (a, b, y) in enumerate(tape.inputs.T):
+    listed = list_of(function)
+    listed.inputs[:2] = rng.uniform(-0.9, 0.9, size=(2, listed.inputs.shape[1]))
+    listed.inputs[2] = rng.uniform(0.1, 3.0, size=listed.inputs.shape[1])
+    found = listed.run()
+    for lane, (a, b, y) in enumerate(listed.inputs.T):
         expected = np.concatenate([np.array(one.nonzeros()) for one in function([a, b], y)])
         np.testing.assert_array_equal(found[:, lane], expected)
         assert np.isfinite(expected).all()
 
 
-def test_what_a_tape_has_not_is_refused() -> None:
+def test_what_a_list_has_not_is_refused() -> None:
     x = ca.SX.sym("x")
     with pytest.raises(ValueError, match="no operation erfinv"):
-        tape_of(ca.Function("f", [x], [ca.erfinv(x)]))
+        list_of(ca.Function("f", [x], [ca.erfinv(x)]))
 
 
 @pytest.mark.parametrize("yields", [False, True])
 def test_the_coupled_model_has_the_bits_of_casadi(yields: bool) -> None:
     function, rng = coupled_function(True, True, yields=yields), np.random.default_rng(4)
-    tape = tape_of(function)
-    tape.inputs[:] = rng.uniform(0.2, 2.0, size=tape.inputs.shape)
-    found = tape.run()
-    for lane, given in enumerate(tape.inputs.T):
+    listed = list_of(function)
+    listed.inputs[:] = rng.uniform(0.2, 2.0, size=listed.inputs.shape)
+    found = listed.run()
+    for lane, given in enumerate(listed.inputs.T):
         expected = np.concatenate([np.array(one.nonzeros()) for one in function(*given)])
         np.testing.assert_array_equal(found[:, lane], expected)
 
