@@ -13,7 +13,7 @@ from tests.cli.small_studies import as_json, call, failure
 from vsgdesign.artifacts.field_weights import read_field_weights
 from vsgdesign.equations.field import FieldFeatures
 from vsgdesign.estimator import specification
-from vsgdesign.estimator.data_set import read_cycles
+from vsgdesign.estimator.data_set import FieldCycles, read_rows
 from vsgdesign.identification.field import field_network
 from vsgdesign.study.parameters import load_study
 
@@ -70,7 +70,7 @@ def test_weights_say_what_they_are(folder: Path) -> None:
     (converter,) = weights.converters
     assert (converter["S_rated"], converter["f_n"]) == (1e6, pytest.approx(60.0))
     assert field_network(weights, FieldFeatures._fields).W_1.shape == (4, len(FieldFeatures._fields))
-    cycles = read_cycles(folder / "runs.npz")
+    cycles = read_rows(folder / "runs.npz", FieldCycles)
     assert weights.data_hash == cycles.hash
     # 0.6 s of 60 Hz in each run, less what falls on the edges.
     assert len(cycles) == pytest.approx(8 * 36, abs=16)

@@ -19,7 +19,7 @@ from vsgdesign.equations.field import FieldAnswer, FieldSettings
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import NO_NOTCH, NotchConstants, PowerLoopGains, References
-from vsgdesign.equations.scheduler_data import TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED
+from vsgdesign.equations.scheduler_data import TOLD_CHANGED, TOLD_LIMITED, TOLD_SURPRISED, SchedulerState
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime.updating import Answer, Covariance
 
@@ -163,6 +163,15 @@ class CompiledC:
     def start(self, R_g: float, L_g: float) -> bool:
         """Begin on a known grid; whether it is in the box."""
         return bool(self.library.vsg_start(self._scheduler, R_g, L_g))
+
+    def load_state(self, state: SchedulerState) -> None:
+        """Go on from a state of the Python scheduler, as this precision holds it."""
+        for name, value in state._asdict().items():
+            if name == "gains":
+                for gain, number in value._asdict().items():
+                    setattr(self._scheduler.gains, gain, number)
+            else:
+                setattr(self._scheduler, name, value)
 
     def power(
         self,
