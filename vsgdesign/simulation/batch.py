@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import Program, StandingLoop, aligned_zeros
 from vsgdesign.codegen.records import numbers_of
-from vsgdesign.simulation.between_rows import BetweenRows
+from vsgdesign.simulation.between_rows import BetweenRows, KeptColumns
 from vsgdesign.simulation.circuit_program import CutSample, ProgramWriter
 from vsgdesign.simulation.field_feed import probe_of, settings_of_study
-from vsgdesign.simulation.kept_columns import KeptColumns
 from vsgdesign.simulation.loop import ALONE, Build, carrier_values, fed_names, loop_of, spec_of
 from vsgdesign.simulation.numbers_of_runs import Numbers
 from vsgdesign.simulation.run_kind import Kind, names_of

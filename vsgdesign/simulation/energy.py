@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.simulation.bridge_energy import EnergyOfAxis, averaged_energy, bridge_filter_of, energy_of, flux_of
+from vsgdesign.simulation.between_rows import EnergyOfAxis, averaged_energy, bridge_filter_of, energy_of, flux_of
 from vsgdesign.simulation.circuit_sample import PlantState
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.study.parameters.study import Study

@@ -19,12 +19,11 @@ from vsgdesign.execution.signals import interrupts_deferred
 from vsgdesign.identification import Probe
 from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch, Log
-from vsgdesign.simulation.between_rows import BetweenRows
+from vsgdesign.simulation.between_rows import BetweenRows, KeptColumns
 from vsgdesign.simulation.circuits import CircuitOfGrid, Circuits, KnownStarts, start_of
 from vsgdesign.simulation.every_sample import BLOCK, EverySample, rings_of_taken
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
-from vsgdesign.simulation.kept_columns import KeptColumns
 from vsgdesign.simulation.loop import (
     ALONE,
     LOG_COLUMNS,
