@@ -11,7 +11,7 @@ from evidence._random_studies import bare, table_of
 from tests.simulation.test_another_host import WITH_TABLE
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.codegen.vector_math import PLAIN
-from vsgdesign.simulation import added_source, circuit_program, strictly
+from vsgdesign.simulation import added_source, circuit_program, compiled_schedulers
 from vsgdesign.simulation.every_sample import with_every_sample
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulate
@@ -64,5 +64,5 @@ def test_a_strict_run_takes_no_functions_of_a_library(tmp_path: Path, monkeypatc
 def test_directions() -> None:
     angles = [0.0, 1.0, -2.5, 400.0]
     expected = [(math.cos(angle), math.sin(angle)) for angle in angles]
-    np.testing.assert_array_equal(strictly.directions(angles, strict=False), expected)
-    np.testing.assert_allclose(strictly.directions(angles, strict=True), expected, rtol=0.0, atol=2e-16)
+    np.testing.assert_array_equal(compiled_schedulers.directions(angles, strict=False), expected)
+    np.testing.assert_allclose(compiled_schedulers.directions(angles, strict=True), expected, rtol=0.0, atol=2e-16)

@@ -19,8 +19,8 @@ from vsgdesign.equations.controller import Measurement
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuits import Circuits, connection_at
+from vsgdesign.simulation.compiled_schedulers import directions
 from vsgdesign.simulation.sample import SensorChannel, Sensors
-from vsgdesign.simulation.strictly import directions
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.simulation.wander import normal_stream
 from vsgdesign.study.parameters.sensors import CHANNELS, SensorSpec

@@ -16,7 +16,7 @@ from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
 from vsgdesign.runtime.updating import Covariance
 from vsgdesign.simulation.circuits import circuit_at_rest, connection_at
-from vsgdesign.simulation.strictly import strict_scheduler_of
+from vsgdesign.simulation.compiled_schedulers import strict_scheduler_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.study.parameters.grid import Grid, GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study

@@ -50,6 +50,7 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.report.explore.scene import SHOWN_S, samples_of_step
 from vsgdesign.simulation.axes import headed
+from vsgdesign.simulation.compiled_schedulers import direction
 from vsgdesign.simulation.outcome import ACTS, BOUND_PU, IN_WORDS, LIMITS, MOVES, MOVES_AT, PARTS, RESTING_S, RESTS_AT
 from vsgdesign.simulation.scenario.controllers import samples_per_mean
 from vsgdesign.simulation.seen_sample import (
@@ -63,7 +64,6 @@ from vsgdesign.simulation.seen_sample import (
     seen_rest,
     seen_voltage,
 )
-from vsgdesign.simulation.strictly import direction
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, TRIPS_AT, own_powers
 from vsgdesign.simulation.watched_sample import entered_s, power_at_pcc, watched_step
