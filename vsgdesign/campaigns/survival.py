@@ -40,7 +40,7 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.dc_beyond import said_of_energy
-from vsgdesign.simulation.feeds import LateSchedule
+from vsgdesign.simulation.feeds import LateSchedule, ToldGrids
 from vsgdesign.simulation.gains import gain_changes
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, LaneEvents
 from vsgdesign.simulation.lanes.results import JUDGED, STATUSES, LaneResults
@@ -50,7 +50,6 @@ from vsgdesign.simulation.lanes.units import Plants, run_plants
 from vsgdesign.simulation.survival.cases import SurvivalCase
 from vsgdesign.simulation.survival.running import CaseResult, Subject, record_of, rest_of, run_case, with_protection
 from vsgdesign.simulation.timeline import build_timeline
-from vsgdesign.simulation.told import ToldGrids
 from vsgdesign.simulation.units.run import simulate_plant
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline
 from vsgdesign.simulation.units.unit_result import as_simulation

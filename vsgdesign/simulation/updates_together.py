@@ -29,9 +29,9 @@ from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.scheduler import Scheduler
 from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.compiled_schedulers import compiled_once, uniform_of
+from vsgdesign.simulation.feeds import ToldGrids, ToldNow
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run_state import RunState
-from vsgdesign.simulation.told import ToldGrids, ToldNow
 
 Array = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.metrics.survival import REST_SHARE, SurvivalDemand
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
 from vsgdesign.simulation.dc_beyond import stiff
-from vsgdesign.simulation.feeds import Told
+from vsgdesign.simulation.feeds import Told, ToldGrids
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases, LaneEvents
 from vsgdesign.simulation.lanes.part import (
     Samples,
@@ -51,7 +51,6 @@ from vsgdesign.simulation.run_kind import DISTURBANCE, LARGEST_DEGREE
 from vsgdesign.simulation.run_kind import STEP as STEP_WATCHED
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
 from vsgdesign.simulation.timeline import Timeline
-from vsgdesign.simulation.told import ToldGrids
 from vsgdesign.simulation.units.body import PlantKind
 from vsgdesign.simulation.units.crossing import switched
 from vsgdesign.simulation.units.inverters import terminals_at_rest
