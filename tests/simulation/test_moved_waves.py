@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 import pytest
 
-from vsgdesign.simulation.moved_waves import LANES, MovedWaves
+from vsgdesign.simulation.background import LANES, MovedWaves
 from vsgdesign.simulation.wander import BLOCK, FORGOTTEN_S, NOISE_TIME, Wander
 from vsgdesign.study.parameters.background import draw_background
 
