@@ -20,8 +20,7 @@ from vsgdesign.linear.operating_point.plant import PlantSteps, plant_steps
 from vsgdesign.simulation.axes import FALLING, PEAK, RISING
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.compiled_schedulers import directions
-from vsgdesign.simulation.grid_slopes import GridSlopes, grid_slopes
-from vsgdesign.simulation.link_piece import axes_of, kept_of_slopes
+from vsgdesign.simulation.link_piece import GridSlopes, axes_of, grid_slopes, kept_of_slopes
 from vsgdesign.simulation.loop import carrier_part
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE, Kind
 from vsgdesign.simulation.segments import Segments, Waves, last_before
