@@ -13,7 +13,7 @@ from tests.simulation.test_lanes import study_named
 from vsgdesign.equations.limiter_interface import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.many import Lanes, many_steady_states
-from vsgdesign.simulation.segments import Segments
+from vsgdesign.simulation.timeline import Segments
 
 
 def test_a_jump_of_the_phase_moves_the_energy_of_its_closed_form() -> None:

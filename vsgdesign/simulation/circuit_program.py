@@ -23,7 +23,7 @@ from vsgdesign.simulation.compiled_schedulers import directions
 from vsgdesign.simulation.link_piece import GridSlopes, axes_of, grid_slopes, kept_of_slopes
 from vsgdesign.simulation.loop import carrier_part
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE, Kind
-from vsgdesign.simulation.segments import Segments, Waves, last_before
+from vsgdesign.simulation.timeline import Segments, Waves, last_before
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

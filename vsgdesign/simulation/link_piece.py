@@ -22,7 +22,7 @@ from vsgdesign.linear.operating_point.plant import state_matrices
 from vsgdesign.simulation.axes import Axes
 from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE, Kind
-from vsgdesign.simulation.segments import Segments
+from vsgdesign.simulation.timeline import Segments
 from vsgdesign.study.parameters.study import Study
 
 RAN = ("v", "voltage", "squares", "taken", "elapsed")

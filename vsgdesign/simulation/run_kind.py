@@ -59,7 +59,7 @@ class Kind(NamedTuple):
     moved: bool = False
     """Whether all that a source does is fed, as in a run of its own: it wanders, or what turns with it is on a ramp."""
     waves: int = 0
-    """So many components of the source turn in the loop itself (:class:`vsgdesign.simulation.segments.Waves`)."""
+    """So many components of the source turn in the loop itself (:class:`vsgdesign.simulation.timeline.Waves`)."""
     taken: bool = False
     """Whether what figures need is taken of every sample (:func:`vsgdesign.simulation.watched_sample.taken`). Nothing
     but a grid is connected then, and nothing is watched or sought."""

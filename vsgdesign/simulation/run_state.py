@@ -37,8 +37,7 @@ from vsgdesign.simulation.run_kind import SYNC
 from vsgdesign.simulation.run_log import RunLog
 from vsgdesign.simulation.search import Search
 from vsgdesign.simulation.seeking_sample import Relay, relay_sees
-from vsgdesign.simulation.segments import segments_of_timelines
-from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.simulation.timeline import build_timeline, segments_of_timelines
 
 Array = NDArray[np.float64]
 

@@ -43,8 +43,7 @@ from vsgdesign.simulation.run import begin_together
 from vsgdesign.simulation.run_asked import RunOf
 from vsgdesign.simulation.run_kind import LARGEST_DEGREE
 from vsgdesign.simulation.run_state import RunState, program_of
-from vsgdesign.simulation.segments import Segments
-from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.simulation.timeline import Segments, build_timeline
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import Study
 

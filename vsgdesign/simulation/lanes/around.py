@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.simulation.segments import START_PHASE, Waves
+from vsgdesign.simulation.timeline import START_PHASE, Waves
 from vsgdesign.simulation.twin import restless
 from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.replay import ReplaySpec

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_loops import References
 from vsgdesign.linear.operating_point.many import Lanes
 from vsgdesign.simulation.lanes.around import NOTHING, Around
-from vsgdesign.simulation.segments import Segments
+from vsgdesign.simulation.timeline import Segments
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES

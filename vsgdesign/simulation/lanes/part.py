@@ -31,8 +31,7 @@ from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
 from vsgdesign.simulation.loop import Build, kind_of, side_by_side, watched_names
 from vsgdesign.simulation.run_kind import DISTURBANCE, Kind
 from vsgdesign.simulation.run_kind import STEP as STEP_WATCHED
-from vsgdesign.simulation.segments import segments_of_timelines
-from vsgdesign.simulation.timeline import build_timeline
+from vsgdesign.simulation.timeline import build_timeline, segments_of_timelines
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES
 from vsgdesign.study.parameters.study import Study

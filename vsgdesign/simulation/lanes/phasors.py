@@ -17,7 +17,7 @@ from vsgdesign.simulation.added_source import PROGRESS_STRETCH
 from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
 from vsgdesign.simulation.lanes.cases import LaneCases
-from vsgdesign.simulation.segments import Segments, Waves
+from vsgdesign.simulation.timeline import Segments, Waves
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -44,9 +44,9 @@ from vsgdesign.simulation.lanes.results import (
 )
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, learns, telling
 from vsgdesign.simulation.outcome import BOUND_PU
-from vsgdesign.simulation.segments import Segments
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
 from vsgdesign.simulation.survival.running import trip_of
+from vsgdesign.simulation.timeline import Segments
 from vsgdesign.study.parameters.dc_link import DcLink
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
