@@ -15,8 +15,8 @@ from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.simulation import circuit_sample, link_piece, sample, seeking_sample, watched_sample
 from vsgdesign.simulation.axes import PEAK, RISING, headed, switched_legs, two_axes
 from vsgdesign.simulation.circuit_sample import CarrierPart, EdgeRow, PlantRow
-from vsgdesign.simulation.ramp_sample import with_ramp
 from vsgdesign.simulation.run_kind import DISTURBANCE, FAULT, RELAY, SYNC, Kind, names_of
+from vsgdesign.simulation.sample import with_ramp
 
 
 def moves(kind: Kind, watched: tuple[str, ...] = ()) -> tuple[tuple[str, str], ...]:

@@ -389,7 +389,7 @@ def _turned(source: NDArray[Any], angle: Array) -> NDArray[Any]:
 
 
 def _held_ramp(source: NDArray[Any]) -> Array:
-    """Values of :class:`vsgdesign.simulation.ramp_sample.RampRow`, (n, 20), where an interval has the whole source."""
+    """Values of :class:`vsgdesign.simulation.sample.RampRow`, (n, 20), where an interval has the whole source."""
     whole = np.zeros((len(source), 20))
     whole[:, :3], whole[:, 3:6] = np.real(source), np.imag(source)
     return whole

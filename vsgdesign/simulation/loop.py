@@ -38,9 +38,8 @@ from vsgdesign.simulation.bodies import (
 )
 from vsgdesign.simulation.circuit_sample import CarrierPart, carrier
 from vsgdesign.simulation.dc_parts import dc_kind_of
-from vsgdesign.simulation.ramp_sample import RampRow
 from vsgdesign.simulation.run_kind import DISTURBANCE, SYNC, Bridge, Kind, names_of
-from vsgdesign.simulation.sample import Noise, Sensors
+from vsgdesign.simulation.sample import Noise, RampRow, Sensors
 from vsgdesign.simulation.watched_sample import LoadDemand
 from vsgdesign.study.parameters.study import Study
 
