@@ -12,7 +12,7 @@ from tests.report.layout import write_svg
 from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure, write_all
 from vsgdesign.report.page.html import print_html
 from vsgdesign.report.stability.page import stability_figures, stability_page
-from vsgdesign.simulation.evidence import step_evidence
+from vsgdesign.simulation.stability_result import step_evidence
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.verbs.pipeline import StabilityResult, assess_study
 

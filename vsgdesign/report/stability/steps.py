@@ -15,8 +15,7 @@ from vsgdesign.report.drawing.panels import groups
 from vsgdesign.report.drawing.quantities import plain_quantity, prefix_for
 from vsgdesign.report.drawing.style import BAND, COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.report.drawing.time_axis import extreme_indices, symbols, time_unit
-from vsgdesign.simulation.evidence import StepEvidence
-from vsgdesign.simulation.stability_result import StabilityResult
+from vsgdesign.simulation.stability_result import StabilityResult, StepEvidence
 
 Array = NDArray[np.float64]
 

@@ -33,8 +33,15 @@ from vsgdesign.metrics.margins import guaranteed_margins
 from vsgdesign.report.drawing.figures import ExplorerFile
 from vsgdesign.report.explore.lattice import QUICK_LATTICE
 from vsgdesign.report.page.live import StaticPage
-from vsgdesign.simulation.evidence import StepEvidence, step_evidence
-from vsgdesign.simulation.stability_result import StabilityResult, frequency_file, map_file, maps_of, step_file
+from vsgdesign.simulation.stability_result import (
+    StabilityResult,
+    StepEvidence,
+    frequency_file,
+    map_file,
+    maps_of,
+    step_evidence,
+    step_file,
+)
 from vsgdesign.study.parameters.study import Study
 from vsgdesign.verbs.pipeline.live_part import live_begun, told_apart, waited_for
 from vsgdesign.verbs.pipeline.study_tables import study_tables
