@@ -12,7 +12,7 @@ from vsgdesign.codegen.loop_spec import Product
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.field import LockIn
 from vsgdesign.equations.synchronising import GridWatch
-from vsgdesign.simulation import circuit_sample, link_piece, sample, seeking_sample, watched_sample
+from vsgdesign.simulation import circuit_sample, link_piece, sample, watched_sample
 from vsgdesign.simulation.axes import PEAK, RISING, headed, switched_legs, two_axes
 from vsgdesign.simulation.circuit_sample import CarrierPart, EdgeRow, PlantRow
 from vsgdesign.simulation.run_kind import DISTURBANCE, FAULT, RELAY, SYNC, Kind, names_of
@@ -129,8 +129,8 @@ def _set_to_grid(kind: Kind) -> Part:
     """A converter that sets itself to the grid behind its breaker."""
     called = {name: f"{_true(kind)}.{name.partition('.')[2]}" for name in names_of(sample.Measurement, "measured")}
     called |= {name: name.replace("watch.", "seek.watch_sync.", 1) for name in names_of(GridWatch, "watch")}
-    called |= {name: f"seek.{name}" for name in names_of(seeking_sample.Setting, "setting")}
-    block = headed(flat_block(seeking_sample.set_to_grid, kinds=kind.records))
+    called |= {name: f"seek.{name}" for name in names_of(sample.Setting, "setting")}
+    block = headed(flat_block(sample.set_to_grid, kinds=kind.records))
     return Part(block, called | {"ready": "seek.ready", "T_s": "settings.T_s"})
 
 
@@ -141,8 +141,8 @@ def _relay(kind: Kind) -> list[Part]:
     called = {"T_s": "settings.T_s"} | {f"v_{axis}": f"{_true(kind)}.v_{axis}" for axis in ("alpha", "beta")}
     for side in ("own", "behind"):
         called |= {name: name.replace(side, f"seek.{side}_relay", 1) for name in names_of(GridWatch, side)}
-    called |= {name: f"seek.{name}" for name in names_of(seeking_sample.Relay, "relay")}
-    return [Part(headed(flat_block(seeking_sample.relay_sees)), called)]
+    called |= {name: f"seek.{name}" for name in names_of(sample.Relay, "relay")}
+    return [Part(headed(flat_block(sample.relay_sees)), called)]
 
 
 def seek_names(kind: Kind) -> list[str]:
@@ -151,9 +151,9 @@ def seek_names(kind: Kind) -> list[str]:
     found = []
     if FAULT in kind.seeks:
         found += [f"seek.current.{axis}_{state}" for axis in ("alpha", "beta") for state in kind.states]
-        found += names_of(seeking_sample.Phases, "seek.phases")
-    found += names_of(seeking_sample.Relay, "seek.relay") if RELAY in kind.seeks else []
-    return found + (names_of(seeking_sample.Setting, "seek.setting") if SYNC in kind.seeks else [])
+        found += names_of(sample.Phases, "seek.phases")
+    found += names_of(sample.Relay, "seek.relay") if RELAY in kind.seeks else []
+    return found + (names_of(sample.Setting, "seek.setting") if SYNC in kind.seeks else [])
 
 
 def _found(kind: Kind, moved: tuple[tuple[str, str], ...]) -> list[Part]:
@@ -168,10 +168,10 @@ def _found(kind: Kind, moved: tuple[tuple[str, str], ...]) -> list[Part]:
                 factors = ((f"seek.current.{axis}_{state}", f"{head}.{state}") for state in kind.states)
                 terms = [current.does("*", *map(current.input, pair)) for pair in factors]
                 current.output(f"{when}_{axis}", current.sum_of(*terms))
-        called = {name: f"seek.{name}" for name in names_of(seeking_sample.Phases, "phases")}
+        called = {name: f"seek.{name}" for name in names_of(sample.Phases, "phases")}
         parts += [
             Part(current.block()),
-            Part(headed(flat_block(seeking_sample.passes_zero), passes_zero="crossed"), called),
+            Part(headed(flat_block(sample.passes_zero), passes_zero="crossed"), called),
         ]
     stops = {FAULT: "crossed", RELAY: "near", SYNC: "done"}
     still: Expression = Number(0.0)

@@ -35,8 +35,8 @@ from vsgdesign.simulation.reclosing import check_setting
 from vsgdesign.simulation.run_asked import RunOf, Twin, feed_of_run
 from vsgdesign.simulation.run_kind import SYNC
 from vsgdesign.simulation.run_log import RunLog
+from vsgdesign.simulation.sample import Relay, relay_sees
 from vsgdesign.simulation.search import Search
-from vsgdesign.simulation.seeking_sample import Relay, relay_sees
 from vsgdesign.simulation.timeline import build_timeline, segments_of_timelines
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from vsgdesign.simulation.circuits import Circuits, Connection, connection_at, c
 from vsgdesign.simulation.clearing import SLACK, Clearing, cleared_events, clearings, rests_of_fault
 from vsgdesign.simulation.reclosing import IN_STEP_S, LONGEST_S, closings_of, reclosed, waits_to_close
 from vsgdesign.simulation.run_kind import FAULT, RELAY, SYNC
-from vsgdesign.simulation.seeking_sample import Phases, Relay, Setting
+from vsgdesign.simulation.sample import Phases, Relay, Setting
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.study.parameters.study import Event, Study
 
