@@ -47,11 +47,10 @@ from vsgdesign.simulation.outcome import (
     outcome_of,
     unanswered,
 )
-from vsgdesign.simulation.reclosing import reclosed, waits_to_close
 from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario.checking import deaf_in_words, other_bridges
-from vsgdesign.simulation.search import found_events
+from vsgdesign.simulation.search import found_events, reclosed, waits_to_close
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.simulation.reclosing import LONGEST_S
 from vsgdesign.simulation.sample import Relay, relay_sees
+from vsgdesign.simulation.search import LONGEST_S
 from vsgdesign.simulation.units.run import PlantRun, UnitRun
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.network_fields import NOTHING_SAID

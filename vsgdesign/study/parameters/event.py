@@ -62,7 +62,7 @@ class Event:
     network: Network | None = None
     """Load, fault and breaker from now on, in place of all earlier ones."""
     synchro_check: SynchroCheck | None = None
-    """From now on, the breaker waits to close (:func:`vsgdesign.simulation.reclosing.reclosed`)."""
+    """From now on, the breaker waits to close (:func:`vsgdesign.simulation.search.reclosed`)."""
     synchronised_until: float | None = None
     """From now on until this time, s, the converter sets itself to the grid behind its open breaker. Infinite: it is
     not known yet when the breaker closes. None: it does not."""
