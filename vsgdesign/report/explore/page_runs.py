@@ -46,9 +46,8 @@ from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.lookup import gain_lookup
 from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.circuit_program import RAMP_DRIFT
-from vsgdesign.simulation.following import KnownGridScheduler
+from vsgdesign.simulation.following import KnownGridScheduler, refollowed, rescheduled
 from vsgdesign.simulation.loop import ALONE, carrier_values, log_names, slopes_of, spec_of
-from vsgdesign.simulation.rescheduled import refollowed, rescheduled
 from vsgdesign.simulation.run_kind import names_of
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.converter import Converter
