@@ -19,7 +19,7 @@ from vsgdesign.equations.field.measuring import LONGER, LONGER_FROM, SLOW_MEMORY
 from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.estimator.bound import sensor_noise, tracked_probe_bound
 from vsgdesign.metrics.oscillation import interharmonic_rms, ripple_rms
-from vsgdesign.simulation.at_pcc import pcc_vectors
+from vsgdesign.simulation.every_sample import pcc_vectors
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.study.parameters.background import draw_background
 from vsgdesign.study.parameters.sensors import draw_sensors

@@ -15,8 +15,7 @@ from vsgdesign.artifacts import read_npz
 from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.simulation import GainChange, build_timeline, every_sample, simulate
-from vsgdesign.simulation.at_pcc import AtPcc
-from vsgdesign.simulation.every_sample import MOST_SAMPLES, EverySample, spacing_of_figures
+from vsgdesign.simulation.every_sample import MOST_SAMPLES, AtPcc, EverySample, spacing_of_figures
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.verbs.pipeline.run import run_study

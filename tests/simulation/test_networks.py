@@ -18,7 +18,7 @@ from vsgdesign.linear.operating_point.network import network_circuit, states_of_
 from vsgdesign.linear.operating_point.plant import plant_step
 from vsgdesign.report.scenario.page import limits_of_validity
 from vsgdesign.simulation import GainChange, gain_changes, simulate
-from vsgdesign.simulation.at_pcc import AtPcc, pcc_vectors
+from vsgdesign.simulation.every_sample import AtPcc, pcc_vectors
 from vsgdesign.simulation.scenario import derive_series, run_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, study_from_text

@@ -26,7 +26,7 @@ from vsgdesign.identification import Estimator
 from vsgdesign.identification.field import FieldEstimator
 from vsgdesign.identification.interface import CHANNELS, Array, ComplexArray
 from vsgdesign.simulation import simulate
-from vsgdesign.simulation.at_pcc import pcc_vectors
+from vsgdesign.simulation.every_sample import pcc_vectors
 from vsgdesign.simulation.field_feed import FieldScheduler, MeasuredCycle
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.grid import Grid, SourceComponent

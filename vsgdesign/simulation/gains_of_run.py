@@ -13,7 +13,7 @@ from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.identification import Probe
-from vsgdesign.simulation.at_pcc import AtPcc
+from vsgdesign.simulation.every_sample import AtPcc
 from vsgdesign.simulation.gains import GainChange, RunFeed
 from vsgdesign.simulation.online import MeasuredWindow, OnlineScheduler, WindowPowers, grid_of, probe_hold_of, wanted_of
 from vsgdesign.simulation.timeline import Timeline

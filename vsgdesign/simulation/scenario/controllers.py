@@ -20,16 +20,17 @@ from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import NO_REST, Survival, peaks_of
 from vsgdesign.runtime.of_study import follows_measured
-from vsgdesign.simulation.at_pcc import AtPcc, pcc_vectors
 from vsgdesign.simulation.dc_beyond import told_of_blocked
 from vsgdesign.simulation.dc_start import DcFigures, dc_figures, dc_series
 from vsgdesign.simulation.estimated import EstimatedScheduler, EstimateLog
 from vsgdesign.simulation.every_sample import (
+    AtPcc,
     EverySample,
     SignalsAtPcc,
     first_resting,
     in_pu,
     memory_for,
+    pcc_vectors,
     rows_apart,
     spacing_of_figures,
     without_steps,
