@@ -31,9 +31,8 @@ from vsgdesign.simulation.gains import gain_changes, with_gains
 from vsgdesign.simulation.online import Hears
 from vsgdesign.simulation.outcome import Divergence, outside
 from vsgdesign.simulation.probing import HeldProbe, add_offset
-from vsgdesign.simulation.run_asked import RunOf, Twin, feed_of_run
+from vsgdesign.simulation.run_asked import RunLog, RunOf, Twin, feed_of_run
 from vsgdesign.simulation.run_kind import SYNC
-from vsgdesign.simulation.run_log import RunLog
 from vsgdesign.simulation.sample import Relay, relay_sees
 from vsgdesign.simulation.search import Search, check_setting
 from vsgdesign.simulation.timeline import build_timeline, segments_of_timelines

@@ -21,8 +21,7 @@ from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.field_observer import PLACE_OF_CLOSED, goes_on
 from vsgdesign.simulation.gains import RunFeed
 from vsgdesign.simulation.loop import log_names
-from vsgdesign.simulation.run_asked import Twin
-from vsgdesign.simulation.run_log import RunLog
+from vsgdesign.simulation.run_asked import RunLog, Twin
 from vsgdesign.simulation.run_state import RunState
 from vsgdesign.study.parameters.background import BackgroundSpec
 from vsgdesign.study.parameters.grid import Grid
