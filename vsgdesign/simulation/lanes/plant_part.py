@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import StandingLoop, aligned_zeros, compiled_loop
-from vsgdesign.simulation.batch import Log
+from vsgdesign.simulation.batch import Log, Numbers
 from vsgdesign.simulation.circuit_program import ProgramWriter
 from vsgdesign.simulation.dc_beyond import Outside
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.part import LOOK_SAMPLES, Samples, padded
 from vsgdesign.simulation.loop import side_by_side, watched_names
-from vsgdesign.simulation.numbers_of_runs import Numbers
 from vsgdesign.simulation.units.body import PlantKind, body_numbers, cyclic_values, spec_of_plant
 from vsgdesign.simulation.units.crossing import cross
 from vsgdesign.simulation.units.program import PlantProgram
