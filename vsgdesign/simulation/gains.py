@@ -17,8 +17,7 @@ from vsgdesign.identification import Probe
 from vsgdesign.runtime.floats import on_floats
 from vsgdesign.runtime.of_study import follows_measured, schedule_of
 from vsgdesign.runtime.schedule import Schedule
-from vsgdesign.simulation.field_observer import FieldMemory
-from vsgdesign.simulation.probing import HeldProbe
+from vsgdesign.simulation.field_observer import FieldMemory, HeldProbe
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import ControllerSpec, Study

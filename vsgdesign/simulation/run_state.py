@@ -27,10 +27,10 @@ from vsgdesign.simulation.clearing import SLACK, SampleOfFault
 from vsgdesign.simulation.dc_start import BLOCKS_AT, blocked, dc_at_start, dc_changed
 from vsgdesign.simulation.feeds import LateSchedule
 from vsgdesign.simulation.field_feed import FieldScheduler
+from vsgdesign.simulation.field_observer import HeldProbe, add_offset
 from vsgdesign.simulation.gains import gain_changes, with_gains
 from vsgdesign.simulation.online import Hears
 from vsgdesign.simulation.outcome import Divergence, outside
-from vsgdesign.simulation.probing import HeldProbe, add_offset
 from vsgdesign.simulation.run_asked import RunLog, RunOf, Twin, feed_of_run
 from vsgdesign.simulation.run_kind import SYNC
 from vsgdesign.simulation.sample import Relay, relay_sees
