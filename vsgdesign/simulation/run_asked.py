@@ -17,8 +17,7 @@ from vsgdesign.simulation.circuits import CircuitOfGrid
 from vsgdesign.simulation.dc_start import rows_before_block
 from vsgdesign.simulation.every_sample import EverySample
 from vsgdesign.simulation.field_feed import FieldScheduler
-from vsgdesign.simulation.gains import GainChange, RunFeed
-from vsgdesign.simulation.gains_of_run import ListedGains, OnlineGains
+from vsgdesign.simulation.gains import GainChange, ListedGains, OnlineGains, RunFeed
 from vsgdesign.simulation.loop import LOG_COLUMNS, SENSED_COLUMNS, log_names
 from vsgdesign.simulation.online import OnlineScheduler
 from vsgdesign.simulation.outcome import good_rows

@@ -19,8 +19,7 @@ from vsgdesign.linear.operating_point.many_rests import rest_with_measured_gains
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.feeds import LateSchedule, safe_grid
 from vsgdesign.simulation.following import KnownGridScheduler
-from vsgdesign.simulation.gains import gain_changes
-from vsgdesign.simulation.gains_of_run import ListedGains
+from vsgdesign.simulation.gains import ListedGains, gain_changes
 from vsgdesign.simulation.lanes.cases import DISTURBANCE, LaneCases, no_events
 from vsgdesign.simulation.lanes.telling import Telling, telling
 from vsgdesign.study.parameters import study_from_text

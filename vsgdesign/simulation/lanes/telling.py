@@ -25,7 +25,7 @@ from vsgdesign.runtime.of_study import ControllerGains, follows_measured, gain_l
 from vsgdesign.runtime.scheduler import scheduler_of
 from vsgdesign.simulation.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.feeds import STALE_S, Told, ToldGrids, ToldNow, safe_grid, told_of
-from vsgdesign.simulation.gains_of_run import whole_multiple
+from vsgdesign.simulation.gains import whole_multiple
 from vsgdesign.simulation.lanes.cases import LaneCases, study_of_case
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.grid import Grid, GridEstimate
