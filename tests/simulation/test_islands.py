@@ -13,11 +13,11 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.grid import grid_behind_load
 from vsgdesign.metrics.survival import SURVIVED
 from vsgdesign.report.page.converter import network_in_words
-from vsgdesign.simulation.expected_rests import expected_rests, knows_its_rests, refuse_impossible
 from vsgdesign.simulation.feeds import LateSchedule, gain_feed, told_of
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.online import WindowPowers
 from vsgdesign.simulation.scenario import run_scenario
+from vsgdesign.simulation.scenario.checking import expected_rests, knows_its_rests, refuse_impossible
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.grid import Grid, GridEstimate

@@ -16,9 +16,9 @@ from vsgdesign.linear.model.full_order import full_order_map
 from vsgdesign.linear.stability.loci import quantity_of
 from vsgdesign.metrics import EventMetrics
 from vsgdesign.metrics.events import MEASURED, NO_STEADY_STATE, TOO_SHORT, UNSTABLE
-from vsgdesign.simulation.expected_rests import expected_rests, expected_rests_of
 from vsgdesign.simulation.rest import rests
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
+from vsgdesign.simulation.scenario.checking import expected_rests, expected_rests_of
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, load_study, study_from_text
 from vsgdesign.study.parameters.grid import GridEstimate

@@ -13,8 +13,8 @@ from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.verdict import verdict
-from vsgdesign.simulation.expected_rests import refuse_impossible
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, run_scenario
+from vsgdesign.simulation.scenario.checking import refuse_impossible
 from vsgdesign.simulation.scenario.promises import promises_kept
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Event, study_from_text

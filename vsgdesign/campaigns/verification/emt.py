@@ -11,10 +11,10 @@ from vsgdesign.campaigns.verification.case_study import case_study
 from vsgdesign.campaigns.verification.draws import cases_of, draw_cases
 from vsgdesign.codegen.machine_code import instruction_set
 from vsgdesign.metrics.events import MEASURED, NOT_SETTLED, TOO_SHORT
-from vsgdesign.simulation.expected_rests import expected_rests
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.scenario import ControllerResult, run_scenario
+from vsgdesign.simulation.scenario.checking import expected_rests
 from vsgdesign.study.parameters import load_study
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 

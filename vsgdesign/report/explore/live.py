@@ -32,12 +32,12 @@ from vsgdesign.report.explore.scene import (
 from vsgdesign.report.explore.state import State
 from vsgdesign.report.explore.wire import Answer, emt_of_rows, never, thinned
 from vsgdesign.simulation.every_sample import signals_at_pcc, with_every_sample
-from vsgdesign.simulation.expected_rests import expected_rests_of
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.outcome import outcome_of
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import measure_events, rest_at_limit
+from vsgdesign.simulation.scenario.checking import expected_rests_of
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
@@ -223,7 +223,7 @@ def figures_of(
 
     ``study`` is that of the run, with this controller alone. A step of a reference is judged by settling time and
     overshoot, everything else as a disturbance that is survived or not: as by ``vsgdesign run``. ``rests`` are those
-    after a step (:func:`vsgdesign.simulation.expected_rests.expected_rests`), None after anything else.
+    after a step (:func:`vsgdesign.simulation.scenario.checking.expected_rests`), None after anything else.
     """
     spec = study.controllers[0]
     own = study.with_limit_of(spec)

@@ -35,7 +35,6 @@ from vsgdesign.simulation.every_sample import (
     spacing_of_figures,
     without_steps,
 )
-from vsgdesign.simulation.expected_rests import expected_rests, knows_its_rests, refuse_impossible
 from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange
@@ -50,7 +49,13 @@ from vsgdesign.simulation.outcome import (
 )
 from vsgdesign.simulation.rest import WHERE_TO_LOOK, Instability, Rest, instabilities, rests
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.scenario.checking import deaf_in_words, other_bridges
+from vsgdesign.simulation.scenario.checking import (
+    deaf_in_words,
+    expected_rests,
+    knows_its_rests,
+    other_bridges,
+    refuse_impossible,
+)
 from vsgdesign.simulation.search import found_events, reclosed, waits_to_close
 from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.scenario import judge_scenario
@@ -167,7 +172,7 @@ def run_scenario(
     ``progress`` is called with the controller's name and the simulated time in s, ``warn`` before the run with a
     sentence on every instability that it is going to show. Raises InfeasibleStudyError
     naming the instant from which on the scenario asks for what its grid cannot carry
-    (:func:`vsgdesign.simulation.expected_rests.refuse_impossible`), or a controller whose gain table or
+    (:func:`vsgdesign.simulation.scenario.checking.refuse_impossible`), or a controller whose gain table or
     network is not in ``ready``; ArtifactError where the network does not fit.
     """
     one_converter(study, "this run")

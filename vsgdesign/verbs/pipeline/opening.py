@@ -169,8 +169,8 @@ def _known(value: float) -> float | None:
 
 def check_possible(study: Study) -> None:
     """Raises InfeasibleStudyError where the grid cannot carry what the study asks for, as every verb that simulates
-    does before any other work (:func:`vsgdesign.simulation.expected_rests.refuse_impossible`)."""
-    from vsgdesign.simulation.expected_rests import refuse_impossible
+    does before any other work (:func:`vsgdesign.simulation.scenario.checking.refuse_impossible`)."""
+    from vsgdesign.simulation.scenario.checking import refuse_impossible
     from vsgdesign.simulation.timeline import build_timeline
 
     for one in _converters(study):
