@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.definitions import DEFINITIONS, FULL_ORDER, NOMINAL, REDUCED, WORST
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.simulation.scenario.promises import TABLE
+from vsgdesign.simulation.scenario.judging import TABLE
 from vsgdesign.study.parameters.grid import Grid
 from vsgdesign.study.parameters.study import Study
 

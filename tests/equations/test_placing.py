@@ -20,7 +20,7 @@ from vsgdesign.equations.placing import (
     settling_factor,
     settling_margin,
 )
-from vsgdesign.simulation.scenario.promises import promises_of
+from vsgdesign.simulation.scenario.judging import promises_of
 from vsgdesign.study.parameters import study_from_text
 
 

@@ -25,7 +25,7 @@ from vsgdesign.report.explore.fields import most_allowed
 from vsgdesign.report.scenario.outcomes import StepOutcome
 from vsgdesign.report.stability.inner import GAIN_TEXTS, inner_tables
 from vsgdesign.simulation.lanes.cases import ACTIVE, REACTIVE
-from vsgdesign.simulation.scenario.promises import promises_of
+from vsgdesign.simulation.scenario.judging import promises_of
 
 STUDY, READY = study_with(ASKED)
 SPEC = STUDY.controllers[0]

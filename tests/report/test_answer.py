@@ -23,8 +23,7 @@ from vsgdesign.report.scenario.answer import MOST_STEPS, scenario_answer, scenar
 from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.verdict import survival_text
 from vsgdesign.simulation.outcome import Outcome
-from vsgdesign.simulation.scenario.judging import judge_estimates
-from vsgdesign.simulation.scenario.promises import promises_kept
+from vsgdesign.simulation.scenario.judging import judge_estimates, promises_kept
 
 
 def answered(result):

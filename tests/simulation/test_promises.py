@@ -18,7 +18,7 @@ from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.report.scenario.outcomes import promise_sentences, promises_table, step_outcomes
 from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario
-from vsgdesign.simulation.scenario.promises import CLOSED_FORM, GATES, TABLE, promises_kept, promises_of
+from vsgdesign.simulation.scenario.judging import CLOSED_FORM, GATES, TABLE, promises_kept, promises_of
 from vsgdesign.study.parameters import Event, Study
 from vsgdesign.study.parameters.grid import Grid, Place
 

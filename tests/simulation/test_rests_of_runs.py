@@ -15,7 +15,7 @@ from vsgdesign.report.scenario.outcomes import step_outcomes
 from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, run_scenario
 from vsgdesign.simulation.scenario.checking import refuse_impossible
-from vsgdesign.simulation.scenario.promises import promises_kept
+from vsgdesign.simulation.scenario.judging import promises_kept
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Event, study_from_text
 from vsgdesign.study.parameters.grid import Place

@@ -13,7 +13,7 @@ from vsgdesign.simulation.feeds import told_at, told_of
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.scenario.checking import expected_rests, knows_its_rests
-from vsgdesign.simulation.scenario.promises import promises_kept
+from vsgdesign.simulation.scenario.judging import promises_kept
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.grid import GridEstimate
 

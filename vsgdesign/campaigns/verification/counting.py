@@ -283,11 +283,11 @@ def verified_promises(
     """The promises of a controller. ``families``: whether the cases of a family are steps, by its name.
 
     A step keeps the overshoot and the settling time that the page of a run holds the controller to
-    (:func:`vsgdesign.simulation.scenario.promises.promises_of`), by the same rule (:mod:`vsgdesign.metrics.met`). Any
+    (:func:`vsgdesign.simulation.scenario.judging.promises_of`), by the same rule (:mod:`vsgdesign.metrics.met`). Any
     other case is survived: the converter is at its new rest in 2 T + 0.2 s, as in docs/survival.md. If the current
     is limited, it is at most 5 % above its limit later than 5 ms after an event.
     """
-    from vsgdesign.simulation.scenario.promises import promises_of
+    from vsgdesign.simulation.scenario.judging import promises_of
 
     steps = tuple(name for name, step in families.items() if step)
     others = tuple(name for name, step in families.items() if not step)

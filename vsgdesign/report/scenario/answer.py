@@ -23,8 +23,7 @@ from vsgdesign.report.scenario.outcomes import CANNOT, StepOutcome, notes_on_noi
 from vsgdesign.report.scenario.signals import Signal, power_signals
 from vsgdesign.report.scenario.verdict import verdict
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
-from vsgdesign.simulation.scenario.judging import Judgement
-from vsgdesign.simulation.scenario.promises import Kept
+from vsgdesign.simulation.scenario.judging import Judgement, Kept
 
 MOST_STEPS = 6
 """As many steps are drawn side by side: those that most controllers miss, in order of time."""

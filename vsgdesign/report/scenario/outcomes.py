@@ -20,7 +20,7 @@ from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, qu
 from vsgdesign.report.page.blocks import Table
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
-from vsgdesign.simulation.scenario.promises import TABLE, Kept, Promises, given_up, not_promised, promises_of
+from vsgdesign.simulation.scenario.judging import TABLE, Kept, Promises, given_up, not_promised, promises_of
 from vsgdesign.study.parameters.study import Study
 
 _AT_REST = 0.02

@@ -50,8 +50,7 @@ from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.rest import WHERE_TO_LOOK
 from vsgdesign.simulation.scenario import ScenarioResult, mean_cycles
 from vsgdesign.simulation.scenario.checking import BRIDGES
-from vsgdesign.simulation.scenario.judging import Judgement, judge_estimates
-from vsgdesign.simulation.scenario.promises import promises_kept
+from vsgdesign.simulation.scenario.judging import Judgement, judge_estimates, promises_kept
 from vsgdesign.study.parameters.study import Study
 
 if TYPE_CHECKING:

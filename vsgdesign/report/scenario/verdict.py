@@ -18,7 +18,7 @@ from vsgdesign.report.drawing.quantities import number, percent, plain, plain_qu
 from vsgdesign.report.scenario.outcomes import StepOutcome
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult
-from vsgdesign.simulation.scenario.promises import CLOSED_FORM
+from vsgdesign.simulation.scenario.judging import CLOSED_FORM
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 _MOST_LISTED = 6

@@ -17,8 +17,7 @@ from vsgdesign.simulation.every_sample import spacing_of_figures
 from vsgdesign.simulation.gains import GainChange, settled_changes
 from vsgdesign.simulation.rest import Instability, Rest
 from vsgdesign.simulation.scenario import ControllerResult, ScenarioResult, mean_cycles
-from vsgdesign.simulation.scenario.judging import judge_estimates
-from vsgdesign.simulation.scenario.promises import Kept, promises_kept
+from vsgdesign.simulation.scenario.judging import Kept, judge_estimates, promises_kept
 from vsgdesign.study.parameters import Study
 from vsgdesign.verbs.pipeline.estimators import judgement_document
 
