@@ -25,8 +25,7 @@ from vsgdesign.simulation.circuits import Circuits
 from vsgdesign.simulation.dc_beyond import Outside
 from vsgdesign.simulation.dc_start import clamp_at_rest, dc_changed
 from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases, segments_of, study_of_case
-from vsgdesign.simulation.lanes.feed import FED_SAMPLES, LaneFeed
-from vsgdesign.simulation.lanes.phasors import put_phasors, take_up_phasors
+from vsgdesign.simulation.lanes.feed import FED_SAMPLES, LaneFeed, put_phasors, take_up_phasors
 from vsgdesign.simulation.lanes.rests import Rests, cycles_at_end
 from vsgdesign.simulation.loop import Build, kind_of, side_by_side, watched_names
 from vsgdesign.simulation.run_kind import DISTURBANCE, Kind
