@@ -24,7 +24,7 @@ from vsgdesign.simulation.lanes.run import parts_of, run_lanes
 from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.loop import kind_of, loop_of, side_by_side, spec_of
 from vsgdesign.simulation.run_kind import STEP
-from vsgdesign.simulation.survival.demand import demand_of
+from vsgdesign.simulation.survival.cases import demand_of
 from vsgdesign.study.parameters import Study, load_study
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies"

@@ -43,7 +43,7 @@ from vsgdesign.simulation.lanes.cases import LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import rests_of
 from vsgdesign.simulation.lanes.results import LaneResults
 from vsgdesign.simulation.lanes.telling import Telling, telling
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.simulation.timeline import Segments
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 

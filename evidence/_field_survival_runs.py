@@ -27,7 +27,7 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.simulation.feeds import LateSchedule
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.survival.demand import demand_of, field_demand, late_grid
+from vsgdesign.simulation.survival.cases import demand_of, field_demand, late_grid
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.study.parameters.grid import Grid

@@ -32,8 +32,7 @@ from vsgdesign.metrics.survival import (
     SurvivalRecord,
     judge_survival,
 )
-from vsgdesign.simulation.survival.cases import GridKnowledge, GridState, SurvivalCase
-from vsgdesign.simulation.survival.demand import demand_of
+from vsgdesign.simulation.survival.cases import GridKnowledge, GridState, SurvivalCase, demand_of
 from vsgdesign.simulation.survival.sets import fixed_set
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.converter import Converter

@@ -2,7 +2,7 @@
 
 Every case is a study that the product runs as it is (:func:`vsgdesign.simulation.units.scenario.run_plant`): a step of
 one unit or of all, a jump of the grid, or the loss of a unit, ``EVENT_S`` after the start. A unit is judged as a
-converter in the field is (:func:`vsgdesign.simulation.survival.demand.field_demand`), by its rest in the plant. Beside
+converter in the field is (:func:`vsgdesign.simulation.survival.cases.field_demand`), by its rest in the plant. Beside
 it stand the share of the time in which an estimate is valid, and changes that are reported where nothing happens.
 ``VSGDESIGN_FIELD_SHARE=0.1`` runs a tenth of the cases; finished ones are found again.
 """
@@ -20,7 +20,7 @@ from evidence._kept_runs import EVIDENCE_SEED, kept_runs, share
 from evidence._tables import leave, table
 from evidence.twin import WANDER
 from vsgdesign.metrics.survival import judge_survival
-from vsgdesign.simulation.survival.demand import demand_of, field_demand
+from vsgdesign.simulation.survival.cases import demand_of, field_demand
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.units.scenario import PlantController, run_plant
 from vsgdesign.study.parameters import study_from_text

@@ -9,7 +9,7 @@ import numpy as np
 from tests.compliance.bench_studies import subject, suite_test
 from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.metrics.survival import ExpectedRest
-from vsgdesign.simulation.survival.demand import held_fault
+from vsgdesign.simulation.survival.cases import held_fault
 from vsgdesign.study.parameters.event import Event
 
 SLOW_RAMP = Event.of_pu(0.0, df_hz=-0.6, over_s=0.3)

@@ -11,7 +11,7 @@ from vsgdesign.campaigns.compliance.case import case_of
 from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.survival import GridKnowledge, GridState, SurvivalCase
-from vsgdesign.simulation.survival.demand import settling_times_asked
+from vsgdesign.simulation.survival.cases import settling_times_asked
 from vsgdesign.simulation.survival.running import Subject, run_case
 from vsgdesign.study.parameters.event import Event
 

@@ -17,7 +17,7 @@ from vsgdesign.simulation.lanes.cases import ACTIVE, STEP, LaneCases
 from vsgdesign.simulation.lanes.rests import STEP_WINDOW
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series
-from vsgdesign.simulation.survival.demand import settling_time_of
+from vsgdesign.simulation.survival.cases import settling_time_of
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.study.parameters.event_kinds import DC_QUANTITIES

@@ -31,7 +31,7 @@ from vsgdesign.simulation.lanes.cases import segments_of
 from vsgdesign.simulation.lanes.rests import last_of
 from vsgdesign.simulation.lanes.results import JUDGED
 from vsgdesign.simulation.lanes.run import run_lanes
-from vsgdesign.simulation.survival.demand import settling_time_of
+from vsgdesign.simulation.survival.cases import settling_time_of
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import Study, load_study
 from vsgdesign.study.parameters.grid import Place

@@ -19,7 +19,7 @@ from vsgdesign.simulation.lanes.cases import STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import Rests, last_of, rests_of
 from vsgdesign.simulation.lanes.results import JUDGED, LaneResults
 from vsgdesign.simulation.lanes.telling import telling
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import own_rest_of
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters import load_study

@@ -25,8 +25,7 @@ from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, no_
 from vsgdesign.simulation.lanes.results import DIVERGED, NO_REST, OVER_LIMIT
 from vsgdesign.simulation.lanes.run import run_told
 from vsgdesign.simulation.lanes.telling import telling
-from vsgdesign.simulation.survival.cases import LEAD_S
-from vsgdesign.simulation.survival.demand import demand_of
+from vsgdesign.simulation.survival.cases import LEAD_S, demand_of
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.study import Study

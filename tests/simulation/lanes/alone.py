@@ -27,7 +27,7 @@ from vsgdesign.simulation.lanes.results import DIVERGED, IN_NOISE, JUDGED, NO_RE
 from vsgdesign.simulation.lanes.telling import OfTrueGrid
 from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import derive_series, samples_per_mean
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import own_rest_of, record_of
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 

@@ -15,7 +15,7 @@ from vsgdesign.simulation.lanes.cases import DISTURBANCE, STEP, LaneCases, no_ev
 from vsgdesign.simulation.lanes.rests import ends_of
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT
 from vsgdesign.simulation.scenario import run_scenario
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.study.parameters import study_from_text
 
 FIELD = TEXT.replace('kind = "scheduled"', 'kind = "scheduled"\nestimate = "field"', 1)

@@ -28,7 +28,7 @@ from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, LaneResults
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.run import Simulation
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.simulation.survival.running import record_of
 from vsgdesign.study.parameters.grid import PHASE_TO_PHASE, PLAIN, Fault, Load, Network
 from vsgdesign.study.parameters.study import ControllerSpec, Study

@@ -20,7 +20,7 @@ from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.part import first_judged
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 from vsgdesign.simulation.lanes.run import run_lanes
-from vsgdesign.simulation.survival.demand import settling_time_of
+from vsgdesign.simulation.survival.cases import settling_time_of
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.study import Study
 

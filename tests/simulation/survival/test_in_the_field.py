@@ -10,8 +10,7 @@ import pytest
 from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.simulation import build_timeline
 from vsgdesign.simulation.survival import CaseRun, GridState, Subject, SurvivalCase, field_cases, trace_case
-from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
-from vsgdesign.simulation.survival.demand import at_asked_powers, late_grid
+from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S, at_asked_powers, late_grid
 from vsgdesign.study.parameters import study_from_text
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.study import Study

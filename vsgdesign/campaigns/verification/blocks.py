@@ -21,8 +21,7 @@ from vsgdesign.execution import jobs
 from vsgdesign.identification.registry import samples_itself
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
-from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
-from vsgdesign.simulation.survival.demand import settling_time_of
+from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S, settling_time_of
 from vsgdesign.study.given_files import RESULT_BYTES, read_given
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 

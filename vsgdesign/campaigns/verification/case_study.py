@@ -15,7 +15,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases, segments_of
 from vsgdesign.simulation.lanes.rests import ends_of
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.study.given_files import toml_text
 from vsgdesign.study.parameters.controllers import mean_time, poles_to_write
 from vsgdesign.study.parameters.event import Event

@@ -29,7 +29,7 @@ from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.survival import HARDWARE_PU
 from vsgdesign.simulation.lanes.cases import REACTIVE, LaneCases
 from vsgdesign.simulation.lanes.results import IN_NOISE, JUDGED, NO_REST, OVER_LIMIT, STATUSES
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 

@@ -38,7 +38,7 @@ from vsgdesign.simulation.lanes.results import (
     LaneResults,
 )
 from vsgdesign.simulation.lanes.units import Plants, run_plants
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.simulation.units.scenario import run_plant
 from vsgdesign.simulation.units.timeline import plant_timeline
 from vsgdesign.study.given_files import toml_text

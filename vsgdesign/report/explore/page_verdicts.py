@@ -64,7 +64,7 @@ from vsgdesign.simulation.seen_sample import (
     seen_rest,
     seen_voltage,
 )
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.running import OWN_REST_CYCLES, TRIPS_AT, own_powers
 from vsgdesign.simulation.watched_sample import entered_s, power_at_pcc, watched_step
 from vsgdesign.study.parameters.study import ControllerSpec, Study

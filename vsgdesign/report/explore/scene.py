@@ -22,7 +22,7 @@ from vsgdesign.runtime.guards import STATUSES
 from vsgdesign.runtime.of_study import ControllerGains, gain_law
 from vsgdesign.runtime.table import TableSchedule
 from vsgdesign.simulation.steps import references_at
-from vsgdesign.simulation.survival.demand import settling_time_of
+from vsgdesign.simulation.survival.cases import settling_time_of
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS
 from vsgdesign.study.parameters.grid import Grid, GridEstimate, Place

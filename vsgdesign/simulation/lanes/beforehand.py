@@ -13,7 +13,7 @@ from vsgdesign.simulation.lanes.results import LaneResults
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, learns, telling
 from vsgdesign.simulation.run import simulate
 from vsgdesign.simulation.scenario.controllers import told_if_blocked
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 

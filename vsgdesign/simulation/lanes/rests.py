@@ -31,7 +31,7 @@ from vsgdesign.simulation.circuits import Connection, no_rest_with
 from vsgdesign.simulation.lanes.cases import STEP, LaneCases
 from vsgdesign.simulation.lanes.results import JUDGED, OVER_LIMIT, LaneResults
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling
-from vsgdesign.simulation.survival.demand import settling_times_asked
+from vsgdesign.simulation.survival.cases import settling_times_asked
 from vsgdesign.simulation.timeline import Segments
 from vsgdesign.study.parameters.grid import Grid, Network
 from vsgdesign.study.parameters.study import Study

@@ -44,7 +44,7 @@ from vsgdesign.simulation.lanes.results import (
 )
 from vsgdesign.simulation.lanes.telling import OfTrueGrid, Telling, learns, telling
 from vsgdesign.simulation.outcome import BOUND_PU
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, settling_times_asked
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of, settling_times_asked
 from vsgdesign.simulation.survival.running import trip_of
 from vsgdesign.simulation.timeline import Segments
 from vsgdesign.study.parameters.dc_link import DcLink

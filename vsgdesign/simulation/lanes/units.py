@@ -49,7 +49,7 @@ from vsgdesign.simulation.lanes.telling import telling
 from vsgdesign.simulation.loop import kind_of
 from vsgdesign.simulation.run_kind import DISTURBANCE, LARGEST_DEGREE
 from vsgdesign.simulation.run_kind import STEP as STEP_WATCHED
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.simulation.units.body import PlantKind
 from vsgdesign.simulation.units.crossing import switched

@@ -57,7 +57,7 @@ from vsgdesign.simulation.scenario.checking import (
     refuse_impossible,
 )
 from vsgdesign.simulation.search import found_events, reclosed, waits_to_close
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.scenario import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.simulation.twin import never_rests, steps_with_twin

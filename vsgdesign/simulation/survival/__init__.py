@@ -5,8 +5,8 @@ from vsgdesign.simulation.survival.cases import (
     GridKnowledge,
     GridState,
     SurvivalCase,
+    field_cases,
 )
-from vsgdesign.simulation.survival.demand import field_cases
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
 from vsgdesign.simulation.survival.sets import dc_set, fixed_set, plant_set, random_set
 from vsgdesign.simulation.survival.summary import (

@@ -42,8 +42,15 @@ from vsgdesign.simulation.feeds import LateSchedule, safe_grid
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.gains import GainChange, gain_changes
 from vsgdesign.simulation.run import Simulation, simulate
-from vsgdesign.simulation.survival.cases import GridKnowledge, SurvivalCase
-from vsgdesign.simulation.survival.demand import at_asked_powers, demand_of, field_demand, late_grid, settling_time_of
+from vsgdesign.simulation.survival.cases import (
+    GridKnowledge,
+    SurvivalCase,
+    at_asked_powers,
+    demand_of,
+    field_demand,
+    late_grid,
+    settling_time_of,
+)
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.study.parameters.grid import Grid, GridSource, Load, Network, only_a_grid
 from vsgdesign.study.parameters.study import ControllerSpec, Study

@@ -22,7 +22,7 @@ from vsgdesign.metrics.survival import (
 )
 from vsgdesign.simulation.feeds import STALE_S, Told, knowledge_of, told_at, told_of
 from vsgdesign.simulation.run import Simulation
-from vsgdesign.simulation.survival.demand import demand_of, held_fault, silent_s_of
+from vsgdesign.simulation.survival.cases import demand_of, held_fault, silent_s_of
 from vsgdesign.simulation.survival.running import Subject, own_rest_of, record_of, rest_on, with_protection
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.study.parameters.grid import Grid, GridSource, Load

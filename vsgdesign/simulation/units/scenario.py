@@ -27,7 +27,7 @@ from vsgdesign.simulation.outcome import Divergence, Outcome
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario.controllers import ControllerResult, judged_as_one, with_told
-from vsgdesign.simulation.survival.demand import settling_time_of
+from vsgdesign.simulation.survival.cases import settling_time_of
 from vsgdesign.simulation.units.inverters import (
     InverterRest,
     inverter_series,

@@ -27,7 +27,7 @@ from vsgdesign.simulation.scenario.controllers import (
     rest_at_limit,
     samples_per_mean,
 )
-from vsgdesign.simulation.survival.demand import demand_of, settling_time_of, silent_s_of
+from vsgdesign.simulation.survival.cases import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.running import own_rest_of, record_of, with_protection
 from vsgdesign.simulation.twin import never_rests
 from vsgdesign.simulation.units.run import PlantRun, UnitRun

@@ -173,7 +173,7 @@ def subjects_of(
     Raises StudyError with every fault: no current limit, a recorded source, no controller or limiter of a name.
     """
     from vsgdesign.simulation.survival import Subject
-    from vsgdesign.simulation.survival.demand import ROOM
+    from vsgdesign.simulation.survival.cases import ROOM
 
     limit_pu = study.converter.current_limit_pu
     known = {spec.name: spec for spec in study.controllers}
