@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vsgdesign.simulation.survival.summary import LENGTHS_S, FaultsOf, Verdicts, critical_clearing_times
+from vsgdesign.simulation.survival.verdicts import LENGTHS_S, FaultsOf, Verdicts, critical_clearing_times
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from vsgdesign.campaigns.compliance.case import Subject
 from vsgdesign.campaigns.compliance.measures import MEASURES
 from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.metrics.survival import NOT_AT_REST
-from vsgdesign.simulation.survival.scenario import ISLAND_F
+from vsgdesign.simulation.survival.verdicts import ISLAND_F
 from vsgdesign.study.parameters.dc_link import not_of
 from vsgdesign.study.parameters.grid import Network, Place
 from vsgdesign.study.parameters.study import Study

@@ -20,7 +20,7 @@ from vsgdesign.simulation.following import KnownFirst
 from vsgdesign.simulation.lanes.telling import learns, told_controller
 from vsgdesign.simulation.search import closings_of
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S, demand_of, settling_time_of, silent_s_of
-from vsgdesign.simulation.survival.scenario import KnownRests
+from vsgdesign.simulation.survival.verdicts import KnownRests
 from vsgdesign.study.given_files import toml_text
 from vsgdesign.study.parameters.building import check_resonance
 from vsgdesign.study.parameters.converter import scope_of

@@ -20,7 +20,7 @@ from vsgdesign.simulation.lanes.results import JUDGED, NO_REST, OVER_LIMIT, STAT
 from vsgdesign.simulation.lanes.run import run_lanes
 from vsgdesign.simulation.lanes.telling import learns, told_controller
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S
-from vsgdesign.simulation.survival.summary import LENGTHS_S, ClearingTimes, Verdicts, critical_clearing_times
+from vsgdesign.simulation.survival.verdicts import LENGTHS_S, ClearingTimes, Verdicts, critical_clearing_times
 from vsgdesign.study.parameters.event import BASIS
 from vsgdesign.study.parameters.grid import PLAIN, GridSource, Place
 from vsgdesign.study.parameters.study import ControllerSpec, Study

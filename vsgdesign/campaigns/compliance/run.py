@@ -28,7 +28,7 @@ from vsgdesign.simulation.feeds import feed_of
 from vsgdesign.simulation.run import Simulation, simulated, simulated_together
 from vsgdesign.simulation.run_asked import RunOf
 from vsgdesign.simulation.scenario.controllers import told_if_blocked
-from vsgdesign.simulation.survival.scenario import judge_scenario
+from vsgdesign.simulation.survival.verdicts import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.grid import GridSource
 from vsgdesign.study.parameters.study import ControllerSpec, Study

@@ -39,7 +39,7 @@ from vsgdesign.simulation.run import Simulation, simulate
 from vsgdesign.simulation.scenario import measure_events, rest_at_limit
 from vsgdesign.simulation.scenario.checking import expected_rests_of
 from vsgdesign.simulation.survival.running import record_of
-from vsgdesign.simulation.survival.scenario import judge_scenario
+from vsgdesign.simulation.survival.verdicts import judge_scenario
 from vsgdesign.simulation.timeline import build_timeline
 from vsgdesign.study.parameters.study import Study
 

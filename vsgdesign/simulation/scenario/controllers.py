@@ -58,7 +58,7 @@ from vsgdesign.simulation.scenario.checking import (
 )
 from vsgdesign.simulation.search import found_events, reclosed, waits_to_close
 from vsgdesign.simulation.survival.cases import demand_of, settling_time_of, silent_s_of
-from vsgdesign.simulation.survival.scenario import judge_scenario
+from vsgdesign.simulation.survival.verdicts import judge_scenario
 from vsgdesign.simulation.timeline import Timeline, build_timeline
 from vsgdesign.simulation.twin import never_rests, steps_with_twin
 from vsgdesign.study.parameters.controllers import cycles_of_mean

@@ -9,7 +9,7 @@ from vsgdesign.simulation.survival.cases import (
 )
 from vsgdesign.simulation.survival.running import CaseResult, CaseRun, Subject, rest_of, run_case, trace_case
 from vsgdesign.simulation.survival.sets import dc_set, fixed_set, plant_set, random_set
-from vsgdesign.simulation.survival.summary import (
+from vsgdesign.simulation.survival.verdicts import (
     ClearingTimes,
     SurvivalFigures,
     Verdicts,

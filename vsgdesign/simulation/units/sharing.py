@@ -13,7 +13,7 @@ import numpy as np
 from vsgdesign.equations.dc_control import clamped_rest
 from vsgdesign.equations.frames import peak_to_rms
 from vsgdesign.metrics.step_response import SETTLING_BAND, cycle_mean, settling_time
-from vsgdesign.simulation.survival.scenario import ISLAND_F
+from vsgdesign.simulation.survival.verdicts import ISLAND_F
 from vsgdesign.simulation.units.run import PlantRun, UnitRun
 
 if TYPE_CHECKING:

@@ -114,7 +114,7 @@ def _survival(
     study: Study, spec: ControllerSpec, ready: Ready, run: Simulation, rests: Sequence[ExpectedRest]
 ) -> Survival:
     """The verdict on a unit where the events of a study are one disturbance. It is judged as a converter that stands
-    alone (:func:`vsgdesign.simulation.survival.scenario.judged_by_rest`), by its rests in the plant."""
+    alone (:func:`vsgdesign.simulation.survival.verdicts.judged_by_rest`), by its rests in the plant."""
     if run.divergence is not None and run.divergence.blocked:  # its breaker has opened, so that it has no rest
         return Survival(status=BLOCKED, reason=run.divergence.reason)
     c, end_s = study.converter, study.simulation.duration
