@@ -1,4 +1,5 @@
-"""What the grid's source adds to the circuit of a plant besides its fundamental, or a record in its place, gap by gap.
+"""What the grid's source adds to the circuit of a plant besides its fundamental, or a record in its place, gap by gap,
+and the errors and the noise that the sensors of each unit add to what it measures.
 
 The circuit is linear, so each component adds its own exact response, whatever the converters do (:eq:`plant-added`).
 """
@@ -7,15 +8,18 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.linear.operating_point.circuit_of_units import Topology, UnitsCircuit, Wiring, circuit_of_units
 from vsgdesign.linear.operating_point.clock_of_units import Clock
 from vsgdesign.linear.operating_point.plant import less_one
+from vsgdesign.simulation.added_source import SensorsOfRun
 from vsgdesign.simulation.background import Background, Interval
 from vsgdesign.simulation.circuit_program import SAME_INSTANT
 from vsgdesign.simulation.units.timeline import PlantTimeline
@@ -140,3 +144,29 @@ def adds(timeline: PlantTimeline) -> bool:
     moving = shared.wander is not None and shared.wander.spec.distorts
     more = (one.components or not one.source.steady for one in timeline.segments)
     return moving or shared.replay is not None or any(more)
+
+
+def put_sensors(at: Callable[[str], Array], k: int, sensors: SensorsOfRun | None) -> None:
+    """Puts the sensors of a unit into the rows of a run."""
+    if sensors is not None:
+        at(f"u{k}.sensors")[:] = numbers_of(sensors.constants)
+        at(f"u{k}.before")[:] = sensors.before
+
+
+def with_noise(
+    more: Array | None, sensors: Sequence[SensorsOfRun | None], clock: Clock, begin: int, end: int
+) -> Array | None:
+    """What is fed over samples of the loop, (1, end − begin, n, 1), with the noise of all sensors behind it; None:
+    nothing. Each unit draws for its own samples."""
+    found, per = [] if more is None else [more], len(clock.instants)
+    for k, own in enumerate(sensors):
+        if own is None:
+            continue
+        at = [j for j, one in enumerate(clock.instants) if k in one.units]
+        turn, place = divmod(begin, per)
+        rows = np.flatnonzero(np.isin(np.arange(begin, end) % per, at))
+        noise = own.noise(turn * len(at) + sum(one < place for one in at), len(rows))
+        fed = np.zeros((1, end - begin, noise.shape[1], 1))
+        fed[0, rows, :, 0] = noise
+        found.append(fed)
+    return np.concatenate(found, axis=2) if found else None

@@ -29,7 +29,7 @@ from vsgdesign.simulation.gains import GainChange, with_gains
 from vsgdesign.simulation.loop import LOG_COLUMNS, kind_of, spans_of
 from vsgdesign.simulation.outcome import BOUND_PU, Divergence, outside
 from vsgdesign.simulation.run_kind import Kind
-from vsgdesign.simulation.units.added import AddedToPlant, adds
+from vsgdesign.simulation.units.added import AddedToPlant, adds, put_sensors, with_noise
 from vsgdesign.simulation.units.body import (
     AXES,
     OtherKind,
@@ -41,7 +41,6 @@ from vsgdesign.simulation.units.body import (
     spec_of_plant,
 )
 from vsgdesign.simulation.units.crossing import cross, switched
-from vsgdesign.simulation.units.noise import put_sensors, with_noise
 from vsgdesign.simulation.units.program import PlantProgram
 from vsgdesign.simulation.units.start import StartOfPlant, uniform_of
 from vsgdesign.simulation.units.timeline import PlantTimeline, blocks, plant_timeline
