@@ -16,8 +16,8 @@ from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.scenario import run_scenario
 from vsgdesign.simulation.units import plant_timeline, simulate_plant
+from vsgdesign.simulation.units.runs_again import twins_of
 from vsgdesign.simulation.units.scenario import PlantResult, run_plant
-from vsgdesign.simulation.units.twins import twins_of
 from vsgdesign.simulation.units.unit_result import signals_of
 from vsgdesign.simulation.units.windows import Tape
 from vsgdesign.study.parameters import Study, study_from_text

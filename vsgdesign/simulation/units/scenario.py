@@ -34,12 +34,11 @@ from vsgdesign.simulation.units.inverters import (
     inverters_at_rest,
     terminals_at_rest,
 )
-from vsgdesign.simulation.units.joining import NEVER, joined, waiting
 from vsgdesign.simulation.units.run import PlantRun, check_start, simulate_plant
+from vsgdesign.simulation.units.runs_again import NEVER, Tape, joined, twins_of, waiting
 from vsgdesign.simulation.units.sharing import Sharing, sharing_of
 from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of, without_blocked
-from vsgdesign.simulation.units.twins import Tape, twins_of
 from vsgdesign.simulation.units.unit_result import as_simulation, unit_result
 from vsgdesign.simulation.units.windows import Follows, Schedule
 from vsgdesign.study.parameters.grid import GridSource

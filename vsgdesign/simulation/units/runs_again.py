@@ -1,13 +1,18 @@
-"""Units of a plant that join the others when both sides of their breakers are near each other (:eq:`synchro-check`).
+"""Runs of a plant that are made again: with the closing of a breaker as an event, and without a step.
 
-The instant is not known beforehand. A run with the breaker open says when the relay closes it; nothing before that
-instant depends on it, so the run is made again with the closing as an event.
+Units join the others when both sides of their breakers are near each other (:eq:`synchro-check`). The instant is not
+known beforehand. A run with the breaker open says when the relay closes it; nothing before that instant depends on it,
+so the run is made again with the closing as an event.
+
+The twin of a step is the same run without it, with which noise is told from motion (:eq:`twin`). It has the same
+source, the same noise of the sensors, the same gains, the same probes and the same grids for the limiters. It is
+simulated from the start, with what the estimators of the units did in the run.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +21,16 @@ from numpy.typing import NDArray
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.errors import InfeasibleStudyError
+from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.sample import Relay, relay_sees
 from vsgdesign.simulation.search import LONGEST_S
-from vsgdesign.simulation.units.run import PlantRun, UnitRun
+from vsgdesign.simulation.twin import steps_with_twin
+from vsgdesign.simulation.units.run import PlantRun, UnitRun, simulate_plant
+from vsgdesign.simulation.units.timeline import plant_timeline
+from vsgdesign.simulation.units.windows import Schedule, Tape
 from vsgdesign.study.parameters.event import Event
 from vsgdesign.study.parameters.network_fields import NOTHING_SAID
-from vsgdesign.study.parameters.study import Study
+from vsgdesign.study.parameters.study import ControllerSpec, Study
 
 Array = NDArray[np.float64]
 
@@ -96,3 +105,30 @@ def _at_node(run: PlantRun, unit: UnitRun, R: float, L: float) -> Array:
     """(n, 2): the voltage at the node of a unit that is connected, behind its transformer and feeder."""
     i = unit.log[:, 4:6]
     return unit.terminals - R * i - L * np.gradient(i, run.t_s, axis=0)
+
+
+def twins_of(
+    study: Study, spec: ControllerSpec, run: PlantRun, schedules: Sequence[Schedule], tape: Tape, interval: float
+) -> dict[float, PlantRun]:
+    """The run without each step that has a twin (:func:`vsgdesign.simulation.twin.steps_with_twin`), up to the next
+    event, by the time of the step, s. ``tape``: what the estimators did in ``run``, whose rows are ``interval`` apart,
+    s."""
+    found: dict[float, PlantRun] = {}
+    if run.divergence is not None:
+        return found
+    known = [
+        one if isinstance(one, FieldScheduler) else unit.gain_changes
+        for one, unit in zip(schedules, run.units, strict=True)
+    ]
+    for t_s in steps_with_twin(study, spec):
+        end_s = min((event.t_s for event in study.events if event.t_s > t_s), default=study.simulation.duration)
+        held = replace(
+            study,
+            events=tuple(event for event in study.events if event.t_s < t_s),
+            simulation=replace(study.simulation, duration=end_s),
+        )
+        again = plant_timeline(held, spec)
+        twin = simulate_plant(held, known, timeline=again, log_interval=interval, tape=tape.played())
+        if twin.divergence is None:
+            found[t_s] = twin
+    return found
