@@ -28,18 +28,19 @@ from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario.controllers import ControllerResult, judged_as_one, with_told
 from vsgdesign.simulation.survival.cases import settling_time_of
-from vsgdesign.simulation.units.inverters import (
-    InverterRest,
-    inverter_series,
-    inverters_at_rest,
-    terminals_at_rest,
-)
 from vsgdesign.simulation.units.run import PlantRun, check_start, simulate_plant
 from vsgdesign.simulation.units.runs_again import NEVER, Tape, joined, twins_of, waiting
 from vsgdesign.simulation.units.sharing import Sharing, sharing_of
 from vsgdesign.simulation.units.start import situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline, spec_of, without_blocked
-from vsgdesign.simulation.units.unit_result import as_simulation, unit_result
+from vsgdesign.simulation.units.unit_result import (
+    InverterRest,
+    as_simulation,
+    inverter_series,
+    inverters_at_rest,
+    terminals_at_rest,
+    unit_result,
+)
 from vsgdesign.simulation.units.windows import Follows, Schedule
 from vsgdesign.study.parameters.grid import GridSource
 from vsgdesign.study.parameters.power_plant import GRID

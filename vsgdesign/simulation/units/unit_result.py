@@ -1,16 +1,19 @@
-"""Figures, series and verdicts of one unit of a plant, as of one converter."""
+"""Figures, series and verdicts of one unit of a plant, as of one converter; and of its inverters their series, and
+their powers at each rest."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.equations.frames import instantaneous_power
+from vsgdesign.equations.frames import instantaneous_power, peak_to_rms
+from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest
 from vsgdesign.metrics.step_response import cycle_mean
 from vsgdesign.metrics.survival import BLOCKED, ExpectedRest, Survival, judge_survival
 from vsgdesign.simulation.dc_start import dc_figures
@@ -20,17 +23,19 @@ from vsgdesign.simulation.outcome import Divergence, outcome_of
 from vsgdesign.simulation.rest import Rest
 from vsgdesign.simulation.run import Simulation
 from vsgdesign.simulation.scenario.controllers import (
+    AT_PCC,
     ControllerResult,
     derive_series,
     means_of,
     measure_events,
+    put_vectors,
     rest_at_limit,
     samples_per_mean,
 )
 from vsgdesign.simulation.survival.cases import demand_of, settling_time_of, silent_s_of
 from vsgdesign.simulation.survival.running import own_rest_of, record_of, with_protection
 from vsgdesign.simulation.twin import never_rests
-from vsgdesign.simulation.units.run import PlantRun, UnitRun
+from vsgdesign.simulation.units.run import InverterRun, PlantRun, UnitRun
 from vsgdesign.simulation.units.timeline import spec_of
 from vsgdesign.study.parameters.study import ControllerSpec, Study
 
@@ -155,3 +160,49 @@ def as_simulation(run: PlantRun, unit: UnitRun, k: int) -> Simulation:
         loop_seconds=run.loop_seconds,
         divergence=run.divergence,
     )
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class InverterRest:
+    """An inverter where a plant rests: its powers (W, var) and its voltage (phase rms V) at its terminals, and the
+    share of its rated current that it gives."""
+
+    name: str
+    P_pcc: float
+    Q_pcc: float
+    V_rms: float
+    I_pu: float
+
+
+def terminals_at_rest(rest: UnitsAtRest, converter: int) -> tuple[complex, complex]:
+    """Voltage and current at the terminals of a converter, behind L_2, peak."""
+    model = rest.model
+    y, v_g = model.states(rest.z), model.situation.phasors
+    per_state, per_source = model.network.terminals
+    return complex(per_state[converter] @ y + per_source[converter] @ v_g), complex(y[3 * converter + 2])
+
+
+def inverters_at_rest(rest: UnitsAtRest) -> tuple[InverterRest, ...]:
+    """All inverters that are connected."""
+    found = []
+    for k, one in enumerate(rest.model.situation.inverters, len(rest.model.situation.units)):
+        v, i = terminals_at_rest(rest, k)
+        P, Q = instantaneous_power(v.real, v.imag, i.real, i.imag)
+        own = one.inverter
+        amps = float(peak_to_rms(abs(i))) * 3.0 * own.V_rated_rms / own.S_rated
+        found.append(InverterRest(own.name, float(P), float(Q), float(peak_to_rms(abs(v))), amps))
+    return tuple(found)
+
+
+def inverter_series(run: InverterRun, t_s: Array, phase: Array, every: int) -> dict[str, Array]:
+    """Phases and powers at its terminals, its frequency, the voltage that it takes for its capacitor's, and its angle
+    to the grid's source, of every n-th row."""
+    rows = slice(None, None, every)
+    v, i = run.terminals[rows], run.log[rows, 4:6]
+    series = {"t_s": t_s[rows]} | {name: np.empty(len(v)) for name in AT_PCC}
+    put_vectors([series[name] for name in AT_PCC], v.T, i.T)
+    delta = np.mod(run.column("theta")[rows] - phase[rows] + math.pi, 2.0 * math.pi) - math.pi
+    return series | {"omega": run.column("omega")[rows], "V_rms": run.column("V_rms")[rows], "delta": delta}
