@@ -17,8 +17,7 @@ from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.part import LOOK_SAMPLES, Samples, padded
 from vsgdesign.simulation.loop import side_by_side, watched_names
 from vsgdesign.simulation.units.body import PlantKind, body_numbers, cyclic_values, spec_of_plant
-from vsgdesign.simulation.units.crossing import cross
-from vsgdesign.simulation.units.program import PlantProgram
+from vsgdesign.simulation.units.program import PlantProgram, cross
 from vsgdesign.simulation.units.start import uniform_of
 from vsgdesign.simulation.units.timeline import PlantTimeline
 from vsgdesign.study.parameters.study import Study

@@ -52,8 +52,7 @@ from vsgdesign.simulation.run_kind import STEP as STEP_WATCHED
 from vsgdesign.simulation.survival.cases import demand_of, settling_time_of
 from vsgdesign.simulation.timeline import Timeline
 from vsgdesign.simulation.units.body import PlantKind
-from vsgdesign.simulation.units.crossing import switched
-from vsgdesign.simulation.units.program import PlantProgram
+from vsgdesign.simulation.units.program import PlantProgram, switched
 from vsgdesign.simulation.units.start import StartOfPlant, situation_at
 from vsgdesign.simulation.units.timeline import PlantTimeline, plant_timeline
 from vsgdesign.simulation.units.unit_result import terminals_at_rest

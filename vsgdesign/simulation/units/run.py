@@ -40,8 +40,7 @@ from vsgdesign.simulation.units.body import (
     log_names,
     spec_of_plant,
 )
-from vsgdesign.simulation.units.crossing import cross, switched
-from vsgdesign.simulation.units.program import PlantProgram
+from vsgdesign.simulation.units.program import PlantProgram, cross, switched
 from vsgdesign.simulation.units.start import StartOfPlant, uniform_of
 from vsgdesign.simulation.units.timeline import PlantTimeline, blocks, plant_timeline
 from vsgdesign.simulation.units.windows import Schedule, Tape, UnitGains
