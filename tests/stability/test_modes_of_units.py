@@ -15,7 +15,7 @@ from tests.simulation.test_plants import GAINS, NETWORK, T_S, plant_of, plant_st
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.circuit_of_units import grid_of_unit
-from vsgdesign.linear.operating_point.clock_of_units import clock_of
+from vsgdesign.linear.operating_point.flow_of_units import clock_of
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.linear.operating_point.rest_of_units import PlantMap, UnitsAtRest, rest_of_units
 from vsgdesign.linear.stability.modes_of_units import NETWORK as OF_NETWORK

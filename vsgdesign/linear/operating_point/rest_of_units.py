@@ -25,8 +25,13 @@ from vsgdesign.linear.operating_point.circuit_of_units import (
     names_of_states,
     wiring_of,
 )
-from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
-from vsgdesign.linear.operating_point.flow_of_units import InverterAsked, Situation, UnitAsked, power_flow
+from vsgdesign.linear.operating_point.flow_of_units import (
+    InverterAsked,
+    Situation,
+    UnitAsked,
+    clock_of_study,
+    power_flow,
+)
 from vsgdesign.linear.operating_point.full_order import (
     controller_of,
     link_at_rest,

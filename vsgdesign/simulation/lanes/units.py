@@ -21,7 +21,7 @@ from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, LimitHitError
 from vsgdesign.linear.operating_point.circuit_of_units import wiring_of
-from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
+from vsgdesign.linear.operating_point.flow_of_units import clock_of_study
 from vsgdesign.linear.operating_point.many import DC_ENERGY, DC_FAULTS, Lanes, lanes_of, power_of
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
 from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units

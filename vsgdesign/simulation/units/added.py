@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.linear.operating_point.circuit_of_units import Topology, UnitsCircuit, Wiring, circuit_of_units
-from vsgdesign.linear.operating_point.clock_of_units import Clock
+from vsgdesign.linear.operating_point.flow_of_units import Clock
 from vsgdesign.linear.operating_point.plant import less_one
 from vsgdesign.simulation.added_source import SensorsOfRun
 from vsgdesign.simulation.background import Background, Interval

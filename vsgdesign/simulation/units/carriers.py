@@ -14,7 +14,7 @@ from typing import NamedTuple
 from vsgdesign.codegen.blocks import Part, Writer, joined, with_outputs
 from vsgdesign.codegen.flat import Block
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.operating_point.clock_of_units import Clock
+from vsgdesign.linear.operating_point.flow_of_units import Clock
 from vsgdesign.simulation.axes import FALLING, PEAK, RISING, sums_of_powers, switched_legs
 from vsgdesign.simulation.circuit_sample import BridgeVoltage, CarrierPart, Switching, edges_on_slope, legs_after
 from vsgdesign.simulation.loop import carrier_part

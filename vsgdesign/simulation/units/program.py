@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.circuit_of_units import UnitsCircuit, Wiring, circuit_of_units
-from vsgdesign.linear.operating_point.clock_of_units import Clock
+from vsgdesign.linear.operating_point.flow_of_units import Clock
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, ProgramWriter
 from vsgdesign.simulation.units.body import AXES, PlantKind
 from vsgdesign.simulation.units.carriers import edges_of, gaps_of_plant

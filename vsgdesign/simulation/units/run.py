@@ -19,7 +19,7 @@ from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import References
 from vsgdesign.errors import SimulationDivergedError
 from vsgdesign.linear.operating_point.circuit_of_units import UnitsCircuit, circuit_of_units, wiring_of
-from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
+from vsgdesign.linear.operating_point.flow_of_units import clock_of_study
 from vsgdesign.linear.operating_point.sampled import cold_start
 from vsgdesign.simulation.added_source import SensorsOfRun, sensors_of
 from vsgdesign.simulation.circuit_program import ProgramWriter

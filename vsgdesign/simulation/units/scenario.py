@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.frames import instantaneous_power
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
-from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
 from vsgdesign.linear.operating_point.equilibrium import point_at
+from vsgdesign.linear.operating_point.flow_of_units import clock_of_study
 from vsgdesign.linear.operating_point.rest_of_units import UnitsAtRest, rest_of_units
 from vsgdesign.linear.stability.loci import Mode
 from vsgdesign.linear.stability.modes_of_units import PlantMode, SplitModes, modes_of_units, split_modes

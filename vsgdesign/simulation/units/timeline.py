@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from vsgdesign.equations.grid_following import SetPoints
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.circuit_of_units import Topology, grid_of_unit, names_of_states
-from vsgdesign.linear.operating_point.clock_of_units import clock_of_study
+from vsgdesign.linear.operating_point.flow_of_units import clock_of_study
 from vsgdesign.simulation.field_feed import with_pair
 from vsgdesign.simulation.timeline import SourceSegment, Timeline, build_timeline
 from vsgdesign.simulation.wander import Replay, Wander
