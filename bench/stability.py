@@ -15,9 +15,15 @@ from typing import Any
 import numpy as np
 
 from bench.timing import Figure, Row, figure, repeat, run_python, scaled
-from vsgdesign.linear.stability.cells import CellSet, cells_under, full_order_cells, grid_arrays, reduced_cells
 from vsgdesign.linear.stability.loops import ReducedLoop, output_admittance
-from vsgdesign.linear.stability.maps import margin_map
+from vsgdesign.linear.stability.maps import (
+    CellSet,
+    cells_under,
+    full_order_cells,
+    grid_arrays,
+    margin_map,
+    reduced_cells,
+)
 from vsgdesign.linear.stability.margins import frequency_grid
 from vsgdesign.metrics.margins import disk_margin_steps, refined
 from vsgdesign.metrics.modes import participation_factors

@@ -18,7 +18,7 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns.verification.draws import cases_of, uniforms_of
 from vsgdesign.equations.placing import OVERSHOOT_PCT
 from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured_gains
-from vsgdesign.linear.stability.cells import cell_set, full_order_cells
+from vsgdesign.linear.stability.maps import cell_set, full_order_cells
 from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.runtime.of_study import gain_law

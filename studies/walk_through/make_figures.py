@@ -15,9 +15,8 @@ from scipy.optimize import least_squares
 
 from vsgdesign.linear.model.full_order import PARAMETERS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.stability.cells import cells_under, full_order_cells, grid_arrays
 from vsgdesign.linear.stability.loci import modes
-from vsgdesign.linear.stability.maps import margin_map
+from vsgdesign.linear.stability.maps import cells_under, full_order_cells, grid_arrays, margin_map
 from vsgdesign.report.drawing.style import COLOURS, PAGE_IN, add_axes, look, new_figure
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.scenario import run_scenario

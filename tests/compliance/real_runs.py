@@ -13,7 +13,7 @@ from vsgdesign.campaigns.compliance.measures import MeasureInput, Ratings
 from vsgdesign.campaigns.compliance.run import nfp_of, trace_of
 from vsgdesign.campaigns.compliance.suite import SuiteTest
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.linear.stability.cells import gains_in_force
+from vsgdesign.linear.stability.maps import gains_in_force
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.gains import GainChange
 from vsgdesign.simulation.run import simulate

@@ -14,8 +14,8 @@ from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.linear.stability.cells import cells_under, full_order_cells
 from vsgdesign.linear.stability.loci import mode_sensitivities, modes
+from vsgdesign.linear.stability.maps import cells_under, full_order_cells
 from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.linear.stability.step_responses import full_order_step
 from vsgdesign.metrics.step_response import step_response
@@ -217,7 +217,7 @@ def test_own_gains_are_those_of_a_controller_with_them() -> None:
 def test_droops_are_those_of_a_steady_state() -> None:
     """The frequency of the grid changes by 0.1 Hz, and its voltage until V has changed by 1 %: P and Q answer so."""
     from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS
-    from vsgdesign.linear.stability.cells import reduced_cells
+    from vsgdesign.linear.stability.maps import reduced_cells
 
     study = load_study("studies/structures/study.toml")
     _, state, answer = answered(study, {"scr": 4.0})

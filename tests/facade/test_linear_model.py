@@ -13,7 +13,7 @@ import pytest
 
 import vsgdesign as vd
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.linear.stability.cells import cells_under, full_order_cells, reduced_cells
+from vsgdesign.linear.stability.maps import cells_under, full_order_cells, reduced_cells
 from vsgdesign.linear.stability.margins import MarginTable, full_order_margins, reduced_margins
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.simulation.steps import simulate_step

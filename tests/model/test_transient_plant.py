@@ -17,8 +17,8 @@ from vsgdesign.equations.power_flow import power_angle
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
-from vsgdesign.linear.stability.cells import cells_under, full_order_cells, reduced_cells
 from vsgdesign.linear.stability.loops import ReducedLoop
+from vsgdesign.linear.stability.maps import cells_under, full_order_cells, reduced_cells
 from vsgdesign.linear.stability.margins import eigenvalues_of
 from vsgdesign.metrics.margins import disk_margin_per_frequency
 from vsgdesign.runtime import closed_form_schedule

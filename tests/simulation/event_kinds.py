@@ -14,7 +14,7 @@ from vsgdesign.campaigns.compliance.reading import suite_from_text
 from vsgdesign.campaigns.compliance.run import run_test
 from vsgdesign.campaigns.verification.case_study import case_study
 from vsgdesign.campaigns.verification.draws import cases_of, families, uniforms_of
-from vsgdesign.linear.stability.cells import cells_under
+from vsgdesign.linear.stability.maps import cells_under
 from vsgdesign.report.explore.live import emt_answer, simulated
 from vsgdesign.report.explore.maps import survived_cells
 from vsgdesign.report.explore.scene import scene_of, study_of

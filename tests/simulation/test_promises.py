@@ -13,7 +13,7 @@ from tests.design.robust_studies import controller, robust_study
 from tests.gain_tables import table
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.linear.stability.cells import cells_under, full_order_cells
+from vsgdesign.linear.stability.maps import cells_under, full_order_cells
 from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.report.scenario.outcomes import promise_sentences, promises_table, step_outcomes
 from vsgdesign.report.scenario.verdict import verdict

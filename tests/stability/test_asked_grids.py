@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vsgdesign.linear.stability.assessment import assess, map_rows
-from vsgdesign.linear.stability.cells import NOT_ASKED
+from vsgdesign.linear.stability.maps import NOT_ASKED
 from vsgdesign.linear.stability.verdict import EVERY_CELL, FAIL, OWN, PASS, clause_matrix, left_out, worst_cases
 from vsgdesign.report.stability.tables import worst_table
 from vsgdesign.report.stability.verdict import gates_text, stability_headline

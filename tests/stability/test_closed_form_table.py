@@ -21,8 +21,8 @@ from scipy import signal
 
 from tests.stability.studies import PUBLISHED, case_study
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.linear.stability.cells import cells_under, reduced_cells
 from vsgdesign.linear.stability.loci import stability_limit
+from vsgdesign.linear.stability.maps import cells_under, reduced_cells
 from vsgdesign.linear.stability.margins import MarginTable, reduced_margins
 from vsgdesign.linear.stability.step_responses import reduced_step_metrics
 from vsgdesign.metrics.step_response import ResponseMetrics

@@ -16,8 +16,8 @@ from tests.stability.studies import PUBLISHED, Situation, case_study, designed, 
 from vsgdesign.linear.model.coupled import CoupledModel
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.operating_point.full_order import Cell
-from vsgdesign.linear.stability.cells import cell_set, reduced_cells
 from vsgdesign.linear.stability.loops import FullOrderLoop, ReducedLoop
+from vsgdesign.linear.stability.maps import cell_set, reduced_cells
 from vsgdesign.linear.stability.margins import (
     MarginTable,
     _around_modes,

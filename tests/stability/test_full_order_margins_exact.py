@@ -15,7 +15,7 @@ from scipy.optimize import root_scalar
 
 from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.stability.cells import cells_under, full_order_cells, grid_arrays
+from vsgdesign.linear.stability.maps import cells_under, full_order_cells, grid_arrays
 from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.study.parameters import load_study

@@ -14,7 +14,7 @@ from tests.stability.loops_by_control import balanced, open_full_order, open_red
 from tests.stability.studies import PUBLISHED, Situation, case_study, designed, random_situations
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.model.coupled import CoupledModel
-from vsgdesign.linear.stability.cells import cell_set, reduced_cells
+from vsgdesign.linear.stability.maps import cell_set, reduced_cells
 from vsgdesign.linear.stability.margins import full_order_margins, reduced_margins
 from vsgdesign.study.parameters.grid import Place
 

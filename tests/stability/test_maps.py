@@ -11,8 +11,16 @@ from numpy.typing import NDArray
 from tests.stability.studies import LABORATORY, PUBLISHED, case_study, designed, situation
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.full_order import Cell
-from vsgdesign.linear.stability.cells import cell_set, full_order_cells, reduced_cells
-from vsgdesign.linear.stability.maps import MODELS, MarginMap, estimate_error_map, margin_map, stale_schedule_matrix
+from vsgdesign.linear.stability.maps import (
+    MODELS,
+    MarginMap,
+    cell_set,
+    estimate_error_map,
+    full_order_cells,
+    margin_map,
+    reduced_cells,
+    stale_schedule_matrix,
+)
 from vsgdesign.linear.stability.margins import MarginTable, full_order_margins, reduced_margins
 from vsgdesign.runtime.of_study import gain_law
 from vsgdesign.study.parameters import Study

@@ -8,7 +8,8 @@ from scipy.linalg import expm
 
 from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel, parameter_sensitivities, parameter_sensitivity
-from vsgdesign.linear.stability.cells import (
+from vsgdesign.linear.stability.loci import RANKED, mode_movements, mode_sensitivities
+from vsgdesign.linear.stability.maps import (
     CellSet,
     cells_under,
     full_order_cells,
@@ -16,7 +17,6 @@ from vsgdesign.linear.stability.cells import (
     grid_arrays,
     reduced_cells,
 )
-from vsgdesign.linear.stability.loci import RANKED, mode_movements, mode_sensitivities
 from vsgdesign.linear.stability.margins import MARGINS, full_order_margins, margins_named, reduced_margins
 from vsgdesign.linear.stability.step_responses import full_order_settling, full_order_step, reduced_step
 from vsgdesign.metrics.step_response import SETTLING_BAND, settling_time, settling_times

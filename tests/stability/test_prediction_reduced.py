@@ -19,7 +19,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
 from vsgdesign.linear.operating_point import solve_operating_point
-from vsgdesign.linear.stability.cells import cell_set, reduced_cells
+from vsgdesign.linear.stability.maps import cell_set, reduced_cells
 from vsgdesign.linear.stability.step_responses import reduced_step
 from vsgdesign.simulation import GainChange, simulate
 from vsgdesign.study.parameters.grid import Place

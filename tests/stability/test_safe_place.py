@@ -15,7 +15,7 @@ from scipy.linalg import eigvals
 from tests.gain_tables import table
 from vsgdesign.equations.power_flow import POWER_MARGIN, operating_point, power_flow
 from vsgdesign.equations.power_loops import References, power_loops
-from vsgdesign.linear.stability.cells import cell_set, full_order_cells
+from vsgdesign.linear.stability.maps import cell_set, full_order_cells
 from vsgdesign.linear.stability.margins import full_order_margins
 from vsgdesign.linear.stability.safe_place import (
     LEAST_DISK_MARGIN,

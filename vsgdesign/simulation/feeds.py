@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification import estimator_kind
-from vsgdesign.linear.stability.cells import GainLaw
+from vsgdesign.linear.stability.maps import GainLaw
 from vsgdesign.linear.stability.safe_place import closed_form_place
 from vsgdesign.runtime.guards import SchedulerSettings, settings_of
 from vsgdesign.runtime.of_study import follows_measured

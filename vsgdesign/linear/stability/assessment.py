@@ -16,15 +16,6 @@ from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.linear.model.coupled import CoupledModel
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.stability.cells import (
-    OUTSIDE,
-    GainLaw,
-    cells_under,
-    full_order_cells,
-    grid_arrays,
-    only_asked,
-    reduced_cells,
-)
 from vsgdesign.linear.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes, stability_limit, track
 from vsgdesign.linear.stability.loops import (
     FullOrderLoop,
@@ -35,10 +26,17 @@ from vsgdesign.linear.stability.loops import (
 )
 from vsgdesign.linear.stability.maps import (
     MODELS,
+    OUTSIDE,
+    GainLaw,
     MarginMap,
+    cells_under,
     estimate_error_map,
+    full_order_cells,
+    grid_arrays,
     judged_map,
     margin_map,
+    only_asked,
+    reduced_cells,
     stale_schedule_matrix,
 )
 from vsgdesign.linear.stability.margins import MarginTable, frequency_grid, full_order_margins, reduced_margins

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.model.full_order import PARAMETERS
 from vsgdesign.linear.operating_point.full_order import FullOrderModel, parameter_sensitivities, parameter_sensitivity
-from vsgdesign.linear.stability.cells import GainLaw, cells_under, grid_arrays, reduced_cells
+from vsgdesign.linear.stability.maps import GainLaw, cells_under, grid_arrays, reduced_cells
 from vsgdesign.metrics.modes import Eigen, damping_ratio, eigenvalue_sensitivity, participation_factors, to_continuous
 from vsgdesign.study.parameters.study import Study
 

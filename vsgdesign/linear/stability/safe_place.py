@@ -24,7 +24,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.linear.model.coupled import coupled_model
 from vsgdesign.linear.operating_point.equilibrium import static_limit_uses
-from vsgdesign.linear.stability.cells import GainLaw, cell_set, full_order_cells
+from vsgdesign.linear.stability.maps import GainLaw, cell_set, full_order_cells
 from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
 from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import settings_of

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.definitions import DEFINITIONS, damping_of
 from vsgdesign.linear.stability.assessment import ControllerAssessment
-from vsgdesign.linear.stability.cells import NOT_ASKED
-from vsgdesign.linear.stability.maps import MarginMap
+from vsgdesign.linear.stability.maps import NOT_ASKED, MarginMap
 from vsgdesign.linear.stability.margins import MarginTable, rows_of
 from vsgdesign.metrics.met import beside_limit, settling_met
 from vsgdesign.study.parameters.study import Study

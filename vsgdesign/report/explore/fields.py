@@ -18,7 +18,7 @@ from vsgdesign.campaigns.verification.counting import LIMIT_ROOM
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.errors import StudyError
-from vsgdesign.linear.stability.cells import reduced_cells
+from vsgdesign.linear.stability.maps import reduced_cells
 from vsgdesign.metrics.met import most_overshoot, most_settling_time
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.report.explore.dc_side import signals_of

@@ -20,7 +20,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.stability.cells import full_order_cells
+from vsgdesign.linear.stability.maps import full_order_cells
 from vsgdesign.linear.stability.step_responses import full_order_settling
 from vsgdesign.report.explore.linear import OF_MODEL, figures_of, finite, row_of
 from vsgdesign.report.explore.maps import cells_at, limit_use

@@ -16,9 +16,9 @@ from vsgdesign.equations.structures import effective_inertia, steady_droops
 from vsgdesign.linear.model.coupled import CoupledModel
 from vsgdesign.linear.operating_point.equilibrium import converter_current_rms
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.stability.cells import CellSet, full_order_cells, reduced_cells
 from vsgdesign.linear.stability.loci import mode_movements, modes
 from vsgdesign.linear.stability.loops import FullOrderLoop
+from vsgdesign.linear.stability.maps import CellSet, full_order_cells, reduced_cells
 from vsgdesign.linear.stability.margins import MARGINS, eigenvalues_of, margins_named
 from vsgdesign.linear.stability.modes_of_units import asked_apart, differential_modes
 from vsgdesign.linear.stability.step_responses import full_order_settling, full_order_step, reduced_step

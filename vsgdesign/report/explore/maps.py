@@ -12,7 +12,7 @@ from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.linear.operating_point.equilibrium import static_limit_uses
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, gains_in_force, grid_arrays
+from vsgdesign.linear.stability.maps import CellSet, cell_set, full_order_cells, gains_in_force, grid_arrays
 from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
 from vsgdesign.linear.stability.modes_of_units import asked_apart, differential_modes
 from vsgdesign.linear.stability.step_responses import full_order_settling

@@ -15,7 +15,7 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.scheduler_data import CLAMPED, FRESH, HELD
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
-from vsgdesign.linear.stability.cells import NO_GAINS, CellSet, cell_set, gains_in_force
+from vsgdesign.linear.stability.maps import NO_GAINS, CellSet, cell_set, gains_in_force
 from vsgdesign.metrics.survival import GRACE_S, SETTLING_TIMES, WATCHED
 from vsgdesign.report.explore.state import OWN, EventOfState, State
 from vsgdesign.runtime.guards import STATUSES

@@ -10,7 +10,7 @@ from dataclasses import replace
 from vsgdesign.artifacts.definitions import MORE_THAN_HARDWARE
 from vsgdesign.equations.placing import OVERSHOOT_PCT, Poles, damping_of, placed_poles, settling_factor
 from vsgdesign.equations.structures import STRUCTURES, effective_inertia, steady_droops
-from vsgdesign.linear.stability.cells import cell_set, full_order_cells
+from vsgdesign.linear.stability.maps import cell_set, full_order_cells
 from vsgdesign.linear.stability.step_responses import full_order_settling
 from vsgdesign.metrics.events import UNSTABLE
 from vsgdesign.metrics.survival import HARDWARE_PU, Survival

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.linear.stability.assessment import ControllerAssessment, Locus
-from vsgdesign.linear.stability.cells import OUTSIDE
-from vsgdesign.linear.stability.maps import MarginMap
+from vsgdesign.linear.stability.maps import OUTSIDE, MarginMap
 from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.look import UNSTABLE, colour_bar, edges, round_decades
 from vsgdesign.report.drawing.panels import groups

@@ -12,8 +12,7 @@ from vsgdesign.artifacts.definitions import DEFINITIONS
 from vsgdesign.equations.frames import phase_to_ll
 from vsgdesign.errors import share_percent
 from vsgdesign.linear.stability.assessment import ControllerAssessment
-from vsgdesign.linear.stability.cells import OUTSIDE
-from vsgdesign.linear.stability.maps import MarginMap
+from vsgdesign.linear.stability.maps import OUTSIDE, MarginMap
 from vsgdesign.linear.stability.verdict import NO_LIMIT, NOTHING, left_out, worst_cases
 from vsgdesign.metrics.events import TOO_SHORT
 from vsgdesign.metrics.margins import guaranteed_margins

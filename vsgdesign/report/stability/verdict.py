@@ -10,9 +10,8 @@ import numpy as np
 
 from vsgdesign.linear.model.full_order import PARAMETERS
 from vsgdesign.linear.stability.assessment import ControllerAssessment
-from vsgdesign.linear.stability.cells import full_order_cells
 from vsgdesign.linear.stability.loci import Mode, ModeSensitivity, mode_sensitivities, modes
-from vsgdesign.linear.stability.maps import MarginMap
+from vsgdesign.linear.stability.maps import MarginMap, full_order_cells
 from vsgdesign.linear.stability.verdict import (
     FAIL,
     NOT_ASSESSED,

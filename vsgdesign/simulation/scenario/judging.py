@@ -22,7 +22,7 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
 from vsgdesign.linear.model.coupled import CoupledModel
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
-from vsgdesign.linear.stability.cells import CellSet, cell_set, full_order_cells, reduced_cells
+from vsgdesign.linear.stability.maps import CellSet, cell_set, full_order_cells, reduced_cells
 from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
 from vsgdesign.linear.stability.safe_place import inside_run
 from vsgdesign.metrics.answers import ChangeSeen, RestError, changes_seen, errors_at_rest, rows_at_rest
