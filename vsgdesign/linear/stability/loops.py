@@ -1,8 +1,9 @@
 """Transfer matrices, the loops that are made of them, and the converter as seen from the grid.
 
 The power loop of either model is S(jω), broken at the plant's output (P, Q) or at its input (δ, V); the paper's
-decoupled loops are systems of python-control. The impedance follows in closed form from the sampled model, in the dq
-frame of the grid source, with peak components. Current is positive into the grid, so that i = −Y v at the PCC.
+decoupled loops are systems of python-control, and so is one cell of either model, whole or opened at the power loops.
+The impedance follows in closed form from the sampled model, in the dq frame of the grid source, with peak components.
+Current is positive into the grid, so that i = −Y v at the PCC.
 """
 
 from __future__ import annotations
@@ -16,9 +17,12 @@ from numpy.typing import NDArray
 from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.slow_plant import Lags
+from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.model import decoupled_loops
+from vsgdesign.linear.model.coupled import INPUTS as REDUCED_INPUTS
+from vsgdesign.linear.model.coupled import OUTPUTS as REDUCED_OUTPUTS
 from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
-from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS, PARAMETERS
+from vsgdesign.linear.model.full_order import INPUTS, OUTPUTS, PARAMETERS, POWER_LOOP_STATES
 from vsgdesign.linear.operating_point import OperatingPoint
 from vsgdesign.linear.operating_point.full_order import FullOrderModel
 from vsgdesign.linear.operating_point.plant import plant_step, state_matrices
@@ -334,3 +338,74 @@ def loop_margins(open_loop: control.TransferFunction) -> LoopMargins:
         delay_margin_s=float(np.deg2rad(phase) / crossover) if crosses else None,
         crossover_rad_s=float(crossover) if crosses else None,
     )
+
+
+PARTS = ("closed", "loop", "plant", "controller")
+"""The closed loop; the loop L, broken at the measured powers, for negative feedback; the plant G from the commanded
+(delta, V) to (P, Q); the power loops K from (P, Q) to (delta, V), with their sign: L = −G K."""
+
+_POWERS, _COMMANDS, _BACK = ("P", "Q"), ("delta", "V"), ("P_back", "Q_back")
+_ROUNDING = 1e-9
+
+
+def system_of(model: CoupledModel | FullOrderModel, part: str = "closed", cell: int = 0) -> control.StateSpace:
+    """A part of PARTS of one cell of either model, with the names of its states, inputs and outputs. That of the
+    sampled model is discrete with its T_s.
+
+    Raises ValueError for another part, and InfeasibleStudyError where a limiter couples power loops and plant.
+    """
+    if part not in PARTS:
+        raise ValueError(f'part = "{part}": must be one of {", ".join(PARTS)}')
+    import control
+
+    if isinstance(model, FullOrderModel):
+        (matrices, states, inputs, outputs), step = _sampled(model, part, cell), model.T_s
+    else:
+        (matrices, states, inputs, outputs), step = _reduced(model, part, cell), 0.0
+    names: dict[str, Any] = {"states": list(states), "inputs": list(inputs), "outputs": list(outputs)}
+    return control.StateSpace(*matrices, step, name=part, **names)
+
+
+def _reduced(model: CoupledModel, part: str, cell: int) -> tuple[list[Array], Any, Any, Any]:
+    m, k, none = model, cell, np.zeros((2, 2))
+    own = m.states[: m.A_K.shape[1]]
+    if part == "closed":
+        return [m.A[k], m.B[k], m.C[k], m.D[k]], m.states, REDUCED_INPUTS, REDUCED_OUTPUTS
+    if part == "loop":
+        return [m.A_o[k], m.B_o[k], -m.J_o[k] @ m.C_o[k], none], m.states, _POWERS, _BACK
+    if part == "plant":
+        return [m.A_p[k], m.B_p[k], m.C_p[k], m.J_p[k]], m.states[len(own) :], _COMMANDS, _POWERS
+    return [m.A_K[k], m.B_K[k], m.C_K[k], none], own, _POWERS, _COMMANDS
+
+
+def _sampled(model: FullOrderModel, part: str, cell: int) -> tuple[list[Array], Any, Any, Any]:
+    A, B, C, D = (matrix[cell] for matrix in (model.A, model.B, model.C, model.D))
+    if part == "closed":
+        return [A, B, C, D], model.states, INPUTS, OUTPUTS
+    measured, pushed = ([INPUTS.index(n) for n in names] for names in (("P_meas", "Q_meas"), ("theta_cmd", "V_cmd")))
+    powers, commands = ([OUTPUTS.index(n) for n in names] for names in (_POWERS, _COMMANDS))
+    # S = I + C (zI − A)⁻¹ B, so that L = S⁻¹ − I = −C (zI − A + B C)⁻¹ B.
+    opened, none = A - B[:, measured] @ C[powers], np.zeros((2, 2))
+    if part == "loop":
+        return [opened, B[:, measured], -C[powers], none], model.states, _POWERS, _BACK
+    own = np.array([name in POWER_LOOP_STATES for name in model.states])
+    _check_apart(opened, A, own, [model.states.index(name) for name in _COMMANDS])
+    rows = ~own if part == "plant" else own
+    states = tuple(name for name, taken in zip(model.states, rows, strict=True) if taken)
+    inside = opened[np.ix_(rows, rows)]
+    if part == "plant":
+        return [inside, B[rows][:, pushed], C[powers][:, rows], none], states, _COMMANDS, _POWERS
+    return [inside, B[rows][:, measured], C[commands][:, rows], none], states, _POWERS, _COMMANDS
+
+
+def _check_apart(opened: Array, closed: Array, own: NDArray[np.bool_], commands: list[int]) -> None:
+    """Whether the power loops see the plant by its powers alone, and the plant them by delta and V."""
+    others = own.copy()
+    others[commands] = False
+    for rows, columns in ((own, ~own), (~own, others)):
+        left, whole = (np.abs(matrix[np.ix_(rows, columns)]) for matrix in (opened, closed))
+        if np.any(left > _ROUNDING * whole.max(initial=0.0)):
+            raise InfeasibleStudyError(
+                "The current limiter couples the power loops to the plant, so that neither stands alone: take the "
+                'whole model (part = "closed" or "loop"), or a limiter without a memory of the powers.'
+            )

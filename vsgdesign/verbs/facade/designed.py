@@ -369,8 +369,8 @@ def linear_model(
     and InfeasibleStudyError where there is no rest, there are no gains, or the study is of a plant that is more than
     equal units.
     """
+    from vsgdesign.linear.stability.loops import PARTS, system_of
     from vsgdesign.linear.stability.maps import cells_under, full_order_cells, reduced_cells
-    from vsgdesign.linear.stability.systems import PARTS, system_of
     from vsgdesign.runtime.of_study import gain_law
     from vsgdesign.verbs.pipeline.one_unit import as_unit
     from vsgdesign.verbs.pipeline.study_tables import kept_tables
