@@ -10,8 +10,7 @@ import pytest
 
 from tests.equations.test_field_recursions import OMEGA, T_S, V_BASE, Z_BASE, Line, floats, run
 from vsgdesign.equations.field import TRACK, sign_code, tracks
-from vsgdesign.equations.field.cycle import LARGER_BY, whole_over_grid
-from vsgdesign.equations.field.deciding import FRESH_UNTIL
+from vsgdesign.equations.field.cycle import FRESH_UNTIL, LARGER_BY, whole_over_grid
 from vsgdesign.equations.field.measuring import FAST_MEMORY
 from vsgdesign.equations.field.sign_code import SignCode, code_moved, towards
 from vsgdesign.equations.field.tracks import Fit
