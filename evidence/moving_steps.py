@@ -21,8 +21,8 @@ from vsgdesign.certificate.moving.levels import STEPS, LevelSet, level_set
 from vsgdesign.certificate.moving.places import with_estimates
 from vsgdesign.certificate.region import random_points
 from vsgdesign.equations.controller import ControllerState, Measurement, controller_step
-from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak, rotate_back
+from vsgdesign.equations.grid import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer
 from vsgdesign.linear.operating_point.many import Lanes, many_steady_states

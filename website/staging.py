@@ -43,7 +43,7 @@ API = {
             "vsgdesign.equations.power_loops",
             "vsgdesign.equations.structures",
             "vsgdesign.equations.inner_loops",
-            "vsgdesign.equations.filters",
+            "vsgdesign.equations.grid",
             "vsgdesign.equations.controller",
         ),
     ),

@@ -34,7 +34,7 @@ from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.region import Region, random_points
 from vsgdesign.certificate.taylor_kernel import rows
 from vsgdesign.certificate.tracing import Tracer
-from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.report.gain_table.full_order import full_order_text

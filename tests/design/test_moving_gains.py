@@ -42,8 +42,8 @@ from vsgdesign.certificate.moving.statement import MovingProof, prove_moving
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.region import Region
 from vsgdesign.certificate.taylor_kernel import rows
-from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak, rotate_back
+from vsgdesign.equations.grid import capacitor_node_voltage
 from vsgdesign.equations.inner_loops import current_loop, voltage_loop
 from vsgdesign.equations.limiter_interface import GridEstimate, LimiterView
 from vsgdesign.equations.limiters.projection import ProjectionMemory, projection_limit

@@ -10,10 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage, filter_grid_derivative, pcc_voltage
 from vsgdesign.equations.grid import (
+    FilterGrid,
+    capacitor_node_voltage,
+    filter_grid_derivative,
     grid_from_scr_impedance,
     grid_from_scr_reactance,
+    pcc_voltage,
     scr_impedance,
     scr_reactance,
 )

@@ -11,7 +11,7 @@ from evidence._random_studies import bare
 from tests.codegen.twins import twin
 from tests.codegen.wasm_host import wasm_loop
 from vsgdesign.codegen.llvm import LoopSpec, empty_rows, flat_block
-from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.sampled_path import SampledPath, Transition, droop_step, sampled_path, source_response
 from vsgdesign.linear.operating_point.many import Lanes, lanes_of, paths_of, points_of

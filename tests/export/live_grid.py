@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from vsgdesign.equations.controller import Measurement
-from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.linear.operating_point.plant import plant_step
 from vsgdesign.study.parameters import Grid, Study
 

@@ -14,7 +14,7 @@ from tests.export.live_grid import LiveGrid
 from tests.simulation.finding import found_in
 from tests.simulation.test_connecting import run_of, tripped
 from vsgdesign.equations.controller_data import Measurement
-from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.grid import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_flow import jacobian_from_powers
 from vsgdesign.equations.power_loops import PowerLoopGains, References

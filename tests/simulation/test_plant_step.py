@@ -9,7 +9,7 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm
 
 from tests.simulation.studies import GAINS, lc_study
-from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.plant import plant_step, state_matrices
 from vsgdesign.simulation import GainChange, simulate

@@ -20,7 +20,7 @@ from tests.simulation.test_emt_against_dop853 import (
     library_start,
     random_numbers,
 )
-from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.operating_point.plant import TwoAxisCircuit, plant_step, two_axes
 from vsgdesign.simulation import GainChange, simulate

@@ -17,8 +17,8 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.design.inner.designing import design_inner_loops
 from vsgdesign.design.inner.grids import GridBox, asked_of, study_of
 from vsgdesign.design.inner.search import short_search
-from vsgdesign.equations.filters import largest_current_after_jump
 from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.equations.grid import largest_current_after_jump
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.execution.executors import Progress, one_thread, silent
 from vsgdesign.simulation.lanes.cases import ACTIVE, DISTURBANCE, LaneCases, no_events

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.equations.frames import instantaneous_power, peak_to_rms, rms_to_peak
+from vsgdesign.equations.grid import FilterGrid, pcc_voltage
 from vsgdesign.equations.power_flow import admittance, jacobian_from_admittance, power_flow
 
 

@@ -13,8 +13,8 @@ from vsgdesign.equations.controller import V_PLAUSIBLE, ControllerState
 from vsgdesign.equations.dc_link import LEAST_VOLTAGE
 from vsgdesign.equations.dc_source_interface import SourceLimits
 from vsgdesign.equations.field import FieldAnswer, FieldSettings, FieldTrack, LockIn
-from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import instantaneous_power
+from vsgdesign.equations.grid import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.equations.scheduler_data import HELD

@@ -25,9 +25,8 @@ from vsgdesign.codegen.blocks import Part, Writer, joined
 from vsgdesign.codegen.expressions import Expression, Number, Variable
 from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.llvm import LoopSpec, aligned_zeros, compiled_loop, empty_rows
-from vsgdesign.equations.filters import FilterGrid
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.equations.grid import moved_phasor
+from vsgdesign.equations.grid import FilterGrid, moved_phasor
 from vsgdesign.linear.operating_point.plant import plant_step, sources_of_grid, straight_line_responses
 from vsgdesign.simulation.circuits import CircuitOfConnection, Connection, states_of
 from vsgdesign.simulation.timeline import SourceSegment, Timeline

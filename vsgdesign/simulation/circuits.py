@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import CircuitError, InfeasibleStudyError
 from vsgdesign.linear.operating_point.network import (

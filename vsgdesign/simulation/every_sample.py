@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.llvm import Loop, LoopSpec, StandingLoop, compiled_loop, empty_rows, flat_block
-from vsgdesign.equations.filters import FilterGrid, pcc_voltage
+from vsgdesign.equations.grid import FilterGrid, pcc_voltage
 from vsgdesign.linear.operating_point.network import network_circuit
 from vsgdesign.simulation.circuit_sample import PlantState
 from vsgdesign.simulation.circuits import connection_at, states_of_timelines
@@ -88,7 +88,7 @@ class AtPcc:
 
     def parts(self, t_s: Array, log: Array, more: Array, most: int) -> Iterator[tuple[Array, FilterGrid]]:
         """Rows of a run's log at increasing instants in parts of at most so many rows and one circuit, of which
-        :func:`vsgdesign.equations.filters.pcc_voltage` has the voltage at the PCC: (n, 8) of their first columns.
+        :func:`vsgdesign.equations.grid.pcc_voltage` has the voltage at the PCC: (n, 8) of their first columns.
         Behind a network, they have this voltage in place of the capacitor's."""
         if self._states is not None:
             log = np.hstack([log[:, :2], self._behind_network(t_s, log, more), log[:, 4:8]])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerState
-from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
+from vsgdesign.equations.grid import FilterGrid, capacitor_node_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer, power_loops
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification import Probe

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.llvm import Loop, LoopSpec, best_lanes, compiled_loop
 from vsgdesign.equations.controller import ControllerSettings, ControllerState
 from vsgdesign.equations.field import FieldSettings
-from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.controller_data import flat_state
-from vsgdesign.equations.filters import capacitor_node_voltage
+from vsgdesign.equations.grid import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.synchronising import GridWatch

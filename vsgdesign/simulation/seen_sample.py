@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
+from vsgdesign.equations.grid import FilterGrid, capacitor_node_voltage
 from vsgdesign.metrics.step_response import SETTLING_BAND
 from vsgdesign.simulation.circuit_sample import PlantState
 from vsgdesign.simulation.outcome import NEAR, SAME

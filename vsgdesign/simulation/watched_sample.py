@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsgdesign.equations.controller_data import Measurement
-from vsgdesign.equations.filters import FilterGrid, pcc_voltage
 from vsgdesign.equations.frames import instantaneous_power
+from vsgdesign.equations.grid import FilterGrid, pcc_voltage
 from vsgdesign.simulation.circuit_sample import PlantState
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from vsgdesign.campaigns.compliance.case import Subject, test_as_run, test_closed, waiting_case
 from vsgdesign.campaigns.compliance.measuring import Trace
 from vsgdesign.campaigns.compliance.suite import SuiteTest
-from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.equations.grid import capacitor_node_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import CircuitError, InfeasibleStudyError, SimulationDivergedError, StudyError, VsgDesignError
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order

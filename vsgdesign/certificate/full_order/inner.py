@@ -28,9 +28,8 @@ from vsgdesign.certificate.full_order.forms import (
 )
 from vsgdesign.certificate.full_order.rows import InnerRows, Polynomial, PowerFilter
 from vsgdesign.certificate.full_order.tape import Program, program_of, run
-from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage, filter_grid_derivative
 from vsgdesign.equations.frames import PHASES
-from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.grid import SCR_BASES, FilterGrid, capacitor_node_voltage, filter_grid_derivative
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

@@ -24,7 +24,7 @@ from vsgdesign.design.inner.grids import (
 from vsgdesign.design.inner.promises import DAMPING, PromiseReached, controller_settings
 from vsgdesign.design.inner.search import closed_form_starts
 from vsgdesign.equations.controller import ControllerSettings
-from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.linear.operating_point.full_order import steady_cells

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
-from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage
+from vsgdesign.equations.grid import FilterGrid, capacitor_node_voltage
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vsgdesign.equations.filters import FilterGrid
-from vsgdesign.equations.grid import SCR_BASES
+from vsgdesign.equations.grid import SCR_BASES, FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.placing import settling_margin
 from vsgdesign.equations.power_loops import PowerLoopGains

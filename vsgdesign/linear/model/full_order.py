@@ -16,8 +16,8 @@ import numpy as np
 
 from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_sample
 from vsgdesign.equations.controller_data import Nothing
-from vsgdesign.equations.filters import FilterGrid, capacitor_node_voltage, filter_grid_derivative
 from vsgdesign.equations.frames import instantaneous_power, rms_to_peak, rotate_back
+from vsgdesign.equations.grid import FilterGrid, capacitor_node_voltage, filter_grid_derivative
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import CIRCULAR, GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.dc_control import clamp_cut, droop_of_link
 from vsgdesign.equations.dc_source_interface import SourceLimits
-from vsgdesign.equations.filters import capacitor_node_voltage, pcc_voltage
 from vsgdesign.equations.frames import instantaneous_power, linear_modulation_limit, peak_to_rms, rms_to_peak
+from vsgdesign.equations.grid import capacitor_node_voltage, pcc_voltage
 from vsgdesign.equations.limiters import GridEstimate, IntegratorSteps, LimiterView
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.linear.operating_point.dc_rest import bridge_power, links_at_rest, power_of_plant

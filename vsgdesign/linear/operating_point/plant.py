@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
+from vsgdesign.equations.grid import FilterGrid, filter_grid_derivative
 from vsgdesign.study.parameters.study import Study
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.equations.filters import FilterGrid, pcc_voltage
+from vsgdesign.equations.grid import FilterGrid, pcc_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.errors import InfeasibleStudyError

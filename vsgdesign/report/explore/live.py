@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.equations.grid import capacitor_node_voltage
 from vsgdesign.errors import SimulationDivergedError, VsgDesignError
 from vsgdesign.metrics.events import MEASURED, TOO_SHORT, EventMetrics
 from vsgdesign.metrics.step_response import SETTLING_BAND

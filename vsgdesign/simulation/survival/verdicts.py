@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.equations.filters import capacitor_node_voltage
 from vsgdesign.equations.frames import rms_to_peak
+from vsgdesign.equations.grid import capacitor_node_voltage
 from vsgdesign.equations.power_loops import References
 from vsgdesign.metrics.survival import (
     LATCHED,

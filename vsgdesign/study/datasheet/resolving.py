@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vsgdesign.equations.filters import largest_current_after_jump
 from vsgdesign.equations.frames import base_impedance, linear_modulation_limit, ll_to_phase, rms_to_peak
+from vsgdesign.equations.grid import largest_current_after_jump
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.datasheet.fields import BY_NAME, FILTERS, Field
 from vsgdesign.study.datasheet.measured_impedance import SeriesFit

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.equations.filters import FilterGrid, filter_grid_derivative
+from vsgdesign.equations.grid import FilterGrid, filter_grid_derivative
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.equations.placing import settling_margin

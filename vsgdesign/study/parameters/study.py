@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsgdesign.equations.controller import ControllerSettings
-from vsgdesign.equations.filters import FilterGrid
+from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import low_pass_share
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
