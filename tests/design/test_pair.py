@@ -22,9 +22,8 @@ from vsgdesign.design.evaluation import between_units, law_of, model_in, shortfa
 from vsgdesign.design.nlp import robust_program, slow_determinant
 from vsgdesign.design.record import CellRecord
 from vsgdesign.design.verification import full_order_figures
-from vsgdesign.equations.power_flow import operating_point, power_flow
+from vsgdesign.equations.power_flow import Lags, operating_point, power_flow
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.study.parameters import Study, load_study

@@ -12,8 +12,8 @@ import pytest
 from tests.design.robust_studies import controller, law, robust_study, specification
 from vsgdesign.design.evaluation import Evaluation, evaluate_fixed, evaluate_pairs
 from vsgdesign.design.single import best_fixed, exact_scenarios, violations
+from vsgdesign.equations.power_flow import Lags
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.equations.structures import NormalisedGains, effective_inertia
 from vsgdesign.errors import InfeasibleStudyError
 

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.stability.ideal_converter import IdealConverter
+from vsgdesign.equations.power_flow import Lags
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model import decoupled_loops
 from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
 

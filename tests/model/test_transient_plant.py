@@ -13,9 +13,8 @@ from vsgdesign.certificate import Region
 from vsgdesign.certificate.region import System, random_points
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import evaluate_gains
-from vsgdesign.equations.power_flow import power_angle
+from vsgdesign.equations.power_flow import Lags, power_angle
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model.coupled import CoupledModel, coupled_model
 from vsgdesign.linear.stability.loops import ReducedLoop
 from vsgdesign.linear.stability.maps import cells_under, full_order_cells, reduced_cells

@@ -8,8 +8,8 @@ import control
 import numpy as np
 import pytest
 
+from vsgdesign.equations.power_flow import Lags
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.stability.loops import coupled_loop, loop_margins, power_loops
 

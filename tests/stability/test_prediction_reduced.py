@@ -15,8 +15,8 @@ import pytest
 
 from tests.stability.ideal_converter import IdealConverter
 from tests.stability.studies import PUBLISHED, case_study, designed
+from vsgdesign.equations.power_flow import Lags
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.linear.model.coupled import INPUTS, OUTPUTS, CoupledModel, coupled_model
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.stability.maps import cell_set, reduced_cells

@@ -14,8 +14,8 @@ from vsgdesign.artifacts.definitions import NAMES_OF_BEFORE
 from vsgdesign.artifacts.design_inputs import design_hash
 from vsgdesign.artifacts.files import plain, sorted_plain
 from vsgdesign.artifacts.guarded_file import content_hash
+from vsgdesign.equations.power_flow import Lags
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.slow_plant import Lags
 
 if TYPE_CHECKING:  # reading a table reads no study files
     from vsgdesign.study.parameters.study import Study

@@ -17,8 +17,7 @@ from vsgdesign.certificate.lyapunov import Motion, move_factor, residual
 from vsgdesign.certificate.region import Region, System, nodes, point_of, random_points, region_faults
 from vsgdesign.certificate.results import GAP_FREE, GRIDDED
 from vsgdesign.certificate.step_terms import STEPS, ActingLimits, LevelShape, rest_current_pu, step_sizes
-from vsgdesign.equations.power_flow import POWER_MARGIN
-from vsgdesign.equations.slow_plant import Lags
+from vsgdesign.equations.power_flow import POWER_MARGIN, Lags
 from vsgdesign.errors import counted
 from vsgdesign.linear.operating_point.equilibrium import limits_of_converter
 from vsgdesign.runtime.table import table_schedule

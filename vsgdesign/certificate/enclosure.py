@@ -22,13 +22,14 @@ from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_flow import (
     POWER_MARGIN,
+    YieldingColumns,
     admittance,
     carried_share,
     jacobian_from_admittance,
     well_posed_power,
+    yielding_columns,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
-from vsgdesign.equations.slow_plant import YieldingColumns, yielding_columns
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.runtime.table import TableSchedule
 

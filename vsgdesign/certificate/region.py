@@ -12,9 +12,15 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.certificate_record import StaticLimits
 from vsgdesign.equations.frames import base_impedance, rated_current_rms
 from vsgdesign.equations.grid import MOST_ERROR_Z, SCR_BASES, error_half_widths
-from vsgdesign.equations.power_flow import admittance, converter_side, jacobian_from_powers, operating_point
+from vsgdesign.equations.power_flow import (
+    Lags,
+    admittance,
+    converter_side,
+    jacobian_from_powers,
+    operating_point,
+    yielding_columns,
+)
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops_about_rest
-from vsgdesign.equations.slow_plant import Lags, yielding_columns
 from vsgdesign.errors import Fault, InfeasibleStudyError
 from vsgdesign.linear.operating_point.equilibrium import HasFilter, converter_side_of, static_limits, uses_of
 from vsgdesign.runtime.schedule import Schedule

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.kernels import FIGURES, figures
-from vsgdesign.equations.power_flow import scheduled_jacobian, source_behind
+from vsgdesign.equations.power_flow import Lags, scheduled_jacobian, source_behind
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.signals import interrupts_deferred

@@ -28,8 +28,7 @@ from vsgdesign.design.variables import (
     cell_objective,
     variables,
 )
-from vsgdesign.equations.power_flow import scheduled_jacobian, source_behind
-from vsgdesign.equations.slow_plant import Lags
+from vsgdesign.equations.power_flow import Lags, scheduled_jacobian, source_behind
 from vsgdesign.execution.signals import interrupts_deferred
 from vsgdesign.linear.model.compiled import InLanes
 from vsgdesign.linear.model.coupled import coupled_function

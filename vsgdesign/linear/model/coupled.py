@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.operation_list import OperationList
-from vsgdesign.equations.power_flow import power_flow
+from vsgdesign.equations.power_flow import Lags, current_of_power, power_flow, yielding_plant
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
-from vsgdesign.equations.slow_plant import Lags, current_of_power, yielding_plant
 from vsgdesign.linear.model.compiled import list_of
 from vsgdesign.linear.model.power_loops import numpy_on_symbols
 

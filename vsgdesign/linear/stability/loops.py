@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.grid import FilterGrid, pcc_voltage
+from vsgdesign.equations.power_flow import Lags
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.linear.model import decoupled_loops
 from vsgdesign.linear.model.coupled import INPUTS as REDUCED_INPUTS

@@ -13,8 +13,8 @@ from vsgdesign.equations.grid import FilterGrid
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import low_pass_share
 from vsgdesign.equations.limiters import CIRCULAR, Limiter, limiter_named
+from vsgdesign.equations.power_flow import Lags
 from vsgdesign.equations.power_loops import NO_NOTCH, NotchConstants, notch_constants, notch_delay
-from vsgdesign.equations.slow_plant import Lags
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.study.parameters.controllers import NO_LIMITER, ControllerSpec
 from vsgdesign.study.parameters.controllers import UPDATE_PERIOD as UPDATE_PERIOD
