@@ -12,7 +12,6 @@ from tests.artifacts.networks import random_weights
 from tests.gain_tables import PUBLISHED_BASE, table
 from tests.runtime.schedulers import MIDDLE, OMEGA, POWERS, SHAPED, Z_BASE, grid, made, settle
 from vsgdesign.equations.power_flow import jacobian_from_powers
-from vsgdesign.equations.scheduled_gains import interval
 from vsgdesign.equations.scheduler_data import (
     CLAMPED,
     DOUBT,
@@ -23,6 +22,7 @@ from vsgdesign.equations.scheduler_data import (
     LIMITED,
     NO_ESTIMATE,
     UNDESIGNED,
+    interval,
 )
 from vsgdesign.errors import ArtifactError
 from vsgdesign.runtime import (

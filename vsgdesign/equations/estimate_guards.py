@@ -8,7 +8,6 @@ import numpy as np
 
 from vsgdesign.equations.grid import error_half_widths
 from vsgdesign.equations.notation import Count
-from vsgdesign.equations.scheduled_gains import grid_at, place_of
 from vsgdesign.equations.scheduler_data import (
     IMPLAUSIBLE,
     JUMP,
@@ -19,6 +18,8 @@ from vsgdesign.equations.scheduler_data import (
     SchedulerLimits,
     SchedulerState,
     ScheduleTable,
+    grid_at,
+    place_of,
 )
 
 CHI_SQUARE_95 = 5.991464547107979

@@ -12,7 +12,6 @@ import numpy as np
 
 from vsgdesign.equations.estimate_guards import OLDEST, CheckedInput, drawn_in, estimate_is_finite, finite, followed
 from vsgdesign.equations.notation import WHOLE, Count
-from vsgdesign.equations.scheduled_gains import gains_at, place_of
 from vsgdesign.equations.scheduler_data import (
     CLAMPED,
     DOUBT,
@@ -37,6 +36,8 @@ from vsgdesign.equations.scheduler_data import (
     SchedulerLimits,
     SchedulerState,
     ScheduleTable,
+    gains_at,
+    place_of,
 )
 
 HALF_RANGE = 0x80000000

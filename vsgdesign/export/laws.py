@@ -26,8 +26,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.equations.limiters import Limiter, limiter_named
 from vsgdesign.equations.power_loops import PowerLoopGains, References, frequency_at_rest, gain_transfer, notch
-from vsgdesign.equations.scheduled_gains import grid_at, normalised_at
-from vsgdesign.equations.scheduler_data import ScheduleLaw, SchedulerState
+from vsgdesign.equations.scheduler_data import ScheduleLaw, SchedulerState, grid_at, normalised_at
 from vsgdesign.equations.scheduling import start_place, state_at, told_state, updated
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.equations.synchronising import in_step, synchronised, watch_grid

@@ -10,8 +10,15 @@ import numpy as np
 from vsgdesign.equations.frames import base_impedance
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.scheduled_gains import gains_at, grid_at, normalised_at, place_of
-from vsgdesign.equations.scheduler_data import NO_DESIGN, ScheduleLaw, ScheduleTable
+from vsgdesign.equations.scheduler_data import (
+    NO_DESIGN,
+    ScheduleLaw,
+    ScheduleTable,
+    gains_at,
+    grid_at,
+    normalised_at,
+    place_of,
+)
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
 from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.floats import on_floats

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.scheduled_gains import grid_at
 from vsgdesign.equations.scheduler_data import (
     NO_ESTIMATE,
     NO_REASON,
@@ -18,6 +17,7 @@ from vsgdesign.equations.scheduler_data import (
     TOLD_SURPRISED,
     SchedulerInput,
     SchedulerState,
+    grid_at,
 )
 from vsgdesign.runtime.guards import SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup

@@ -11,7 +11,6 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.notation import Count
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
-from vsgdesign.equations.scheduled_gains import grid_at, normalised_at
 from vsgdesign.equations.scheduler_data import (
     LIMITED,
     ScheduleLaw,
@@ -19,6 +18,8 @@ from vsgdesign.equations.scheduler_data import (
     SchedulerLimits,
     SchedulerState,
     ScheduleTable,
+    grid_at,
+    normalised_at,
 )
 from vsgdesign.equations.scheduling import told_and_updated
 from vsgdesign.errors import ArtifactError, InfeasibleStudyError, NoOperatingPointError

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.llvm import Loop, empty_rows
 from vsgdesign.codegen.records import numbers_of
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer
-from vsgdesign.equations.scheduled_gains import grid_at
 from vsgdesign.equations.scheduler_data import (
     NO_ESTIMATE,
     NO_REASON,
@@ -23,6 +22,7 @@ from vsgdesign.equations.scheduler_data import (
     SchedulerLimits,
     SchedulerState,
     ScheduleTable,
+    grid_at,
 )
 from vsgdesign.equations.scheduling import told_and_updated
 from vsgdesign.runtime.lookup import GainLookup
