@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.codegen import CText, c_functions
 from vsgdesign.codegen.described import DescribedNumber, described_numbers
 from vsgdesign.codegen.vector_math import SINGLE
-from vsgdesign.equations.controller import ControllerOutput, ControllerSettings, ControllerState, Measurement
+from vsgdesign.equations.controller import ControllerOutput, ControllerSettings, ControllerState, GridWatch, Measurement
 from vsgdesign.equations.field import (
     FieldAnswer,
     FieldSettings,
@@ -32,7 +32,6 @@ from vsgdesign.equations.frames import rotate
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.equations.scheduler_data import SchedulerInput, SchedulerLimits, SchedulerState
-from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.identification.field import FieldNetwork
 from vsgdesign.runtime.power_controller import state_at_set_points
 from vsgdesign.runtime.scheduler import Scheduler

@@ -16,10 +16,13 @@ from vsgdesign.equations.controller import (
     ControllerSettings,
     ControllerState,
     controller_step,
+    in_step,
     plausible,
     power_stage,
     skipped_step,
     sound,
+    synchronised,
+    watch_grid,
 )
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.equations.inner_loops import InnerLoopGains
@@ -29,7 +32,6 @@ from vsgdesign.equations.power_loops import PowerLoopGains, References, frequenc
 from vsgdesign.equations.scheduler_data import ScheduleLaw, SchedulerState, grid_at, normalised_at
 from vsgdesign.equations.scheduling import start_place, state_at, told_state, updated
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
-from vsgdesign.equations.synchronising import in_step, synchronised, watch_grid
 
 NAMES = {
     PowerLoopGains: "gains",

@@ -13,12 +13,11 @@ from dataclasses import replace
 from typing import Any
 
 from vsgdesign.codegen.described import DescribedNumber, described_numbers
-from vsgdesign.equations.controller import ControllerOutput, ControllerState, Measurement
+from vsgdesign.equations.controller import ControllerOutput, ControllerState, GridWatch, Measurement
 from vsgdesign.equations.frames import clarke_inverse
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import References
 from vsgdesign.equations.scheduler_data import SchedulerState
-from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.export.port_records import (
     FIXED,
     INPUT,

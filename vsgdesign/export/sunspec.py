@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.files import json_text
+from vsgdesign.equations.controller import IN_STEP
 from vsgdesign.equations.controller_data import ControllerSettings
 from vsgdesign.equations.frames import base_impedance, peak_to_rms, phase_to_ll, rated_current_rms
 from vsgdesign.equations.structures import effective_inertia, steady_droops
-from vsgdesign.equations.synchronising import IN_STEP
 from vsgdesign.export.port_records import FIXED, INPUT, TUNABLE
 from vsgdesign.export.unit import Unit
 from vsgdesign.export.unit_content import lists_of

@@ -9,9 +9,8 @@ from vsgdesign.codegen.blocks import Part, Writer, joined, with_outputs
 from vsgdesign.codegen.expressions import Expression, Number
 from vsgdesign.codegen.flat import Block, flat_block
 from vsgdesign.codegen.loop_spec import Product
-from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.controller import ControllerState, GridWatch
 from vsgdesign.equations.field import LockIn
-from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.simulation import circuit_sample, link_piece, sample, watched_sample
 from vsgdesign.simulation.axes import PEAK, RISING, headed, switched_legs, two_axes
 from vsgdesign.simulation.circuit_sample import CarrierPart, EdgeRow, PlantRow

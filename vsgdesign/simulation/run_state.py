@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsgdesign.codegen.records import numbers_of
-from vsgdesign.equations.controller import ControllerState
+from vsgdesign.equations.controller import ControllerState, GridWatch
 from vsgdesign.equations.controller_data import flat_state
 from vsgdesign.equations.grid import capacitor_node_voltage
 from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.sampled import SampledState
 from vsgdesign.runtime.floats import on_floats

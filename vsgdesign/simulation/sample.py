@@ -15,7 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsgdesign.equations.controller import ControllerSettings, ControllerState, Measurement, controller_step
+from vsgdesign.equations.controller import (
+    ControllerSettings,
+    ControllerState,
+    GridWatch,
+    Measurement,
+    controller_step,
+    in_step,
+    synchronised,
+    watch_grid,
+)
 from vsgdesign.equations.field import FieldSettings, LockIn, listen, probe_value
 from vsgdesign.equations.field.lock_in import probe_offset
 from vsgdesign.equations.frames import clarke, clarke_inverse, rotate
@@ -23,7 +32,6 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.integration import within_a_turn
 from vsgdesign.equations.limiters import GridEstimate, LimiterLaw
 from vsgdesign.equations.power_loops import PowerLoopGains, References
-from vsgdesign.equations.synchronising import GridWatch, in_step, synchronised, watch_grid
 from vsgdesign.simulation.circuit_sample import BridgeVoltage, PlantRow, SourcePhasor
 
 AT_LIMIT = 1.0 - 1e-9

@@ -18,8 +18,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsgdesign.equations.controller import GridWatch
 from vsgdesign.equations.frames import rms_to_peak
-from vsgdesign.equations.synchronising import GridWatch
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.simulation.field_feed import FieldScheduler
 from vsgdesign.simulation.sample import Relay, relay_sees
