@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from vsgdesign.artifacts.ready import NOTHING
-from vsgdesign.campaigns.verification.case_study import case_study
 from vsgdesign.campaigns.verification.draws import cases_of, uniforms_of
+from vsgdesign.campaigns.verification.emt import case_study
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.protection import first_trip
 from vsgdesign.simulation.lanes.results import STATUSES

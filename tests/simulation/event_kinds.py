@@ -12,8 +12,8 @@ from vsgdesign.artifacts.ready import NOTHING
 from vsgdesign.campaigns.compliance.case import Subject as OfSuite
 from vsgdesign.campaigns.compliance.reading import suite_from_text
 from vsgdesign.campaigns.compliance.run import run_test
-from vsgdesign.campaigns.verification.case_study import case_study
 from vsgdesign.campaigns.verification.draws import cases_of, families, uniforms_of
+from vsgdesign.campaigns.verification.emt import case_study
 from vsgdesign.linear.stability.maps import cells_under
 from vsgdesign.report.explore.live import emt_answer, simulated
 from vsgdesign.report.explore.maps import survived_cells

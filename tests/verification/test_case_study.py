@@ -13,8 +13,8 @@ import pytest
 from tests import gain_tables
 from vsgdesign.artifacts.gain_table_file import write_table_file
 from vsgdesign.artifacts.ready import NOTHING, Ready
-from vsgdesign.campaigns.verification.case_study import case_study
 from vsgdesign.campaigns.verification.draws import FAMILIES, cases_of, uniforms_of
+from vsgdesign.campaigns.verification.emt import case_study
 from vsgdesign.errors import StudyError
 from vsgdesign.metrics.events import MEASURED
 from vsgdesign.metrics.survival import SURVIVED

@@ -12,7 +12,7 @@ from typing import Any
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.campaigns.compliance.suite import OURS, Source, SuiteTest
-from vsgdesign.campaigns.verification.case_study import base_document, controller_document
+from vsgdesign.campaigns.verification.emt import base_document, controller_document
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.metrics.survival import SurvivalDemand
 from vsgdesign.simulation.clearing import MOST_CYCLES, cleared_events, clearings

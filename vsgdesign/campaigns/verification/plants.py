@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.campaigns.verification.blocks import Batch, SingleRun
-from vsgdesign.campaigns.verification.case_study import base_document, controller_document
 from vsgdesign.campaigns.verification.draws import UNIFORMS, Index, cases_of, uniforms_of, verification_of
-from vsgdesign.campaigns.verification.emt import TABLE, figures_of_run
+from vsgdesign.campaigns.verification.emt import TABLE, base_document, controller_document, figures_of_run
 from vsgdesign.codegen.machine_code import instruction_set
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.metrics.survival import REST_SHARE

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from vsgdesign.artifacts.gain_table import base_differences, base_of
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.campaigns.verification.case_study import own_document
+from vsgdesign.campaigns.verification.emt import own_document
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.report.explore.dc_side import with_written_charge
