@@ -13,13 +13,12 @@ import pytest
 from tests.design.robust_studies import ROOT, TEXT, controller, specification
 from vsgdesign.artifacts import read_table_file, write_table_file
 from vsgdesign.artifacts.table_text import cause_text, causes_text
-from vsgdesign.design import causes
+from vsgdesign.design import table
 from vsgdesign.design.box import limit_uses, scenarios_of_estimate, within_limits
-from vsgdesign.design.causes import DELAY, ERROR, INNER, LIMIT, NONE, Cause, explain
 from vsgdesign.design.cell import common_design
 from vsgdesign.design.evaluation import Figures, law_of
 from vsgdesign.design.record import CellRecord, CellTask, record_document, record_of, run_task
-from vsgdesign.design.table import build_table
+from vsgdesign.design.table import DELAY, ERROR, INNER, LIMIT, NONE, Cause, build_table, explain
 from vsgdesign.report.gain_table.page import causes_table, verdict_of
 from vsgdesign.report.gain_table.words import heading
 from vsgdesign.study.parameters import Study, study_from_text
@@ -102,7 +101,7 @@ def designed(case: str) -> tuple[CellTask, CellRecord]:
 @pytest.mark.parametrize("expected", CASES)
 def test_the_cause_is_what_stands_in_the_way(expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """And what the node would keep without it is what was specified."""
-    monkeypatch.setattr(causes, "run_task", once)
+    monkeypatch.setattr(table, "run_task", once)
     task, record = designed(expected)
     study, spec = task.study, task.spec
     assert record.missed
@@ -201,7 +200,7 @@ def test_a_build_finds_them_keeps_them_and_says_them(tmp_path: Path) -> None:
 
 
 def test_a_cell_that_interpolation_breaks_says_so() -> None:
-    from vsgdesign.design.causes import explained_between
+    from vsgdesign.design.table import explained_between
 
     figures = Figures(
         overshoot_P=0.01,

@@ -156,7 +156,7 @@ class GainTable:
     """The result of the last check between the nodes: ``points``, ``outside``, ``promised``, ``seed`` and
     ``broken``; with a battery on the dc link ``link``, the charges and the voltages over which its nodes are judged."""
     causes: list[dict[str, Any]] = field(default_factory=list)
-    """The reasons why relaxed cells give up a promise (:mod:`vsgdesign.design.causes`)."""
+    """The reasons why relaxed cells give up a promise (:mod:`vsgdesign.design.table`)."""
     safe_place: tuple[float, float] | None = None
     """SCR on the table's basis and X/R of the place at which a schedule waits without estimates (:eq:`safe-place`).
     None: that of the structure in the box (:func:`vsgdesign.runtime.guards.safe_scr`)."""

@@ -186,7 +186,7 @@ CAUSES = (*_CURES, "interpolation", "specification")
 
 
 def cause_text(cause: Document) -> str:
-    """Why one cell is relaxed (:mod:`vsgdesign.design.causes`), and what it would keep otherwise."""
+    """Why one cell is relaxed (:mod:`vsgdesign.design.table`), and what it would keep otherwise."""
     at = f"SCR {_text(cause['scr'])}, X/R {_text(cause['x_over_r'])}"
     kind, missed = cause["cause"], missed_text(cause["missed"])
     if kind == "interpolation":
