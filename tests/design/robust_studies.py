@@ -11,7 +11,7 @@ import numpy as np
 
 from vsgdesign.design.box import Scenarios, scenarios_of_estimate
 from vsgdesign.design.evaluation import LawOfStudy, law_of
-from vsgdesign.design.variables import variables
+from vsgdesign.design.search import variables
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.specification import Specification

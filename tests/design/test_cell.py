@@ -22,7 +22,7 @@ from vsgdesign.design import cell
 from vsgdesign.design.box import measured_at_limits, scenarios_of_estimate
 from vsgdesign.design.cell import TRANSFER, CellDesign, common_design, design_cell, most_damping
 from vsgdesign.design.evaluation import evaluate, law_of, model_in, shortfalls, worst
-from vsgdesign.design.variables import MARGIN_AIM, variables
+from vsgdesign.design.search import MARGIN_AIM, variables
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.linear.model.coupled import coupled_model
 from vsgdesign.linear.stability.margins import reduced_margins

@@ -13,7 +13,7 @@ from vsgdesign.design.box import Scenarios, joined, scenarios_of_estimate, scena
 from vsgdesign.design.cell import CellDesign
 from vsgdesign.design.evaluation import LawOfStudy, evaluate, shortfalls, worst
 from vsgdesign.design.record import CellRecord, CellTask, run_task
-from vsgdesign.design.variables import variables
+from vsgdesign.design.search import variables
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.study.parameters import Study
 from vsgdesign.study.parameters.grid import Place

@@ -14,8 +14,8 @@ from vsgdesign.design.between import BetweenCheck, PointCheck, broken_beside, re
 from vsgdesign.design.cell import CellDesign
 from vsgdesign.design.evaluation import Figures
 from vsgdesign.design.record import CellRecord, better
+from vsgdesign.design.search import variables
 from vsgdesign.design.table_nodes import demote
-from vsgdesign.design.variables import variables
 
 SCR, RATIO = (2.0, 3.0, 4.5, 6.0), (0.5, 1.0, 2.0)
 SPEC = specification(with_specification(scr=SCR, x_over_r=RATIO))

@@ -8,7 +8,7 @@ import pytest
 from tests.design.robust_studies import controller, law, specification, textbook, with_specification
 from vsgdesign.design.box import scenarios_of_truth
 from vsgdesign.design.evaluation import evaluate_gains
-from vsgdesign.design.variables import variables
+from vsgdesign.design.search import variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.metrics import step_response

@@ -19,7 +19,7 @@ from vsgdesign.certificate.full_order.points import least_decay
 from vsgdesign.design.box import Reach, joined, scenarios_of_truths
 from vsgdesign.design.evaluation import Evaluation, Figures, LawOfStudy, evaluate_pairs, shortfalls, worst
 from vsgdesign.design.record import CellRecord
-from vsgdesign.design.variables import Variables
+from vsgdesign.design.search import Variables
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.executors import Each
 from vsgdesign.runtime.table import TableSchedule, table_schedule

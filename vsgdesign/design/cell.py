@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from vsgdesign.design.box import Scenarios, joined
 from vsgdesign.design.evaluation import Evaluation, Figures, LawOfStudy, exact_worst, shortfalls
 from vsgdesign.design.nlp import KINDS, SLOTS, RobustProgram, robust_program
-from vsgdesign.design.search import Ground, candidates, evolved, hardest, log_stiffness
-from vsgdesign.design.variables import variables
+from vsgdesign.design.search import Ground, candidates, evolved, hardest, log_stiffness, variables
 from vsgdesign.equations.placing import LEAST_BANDWIDTH
 from vsgdesign.equations.power_loops import MOST_FED_BACK
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsgdesign.design.box import Scenarios
 from vsgdesign.design.evaluation import LawOfStudy
 from vsgdesign.design.kernels import difference, square, times
-from vsgdesign.design.variables import (
+from vsgdesign.design.search import (
     GUARD_MARGIN,
     MARGIN_AIM,
     MARGIN_RESERVE,

@@ -30,8 +30,7 @@ from vsgdesign.design.box import (
 )
 from vsgdesign.design.cell import CellDesign, design_cell
 from vsgdesign.design.evaluation import Figures, LawOfStudy, evaluate, exact_worst, law_of, shortfalls, worse
-from vsgdesign.design.search import with_hard
-from vsgdesign.design.variables import variables
+from vsgdesign.design.search import variables, with_hard
 from vsgdesign.design.verification import full_order_figures
 from vsgdesign.equations.structures import NormalisedGains
 from vsgdesign.execution.executors import Progress

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsgdesign.design.box import Scenarios, joined, scenarios_of_truths
 from vsgdesign.design.evaluation import Evaluation, Figures, LawOfStudy, evaluate_fixed, law_of, worst
-from vsgdesign.design.variables import variables
+from vsgdesign.design.search import variables
 from vsgdesign.equations.placing import LEAST_BANDWIDTH
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains, effective_inertia

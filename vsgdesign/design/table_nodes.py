@@ -36,7 +36,7 @@ from vsgdesign.design.box import scenarios_of_estimate
 from vsgdesign.design.cell import common_design
 from vsgdesign.design.evaluation import LawOfStudy
 from vsgdesign.design.record import CellRecord, CellTask, better, sweep
-from vsgdesign.design.variables import Variables, variables
+from vsgdesign.design.search import Variables, variables
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.executors import Each, Progress
