@@ -14,7 +14,7 @@ from tests.cli.small_studies import call
 from tests.gain_tables import table
 from vsgdesign.artifacts.gain_table import base_of
 from vsgdesign.artifacts.ready import Ready
-from vsgdesign.design.power_flow import FIELDS, PowerFlow, flow_axes, power_flow
+from vsgdesign.design.study_design import FIELDS, PowerFlow, flow_axes, power_flow
 from vsgdesign.study.parameters import Study, study_from_text
 
 KESTREL = """

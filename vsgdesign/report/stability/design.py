@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vsgdesign.design.power_flow import PowerFlow
+from vsgdesign.design.study_design import PowerFlow
 from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.errors import counted
 from vsgdesign.report.drawing.figures import NamedFigure, WrittenFigure

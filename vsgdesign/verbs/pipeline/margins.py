@@ -15,8 +15,7 @@ from vsgdesign.artifacts import provenance, staged_folder, write_record
 from vsgdesign.artifacts.definitions import damping_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.artifacts.time_series import write_table
-from vsgdesign.design.power_flow import FIELDS
-from vsgdesign.design.study_design import StudyDesign, design_study
+from vsgdesign.design.study_design import FIELDS, StudyDesign, design_study
 from vsgdesign.execution.executors import Progress, silent
 from vsgdesign.linear.stability.assessment import (
     VIEW_HEADER,
