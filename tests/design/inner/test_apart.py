@@ -12,8 +12,8 @@ import pytest
 from tests.simulation.studies import LCL
 from vsgdesign.artifacts.inner_loops_file import request_document
 from vsgdesign.design.inner import GridBox, check_apart, design_inner_loops, score_inner_loops
-from vsgdesign.design.inner.apart import FASTER, searched_apart
 from vsgdesign.design.inner.grids import POWERS_PU, angle_damped_target
+from vsgdesign.design.inner.passivity import FASTER, searched_apart
 from vsgdesign.design.inner.search import Effort
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vsgdesign.design.inner.apart import check_apart, searched_apart
 from vsgdesign.design.inner.grids import (
     CHECKED,
     POWERS_PU,
@@ -22,6 +21,7 @@ from vsgdesign.design.inner.grids import (
     sampling_ratio,
     study_of,
 )
+from vsgdesign.design.inner.passivity import check_apart, searched_apart
 from vsgdesign.design.inner.promises import (
     PromiseReached,
     check_gains,
