@@ -24,7 +24,6 @@ from vsgdesign.certificate.full_order.points import at_rest, rests_at
 from vsgdesign.certificate.full_order.programs import DIMENSIONS
 from vsgdesign.certificate.full_order.search import Found, Problem, beginning, search
 from vsgdesign.certificate.moving import statement
-from vsgdesign.certificate.moving.lattice import Sampled
 from vsgdesign.certificate.moving.levels import StepsAtPlaces, common_function, dwell_time, level_set, modal, shortfall
 from vsgdesign.certificate.moving.looking import MovingProblem, MovingPrograms, with_middle
 from vsgdesign.certificate.moving.places import (
@@ -38,7 +37,7 @@ from vsgdesign.certificate.moving.places import (
     powers_of,
     with_estimates,
 )
-from vsgdesign.certificate.moving.statement import MovingProof, prove_moving
+from vsgdesign.certificate.moving.statement import MovingProof, Sampled, prove_moving
 from vsgdesign.certificate.proof import arrays
 from vsgdesign.certificate.region import Region
 from vsgdesign.certificate.taylor_kernel import rows
