@@ -26,7 +26,7 @@ from vsgdesign.estimator.methods import BEFORE, ComparisonSettings, Estimates, a
 from vsgdesign.estimator.recipes import with_sampling
 from vsgdesign.estimator.stress import STRESS_SETTINGS, Stress, stress_axes, stress_methods
 from vsgdesign.identification import ESTIMATORS
-from vsgdesign.identification.injection import Injection
+from vsgdesign.identification.classical import Injection
 from vsgdesign.identification.pseudo_random import PseudoRandomSequence
 from vsgdesign.report.drawing.figures import write_all
 from vsgdesign.report.drawing.quantities import number

@@ -24,12 +24,10 @@ from tests.identification.signals import (
     z,
 )
 from vsgdesign.identification import Estimate, Estimator
-from vsgdesign.identification.constant import ConstantGuess
-from vsgdesign.identification.injection import Injection
+from vsgdesign.identification.classical import ConstantGuess, Injection, TwoWindows
 from vsgdesign.identification.interface import ComplexArray
 from vsgdesign.identification.pseudo_random import PseudoRandomSequence, binary_sequence
 from vsgdesign.identification.recursive import ExtendedKalmanFilter, RecursiveLeastSquares, turn_grid
-from vsgdesign.identification.two_windows import TwoWindows
 
 
 def test_a_constant_stays() -> None:

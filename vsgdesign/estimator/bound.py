@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsgdesign.identification.frame import space_vector_variance
+from vsgdesign.identification.classical import space_vector_variance
 
 Array = NDArray[np.float64]
 

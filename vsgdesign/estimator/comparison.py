@@ -35,8 +35,8 @@ from vsgdesign.estimator.methods import (
 )
 from vsgdesign.estimator.recipes import CONTINUOUS, PUBLISHED, WindowRecipe
 from vsgdesign.execution.executors import Progress, silent
+from vsgdesign.identification.classical import TwoWindows
 from vsgdesign.identification.interface import ProbeLines
-from vsgdesign.identification.two_windows import TwoWindows
 from vsgdesign.study.parameters.ranges import one_of
 from vsgdesign.study.parameters.study import Study
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vsgdesign.identification.frame import advanced, followed_frequency, sample_count, space_vector_variance, turned
+from vsgdesign.identification.classical import advanced, followed_frequency, sample_count, space_vector_variance, turned
 from vsgdesign.identification.interface import (
     Array,
     ComplexArray,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vsgdesign.identification.frame import (
+from vsgdesign.identification.classical import (
     advanced,
     followed_frequency,
     sample_count,

@@ -24,11 +24,11 @@ def _later(module: str, name: str) -> Callable[[Installation], Estimator]:
 
 
 ESTIMATORS: dict[str, EstimatorKind] = {
-    "constant": EstimatorKind("a constant guess", _later("constant", "ConstantGuess")),
-    "two_windows": EstimatorKind("two windows about a step", _later("two_windows", "TwoWindows")),
+    "constant": EstimatorKind("a constant guess", _later("classical", "ConstantGuess")),
+    "two_windows": EstimatorKind("two windows about a step", _later("classical", "TwoWindows")),
     "rls": EstimatorKind("recursive least squares", _later("recursive", "RecursiveLeastSquares")),
     "kalman": EstimatorKind("the extended Kalman filter", _later("recursive", "ExtendedKalmanFilter")),
-    "injection": EstimatorKind("the injected line", _later("injection", "Injection")),
+    "injection": EstimatorKind("the injected line", _later("classical", "Injection")),
     "prbs": EstimatorKind("the pseudo-random sequence", _later("pseudo_random", "PseudoRandomSequence")),
     "field": EstimatorKind("the field estimator", _later("field", "field_estimator"), by_sample=True, in_c=True),
     "field_network": EstimatorKind(
