@@ -13,7 +13,7 @@ from tests.cli.small_studies import call, failure, study_file
 from vsgdesign import __version__
 from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.identification.registry import ESTIMATORS
+from vsgdesign.identification.interface import ESTIMATORS
 from vsgdesign.verbs.pipeline.given_results import PAPERS, references
 
 ROOT = Path(__file__).resolve().parents[2]

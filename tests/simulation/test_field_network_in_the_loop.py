@@ -15,8 +15,7 @@ from vsgdesign.equations.field import FieldAnswer, FieldFeatures
 from vsgdesign.equations.field.fusion import FIRST_GATE, LONG_AGO
 from vsgdesign.errors import ArtifactError, StudyError
 from vsgdesign.identification.field import field_network
-from vsgdesign.identification.interface import Installation
-from vsgdesign.identification.registry import build_estimator
+from vsgdesign.identification.interface import Installation, build_estimator
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.field_feed import FieldScheduler, settings_of_study
 from vsgdesign.study.parameters import Study

@@ -22,7 +22,7 @@ from vsgdesign.errors import ArtifactError, Fault, InfeasibleStudyError, StudyEr
 from vsgdesign.export.c_content import Origin
 from vsgdesign.export.field import ConverterConstants, converter_constants
 from vsgdesign.identification.field import FINDS_WITHIN
-from vsgdesign.identification.registry import samples_itself
+from vsgdesign.identification.interface import samples_itself
 from vsgdesign.runtime.guards import box_settings, searching_settings
 from vsgdesign.runtime.of_study import schedule_of
 from vsgdesign.runtime.scheduler import Scheduler, closed_form_scheduler, scheduler_of

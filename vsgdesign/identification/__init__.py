@@ -1,6 +1,8 @@
 """Estimators of the grid's impedance, as they run on a controller. They share one interface and need NumPy alone."""
 
 from vsgdesign.identification.interface import (
+    ESTIMATORS,
+    GUESS_SCR,
     SIGNAL_SETS,
     STATUSES,
     Estimate,
@@ -10,8 +12,9 @@ from vsgdesign.identification.interface import (
     Needs,
     Probe,
     Samples,
+    build_estimator,
+    estimator_kind,
 )
-from vsgdesign.identification.registry import ESTIMATORS, GUESS_SCR, build_estimator, estimator_kind
 
 __all__ = [
     "ESTIMATORS",

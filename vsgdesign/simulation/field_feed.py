@@ -30,7 +30,7 @@ from vsgdesign.identification.field import (
     field_network,
     field_settings,
 )
-from vsgdesign.identification.registry import estimator_kind
+from vsgdesign.identification.interface import estimator_kind
 from vsgdesign.runtime.of_study import follows_measured
 from vsgdesign.simulation.estimated import NO_DESIGN, EstimateLog
 from vsgdesign.simulation.field_observer import FieldMemory

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.controller import ControllerState
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.identification import Probe
-from vsgdesign.identification.registry import samples_itself
+from vsgdesign.identification.interface import samples_itself
 from vsgdesign.simulation.batch import Batch, Log
 from vsgdesign.simulation.field_feed import probe_of
 from vsgdesign.simulation.field_observer import PLACE_OF_CLOSED, goes_on

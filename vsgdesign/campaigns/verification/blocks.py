@@ -18,7 +18,7 @@ from vsgdesign.campaigns.verification.counting import MapAxes, Promise, Results,
 from vsgdesign.campaigns.verification.summary import Summary, summary_document, summary_of
 from vsgdesign.errors import ArtifactError, counted
 from vsgdesign.execution import jobs
-from vsgdesign.identification.registry import samples_itself
+from vsgdesign.identification.interface import samples_itself
 from vsgdesign.simulation.lanes.cases import LaneCases
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 from vsgdesign.simulation.survival.cases import LEAD_S, LEARNING_S, settling_time_of

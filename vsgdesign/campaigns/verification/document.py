@@ -11,7 +11,7 @@ from vsgdesign.artifacts.verification_text import family_words
 from vsgdesign.campaigns.verification.blocks import VerificationJob
 from vsgdesign.campaigns.verification.counting import FIGURES, Promise
 from vsgdesign.campaigns.verification.summary import QUANTILE_ERROR, FamilyCount, PromiseCount, Summary, quantile
-from vsgdesign.identification.registry import samples_itself
+from vsgdesign.identification.interface import samples_itself
 from vsgdesign.metrics.survival import HARDWARE_PU
 from vsgdesign.simulation.lanes.rests import SWITCHED_WINDOW
 from vsgdesign.study.parameters.event_kinds import EVENT_KINDS

@@ -19,7 +19,7 @@ from vsgdesign.equations.frames import rms_to_peak
 from vsgdesign.equations.grid import SCR_BASES, error_half_widths
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.identification.registry import samples_itself
+from vsgdesign.identification.interface import samples_itself
 from vsgdesign.linear.operating_point.equilibrium import converter_current_rms, static_limit_uses
 from vsgdesign.metrics.survival import REST_SHARE
 from vsgdesign.runtime.error_set import ErrorSet, error_shares

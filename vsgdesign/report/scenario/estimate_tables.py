@@ -10,7 +10,7 @@ import numpy as np
 
 from vsgdesign.errors import counted, share_percent
 from vsgdesign.identification import GUESS_SCR, Estimator, estimator_kind
-from vsgdesign.identification.registry import needs_network
+from vsgdesign.identification.interface import needs_network
 from vsgdesign.linear.stability.table_claims import CARRIED
 from vsgdesign.metrics.answers import FOUND_PCT
 from vsgdesign.report.drawing.quantities import DASH, number, percent, plain, plain_quantity

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from vsgdesign.artifacts.files import write_new
 from vsgdesign.artifacts.gain_table import GainTable
 from vsgdesign.artifacts.table_text import proof_sentences, table_lines, table_summary
-from vsgdesign.identification.registry import why_no_c
+from vsgdesign.identification.interface import why_no_c
 from vsgdesign.metrics import mean_in_words
 from vsgdesign.report.drawing.figures import WrittenFigure
 from vsgdesign.report.drawing.quantities import plain, plain_quantity

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vsgdesign.identification.registry import needs_network
+from vsgdesign.identification.interface import needs_network
 from vsgdesign.metrics.answers import relative_errors_pct
 from vsgdesign.report.drawing.figures import NamedFigure
 from vsgdesign.report.drawing.quantities import prefix_for

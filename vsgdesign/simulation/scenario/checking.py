@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.errors import InfeasibleStudyError
-from vsgdesign.identification.registry import needs_network
+from vsgdesign.identification.interface import needs_network
 from vsgdesign.linear.operating_point.full_order import steady_cells
 from vsgdesign.linear.operating_point.many import NO_POINT, Lanes
 from vsgdesign.linear.operating_point.many_rests import (

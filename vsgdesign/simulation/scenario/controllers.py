@@ -14,7 +14,7 @@ from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.frames import clarke_inverse, instantaneous_power
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, SimulationDivergedError
-from vsgdesign.identification.registry import samples_itself
+from vsgdesign.identification.interface import samples_itself
 from vsgdesign.metrics import EventMetrics, EventWindow, measure_event
 from vsgdesign.metrics.events import diverged_event
 from vsgdesign.metrics.step_response import cycle_mean

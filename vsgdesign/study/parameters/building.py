@@ -19,7 +19,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.limiters import LIMITERS
 from vsgdesign.equations.placing import settling_margin
 from vsgdesign.errors import Fault
-from vsgdesign.identification.registry import ESTIMATORS
+from vsgdesign.identification.interface import ESTIMATORS
 from vsgdesign.study.parameters.background import BACKGROUND, BackgroundSpec, read_background
 from vsgdesign.study.parameters.controllers import CONTROLLER, mean_time, read_controllers, read_limiter
 from vsgdesign.study.parameters.converter import (

@@ -14,7 +14,7 @@ from vsgdesign.artifacts import staged_folder, write_record
 from vsgdesign.artifacts.network_weights import NetworkWeights, read_network_weights
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.execution.executors import How, Progress, one_thread, silent
-from vsgdesign.identification.registry import needs_network
+from vsgdesign.identification.interface import needs_network
 from vsgdesign.simulation.estimated import same_period, weights_faults
 from vsgdesign.study.parameters.estimator import EstimatorSpec
 from vsgdesign.study.parameters.study import Study

@@ -18,7 +18,7 @@ from vsgdesign.artifacts.network_weights import read_network_weights
 from vsgdesign.artifacts.ready import Ready, read_tables
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import Fault, StudyError
-from vsgdesign.identification.registry import needs_network
+from vsgdesign.identification.interface import needs_network
 from vsgdesign.simulation.lanes.beforehand import told_beforehand
 from vsgdesign.simulation.scenario.checking import check_scenario
 from vsgdesign.simulation.units.scenario import check_plant_run

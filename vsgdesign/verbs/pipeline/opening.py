@@ -21,7 +21,7 @@ from vsgdesign.artifacts.ready import Ready, read_named_table, read_tables
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.errors import ArtifactError, Fault, StudyError
 from vsgdesign.execution.executors import Progress
-from vsgdesign.identification.registry import needs_network
+from vsgdesign.identification.interface import needs_network
 from vsgdesign.metrics.met import score_met
 from vsgdesign.report.drawing.quantities import plain
 from vsgdesign.study.parameters import load_study

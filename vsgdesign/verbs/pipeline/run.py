@@ -28,7 +28,7 @@ from vsgdesign.artifacts.proof_file import PROOF_FILE, ProofFile, proof_of
 from vsgdesign.artifacts.ready import Ready
 from vsgdesign.errors import InfeasibleStudyError
 from vsgdesign.execution.executors import Progress, silent
-from vsgdesign.identification.registry import needs_network, samples_itself, why_no_c
+from vsgdesign.identification.interface import needs_network, samples_itself, why_no_c
 from vsgdesign.simulation.estimated import EstimateLog
 from vsgdesign.simulation.lanes.beforehand import told_beforehand
 from vsgdesign.simulation.scenario import ScenarioResult, run_scenario

@@ -191,7 +191,7 @@ def check_verifiable(study: Study, asked: Asked, needs_table_file: bool = False)
 
 def _faults_of_plant(study: Study, spec: ControllerSpec | None, asked: Asked) -> list[Fault]:
     """What random cases of a plant cannot have; of one converter, what is asked of a plant alone."""
-    from vsgdesign.identification.registry import samples_itself
+    from vsgdesign.identification.interface import samples_itself
     from vsgdesign.verbs.pipeline.one_unit import as_unit
 
     faults, plant, given = [], study.plant, study.verification
